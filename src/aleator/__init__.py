@@ -1,0 +1,1 @@
+"""Aleator identifies the probability law of uncertain parameters from experiments."""

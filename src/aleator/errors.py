@@ -1,0 +1,52 @@
+"""Misuse of Aleator, reported in one message: what is wrong, where, and what to do.
+
+Failures of numerics are not exceptions: they are a status on the result.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class AleatorError(Exception):
+    """Something the user can mend: the message names the place, the cause and the remedy.
+
+    The command line prints the message and exits with code 2.
+
+    >>> str(AleatorError("study.toml: key 'box': lower 2.0 >= upper 1.0", "swap the two numbers"))
+    "study.toml: key 'box': lower 2.0 >= upper 1.0\\n  Remedy: swap the two numbers"
+    """
+
+    def __init__(self, problem: str, remedy: str = "") -> None:
+        self.problem = problem
+        self.remedy = remedy
+        super().__init__(f"{problem}\n  Remedy: {remedy}" if remedy else problem)
+
+
+class StudyError(AleatorError):
+    """The study file has a missing, unknown or inadmissible key."""
+
+
+class ExperimentsError(AleatorError):
+    """The table of experiments cannot be used as it is."""
+
+
+class SimulatorError(AleatorError):
+    """The simulator cannot be imported, raised, or returned something that is not an outcome."""
+
+
+class InputsError(AleatorError):
+    """A law, a hyperparameter, a bound or a box is inadmissible."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return `` (did you mean 'x'?)`` for the known name nearest to `name`, or an empty string.
+
+    >>> nearest("outcom", ["outcome", "id"])
+    " (did you mean 'outcome'?)"
+    >>> nearest("zzz", ["outcome", "id"])
+    ''
+    """
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f" (did you mean '{close[0]}'?)" if close else ""
