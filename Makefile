@@ -1,0 +1,74 @@
+# Everything runs from a virtual environment in .venv that holds exactly requirements.lock.
+# Another interpreter: make PYTHON=python3.12 test
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+EXAMPLES := concrete_fatigue wet_clutch
+UV := uv==0.13.9
+
+# The .venv is made when it is missing or broken, and made anew when an interpreter of another
+# version is asked for; otherwise a changed lock is installed into the one that is there.
+MINOR := import sys; print("%d.%d" % sys.version_info[:2])
+HAVE := $(shell $(BIN)/python -c '$(MINOR)' 2>/dev/null)
+WANTED := $(if $(PYTHON),$(shell $(PYTHON) -c '$(MINOR)' 2>/dev/null),$(HAVE))
+ifneq ($(HAVE),$(or $(WANTED),none))
+CREATE := create-venv
+$(STAMP): FORCE
+endif
+PYTHON ?= python3
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help demo test bench lint lock clean .venv create-venv FORCE
+
+help: ## Show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-6s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+demo: $(addprefix demo-,$(EXAMPLES)) ## Identify the laws of both examples into out/
+
+demo-%: $(STAMP)
+	$(BIN)/aleator identify examples/$*/study.toml --output out/$*
+
+test: $(STAMP) ## Run the tests, the doctests of the source and the README
+	$(BIN)/pytest
+
+bench: $(STAMP) ## Run the benchmarks
+	$(BIN)/python -m benchmarks
+
+lint: $(STAMP) ## Check style, formatting, types and layers
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy --strict src
+	$(BIN)/lint-imports
+
+lock: ## Write requirements.lock anew (UPGRADE=--upgrade takes newer versions)
+	$(PYTHON) -m venv $(VENV)-lock
+	$(VENV)-lock/bin/python -m pip install --quiet $(UV)
+	$(VENV)-lock/bin/uv pip compile pyproject.toml --all-extras --universal \
+	    --python-version 3.11 --fork-strategy fewest --generate-hashes \
+	    --no-header --no-annotate --no-emit-index-url --no-emit-find-links \
+	    --quiet $(UPGRADE) --output-file requirements.lock
+
+clean: ## Remove results, caches and build outputs (not .venv)
+	rm -rf out build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis \
+	    .import_linter_cache $(VENV)-lock
+	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.venv: $(STAMP)
+
+$(STAMP): requirements.lock pyproject.toml | $(CREATE)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+create-venv:
+	@command -v $(PYTHON) >/dev/null || { \
+	    echo "$(PYTHON) is not installed. Remedy: make PYTHON=<a Python 3.11 or newer> ..."; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	    echo "Aleator needs Python 3.11 or newer; $(PYTHON) is $$($(PYTHON) -V 2>&1)."; \
+	    echo "Remedy: make PYTHON=python3.12 ... (any newer interpreter by name)"; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { \
+	    echo "$(PYTHON) lacks venv or pip (ensurepip)."; \
+	    echo "Remedy: install them (on Debian and Ubuntu: apt install python3-venv)"; exit 1; }
+	$(PYTHON) -m venv --clear $(VENV)

@@ -1,0 +1,158 @@
+"""The rules of the house that no other tool checks. Layers are in pyproject.toml (lint-imports)."""
+
+import ast
+import inspect
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import aleator
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "src" / "aleator"
+
+LONGEST_FILE = 400
+EMPTY_NAMES = {"utils", "util", "helpers", "helper", "manager", "process", "data", "common", "misc"}
+NUMERICS = {
+    "laws",
+    "inputs",
+    "polynomials",
+    "quadrature",
+    "expansion",
+    "moments",
+    "densities",
+    "distances",
+}
+WITHOUT_SIMULATOR = {"likelihood", "densities", "moments"}
+
+
+def sources() -> Iterator[tuple[str, Path]]:
+    """Every module with its dotted name inside the package, "" for the package itself."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(PACKAGE).with_suffix("").parts
+        yield ".".join(part for part in parts if part != "__init__"), path
+
+
+def imports(name: str, path: Path) -> Iterator[str]:
+    """Absolute dotted names that a module imports, in any place of the file.
+
+    `from aleator import x` gives `aleator.x`: a module and a name look the same here.
+    """
+    dotted = f"aleator.{name}" if name else "aleator"
+    package = dotted.split(".") if path.name == "__init__.py" else dotted.split(".")[:-1]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else []
+            origin = ".".join([*above, *([node.module] if node.module else [])])
+            yield from (f"{origin}.{alias.name}" for alias in node.names)
+
+
+def room(name: str) -> str:
+    """The part of the package that a module lies in: `densities` for `densities.mixture`."""
+    return name.partition(".")[0]
+
+
+def inside(imported: str, module: str) -> bool:
+    return imported == module or imported.startswith(f"{module}.")
+
+
+def offences(rooms: set[str] | None, forbidden: str, but: tuple[str, ...] = ()) -> list[str]:
+    return [
+        f"{name or 'aleator'} imports {imported}"
+        for name, path in sources()
+        if (rooms is None or room(name) in rooms) and room(name) not in but
+        for imported in imports(name, path)
+        if inside(imported, forbidden)
+    ]
+
+
+def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
+    module = tmp_path / "mixture.py"
+    module.write_text(
+        "import numpy as np\n"
+        "from aleator import simulate\n"
+        "from . import gaussian\n"
+        "from ..laws.normal import Normal\n"
+        "def late():\n"
+        "    from aleator.clutch import bench\n"
+    )
+    assert list(imports("densities.mixture", module)) == [
+        "numpy",
+        "aleator.simulate",
+        "aleator.densities.gaussian",
+        "aleator.laws.normal.Normal",
+        "aleator.clutch.bench",
+    ]
+
+
+def test_the_clutch_is_a_guest_that_only_the_command_line_receives() -> None:
+    assert offences(None, "aleator.clutch", but=("clutch", "cli")) == []
+
+
+def test_likelihood_densities_and_moments_never_see_a_simulator() -> None:
+    assert offences(WITHOUT_SIMULATOR, "aleator.simulate") == []
+
+
+def test_numerics_import_numpy_scipy_and_each_other_only() -> None:
+    allowed = sys.stdlib_module_names | {"numpy", "scipy"}
+    house = NUMERICS | {"errors"}
+    strangers = [
+        f"{name} imports {imported}"
+        for name, path in sources()
+        if room(name) in NUMERICS
+        for imported in imports(name, path)
+        if not (
+            imported.split(".")[1] in house
+            if inside(imported, "aleator") and "." in imported
+            else room(imported) in allowed
+        )
+    ]
+    assert strangers == []
+
+
+def test_no_module_reaches_the_public_names_from_below() -> None:
+    """`from aleator import Name` inside the package would go around the layers."""
+    modules = {room(name) for name, _ in sources() if name} | {"__version__"}
+    detours = [
+        f"{name} imports {imported}"
+        for name, path in sources()
+        for imported in imports(name, path)
+        if name and inside(imported, "aleator")
+        if room(imported.removeprefix("aleator").lstrip(".")) not in modules
+    ]
+    assert detours == []
+
+
+def test_files_are_short() -> None:
+    lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in sources()}
+    assert {name: length for name, length in lengths.items() if length > LONGEST_FILE} == {}
+
+
+def test_module_names_say_what_is_inside() -> None:
+    empty = [name for name, _ in sources() if EMPTY_NAMES & set(re.split(r"[._]", name))]
+    assert empty == []
+
+
+def test_nothing_is_left_to_do() -> None:
+    left = [
+        f"{name}: {line.strip()}"
+        for name, path in sources()
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if re.search(r"\b(TODO|FIXME|XXX)\b", line)
+    ]
+    assert left == []
+
+
+def test_public_names_exist_and_are_documented_with_an_example() -> None:
+    wanting = []
+    for name in getattr(aleator, "__all__", []):
+        thing = getattr(aleator, name)
+        own = inspect.isclass(thing) or inspect.isfunction(thing)
+        if own and not (thing.__doc__ or "").strip():
+            wanting.append(f"{name}: no docstring")
+        elif inspect.isfunction(thing) and ">>>" not in (thing.__doc__ or ""):
+            wanting.append(f"{name}: no doctest")
+    assert wanting == []
