@@ -1,0 +1,19 @@
+"""Marginal laws of the parameters: one file a law, one interface."""
+
+from aleator.laws.constant import Constant
+from aleator.laws.hyperparameter import Free, Hyperparameter, Specification, resolve
+from aleator.laws.law import Law, Rule
+from aleator.laws.normal import Normal
+from aleator.laws.truncated_normal import TruncatedNormal
+
+__all__ = [
+    "Constant",
+    "Free",
+    "Hyperparameter",
+    "Law",
+    "Normal",
+    "Rule",
+    "Specification",
+    "TruncatedNormal",
+    "resolve",
+]

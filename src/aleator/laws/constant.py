@@ -1,0 +1,58 @@
+"""A parameter that is the same in every experiment and unknown (or known)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from aleator.laws.hyperparameter import Free, Hyperparameter, Specification, resolve
+from aleator.laws.law import Array, Rule
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A parameter without scatter, P(x = value) = 1; its one hyperparameter is `value`.
+
+    `value` is a number (known) or `Free(lower, upper)` (identified). Raises InputsError where
+    the limits are missing or out of order.
+
+    >>> Constant(Free(-20.0, 0.0)).hyperparameters[0].start
+    -10.0
+    """
+
+    value: Specification = Free()
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        _ = self.hyperparameters
+
+    @cached_property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """The one hyperparameter, `value`."""
+        return (resolve("value", self.value, (None, None)),)
+
+    @property
+    def box(self) -> tuple[float, float]:
+        """The limits of the value."""
+        value = self.hyperparameters[0]
+        return value.lower, value.upper
+
+    @property
+    def scatters(self) -> bool:
+        """A constant does not vary between experiments."""
+        return False
+
+    def rule(self, values: Array, nodes: int) -> Rule:  # noqa: ARG002 (one node suffices)
+        """One node at the value."""
+        one = np.ones((1, 1))
+        return Rule(values[:1].copy(), np.ones(1), np.zeros(1), one, np.zeros((1, 1)))
+
+    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:  # noqa: ARG002
+        """Only the polynomial of degree zero exists."""
+        return np.ones((germ.size, 1))
+
+    def quantile(self, values: Array, probability: Array) -> Array:
+        """The value at every probability."""
+        return np.full(probability.shape, values[0])

@@ -1,0 +1,94 @@
+"""What is known of a hyperparameter before it is identified: fixed, or free within bounds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from aleator.errors import InputsError
+
+
+@dataclass(frozen=True)
+class Free:
+    """A hyperparameter to be identified between `lower` and `upper`, searched from `start`.
+
+    A limit left as None is the law's own default, which needs a finite box. Both limits carry
+    the hyperparameter's unit.
+
+    >>> Free(0.5, 1.5, start=1.0)
+    Free(lower=0.5, upper=1.5, start=1.0)
+    """
+
+    lower: float | None = None
+    upper: float | None = None
+    start: float | None = None
+
+
+Specification = float | Free
+"""A hyperparameter as the user states it: a number fixes it, `Free` identifies it."""
+
+
+@dataclass(frozen=True)
+class Hyperparameter:
+    """One hyperparameter, resolved: its bounds, its start, and whether it is identified.
+
+    `log` tells the search to look at it on a logarithmic scale, as for a standard deviation.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    start: float
+    free: bool
+    log: bool = False
+
+    def named(self, prefix: str) -> Hyperparameter:
+        """The same hyperparameter as ``prefix.name``."""
+        return replace(self, name=f"{prefix}.{self.name}")
+
+
+def resolve(
+    name: str,
+    specification: Specification,
+    default: tuple[float | None, float | None],
+    *,
+    positive: bool = False,
+) -> Hyperparameter:
+    """Fill a specification's gaps from the law's default limits, and check it.
+
+    Raises InputsError where a limit is missing, not finite, out of order, or not positive
+    although it must be, and where the start lies outside the limits.
+    """
+    if not isinstance(specification, Free):
+        value = float(specification)
+        _require(math.isfinite(value), f"{name} = {value} is not finite", "give a finite number")
+        allowed = value >= 0.0 if positive else True
+        _require(allowed, f"{name} = {value} is negative", "give a number >= 0")
+        return Hyperparameter(name, value, value, value, free=False, log=positive)
+    lower = default[0] if specification.lower is None else float(specification.lower)
+    upper = default[1] if specification.upper is None else float(specification.upper)
+    if lower is None or upper is None or not (math.isfinite(lower) and math.isfinite(upper)):
+        raise InputsError(
+            f"{name} is to be identified but has no finite lower and upper limit",
+            f"give {name} a lower and an upper limit, or give its parameter a finite box",
+        )
+    _require(lower < upper, f"{name}: lower {lower} >= upper {upper}", "swap or widen the limits")
+    if positive:
+        _require(
+            lower > 0.0,
+            f"{name}: lower {lower} is not above zero",
+            "give a small positive lower limit, such as a thousandth of the upper one",
+        )
+    middle = math.sqrt(lower * upper) if positive else 0.5 * (lower + upper)
+    start = middle if specification.start is None else float(specification.start)
+    _require(
+        lower <= start <= upper,
+        f"{name}: start {start} is outside its limits [{lower}, {upper}]",
+        "move the start between the limits",
+    )
+    return Hyperparameter(name, lower, upper, start, free=True, log=positive)
+
+
+def _require(condition: bool, problem: str, remedy: str) -> None:
+    if not condition:
+        raise InputsError(problem, remedy)

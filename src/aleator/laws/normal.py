@@ -1,0 +1,74 @@
+"""The normal law on the whole line, with Hermite polynomials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import special
+
+from aleator.laws.hyperparameter import Free, Hyperparameter, Specification, resolve
+from aleator.laws.law import Array, Rule
+from aleator.polynomials import evaluate, hermite_recurrence
+from aleator.quadrature import gauss_hermite
+
+REACH = 8.0
+"""Standard deviations that the box spans: mass beyond is 1e-15; holds Hermite nodes to q = 20."""
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal law, x = mean + sd theta with theta ~ N(0, 1) (paper, table of Wiener-Askey).
+
+    `mean` and `sd` are numbers (known) or `Free` (identified); both need finite limits, for
+    a normal law has no box of its own. An sd limit left open becomes a thousandth and a half
+    of the width of the mean's limits. Raises InputsError where limits are missing or out of order.
+    The parameter can take any value: where the simulator fails beyond some value, use
+    `TruncatedNormal` with a box.
+
+    >>> law = Normal(mean=Free(-1.0, 1.0), sd=0.5)
+    >>> rule = law.rule(np.array([1.0, 0.5]), 3)
+    >>> rule.x.round(6).tolist()
+    [0.133975, 1.0, 1.866025]
+    """
+
+    mean: Specification = Free()
+    sd: Specification = Free()
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        _ = self.hyperparameters
+
+    @cached_property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """`mean` and `sd`."""
+        mean = resolve("mean", self.mean, (None, None))
+        width = mean.upper - mean.lower
+        limits = (1e-3 * width, 0.5 * width) if width > 0.0 else (None, None)
+        return mean, resolve("sd", self.sd, limits, positive=True)
+
+    @property
+    def box(self) -> tuple[float, float]:
+        """Mean limits widened by eight of the largest standard deviations."""
+        mean, sd = self.hyperparameters
+        return mean.lower - REACH * sd.upper, mean.upper + REACH * sd.upper
+
+    @property
+    def scatters(self) -> bool:
+        """A normal parameter varies between experiments."""
+        return True
+
+    def rule(self, values: Array, nodes: int) -> Rule:
+        """Gauss-Hermite nodes mean + sd theta_j; the weights do not depend on alpha."""
+        theta, weights = gauss_hermite(nodes)
+        dx = np.stack([np.ones(nodes), theta], axis=1)
+        return Rule(values[0] + values[1] * theta, weights, theta, dx, np.zeros((nodes, 2)))
+
+    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:  # noqa: ARG002
+        """Orthonormal Hermite polynomials of the germ."""
+        return evaluate(*hermite_recurrence(degree + 1), germ, degree)
+
+    def quantile(self, values: Array, probability: Array) -> Array:
+        """mean + sd Phi^-1(probability)."""
+        return values[0] + values[1] * np.asarray(special.ndtri(probability))

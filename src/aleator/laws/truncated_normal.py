@@ -1,0 +1,188 @@
+"""The normal law truncated to the feasible box: its own polynomials, and the paper's clip."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from scipy import special
+
+from aleator.errors import InputsError
+from aleator.laws.hyperparameter import Free, Hyperparameter, Specification, resolve
+from aleator.laws.law import Array, Rule
+from aleator.polynomials import evaluate, hermite_recurrence, stieltjes
+from aleator.quadrature import gauss, gauss_hermite, gauss_legendre
+
+REACH = 8.0
+DROP = 40.0
+"""The density is cut where it fell by e^-40 below its largest value on the box."""
+FINE_NODES = 200
+
+
+@dataclass(frozen=True)
+class TruncatedNormal:
+    """Normal(mean, sd^2) restricted to [lower, upper] = `box` (paper, sec. uncertainty model).
+
+    f(x) = phi((x - mean)/sd) / (sd (Phi(b) - Phi(a))) with a, b = (box - mean)/sd; `mean` and
+    `sd` are those of the normal law before truncation. Each is a number (known) or `Free`
+    (identified). Defaults for a finite box of width w: mean within the box, sd within
+    [w/1000, w/2]. An end of the box may be infinite if mean and sd have limits of their own.
+    `polynomials` chooses the basis: "own" (orthogonal on the truncated density, by Stieltjes;
+    converges fastest) or "hermite" (the paper's: Hermite polynomials of the germ that the clip
+    transformation maps to x). Raises InputsError for a box or limits that are out of order.
+
+    >>> law = TruncatedNormal(box=(-1.0, 1.0), mean=0.0, sd=Free(0.1, 100.0))
+    >>> wide = law.rule(np.array([0.0, 100.0]), 2)     # nearly uniform: Gauss-Legendre nodes
+    >>> wide.x.round(4).tolist()
+    [-0.5773, 0.5773]
+    """
+
+    box_limits: tuple[float, float]
+    mean: Specification = Free()
+    sd: Specification = Free()
+    basis: Literal["own", "hermite"] = "own"
+
+    def __init__(
+        self,
+        box: tuple[float, float],
+        mean: Specification = Free(),
+        sd: Specification = Free(),
+        polynomials: Literal["own", "hermite"] = "own",
+    ) -> None:
+        lower, upper = float(box[0]), float(box[1])
+        if not lower < upper:
+            raise InputsError(f"box: lower {lower} >= upper {upper}", "swap the two numbers")
+        if polynomials not in ("own", "hermite"):
+            raise InputsError(f"polynomials '{polynomials}' unknown", "use 'own' or 'hermite'")
+        object.__setattr__(self, "box_limits", (lower, upper))
+        object.__setattr__(self, "mean", mean)
+        object.__setattr__(self, "sd", sd)
+        object.__setattr__(self, "basis", polynomials)
+        _ = self.hyperparameters
+
+    @cached_property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """`mean` and `sd` of the normal law before truncation."""
+        lower, upper = self.box_limits
+        width = upper - lower
+        finite = math.isfinite(width)
+        mean = resolve("mean", self.mean, (lower, upper) if finite else (None, None))
+        limits = (1e-3 * width, 0.5 * width) if finite else (None, None)
+        return mean, resolve("sd", self.sd, limits, positive=True)
+
+    @property
+    def box(self) -> tuple[float, float]:
+        """The box; an infinite end is replaced by eight standard deviations beyond the mean."""
+        mean, sd = self.hyperparameters
+        lower = max(self.box_limits[0], mean.lower - REACH * sd.upper)
+        upper = min(self.box_limits[1], mean.upper + REACH * sd.upper)
+        return lower, upper
+
+    @property
+    def scatters(self) -> bool:
+        """A truncated normal parameter varies between experiments."""
+        return True
+
+    def rule(self, values: Array, nodes: int) -> Rule:
+        """Gauss rule of the truncated density, or Gauss-Hermite through the clip."""
+        mean, sd = values
+        a, b = self._standard_limits(values)
+        # d(a, b)/d(mean, sd); an infinite end does not move
+        da = np.array([-1.0, -a]) / sd if math.isfinite(a) else np.zeros(2)
+        db = np.array([-1.0, -b]) / sd if math.isfinite(b) else np.zeros(2)
+        if self.basis == "own":
+            t, weights, by_end = _own_rule(a, b, nodes)
+            dt = by_end[0][:, :1] * da + by_end[1][:, :1] * db
+            dweights = by_end[0][:, 1:] * da + by_end[1][:, 1:] * db
+            germ = t
+        else:
+            germ, weights = gauss_hermite(nodes)
+            t, by_a, by_b = clip(germ, a, b)
+            dt = by_a[:, None] * da + by_b[:, None] * db
+            dweights = np.zeros((nodes, 2))
+        dx = sd * dt + np.stack([np.ones(nodes), t], axis=1)
+        # rounding must not push a node out of the box
+        x = np.clip(mean + sd * t, *self.box_limits)
+        return Rule(x, weights, germ, dx, dweights)
+
+    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:
+        """Polynomials orthonormal under the truncated density, or Hermite of the germ."""
+        if self.basis == "hermite":
+            return evaluate(*hermite_recurrence(degree + 1), germ, degree)
+        t, weights = _fine_rule(*(np.array(end) for end in self._standard_limits(values)))
+        return evaluate(*stieltjes(t, weights, degree + 1), germ, degree)
+
+    def quantile(self, values: Array, probability: Array) -> Array:
+        """mean + sd t with Phi(t) = (1 - u) Phi(a) + u Phi(b)."""
+        a, b = self._standard_limits(values)
+        t = _truncated_quantile(np.asarray(probability, dtype=float), a, b)
+        return np.clip(values[0] + values[1] * t, *self.box_limits)
+
+    def _standard_limits(self, values: Array) -> tuple[float, float]:
+        lower, upper = self.box_limits
+        return (lower - values[0]) / values[1], (upper - values[0]) / values[1]
+
+
+def clip(theta: Array, a: float, b: float) -> tuple[Array, Array, Array]:
+    """The paper's clip: t(theta) in [a, b] and its derivatives by a and by b, each (J,).
+
+    Phi(t) = Phi(a) + Phi(theta) (Phi(b) - Phi(a)), so that
+    phi(t) dt = (1 - u) phi(a) da + u phi(b) db with u = Phi(theta); evaluated in logarithms
+    so that boxes far in a tail keep their digits.
+    """
+    log_u, log_v = special.log_ndtr(theta), special.log_ndtr(-theta)
+    t = _truncated_quantile_from_logs(log_u, log_v, a, b)
+    by_a = np.exp(log_v + 0.5 * (t - a) * (t + a)) if math.isfinite(a) else np.zeros_like(t)
+    by_b = np.exp(log_u + 0.5 * (t - b) * (t + b)) if math.isfinite(b) else np.zeros_like(t)
+    return t, by_a, by_b
+
+
+def _truncated_quantile(u: Array, a: float, b: float) -> Array:
+    with np.errstate(divide="ignore"):
+        return _truncated_quantile_from_logs(np.log(u), np.log1p(-u), a, b)
+
+
+def _truncated_quantile_from_logs(log_u: Array, log_v: Array, a: float, b: float) -> Array:
+    """Solve Phi(t) = (1 - u) Phi(a) + u Phi(b) from log u and log(1 - u)."""
+    if a + b > 0.0:
+        # upper tails lose digits, lower tails do not: reflect
+        return -_truncated_quantile_from_logs(log_v, log_u, -b, -a)
+    log_cdf = np.logaddexp(log_v + special.log_ndtr(a), log_u + special.log_ndtr(b))
+    return np.clip(np.asarray(special.ndtri_exp(np.minimum(log_cdf, 0.0))), a, b)
+
+
+def _effective_limits(a: Array, b: Array) -> tuple[Array, Array]:
+    """The part of [a, b] where exp(-t^2/2) is within e^-DROP of its largest value there."""
+    peak = np.clip(0.0, a, b)
+    reach = np.sqrt(peak**2 + 2.0 * DROP)
+    return np.maximum(a, -reach), np.minimum(b, reach)
+
+
+def _fine_rule(a: Array, b: Array) -> tuple[Array, Array]:
+    """Gauss-Legendre points (..., Q) on [a, b] weighted by the truncated normal density."""
+    low, high = _effective_limits(a, b)
+    s, w = gauss_legendre(FINE_NODES)
+    half = 0.5 * (high - low)[..., None]
+    t = 0.5 * (high + low)[..., None] + half * s
+    peak = np.clip(0.0, low, high)[..., None]
+    weights = w * np.exp(-0.5 * (t - peak) * (t + peak))
+    return t, weights / weights.sum(axis=-1, keepdims=True)
+
+
+def _own_rule(a: float, b: float, nodes: int) -> tuple[Array, Array, tuple[Array, Array]]:
+    """Gauss rule of the truncated normal, and d(nodes, weights)/da and /db as (q, 2) each.
+
+    The derivatives are central differences of the rule itself, which is accurate to rounding:
+    with a step h of 1e-4 of the effective width their error is of the order of 1e-9.
+    """
+    low, high = _effective_limits(np.array(a), np.array(b))
+    h = 1e-4 * min(1.0, float(high - low))
+    ends_a = np.array([a, a + h, a - h, a, a])
+    ends_b = np.array([b, b, b, b + h, b - h])
+    t, weights = gauss(*stieltjes(*_fine_rule(ends_a, ends_b), nodes))
+    rules = np.stack([t, weights], axis=-1)
+    by_a, by_b = (rules[1] - rules[2]) / (2 * h), (rules[3] - rules[4]) / (2 * h)
+    return t[0], weights[0], (by_a, by_b)

@@ -1,0 +1,31 @@
+"""Additive measurement noise on the outcome."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from aleator.laws import Hyperparameter, Specification, resolve
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Measured outcome = simulated outcome + e, e ~ Normal(0, sd^2), independent per experiment.
+
+    `sd` carries the unit of the outcome: a number (known) or `Free(lower, upper)` (identified,
+    both limits needed). Raises InputsError where the limits are missing or out of order.
+
+    >>> Noise(0.002).hyperparameter.name
+    'noise.sd'
+    """
+
+    sd: Specification
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        _ = self.hyperparameter
+
+    @cached_property
+    def hyperparameter(self) -> Hyperparameter:
+        """The one hyperparameter, `noise.sd`."""
+        return resolve("sd", self.sd, (None, None), positive=True).named("noise")
