@@ -1,0 +1,132 @@
+"""The fitted surfaces: one polynomial an experiment, evaluated for all of them at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from aleator.errors import InputsError
+from aleator.response.lattice import Floats, Ints, products, products_with_gradient
+
+# Numbers held at once by one block of basis functions: 32 MB.
+BLOCK = 4_000_000
+
+
+@dataclass(frozen=True)
+class Group:
+    """Experiments that share one index set: the first `size` rows of the common list."""
+
+    members: Ints
+    coefficients: Floats  # (members, size)
+
+    @property
+    def size(self) -> int:
+        """Number of polynomial terms."""
+        return int(self.coefficients.shape[1])
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Polynomial surfaces eta_l(x) of N experiments over one box.
+
+    eta_l(x) = sum over nu in Lambda_l of c_(l, nu) phi_nu(z), with phi_nu the tensor product of
+    orthonormal Legendre polynomials and z the point mapped to [-1, 1]^n. The sets are prefixes of
+    one common list of indices, so one basis serves all experiments.
+
+    `error` (N,) is the estimated root-mean-square error over the box in units of the outcome,
+    `scatter` (N,) the standard deviation of the surface over the box, `converged` (N,) whether
+    error <= tolerance * scatter, `runs` (N,) the runs spent, `lower` and `upper` (N,) the range of
+    the outcome over the box, `degrees` (N, n) the highest degree used of each parameter.
+
+    Outside the box the polynomial is an extrapolation and grows without limit: evaluation there
+    is not refused, and not to be trusted.
+    """
+
+    box: Floats
+    indices: Ints
+    groups: tuple[Group, ...]
+    error: Floats
+    scatter: Floats
+    converged: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    runs: Ints
+    degrees: Ints
+    lower: Floats = field(default_factory=lambda: np.empty(0))
+    upper: Floats = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def total_runs(self) -> int:
+        """Runs of all experiments together."""
+        return int(self.runs.sum())
+
+    def evaluate(self, x: Floats) -> Floats:
+        """Return the outcomes (N, J) of all experiments at points x (J, n)."""
+        x = self._points(x)
+        out = np.empty((len(self.error), len(x)))
+        for part in self._blocks(len(x), 1):
+            basis = products(self.indices, self._unit(x[part]))
+            for group in self.groups:
+                out[group.members, part] = group.coefficients @ basis[: group.size]
+        return out
+
+    def evaluate_with_gradient(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return outcomes (N, J) and their derivatives (N, J, n) with respect to x (J, n).
+
+        The derivatives are a transposed view: memory runs over J last.
+        """
+        x = self._points(x)
+        n = x.shape[1]
+        value = np.empty((len(self.error), len(x)))
+        slope = np.empty((len(self.error), n, len(x)))
+        width = 0.5 * (self.box[:, 1] - self.box[:, 0])
+        for part in self._blocks(len(x), 1 + n):
+            basis = products_with_gradient(self.indices, self._unit(x[part]))
+            basis[:, 1:] /= width[:, None]
+            columns = basis.reshape(len(basis), -1)
+            for group in self.groups:
+                both = (group.coefficients @ columns[: group.size]).reshape(
+                    len(group.members), 1 + n, -1
+                )
+                value[group.members, part] = both[:, 0]
+                slope[group.members, :, part] = both[:, 1:]
+        return value, slope.transpose(0, 2, 1)
+
+    def at(self, index: Ints, x: Floats) -> Floats:
+        """Return the outcome (R,) of experiment index[r] at the point x[r], x (R, n)."""
+        index, x = np.asarray(index), self._points(x)
+        if index.shape != (len(x),) or not np.issubdtype(index.dtype, np.integer):
+            raise InputsError(
+                f"surface: {len(x)} points but experiments of shape {index.shape}",
+                "pass one whole number, the experiment, for each point",
+            )
+        out = np.empty(len(x))
+        where = np.empty(len(self.error), dtype=np.intp)
+        which = np.empty(len(self.error), dtype=np.intp)
+        for g, group in enumerate(self.groups):
+            where[group.members], which[group.members] = np.arange(len(group.members)), g
+        for g, group in enumerate(self.groups):
+            wanted = np.flatnonzero(which[index] == g)
+            for part in self._blocks(len(wanted), 1):
+                rows = wanted[part]
+                basis = products(self.indices[: group.size], self._unit(x[rows]))
+                terms = group.coefficients[where[index[rows]]]
+                out[rows] = np.einsum("rp,pr->r", terms, basis)
+        return out
+
+    def _points(self, x: Floats) -> Floats:
+        x = np.asarray(x, dtype=np.float64)
+        if x.ndim != 2 or x.shape[1] != len(self.box):
+            raise InputsError(
+                f"surface: points of shape {x.shape}",
+                f"pass an array with one row a point and {len(self.box)} columns",
+            )
+        return x
+
+    def _unit(self, x: Floats) -> Floats:
+        low, high = self.box.T
+        return np.asarray((2.0 * x - low - high) / (high - low))
+
+    def _blocks(self, count: int, parts: int) -> Iterator[slice]:
+        step = max(1, BLOCK // (parts * max(len(self.indices), 1)))
+        return (slice(start, start + step) for start in range(0, count, step))
