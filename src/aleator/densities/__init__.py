@@ -1,0 +1,30 @@
+"""Densities of the outcome from its moments: one interface, one file for each choice.
+
+A choice (`Gaussian()`, `MaximumEntropy(order=4)`) is a `Density`; its `fit` returns a
+`FittedDensity`, N densities at once with a `Status` each.
+"""
+
+from aleator.densities.fitted import FittedMaximumEntropy
+from aleator.densities.gaussian import FittedGaussian, Gaussian
+from aleator.densities.interface import (
+    DEGENERATE_VALUE,
+    FAILED_SOLVE_PENALTY,
+    Density,
+    FittedDensity,
+    Sensitivity,
+    Status,
+)
+from aleator.densities.maximum_entropy import MaximumEntropy
+
+__all__ = [
+    "Density",
+    "FittedDensity",
+    "Gaussian",
+    "MaximumEntropy",
+    "FittedGaussian",
+    "FittedMaximumEntropy",
+    "Sensitivity",
+    "Status",
+    "FAILED_SOLVE_PENALTY",
+    "DEGENERATE_VALUE",
+]

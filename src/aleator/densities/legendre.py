@@ -1,0 +1,164 @@
+"""Orthonormal Legendre polynomials on the support: tables, moments, realizability.
+
+phi_k(t) = sqrt(2k + 1) P_k(t), orthonormal for the uniform law on t in [-1, 1]. In this basis the
+covariance that the solver inverts stays well conditioned, which powers of u do not offer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from aleator.densities.interface import Array, Mask
+
+SMALLEST_PIVOT = 1e-13
+"""Moments whose Hankel matrix has a pivot under this lie on the boundary of what a law can have."""
+
+
+def legendre(t: Array, degree: int, derivative: int = 0) -> Array:
+    """Values (..., degree+1) of the derivative of phi_0..phi_degree at t (...).
+
+    Three-term recurrence (k+1) P_(k+1) = (2k+1) t P_k - k P_(k-1); derivatives by
+    P'_(k+1) = P'_(k-1) + (2k+1) P_k.
+
+    >>> legendre(np.array([1.0]), 2).round(6).tolist()  # sqrt(2k + 1)
+    [[1.0, 1.732051, 2.236068]]
+    """
+    values = np.zeros((*t.shape, degree + 1))
+    values[..., 0] = 1.0
+    if degree > 0:
+        values[..., 1] = t
+    for k in range(1, degree):
+        values[..., k + 1] = ((2 * k + 1) * t * values[..., k] - k * values[..., k - 1]) / (k + 1)
+    for _ in range(derivative):
+        below, values = values, np.zeros_like(values)
+        for k in range(degree):
+            values[..., k + 1] = (2 * k + 1) * below[..., k]
+            if k > 0:
+                values[..., k + 1] += values[..., k - 1]
+    scale: Array = np.sqrt(2.0 * np.arange(degree + 1) + 1.0)
+    return values * scale
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Nodes t (Q,) on [-1, 1], weights (Q,) that sum to one, phi_1..phi_M (M, Q) at the nodes,
+    and w phi_0..phi_2M (Q, 2M+1), by which one product gives every expectation needed."""
+
+    nodes: Array
+    weights: Array
+    basis: Array
+    weighted: Array
+
+
+@lru_cache(maxsize=64)
+def gauss_rule(order: int, nodes: int) -> Rule:
+    """Gauss-Legendre rule on the whole support: exact to degree 2 nodes - 1."""
+    t, w = np.polynomial.legendre.leggauss(nodes)
+    return _rule(t, 0.5 * w, order)
+
+
+@lru_cache(maxsize=64)
+def panel_rule(order: int, panels: int, nodes: int) -> Rule:
+    """Gauss-Legendre rule on each of equal panels: nodes that `gauss_rule` does not have."""
+    t, w = np.polynomial.legendre.leggauss(nodes)
+    middles = (2.0 * np.arange(panels) + 1.0) / panels - 1.0
+    return _rule(np.ravel(middles[:, None] + t / panels), np.tile(0.5 * w / panels, panels), order)
+
+
+def _rule(t: Array, w: Array, order: int) -> Rule:
+    phi = legendre(t, 2 * order)
+    return Rule(t, w, np.ascontiguousarray(phi[:, 1 : order + 1].T), w[:, None] * phi)
+
+
+@lru_cache(maxsize=64)
+def linearization(rows: int, factor: str, degree: int) -> Array:
+    """Coefficients (degree+1, rows*rows) of g(t) phi_i phi_j, i, j < rows, in phi_0..phi_degree.
+
+    `factor` names g: "1", "1-t", "1+t" or "1-t^2". The product of the expectations (N, degree+1)
+    with it is the batch of matrices E[g phi_i phi_j]. Exact where the degrees fit.
+    """
+    t, w = np.polynomial.legendre.leggauss(rows + degree + 2)
+    g = {"1": np.ones_like(t), "1-t": 1.0 - t, "1+t": 1.0 + t, "1-t^2": 1.0 - t**2}[factor]
+    phi = legendre(t, rows - 1)
+    tensor = np.einsum("q,qi,qj,qk->kij", 0.5 * w * g, phi, phi, legendre(t, degree))
+    coefficients: Array = tensor.reshape(degree + 1, rows * rows)
+    return coefficients
+
+
+def legendre_in_powers(a: Array, b: Array, order: int) -> Array:
+    """Coefficients (N, M+1, M+1) of phi_k(t(u)) in the powers of u, t affine on [a, b].
+
+    The recurrence of `legendre` on coefficients. Row k is the Taylor series of phi_k about the
+    mean u = 0, whose terms stay moderate since b - a >= 2 wherever a law with variance one exists.
+    """
+    slope, offset = 2.0 / (b - a), -(a + b) / (b - a)
+    c = np.zeros((a.size, order + 1, order + 1))
+    c[:, 0, 0] = 1.0
+    for k in range(order):
+        raised = np.zeros_like(c[:, 0])
+        raised[:, 1:] = slope[:, None] * c[:, k, :-1]
+        raised += offset[:, None] * c[:, k]
+        c[:, k + 1] = (2 * k + 1) * raised / (k + 1)
+        if k > 0:
+            c[:, k + 1] -= k * c[:, k - 1] / (k + 1)
+    scale: Array = np.sqrt(2.0 * np.arange(order + 1) + 1.0)
+    return c * scale[:, None]
+
+
+def realizable(expected: Array) -> Mask:
+    """Whether some density on [-1, 1] has the expectations E phi_0..phi_M (N, M+1).
+
+    The truncated moment problem on an interval (Krein and Nudelman): for M = 2m the matrices
+    E[phi_i phi_j] (i, j <= m) and E[(1-t^2) phi_i phi_j] (i, j < m), for M = 2m+1 the matrices
+    E[(1-t) phi_i phi_j] and E[(1+t) phi_i phi_j] (i, j <= m) must be positive definite. They are
+    Hankel matrices in another basis.
+
+    >>> realizable(np.array([[1.0, 0.0, 0.0], [1.0, 1.8, 0.0]])).tolist()  # uniform; E t > 1
+    [True, False]
+    """
+    order = expected.shape[1] - 1
+    half = order // 2
+    tests = [("1-t", half + 1), ("1+t", half + 1)]
+    if order % 2 == 0:
+        tests = [("1", half + 1), ("1-t^2", half)]
+    possible = np.ones(expected.shape[0], dtype=bool)
+    for factor, rows in tests:
+        matrices = expected @ linearization(rows, factor, order)
+        _, pivot = cholesky(matrices.reshape(-1, rows, rows))
+        possible &= pivot > SMALLEST_PIVOT
+    return possible
+
+
+def cholesky(matrices: Array) -> tuple[Array, Array]:
+    """Lower factors (N, M, M) of symmetric matrices, and the smallest pivot (N,) of each.
+
+    A pivot at the level of rounding is replaced by that level, so that a matrix that is not
+    positive definite spoils neither its own row with NaN nor the batch with an exception.
+    """
+    factor = np.zeros_like(matrices)
+    smallest = np.full(matrices.shape[0], np.inf)
+    for j in range(matrices.shape[1]):
+        row = factor[:, j, :j, None]
+        column = matrices[:, j:, j] - (factor[:, j:, :j] @ row)[:, :, 0]
+        pivot = column[:, 0]
+        smallest = np.minimum(smallest, pivot)
+        floor = 1e-15 * np.abs(matrices[:, j, j]) + 1e-30
+        factor[:, j:, j] = column / np.sqrt(np.maximum(pivot, floor))[:, None]
+        factor[:, j, j] = np.sqrt(np.maximum(pivot, floor))
+    return factor, smallest
+
+
+def substitute(factor: Array, right: Array) -> Array:
+    """Solutions (N, M) of L L^T x = right by two substitutions over the batch."""
+    x = right.copy()
+    size = factor.shape[1]
+    for j in range(size):
+        x[:, j] /= factor[:, j, j]
+        x[:, j + 1 :] -= factor[:, j + 1 :, j] * x[:, j, None]
+    for j in reversed(range(size)):
+        x[:, j] /= factor[:, j, j]
+        x[:, :j] -= factor[:, j, :j] * x[:, j, None]
+    return x
