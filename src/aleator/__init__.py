@@ -1,1 +1,33 @@
 """Aleator identifies the probability law of uncertain parameters from experiments."""
+
+from aleator.densities import Gaussian, MaximumEntropy
+from aleator.errors import AleatorError
+from aleator.experiments import Experiments
+from aleator.identification import Identification
+from aleator.identify import identify
+from aleator.inputs import Inputs
+from aleator.laws import Constant, Free, Normal, TruncatedNormal
+from aleator.noise import Noise
+from aleator.propagation import Collocation
+from aleator.response import ResponseSurface
+from aleator.search import GradientMultistart
+from aleator.verification import MonteCarlo
+
+__all__ = [
+    "identify",
+    "Identification",
+    "Experiments",
+    "Inputs",
+    "Normal",
+    "TruncatedNormal",
+    "Constant",
+    "Free",
+    "Noise",
+    "ResponseSurface",
+    "Collocation",
+    "Gaussian",
+    "MaximumEntropy",
+    "GradientMultistart",
+    "MonteCarlo",
+    "AleatorError",
+]

@@ -34,7 +34,18 @@ class Moments:
     @property
     def order(self) -> int:
         """The highest order M of the standardized moments."""
-        return self.standardized.shape[1] - 1
+        return int(self.standardized.shape[1]) - 1
+
+    def take(self, index: NDArray[np.intp]) -> Moments:
+        """The moments of the outcomes at `index` (any number of times each), in that order."""
+        return Moments(
+            self.mean[index],
+            self.sd[index],
+            self.standardized[index],
+            None if self.mean_jac is None else self.mean_jac[index],
+            None if self.sd_jac is None else self.sd_jac[index],
+            None if self.standardized_jac is None else self.standardized_jac[index],
+        )
 
 
 def weighted_moments(y: Array, weights: Array, order: int) -> Moments:
@@ -155,7 +166,7 @@ def _powers(z: Array, weights: Array, order: int) -> Array:
 
 def _normal_moment(j: int) -> float:
     """E[N(0,1)^j] = (j - 1)!! for even j."""
-    return factorial(j) / (2 ** (j // 2) * factorial(j // 2))
+    return float(factorial(j) // (2 ** (j // 2) * factorial(j // 2)))
 
 
 def _with_column(jac: Array, value: float) -> Array:

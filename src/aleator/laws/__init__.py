@@ -1,13 +1,20 @@
 """Marginal laws of the parameters: one file a law, one interface."""
 
 from aleator.laws.constant import Constant
-from aleator.laws.hyperparameter import Free, Hyperparameter, Specification, resolve
+from aleator.laws.hyperparameter import (
+    OPEN,
+    Free,
+    Hyperparameter,
+    Specification,
+    resolve,
+)
 from aleator.laws.law import Law, Rule
 from aleator.laws.normal import Normal
 from aleator.laws.truncated_normal import TruncatedNormal
 
 __all__ = [
     "Constant",
+    "OPEN",
     "Free",
     "Hyperparameter",
     "Law",

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aleator.laws.hyperparameter import Free, Hyperparameter, Specification, resolve
+from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
 from aleator.laws.law import Array, Rule
 
 
@@ -18,11 +18,12 @@ class Constant:
     `value` is a number (known) or `Free(lower, upper)` (identified). Raises InputsError where
     the limits are missing or out of order.
 
+    >>> from aleator.laws import Free
     >>> Constant(Free(-20.0, 0.0)).hyperparameters[0].start
     -10.0
     """
 
-    value: Specification = Free()
+    value: Specification = OPEN
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""

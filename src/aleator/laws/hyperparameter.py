@@ -24,6 +24,9 @@ class Free:
     start: float | None = None
 
 
+OPEN = Free()
+"""A hyperparameter to be identified within the law's default limits."""
+
 Specification = float | Free
 """A hyperparameter as the user states it: a number fixes it, `Free` identifies it."""
 

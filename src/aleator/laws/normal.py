@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from aleator.laws.hyperparameter import Free, Hyperparameter, Specification, resolve
+from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
 from aleator.laws.law import Array, Rule
 from aleator.polynomials import evaluate, hermite_recurrence
 from aleator.quadrature import gauss_hermite
@@ -27,14 +27,15 @@ class Normal:
     The parameter can take any value: where the simulator fails beyond some value, use
     `TruncatedNormal` with a box.
 
+    >>> from aleator.laws import Free
     >>> law = Normal(mean=Free(-1.0, 1.0), sd=0.5)
     >>> rule = law.rule(np.array([1.0, 0.5]), 3)
     >>> rule.x.round(6).tolist()
     [0.133975, 1.0, 1.866025]
     """
 
-    mean: Specification = Free()
-    sd: Specification = Free()
+    mean: Specification = OPEN
+    sd: Specification = OPEN
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
@@ -71,4 +72,6 @@ class Normal:
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """mean + sd Phi^-1(probability)."""
-        return values[0] + values[1] * np.asarray(special.ndtri(probability))
+        theta: Array = special.ndtri(probability)
+        x: Array = values[0] + values[1] * theta
+        return x

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from aleator.errors import InputsError
-from aleator.laws.hyperparameter import Free, Hyperparameter, Specification, resolve
+from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
 from aleator.laws.law import Array, Rule
 from aleator.polynomials import evaluate, hermite_recurrence, stieltjes
 from aleator.quadrature import gauss, gauss_hermite, gauss_legendre
@@ -34,6 +34,7 @@ class TruncatedNormal:
     converges fastest) or "hermite" (the paper's: Hermite polynomials of the germ that the clip
     transformation maps to x). Raises InputsError for a box or limits that are out of order.
 
+    >>> from aleator.laws import Free
     >>> law = TruncatedNormal(box=(-1.0, 1.0), mean=0.0, sd=Free(0.1, 100.0))
     >>> wide = law.rule(np.array([0.0, 100.0]), 2)     # nearly uniform: Gauss-Legendre nodes
     >>> wide.x.round(4).tolist()
@@ -41,15 +42,15 @@ class TruncatedNormal:
     """
 
     box_limits: tuple[float, float]
-    mean: Specification = Free()
-    sd: Specification = Free()
+    mean: Specification = OPEN
+    sd: Specification = OPEN
     basis: Literal["own", "hermite"] = "own"
 
     def __init__(
         self,
         box: tuple[float, float],
-        mean: Specification = Free(),
-        sd: Specification = Free(),
+        mean: Specification = OPEN,
+        sd: Specification = OPEN,
         polynomials: Literal["own", "hermite"] = "own",
     ) -> None:
         lower, upper = float(box[0]), float(box[1])
@@ -119,7 +120,8 @@ class TruncatedNormal:
         """mean + sd t with Phi(t) = (1 - u) Phi(a) + u Phi(b)."""
         a, b = self._standard_limits(values)
         t = _truncated_quantile(np.asarray(probability, dtype=float), a, b)
-        return np.clip(values[0] + values[1] * t, *self.box_limits)
+        x: Array = np.clip(values[0] + values[1] * t, *self.box_limits)
+        return x
 
     def _standard_limits(self, values: Array) -> tuple[float, float]:
         lower, upper = self.box_limits
@@ -151,7 +153,8 @@ def _truncated_quantile_from_logs(log_u: Array, log_v: Array, a: float, b: float
         # upper tails lose digits, lower tails do not: reflect
         return -_truncated_quantile_from_logs(log_v, log_u, -b, -a)
     log_cdf = np.logaddexp(log_v + special.log_ndtr(a), log_u + special.log_ndtr(b))
-    return np.clip(np.asarray(special.ndtri_exp(np.minimum(log_cdf, 0.0))), a, b)
+    t: Array = np.clip(special.ndtri_exp(np.minimum(log_cdf, 0.0)), a, b)
+    return t
 
 
 def _effective_limits(a: Array, b: Array) -> tuple[Array, Array]:

@@ -1,0 +1,140 @@
+"""What the identified law must improve on: a deterministic fit, and a linear-Gaussian law."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from aleator.densities import Gaussian
+from aleator.inputs import Inputs
+from aleator.laws import Hyperparameter
+from aleator.likelihood import Likelihood
+from aleator.moments import Moments
+from aleator.propagation import Response
+from aleator.search import Search
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """The one parameter point x (n,) that minimizes sum_l (y_l - eta_l(x))^2 over the box.
+
+    `rmse` in the unit of the outcome; `log_likelihood` that of independent Normal(0, rmse^2)
+    residuals, -N/2 (log(2 pi rmse^2) + 1), comparable with the identified law's.
+    """
+
+    x: Array
+    rmse: float
+    log_likelihood: float
+
+
+@dataclass(frozen=True)
+class LinearGaussian:
+    """The law identified with the simulator linearized at one point (as CIRCE does).
+
+    `alpha` (K,) and its `log_likelihood` under the linear-Gaussian model.
+    """
+
+    alpha: Array
+    log_likelihood: float
+
+
+def least_squares(
+    response: Response,
+    condition: NDArray[np.intp],
+    outcomes: Array,
+    box: Array,
+    start: Array,
+) -> LeastSquares:
+    """Fit one point of the box, from `start` (n,), by a bounded trust-region method.
+
+    Parameters whose box has no width stay at their value. Cost: some tens of evaluations of
+    the response with its gradient at one point. A local method: it may end in a local minimum.
+    """
+    moving = np.flatnonzero(box[:, 1] > box[:, 0])
+    width = box[moving, 1] - box[moving, 0]
+
+    def at(u: Array) -> tuple[Array, Array]:
+        x = start.copy()
+        x[moving] = np.clip(box[moving, 0] + u * width, box[moving, 0], box[moving, 1])
+        value, slope = response.evaluate_with_gradient(x[None, :])
+        return value[condition, 0] - outcomes, slope[condition, 0][:, moving] * width
+
+    u0 = np.clip((start[moving] - box[moving, 0]) / width, 0.01, 0.99)
+    fit = optimize.least_squares(
+        lambda u: at(u)[0], u0, jac=lambda u: at(u)[1], bounds=(0.0, 1.0), x_scale="jac"
+    )
+    x = start.copy()
+    x[moving] = box[moving, 0] + fit.x * width
+    variance = float(np.mean(at(fit.x)[0] ** 2))
+    count = outcomes.size
+    value = -0.5 * count * (np.log(2.0 * np.pi * max(variance, 1e-300)) + 1.0)
+    return LeastSquares(x, variance**0.5, float(value))
+
+
+@dataclass(frozen=True)
+class _LinearPropagation:
+    """Mean and sd of eta_l(x0) + g_l (x - x0) for independent parameters."""
+
+    inputs: Inputs
+    x0: Array
+    value: Array
+    slope: Array
+
+    def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:  # noqa: ARG002
+        """Exact for a linear simulator and untruncated laws; the higher moments are normal."""
+        k_total = alpha.size
+        center, spread = self.x0.copy(), np.zeros(self.x0.size)
+        d_center, d_spread = np.zeros((self.x0.size, k_total)), np.zeros((self.x0.size, k_total))
+        for i, part in enumerate(self.inputs.slices):
+            center[i] = alpha[part][0]
+            d_center[i, part.start] = 1.0
+            if part.stop - part.start > 1:
+                spread[i] = alpha[part][1]
+                d_spread[i, part.start + 1] = 1.0
+        mean = self.value + self.slope @ (center - self.x0)
+        sd = np.sqrt(self.slope**2 @ spread**2)
+        safe = np.where(sd > 0.0, sd, 1.0)
+        sd_jac = (self.slope**2 * spread) @ d_spread / safe[:, None]
+        standardized = np.tile(np.array([1.0, 0.0, 1.0, 0.0, 3.0]), (mean.size, 1))
+        jac = np.zeros((*standardized.shape, k_total))
+        return Moments(mean, sd, standardized, self.slope @ d_center, sd_jac, jac)
+
+
+def linear_gaussian(
+    response: Response,
+    inputs: Inputs,
+    x0: Array,
+    condition: NDArray[np.intp],
+    outcomes: Array,
+    hyperparameters: Sequence[Hyperparameter],
+    search: Search,
+    *,
+    noisy: bool,
+    seed: int,
+) -> LinearGaussian:
+    """Identify the law with the simulator replaced by its tangent at x0 (n,).
+
+    y_l ~ Normal(eta_l(x0) + g_l (mean - x0), g_l diag(sd^2) g_l' + sigma_e^2): the model of
+    CIRCE (de Crecy and Bazin), maximized here by the same search. Needs one evaluation with
+    gradient at one point.
+    """
+    value, slope = response.evaluate_with_gradient(x0[None, :])
+    unbounded = np.full(outcomes.size, np.inf)
+    likelihood = Likelihood(
+        _LinearPropagation(inputs, x0, value[:, 0], slope[:, 0]),
+        Gaussian(),
+        outcomes,
+        condition,
+        -unbounded,
+        unbounded,
+        tuple(hyperparameters),
+        noisy,
+    )
+    result = search.maximize(likelihood.search, hyperparameters, seed=seed)
+    return LinearGaussian(result.alpha, result.log_likelihood)

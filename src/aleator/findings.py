@@ -1,0 +1,224 @@
+"""What a careful reader must be told before trusting an answer: warnings, statuses, refusals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.densities import Status
+from aleator.errors import ExperimentsError
+from aleator.identification import Warning
+from aleator.inference import Inference, weak_directions
+from aleator.laws import Hyperparameter
+from aleator.likelihood import NOISE_REACH, Likelihood, LogLikelihood
+from aleator.response import Surface
+from aleator.search import SearchResult
+from aleator.verification import Verification
+
+Array = NDArray[np.float64]
+
+LARGEST_EDM = 1e-3
+"""Distance to the maximum, in log-likelihood, that still counts as arrived."""
+LARGEST_SURFACE_ERROR = 0.1
+"""Error of a surface under the identified law, over the outcome's sd, worth a warning."""
+
+
+def check_reachable(likelihood: Likelihood, ids: Sequence[str]) -> None:
+    """Raise ExperimentsError where an outcome has likelihood zero for every admissible alpha."""
+    margin = NOISE_REACH * likelihood.hyperparameters[-1].upper if likelihood.noisy else 0.0
+    low, high = likelihood.lower - margin, likelihood.upper + margin
+    y = likelihood.outcomes
+    outside = np.flatnonzero((y < low) | (y > high))
+    if outside.size == 0:
+        return
+    named = "; ".join(
+        f"experiment {ids[l]}: outcome {y[l]:.6g}, reachable [{low[l]:.6g}, {high[l]:.6g}]"
+        for l in outside[:5]
+    )
+    more = f"; and {outside.size - 5} more" if outside.size > 5 else ""
+    remedy = "check these rows and the units, widen the box of the parameters, or "
+    remedy += "allow more noise" if likelihood.noisy else "add measurement noise ([noise] sd)"
+    raise ExperimentsError(
+        f"{outside.size} outcome(s) lie outside the range that the simulator reaches on the box, "
+        f"so that no law explains them: {named}{more}",
+        remedy,
+    )
+
+
+def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:
+    """One word for each experiment: solved, outside_support, or why the density failed."""
+    outside = (codes == Status.SOLVED) & ~np.isfinite(log_density)
+    combined = np.where(outside, int(Status.OUTSIDE_SUPPORT), codes)
+    return [Status(int(code)).name.lower() for code in combined]
+
+
+def surface_errors(
+    surface: Surface | None, condition: NDArray[np.intp], checked: Verification | None
+) -> Array:
+    """Error of the surfaces under the identified law, over the outcome's sd, (N,); NaN if unknown.
+
+    Compared with the verification's runs of the simulator, which no surface was fitted to.
+    """
+    if surface is None or checked is None:
+        return np.full(condition.size, np.nan)
+    count, samples = checked.outcomes.shape
+    index = np.repeat(condition, samples)
+    guess = surface.at(index, checked.x.reshape(count * samples, -1)).reshape(count, samples)
+    rms = np.sqrt(np.mean((guess - checked.outcomes) ** 2, axis=1))
+    scatter = checked.outcomes.std(axis=1)
+    return np.asarray(rms / np.where(scatter > 0.0, scatter, np.inf))
+
+
+def surface_report(surface: Surface | None) -> dict[str, Any] | None:
+    """How good the surfaces are over the box, relative to the outcome's scatter there."""
+    if surface is None:
+        return None
+    relative = surface.error / np.where(surface.scatter > 0.0, surface.scatter, np.inf)
+    return {
+        "converged": int(surface.converged.sum()),
+        "experiments": int(surface.converged.size),
+        "median_error": float(np.median(relative)),
+        "worst_error": float(np.max(relative)),
+        "runs": int(surface.total_runs),
+    }
+
+
+def review(
+    hyperparameters: Sequence[Hyperparameter],
+    surface: Surface | None,
+    condition: NDArray[np.intp],
+    found: SearchResult,
+    inference: Inference,
+    honest: LogLikelihood,
+    checked: Verification | None,
+    surface_error: Array,
+    ids: Sequence[str],
+) -> tuple[tuple[Warning, ...], bool]:
+    """All warnings, and whether the answer is accepted."""
+    refusals = [
+        *_density_warnings(honest, ids),
+        *_search_refusals(found, inference),
+        *_verification_refusals(honest, checked, ids),
+    ]
+    notes = [
+        *_bound_warnings(hyperparameters, inference),
+        *(
+            Warning("identifiability", sentence, "fix one of them, or vary the conditions more")
+            for sentence in weak_directions(inference, found.alpha, hyperparameters)
+        ),
+        *_surface_warnings(surface, condition, surface_error, ids),
+    ]
+    return (*refusals, *notes), not refusals
+
+
+def _density_warnings(honest: LogLikelihood, ids: Sequence[str]) -> list[Warning]:
+    words = np.array(statuses(honest.status, honest.each))
+    warnings = []
+    for status in (s for s in Status if s is not Status.SOLVED):
+        bad = np.flatnonzero(words == status.name.lower())
+        if bad.size:
+            what, _, remedy = status.explanation.partition(": ")
+            warnings.append(Warning("density", f"{_experiments(bad, ids)}: {what}", remedy))
+    return warnings
+
+
+def _search_refusals(found: SearchResult, inference: Inference) -> list[Warning]:
+    warnings = []
+    if not inference.positive:
+        warnings.append(
+            Warning(
+                "search",
+                "the information matrix at the answer is not positive definite: it is no maximum, "
+                "or a hyperparameter has no effect",
+                "fix a hyperparameter, or search from more starts",
+            )
+        )
+    elif not inference.edm < LARGEST_EDM:
+        warnings.append(
+            Warning(
+                "search",
+                f"the search stopped an estimated {inference.edm:.2g} in log-likelihood "
+                "below the maximum",
+                "allow more evaluations a start, or search from more starts",
+            )
+        )
+    return warnings
+
+
+def _verification_refusals(
+    honest: LogLikelihood, checked: Verification | None, ids: Sequence[str]
+) -> list[Warning]:
+    if checked is None:
+        return []
+    gap = honest.each - checked.each
+    error = np.hypot(checked.each_error, 0.0)
+    bad = np.flatnonzero(~(np.abs(gap) < np.maximum(1.0, 5.0 * error)))
+    if bad.size == 0:
+        return []
+    return [
+        Warning(
+            "verification",
+            f"{_experiments(bad, ids)}: the log-density differs from Monte Carlo on the simulator "
+            "by more than 1 and by more than five standard errors",
+            "raise the order of the density, lower the tolerance of the surface, or take more "
+            "samples",
+        )
+    ]
+
+
+def _bound_warnings(
+    hyperparameters: Sequence[Hyperparameter], inference: Inference
+) -> list[Warning]:
+    return [
+        Warning(
+            "bounds",
+            f"{h.name} ends on its {side} limit {h.lower if side == 'lower' else h.upper:.6g}; "
+            "it has no standard error, and the others are conditional on it",
+            "widen the limit if it is not physical, or fix the hyperparameter",
+        )
+        for h, side in zip(hyperparameters, inference.at_bound, strict=True)
+        if side is not None
+    ]
+
+
+def _surface_warnings(
+    surface: Surface | None,
+    condition: NDArray[np.intp],
+    surface_error: Array,
+    ids: Sequence[str],
+) -> list[Warning]:
+    if surface is None:
+        return []
+    warnings = []
+    missed = np.flatnonzero(~surface.converged[condition])
+    if missed.size:
+        warnings.append(
+            Warning(
+                "response surface",
+                f"{_experiments(missed, ids)}: estimated error above the tolerance when the runs "
+                "were used up",
+                "allow more runs an experiment (max_runs), or narrow the box",
+            )
+        )
+    with np.errstate(invalid="ignore"):
+        rough = np.flatnonzero(surface_error > LARGEST_SURFACE_ERROR)
+    if rough.size:
+        warnings.append(
+            Warning(
+                "response surface",
+                f"{_experiments(rough, ids)}: surface error above "
+                f"{LARGEST_SURFACE_ERROR:.0%} of the outcome's standard deviation under the "
+                "identified law",
+                "lower the tolerance of the surface, or narrow the box around the law",
+            )
+        )
+    return warnings
+
+
+def _experiments(which: NDArray[np.intp], ids: Sequence[str]) -> str:
+    shown = ", ".join(ids[l] for l in which[:8])
+    more = f" and {which.size - 8} more" if which.size > 8 else ""
+    return f"experiment{'s' if which.size > 1 else ''} {shown}{more}"

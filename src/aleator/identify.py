@@ -1,0 +1,213 @@
+"""Experiments and a simulator in, the identified law out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from aleator import findings, summary
+from aleator.baselines import LeastSquares, LinearGaussian, least_squares, linear_gaussian
+from aleator.densities import Density, MaximumEntropy
+from aleator.errors import InputsError
+from aleator.experiments import Experiments
+from aleator.identification import Identification
+from aleator.inference import Inference, infer
+from aleator.inputs import Inputs
+from aleator.noise import Noise
+from aleator.problem import Model, Problem, prepare
+from aleator.profile import Profile, profile_intervals
+from aleator.progress import Progress, Silent
+from aleator.propagation import Collocation
+from aleator.response import ResponseSurface
+from aleator.search import GradientMultistart, Search, SearchResult, ascend
+from aleator.simulate import FunctionSimulator, Runner, Simulator
+from aleator.verification import MonteCarlo, Verification, verify
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+DEFAULT_PROPAGATION = ResponseSurface()
+DEFAULT_DENSITY = MaximumEntropy(order=4)
+DEFAULT_SEARCH = GradientMultistart()
+DEFAULT_VERIFICATION = MonteCarlo()
+
+
+def identify(
+    simulator: Callable[..., Any] | Simulator | Runner,
+    experiments: Experiments | pd.DataFrame,
+    inputs: Inputs,
+    *,
+    outcome: str | None = None,
+    vectorized: bool = False,
+    noise: Noise | None = None,
+    propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
+    density: Density = DEFAULT_DENSITY,
+    search: Search = DEFAULT_SEARCH,
+    verification: MonteCarlo = DEFAULT_VERIFICATION,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Identification:
+    """Identify the law of the inputs from experiments, by maximum likelihood.
+
+    alpha* = arg max sum_l log f_Yl(y_l | alpha) (paper, eq. (MLE)).
+
+    `simulator` takes conditions and parameters by keyword and returns the outcome: once a run
+    with floats, or with arrays of R runs if `vectorized`. `experiments` is an `Experiments`, or a
+    data frame whose column `outcome` is the measured outcome and whose other columns are
+    conditions. Raises AleatorError for input that cannot be used; failures of numerics are
+    statuses and warnings on the result. Cost: the runs of the surfaces and of the verification,
+    and some milliseconds for each of some hundred evaluations of the likelihood.
+
+    >>> from aleator.laws import Free, Normal
+    >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
+    >>> def model(load, x):
+    ...     return load * x
+    >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
+    >>> result = identify(model, table, law, outcome="y", verification=MonteCarlo(0))
+    >>> round(result.alpha["x.mean"].estimate, 3)  # the mean of y/load: (1.1 + .9 + 1.2 + .925)/4
+    1.031
+    """
+    table = _experiments(experiments, outcome)
+    runner = _runner(simulator, table, inputs, vectorized)
+    model = Model(inputs, noise, propagation, density)
+    _check_count(table, model)
+    ledger = Ledger(runner, progress or Silent())
+    problem = ledger.stage(
+        "response surface" if isinstance(propagation, ResponseSurface) else "preparation",
+        lambda: prepare(runner, table.outcomes, model, ledger.progress),
+    )
+    findings.check_reachable(problem.likelihood, table.ids)
+    baselines = ledger.stage("baselines", lambda: _baselines(problem, search, seed))
+    found = ledger.stage("search", lambda: _search(problem, search, baselines, seed, ledger))
+    found, inference, profile = ledger.stage("inference", lambda: infer_at(problem, found))
+    checked = None
+    if verification.samples:
+        checked = ledger.stage(
+            "verification", lambda: _verify(problem, runner, found, verification, seed, ledger)
+        )
+    return summary.assemble(
+        table.ids, problem, found, inference, profile, checked, baselines,
+        seconds=ledger.seconds, runs_by_stage=ledger.runs, seed=seed,
+    )  # fmt: skip
+
+
+class Ledger:
+    """Seconds and simulator runs by stage."""
+
+    def __init__(self, runner: Runner, progress: Progress) -> None:
+        self.seconds: dict[str, float] = {}
+        self.runs: dict[str, int] = {}
+        self.progress = progress
+        self._runner = runner
+
+    def stage(self, name: str, work: Callable[[], T]) -> T:
+        """Do the work under the name of a stage, and note what it took."""
+        self.progress.stage(name)
+        began, before = time.perf_counter(), self._runner.runs
+        try:
+            return work()
+        finally:
+            self.seconds[name] = time.perf_counter() - began
+            self.runs[name] = self._runner.runs - before
+
+
+def infer_at(problem: Problem, found: SearchResult) -> tuple[SearchResult, Inference, Profile]:
+    """Standard errors and profile intervals; climbs on if the profile meets a better maximum."""
+    objective, hyperparameters = problem.likelihood.search, problem.likelihood.hyperparameters
+    for _ in range(3):
+        inference = infer(objective, found.alpha, hyperparameters)
+        profile = profile_intervals(objective, found.alpha, hyperparameters, inference)
+        if profile.better is None:
+            break
+        information = inference.information
+        end, value = ascend(
+            objective, profile.better, hyperparameters, inference.identified, information
+        )
+        found = found.improved(end, value)
+    return found, inference, profile
+
+
+def _search(
+    problem: Problem,
+    search: Search,
+    baselines: tuple[LeastSquares, LinearGaussian],
+    seed: int,
+    ledger: Ledger,
+) -> SearchResult:
+    fit, linear = baselines
+    hyperparameters = problem.likelihood.hyperparameters
+    around = np.array([h.start for h in hyperparameters])
+    for value, part in zip(fit.x, problem.model.inputs.slices, strict=True):
+        around[part.start] = value
+    return search.maximize(
+        problem.likelihood.search,
+        hyperparameters,
+        seed=seed,
+        guesses=[around, linear.alpha],
+        progress=ledger.progress,
+    )
+
+
+def _baselines(problem: Problem, search: Search, seed: int) -> tuple[LeastSquares, LinearGaussian]:
+    inputs, outcomes = problem.model.inputs, problem.likelihood.outcomes
+    start = np.array([inputs.hyperparameters[part.start].start for part in inputs.slices])
+    start = np.clip(start, inputs.box[:, 0], inputs.box[:, 1])
+    fit = least_squares(problem.response, problem.condition, outcomes, inputs.box, start)
+    linear = linear_gaussian(
+        problem.response, inputs, start, problem.condition, outcomes,
+        problem.likelihood.hyperparameters, search, noisy=bool(problem.model.noise), seed=seed,
+    )  # fmt: skip
+    return fit, linear
+
+
+def _verify(
+    problem: Problem,
+    runner: Runner,
+    found: SearchResult,
+    choice: MonteCarlo,
+    seed: int,
+    ledger: Ledger,
+) -> Verification:
+    model, outcomes = problem.model, problem.likelihood.outcomes
+    return verify(
+        runner, model.inputs, found.alpha, model.noise_sd(found.alpha), outcomes, choice,
+        seed=seed, progress=ledger.progress,
+    )  # fmt: skip
+
+
+def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -> Experiments:
+    if isinstance(experiments, Experiments):
+        return experiments
+    if outcome is None:
+        raise InputsError(
+            "identify got a data frame but not the name of its outcome",
+            'say which column holds the measured outcome: identify(..., outcome="...")',
+        )
+    return Experiments.from_frame(experiments, outcome=outcome)
+
+
+def _runner(
+    simulator: Callable[..., Any] | Simulator | Runner,
+    table: Experiments,
+    inputs: Inputs,
+    vectorized: bool,
+) -> Runner:
+    if isinstance(simulator, Runner):
+        return simulator
+    if not hasattr(simulator, "asks"):
+        simulator = FunctionSimulator(simulator, vectorized)
+    return Runner(simulator, table, inputs.names)
+
+
+def _check_count(table: Experiments, model: Model) -> None:
+    free = sum(h.free for h in model.hyperparameters)
+    if len(table.ids) < free:
+        raise InputsError(
+            f"{len(table.ids)} experiments cannot identify {free} hyperparameters",
+            "fix some hyperparameters, or add experiments (ten for each is a start)",
+        )

@@ -1,0 +1,176 @@
+"""From arrays to the Identification: every number of the report is put in its place here."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from aleator import findings
+from aleator.baselines import LeastSquares, LinearGaussian
+from aleator.identification import (
+    QUANTILES,
+    Estimate,
+    ExperimentReport,
+    Identification,
+    LogLikelihoodReport,
+)
+from aleator.inference import Inference
+from aleator.laws import Hyperparameter
+from aleator.likelihood import Likelihood
+from aleator.problem import Problem
+from aleator.profile import Profile
+from aleator.search import SearchResult
+from aleator.verification import Verification
+
+Array = NDArray[np.float64]
+
+
+def assemble(
+    ids: Sequence[str],
+    problem: Problem,
+    found: SearchResult,
+    inference: Inference,
+    profile: Profile,
+    checked: Verification | None,
+    baselines: tuple[LeastSquares, LinearGaussian],
+    *,
+    seconds: Mapping[str, float],
+    runs_by_stage: Mapping[str, int],
+    seed: int,
+) -> Identification:
+    """The Identification of a finished search."""
+    alpha, hyperparameters = found.alpha, problem.likelihood.hyperparameters
+    honest = problem.likelihood.evaluate(alpha)
+    surface_error = findings.surface_errors(problem.surface, problem.condition, checked)
+    warnings, accepted = findings.review(
+        hyperparameters, problem.surface, problem.condition, found, inference, honest, checked,
+        surface_error, ids,
+    )  # fmt: skip
+    return Identification(
+        alpha=_estimates(alpha, hyperparameters, inference, profile),
+        log_likelihood=LogLikelihoodReport(
+            honest.total,
+            None if checked is None else checked.total,
+            None if checked is None else checked.standard_error,
+        ),
+        density=problem.model.density.name,
+        propagation=problem.name,
+        accepted=accepted,
+        warnings=warnings,
+        experiments=experiment_reports(problem.likelihood, alpha, ids, surface_error),
+        correlation_names=tuple(hyperparameters[k].name for k in inference.free),
+        correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
+        search=_search(found, inference, hyperparameters),
+        surface=findings.surface_report(problem.surface),
+        baselines=_baselines(*baselines, problem.model.inputs.names, hyperparameters),
+        runs=sum(runs_by_stage.values()),
+        runs_by_stage=runs_by_stage,
+        seconds={**seconds, "total": sum(seconds.values())},
+        seed=seed,
+        versions=_versions(),
+    )
+
+
+def experiment_reports(
+    likelihood: Likelihood, alpha: Array, ids: Sequence[str], surface_error: Array
+) -> tuple[ExperimentReport, ...]:
+    """What the law alpha says of each experiment, beside its measured outcome."""
+    moments, fitted = likelihood.moments(alpha), likelihood.fit(alpha)
+    log_density = fitted.log_pdf(likelihood.outcomes)
+    pit, quantiles = fitted.cdf(likelihood.outcomes), fitted.quantile(np.array(QUANTILES))
+    status = findings.statuses(fitted.status, log_density)
+    return tuple(
+        ExperimentReport(
+            id=ids[l],
+            outcome=float(likelihood.outcomes[l]),
+            log_density=float(log_density[l]),
+            mean=float(moments.mean[l]),
+            standard_deviation=float(moments.sd[l]),
+            skewness=float(moments.standardized[l, 3]),
+            kurtosis=float(moments.standardized[l, 4]),
+            quantiles={str(p): float(q) for p, q in zip(QUANTILES, quantiles[l], strict=True)},
+            pit=float(pit[l]),
+            status=status[l],
+            surface_error=float(surface_error[l]) if np.isfinite(surface_error[l]) else None,
+        )
+        for l in range(len(ids))
+    )
+
+
+def _estimates(
+    alpha: Array,
+    hyperparameters: Sequence[Hyperparameter],
+    inference: Inference,
+    profile: Profile,
+) -> dict[str, Estimate]:
+    estimates = {}
+    for k, h in enumerate(hyperparameters):
+        known = bool(np.isfinite(inference.standard_error[k]))
+        low, high = profile.intervals[k]
+        estimates[h.name] = Estimate(
+            estimate=float(alpha[k]),
+            standard_error=float(inference.standard_error[k]) if known else None,
+            sandwich_error=float(inference.sandwich_error[k]) if known else None,
+            interval=(float(low), float(high)) if np.isfinite(low) else None,
+            at_bound=inference.at_bound[k],
+            fixed=not h.free,
+        )
+    return estimates
+
+
+def _search(
+    found: SearchResult, inference: Inference, hyperparameters: Sequence[Hyperparameter]
+) -> dict[str, Any]:
+    return {
+        "starts": len(found.ascents),
+        "evaluations": found.evaluations,
+        "distinct_optima": len(found.optima),
+        "optima": [
+            {
+                "log_likelihood": optimum.log_likelihood,
+                "alpha": _named(optimum.alpha, hyperparameters),
+                "starts": optimum.starts,
+            }
+            for optimum in found.optima
+        ],
+        "edm": inference.edm,
+        "converged": found.converged,
+    }
+
+
+def _baselines(
+    fit: LeastSquares,
+    linear: LinearGaussian,
+    names: Sequence[str],
+    hyperparameters: Sequence[Hyperparameter],
+) -> dict[str, Any]:
+    return {
+        "least_squares": {
+            "parameters": dict(zip(names, fit.x.tolist(), strict=True)),
+            "rmse": fit.rmse,
+            "log_likelihood": fit.log_likelihood,
+        },
+        "circe": {
+            "alpha": _named(linear.alpha, hyperparameters),
+            "log_likelihood": linear.log_likelihood,
+        },
+    }
+
+
+def _named(alpha: Array, hyperparameters: Sequence[Hyperparameter]) -> dict[str, float]:
+    return {h.name: float(value) for h, value in zip(hyperparameters, alpha, strict=True)}
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "aleator": metadata.version("aleator"),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+    }
