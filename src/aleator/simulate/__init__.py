@@ -1,0 +1,7 @@
+"""How a simulator is called: by name, checked, counted, and every completed run kept."""
+
+from aleator.simulate.function import FunctionSimulator, Simulator, load_function
+from aleator.simulate.record import Runs
+from aleator.simulate.runner import Runner, as_simulator
+
+__all__ = ["FunctionSimulator", "Runner", "Runs", "Simulator", "as_simulator", "load_function"]

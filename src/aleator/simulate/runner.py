@@ -1,0 +1,263 @@
+"""The only way to a simulator: it checks, counts and keeps every run."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aleator.errors import SimulatorError
+from aleator.experiments import Conditions, Experiments, transformed
+from aleator.progress import Progress, Silent
+from aleator.simulate import record
+from aleator.simulate.function import FunctionSimulator, RunStopped, Simulator, describe
+from aleator.simulate.record import Runs
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+
+def as_simulator(simulator: Simulator | Callable[..., Any]) -> Simulator:
+    """A plain function as a simulator that is called once a run; a simulator as it is.
+
+    >>> as_simulator(lambda load, stiffness: load / stiffness).block
+    16
+    """
+    if isinstance(simulator, FunctionSimulator):
+        return simulator
+    if all(hasattr(simulator, member) for member in ("name", "block", "asks", "fingerprint")):
+        return simulator  # type: ignore[return-value] # any class that fills the protocol
+    return FunctionSimulator(simulator)
+
+
+class Runner:
+    """`run(index (R,), x (R, n)) -> outcome (R,)`: runs of a simulator on experiments.
+
+    `parameters` names the n columns of x. The outcome is what the likelihood sees: after the
+    transform of the experiments. Experiments under the same conditions share their runs, and a run
+    that is in `known` (see record) is not repeated; both need exactly equal numbers.
+
+    `runs` counts the runs that were needed, those from `known` (`reused`) included, so that an
+    identification resumed tells the same number as one that was not interrupted.
+
+    Raises SimulatorError at once if the simulator does not take these conditions and parameters;
+    in a run for an exception, an outcome that is not a finite number, or a wrong shape. What
+    completed before is kept in `completed`.
+
+    >>> import pandas as pd
+    >>> table = Conditions(("a", "b"), pd.DataFrame({"load": [1.0, 2.0]}))
+    >>> run = Runner(lambda load, stiffness: load / stiffness, table, ["stiffness"])
+    >>> run([0, 1, 1], [[4.0], [4.0], [8.0]]).tolist(), run.runs
+    ([0.25, 0.5, 0.25], 3)
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator | Callable[..., Any],
+        experiments: Experiments | Conditions,
+        parameters: Sequence[str],
+        known: Runs | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        self.simulator = as_simulator(simulator)
+        self.ids = experiments.ids
+        self.parameters = tuple(parameters)
+        self.transform = experiments.transform
+        self.progress = progress or Silent()
+        asked = self.simulator.asks([*map(str, experiments.conditions.columns)], self.parameters)
+        self._conditions = {name: experiments.conditions[name].to_numpy() for name in asked}
+        self._group = _groups([*self._conditions.values()], len(self.ids))
+        self._known: dict[bytes, float] = {}
+        self._reused_runs: list[Runs] = []
+        self._blocks: list[Runs] = []
+        self.runs = 0
+        self.reused = 0
+        if known is not None:
+            self.know(known)
+
+    def know(self, known: Runs) -> None:
+        """Do not repeat the runs in `known`, for as long as this runner lives."""
+        self._known.update(
+            zip(self._keys(known.index, known.x), known.outcome.tolist(), strict=True)
+        )
+        self._reused_runs.append(known)
+
+    @property
+    def completed(self) -> Runs:
+        """Every run that completed here, after those that were known."""
+        return Runs.joined([*self._reused_runs, *self._blocks], len(self.parameters))
+
+    @property
+    def fresh(self) -> int:
+        """The number of runs that completed here."""
+        return sum(map(len, self._blocks))
+
+    def fingerprint(self) -> str:
+        """A hash of simulator, ids, the conditions it asks for and the names of parameters."""
+        digest = hashlib.sha256(self.simulator.fingerprint().encode())
+        columns = {name: column.tolist() for name, column in self._conditions.items()}
+        digest.update(repr((self.ids, columns, self.parameters)).encode())
+        return digest.hexdigest()
+
+    def save(self, path: str | Path) -> None:
+        """Write every completed run to a CSV file that `load` takes up again."""
+        record.save(path, self.completed, self.ids, self.parameters, self.fingerprint())
+
+    def load(self, path: str | Path) -> int | None:
+        """Do not repeat the runs in a file that `save` wrote: their number.
+
+        None if there is no such file, or if its runs are of another simulator or other conditions.
+        Raises SimulatorError if the file is damaged.
+        """
+        known = record.load(path, self.ids, self.parameters, self.fingerprint())
+        if known is not None:
+            self.know(known)
+        return None if known is None else len(known)
+
+    def __call__(self, index: ArrayLike, x: ArrayLike) -> Floats:
+        """Run experiment `index` (R,) with parameters `x` (R, n): outcomes (R,), transformed."""
+        at = np.asarray(index, dtype=np.intp)
+        points = np.asarray(x, dtype=np.float64)
+        if not self._known and len(set(self._group.tolist())) == len(self.ids):
+            self.runs += len(at)
+            return transformed(self._run(at, points), self.transform)
+        # Distinct runs in the order of their first appearance.
+        place: dict[bytes, int] = {}
+        inverse = [place.setdefault(key, len(place)) for key in self._keys(at, points)]
+        _, first = np.unique(inverse, return_index=True)
+        outcome = np.array([self._known.get(key, np.nan) for key in place])
+        new = np.isnan(outcome)
+        self.runs += len(place)
+        self.reused += len(place) - int(np.sum(new))
+        outcome[new] = self._run(at[first[new]], points[first[new]])
+        return transformed(outcome[inverse], self.transform)
+
+    def _keys(self, index: Ints, x: Floats) -> list[bytes]:
+        rows = np.column_stack([self._group[index], x])
+        return [row.tobytes() for row in rows]
+
+    def _run(self, index: Ints, x: Floats) -> Floats:
+        outcome = np.empty(len(index))
+        begin = time.monotonic()
+        for start in range(0, len(index), self.simulator.block):
+            part = slice(start, start + self.simulator.block)
+            outcome[part] = self._block(index[part], x[part])
+            seconds, done = time.monotonic() - begin, min(part.stop, len(index))
+            if seconds > 1 and done < len(index):
+                self.progress.update(f"{done / seconds:,.0f} runs/s", done, len(index))
+        return outcome
+
+    def _block(self, index: Ints, x: Floats) -> Floats:
+        """One block of runs, recorded; after an exception halves of it, to find the run at fault.
+
+        The runs that do complete on the way are kept, so the search costs one block at most.
+        """
+        try:
+            raw = self._call(index, x)
+        except SimulatorError:
+            raise
+        except RunStopped as stop:
+            done = len(stop.completed)
+            self._keep(index[:done], x[:done], stop.completed)
+            cause = stop.__cause__
+            if not isinstance(cause, Exception):
+                raise (cause or stop) from None  # Ctrl-C
+            raise self._raised(index[done], x[done], cause) from cause
+        except Exception as error:
+            if len(index) == 1:
+                raise self._raised(index[0], x[0], error) from error
+            half = len(index) // 2
+            self._block(index[:half], x[:half])
+            self._block(index[half:], x[half:])
+            raise SimulatorError(
+                f"simulator '{self.simulator.name}' raised when called with {len(index)} runs, "
+                f"but not with fewer: {describe(error)}",
+                "set vectorized = false, or make it take arrays of any length",
+            ) from error
+        self._keep(index, x, raw)
+        return raw
+
+    def _call(self, index: Ints, x: Floats) -> Floats:
+        conditions = {name: column[index] for name, column in self._conditions.items()}
+        parameters = {name: x[:, k].copy() for k, name in enumerate(self.parameters)}
+        returned: object = self.simulator(conditions, parameters)
+        shape = np.shape(np.asanyarray(returned))
+        if shape != (len(index),):
+            got = "None" if returned is None else f"{type(returned).__name__} of shape {shape}"
+            raise SimulatorError(
+                f"simulator '{self.simulator.name}' returned {got} for {len(index)} runs, "
+                f"expected an array of shape ({len(index)},)",
+                "set vectorized = false if it computes one run at a time; "
+                "else let it return one number a run",
+            )
+        if np.asarray(returned).dtype.kind not in "fiu":
+            raise SimulatorError(
+                f"simulator '{self.simulator.name}' returned {np.asarray(returned).dtype} values",
+                "let it return real numbers",
+            )
+        return np.asarray(returned, dtype=np.float64)
+
+    def _keep(self, index: Ints, x: Floats, raw: Floats) -> None:
+        good = np.isfinite(transformed(raw, self.transform))
+        if np.any(good):
+            self._blocks.append(Runs(index[good], x[good].copy(), raw[good].copy()))
+        if not np.all(good):
+            raise self._not_finite(index, x, raw, good)
+
+    def _raised(self, at: np.intp, x: Floats, error: Exception) -> SimulatorError:
+        text = [name for name, column in self._conditions.items() if column.dtype == object]
+        return SimulatorError(
+            f"simulator '{self.simulator.name}' raised for experiment '{self.ids[at]}' with "
+            f"{self._parameters(x)}: {describe(error)}",
+            f"mend the function for the conditions {self._values(at)}"
+            + (f"; {', '.join(text)} is text in the table" if text else ""),
+        )
+
+    def _not_finite(
+        self, index: Ints, x: Floats, raw: Floats, good: NDArray[np.bool_]
+    ) -> SimulatorError:
+        first = int(np.argmin(good))
+        at = index[first]
+        what = f"{raw[first]:g}" + (", which has no logarithm," if np.isfinite(raw[first]) else "")
+        mine = index == at
+        hint = _separating(self.parameters, x[mine], good[mine])
+        return SimulatorError(
+            f"simulator '{self.simulator.name}' returned {what} for experiment '{self.ids[at]}' "
+            f"with {self._parameters(x[first])}: {np.sum(~good)} of {len(good)} runs failed so, "
+            f"in {len(set(index[~good].tolist()))} of {len(self.ids)} experiments",
+            (hint or f"narrow the box or the bounds of {' or '.join(self.parameters)}")
+            + f"; or check the conditions of the experiment: {self._values(at)}",
+        )
+
+    def _parameters(self, x: Floats) -> str:
+        return ", ".join(f"{name}={v:.6g}" for name, v in zip(self.parameters, x, strict=True))
+
+    def _values(self, at: np.intp) -> str:
+        cells = {name: column[at] for name, column in self._conditions.items()}
+        return ", ".join(
+            f"{name}={v:.6g}" if isinstance(v, float) else f"{name}={v!r}"
+            for name, v in cells.items()
+        )
+
+
+def _separating(names: Sequence[str], x: Floats, good: NDArray[np.bool_]) -> str:
+    """Words for a parameter whose one end fails throughout, if there is one."""
+    for k, name in enumerate(names):
+        fails, works = x[~good, k], x[good, k]
+        if len(works) and fails.min() > works.max():
+            return f"narrow the box or the bounds of {name} from above, to {works.max():.6g}"
+        if len(works) and fails.max() < works.min():
+            return f"narrow the box or the bounds of {name} from below, to {works.min():.6g}"
+    return ""
+
+
+def _groups(columns: Sequence[NDArray[Any]], number: int) -> Ints:
+    """For each experiment the first one with the same values in every column, (N,)."""
+    first: dict[tuple[Any, ...], int] = {}
+    rows = zip(*(column.tolist() for column in columns), strict=True) if columns else [()] * number
+    return np.array([first.setdefault(row, k) for k, row in enumerate(rows)], dtype=np.intp)

@@ -1,0 +1,275 @@
+"""A delimited file or a data frame as cells that remember where they stand.
+
+What is wrong with a cell is told with the file, the row as a spreadsheet counts it (the header is
+row 1, blank rows count), the column, the offending text and what to do about it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from aleator.errors import ExperimentsError, nearest
+
+DELIMITERS = {",": "a comma", ";": "a semicolon", "\t": "a tab", "|": "a vertical bar"}
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_KEY = {"\t": r"\t"}
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of cells, each cell a text or a Python value, with the place of each row.
+
+    `source` names the file or the frame, `columns` has one list of N cells a name, `places` (N,)
+    says where each row stands, `decimal` is the decimal sign of the numbers in the text.
+
+    >>> table = Table("a.csv", {"ratio": ["0.95", "0.9"]}, ("row 2", "row 3"))
+    >>> table.numbers("ratio").tolist()
+    [0.95, 0.9]
+    """
+
+    source: str
+    columns: dict[str, list[object]]
+    places: tuple[str, ...]
+    decimal: str = "."
+
+    def require(self, name: str, role: str) -> None:
+        """Raise ExperimentsError unless the column `name` is there; `role` says what it is for."""
+        if name not in self.columns:
+            known = ", ".join(f"'{column}'" for column in self.columns)
+            lower = {column.lower(): column for column in self.columns}
+            raise ExperimentsError(
+                f"{self.source}: {role} '{name}' is not a column"
+                f"{nearest(lower.get(name.lower(), name), self.columns)}",
+                f"the columns are {known}",
+            )
+
+    def where(self, row: int, column: str) -> str:
+        """The place of a cell in words: file, row, column."""
+        return f"{self.source}: {self.places[row]}, column '{column}'"
+
+    def is_number(self, column: str) -> NDArray[np.bool_]:
+        """Which of the N cells of a column are, or look like, finite numbers, bool (N,)."""
+        return np.array(
+            [
+                _number(cell, self.decimal)[1] == "" or _has_decimal_comma(cell)
+                for cell in self.columns[column]
+            ]
+        )
+
+    def numbers(self, column: str) -> NDArray[np.float64]:
+        """The N numbers of a column, float64 (N,), all finite.
+
+        Raises ExperimentsError with the place of the first cell that is not a finite number.
+        """
+        numbers = np.empty(len(self.places))
+        for row, cell in enumerate(self.columns[column]):
+            numbers[row], fault = _number(cell, self.decimal)
+            if fault:
+                raise ExperimentsError(f"{self.where(row, column)}: {fault}", _remedy(cell))
+        return numbers
+
+
+def _number(cell: object, decimal: str) -> tuple[float, str]:
+    """The number in a cell and "", or NaN and what is wrong with the cell."""
+    if isinstance(cell, Real) and not isinstance(cell, (bool, np.bool_)):
+        number = float(cell)
+    else:
+        text = _text(cell)
+        if not text:
+            return math.nan, "the cell is blank, a number is needed"
+        try:
+            # float() also takes 1_000, which is a slip of the pen in a table.
+            number = math.nan if "_" in text else float(text.replace(decimal, "."))
+        except ValueError:
+            return math.nan, f"'{_short(text)}' is not a number"
+        if "_" in text:
+            return math.nan, f"'{_short(text)}' is not a number"
+    if not math.isfinite(number):
+        return math.nan, f"'{_short(str(cell))}' is not a finite number"
+    return number, ""
+
+
+def _text(cell: object) -> str:
+    """A cell as stripped text; whatever pandas calls missing is blank."""
+    missing = cell is None or cell is pd.NA or cell is pd.NaT
+    return "" if missing else str(cell).strip()
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def _has_decimal_comma(cell: object) -> bool:
+    return _DECIMAL_COMMA.fullmatch(_text(cell)) is not None
+
+
+def _remedy(cell: object) -> str:
+    if _has_decimal_comma(cell):
+        return 'write a decimal point, or say so with the key decimal = ","'
+    return "write a finite number there, or delete the row of an experiment that has none"
+
+
+def from_frame(frame: pd.DataFrame, source: str = "the data frame") -> Table:
+    """The table of a data frame; a row's place is its position from 1, and its label.
+
+    Raises ExperimentsError for no rows, no columns or a column name that appears twice.
+
+    >>> from_frame(pd.DataFrame({"v": [1.0]}, index=["first"])).places
+    ("row 1 (index 'first')",)
+    """
+    names = [str(name) for name in frame.columns]
+    _check_header(names, source)
+    if frame.empty:
+        raise ExperimentsError(f"{source} has no rows", "give one row for each experiment")
+    columns = {name: frame.iloc[:, k].tolist() for k, name in enumerate(names)}
+    places = [f"row {k} (index {label!r})" for k, label in enumerate(frame.index.tolist(), start=1)]
+    return Table(source, columns, tuple(places))
+
+
+def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
+    """Read a delimited text file (UTF-8 or UTF-16, with or without a byte order mark).
+
+    `delimiter` is one character, `decimal` is "." or ",". Rows without any text are skipped but
+    counted, and so are columns at the end that have neither a name nor a text.
+
+    Raises ExperimentsError for a file that is absent, empty, in another encoding or a workbook, for
+    a delimiter that is not the file's, rows of unequal length and a column name that appears twice.
+    """
+    if len(delimiter) != 1 or decimal not in (".", ",") or delimiter == decimal:
+        raise ExperimentsError(
+            f"{path}: delimiter {delimiter!r} with decimal {decimal!r} cannot be read",
+            'the delimiter is one character, the decimal sign "." or ",", and they differ',
+        )
+    source = str(path)
+    rows = _rows(_decoded(Path(path)), delimiter, source)
+    if not rows:
+        raise ExperimentsError(
+            f"{source}: the file is empty", "write a header and a row per experiment"
+        )
+    header = [name.strip() for name in rows[0][1]]
+    rows = rows[1:]
+    while (
+        header and not header[-1] and not any(_text("".join(r[len(header) - 1 :])) for _, r in rows)
+    ):
+        header.pop()
+        rows = [(number, row[: len(header)]) for number, row in rows]
+    _check_delimiter(header, delimiter, source)
+    _check_header(header, source)
+    _check_lengths(header, rows, delimiter, source)
+    if not rows:
+        raise ExperimentsError(
+            f"{source}: there is a header but no rows", "write one row for each experiment"
+        )
+    columns: dict[str, list[object]] = {
+        name: [row[k].strip() for _, row in rows] for k, name in enumerate(header)
+    }
+    return Table(source, columns, tuple(f"row {number}" for number, _ in rows), decimal)
+
+
+def _decoded(path: Path) -> str:
+    try:
+        raw = path.read_bytes()
+    except FileNotFoundError:
+        near = nearest(path.name, _names_beside(path))
+        raise ExperimentsError(
+            f"{path}: there is no such file{near}",
+            "check the name; it is relative to the study file",
+        ) from None
+    except OSError as error:
+        raise ExperimentsError(
+            f"{path}: the file cannot be read: {error.strerror}", "name a text file (CSV)"
+        ) from None
+    if raw.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+        raise ExperimentsError(
+            f"{path}: this is a workbook, not a text file",
+            "save it as CSV UTF-8 and name that file",
+        )
+    encoding = "utf-16" if raw.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    try:
+        text = raw.decode(encoding)
+    except UnicodeDecodeError as error:
+        row = raw[: error.start].count(b"\n") + 1
+        raise ExperimentsError(
+            f"{path}: row {row} is not UTF-8 text (byte 0x{raw[error.start]:02x})",
+            "save the file with the encoding UTF-8 (in a spreadsheet: 'CSV UTF-8')",
+        ) from None
+    if "\0" in text:
+        row = text[: text.index("\0")].count("\n") + 1
+        raise ExperimentsError(
+            f"{path}: row {row} has a null character: this is not a text file",
+            "save it as CSV UTF-8",
+        )
+    return text
+
+
+def _names_beside(path: Path) -> Iterable[str]:
+    folder = path.parent
+    return sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else ()
+
+
+def _rows(text: str, delimiter: str, source: str) -> list[tuple[int, list[str]]]:
+    """The rows that hold any text, each with its number in a spreadsheet."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    rows = []
+    try:
+        for number, row in enumerate(reader, start=1):
+            if any(cell.strip() for cell in row):
+                rows.append((number, row))
+    except csv.Error as error:
+        raise ExperimentsError(
+            f"{source}: line {reader.line_num}: {error}", "check the quotation marks from there on"
+        ) from None
+    return rows
+
+
+def _check_delimiter(header: Sequence[str], delimiter: str, source: str) -> None:
+    if len(header) != 1:
+        return
+    for other, words in DELIMITERS.items():
+        if other != delimiter and other in header[0]:
+            raise ExperimentsError(
+                f"{source}: row 1: the columns are separated by {words}, not by "
+                f"{DELIMITERS.get(delimiter, repr(delimiter))}: '{_short(header[0])}'",
+                f'say so with the key delimiter = "{_KEY.get(other, other)}"'
+                + (' (and decimal = "," if numbers look like 0,95)' if other != "," else ""),
+            )
+
+
+def _check_header(header: Sequence[str], source: str) -> None:
+    if not header:
+        raise ExperimentsError(f"{source} has no columns", "name the columns in the first row")
+    for k, name in enumerate(header):
+        if not name:
+            raise ExperimentsError(
+                f"{source}: row 1: column {k + 1} has no name",
+                "name it in the header, or delete it",
+            )
+        if name in header[:k]:
+            raise ExperimentsError(
+                f"{source}: row 1: the column name '{name}' appears twice "
+                f"(columns {header.index(name) + 1} and {k + 1})",
+                "give each column its own name",
+            )
+
+
+def _check_lengths(
+    header: Sequence[str], rows: Sequence[tuple[int, list[str]]], delimiter: str, source: str
+) -> None:
+    for number, row in rows:
+        if len(row) != len(header):
+            raise ExperimentsError(
+                f"{source}: row {number} has {len(row)} cells, the header has {len(header)}",
+                "fill in or delete cells so that the row fits the header"
+                + ("; a decimal comma splits a number in two" if delimiter == "," else ""),
+            )
