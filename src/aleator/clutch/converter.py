@@ -1,4 +1,4 @@
-"""Torque converter: T_1 = w_m^2 f_t(nu) / f_c(nu)^2 with nu = w_1 / w_m (paper, section on the model)."""
+"""Torque converter: T_1 = w_m^2 f_t(nu) / f_c(nu)^2 with nu = w_1 / w_m, as in the paper."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from aleator.clutch.parameters import CLUTCH, Converter
 
 Array = NDArray[np.float64]
 
-#: Cells of the lookup table. Its error, max|f''| / (8 CELLS^2), is 2e-10 of f < 0.011: a shift of the
-#: shifting time far below 1e-7 s. A multiple of 10, so that every node of the PCHIP is one of the table.
+#: Cells of the lookup table. Its error, max|f''| / (8 CELLS^2), is below 1e-10 where f is of order
+#: 1e-2. A multiple of 10, so that every node of the interpolants is a node of the table.
 CELLS = 20_000
 
 
@@ -48,8 +48,8 @@ def capacity_table(converter: Converter = CLUTCH.converter) -> NDArray[np.comple
 def idle_speed(motor_speed: Array, drag: Array) -> Array:
     """Return the speed w_1 [rad/s] at which T_1(w_m, w_1) = drag w_1, the load being at rest.
 
-    `motor_speed` w_m is in rad/s, `drag` = gamma / z_M in N m s/rad. T_1 falls and the drag grows with
-    w_1, so the root is unique; bisection halves [0, w_m] down to rounding.
+    `motor_speed` w_m is in rad/s, `drag` = gamma / z_M in N m s/rad. T_1 is zero at w_1 = w_m and
+    above the drag at w_1 = 0; bisection halves [0, w_m] down to rounding.
     """
     pairs, inverse = np.unique(np.stack([motor_speed, drag]), axis=1, return_inverse=True)
     w_m, drag = pairs

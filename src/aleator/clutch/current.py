@@ -31,10 +31,20 @@ def breakpoints(
     times = np.concatenate([early, pulse_duration + offsets()[:, None]]) + delay
     peak = hold_current + pulse_current
     fallen = hold_current + c.fall_fraction * pulse_current
-    levels = [c.idle, c.high, c.high, hold_current, hold_current, peak, peak, fallen, c.high]
+    levels: list[Array | float] = [
+        c.idle,
+        c.high,
+        c.high,
+        hold_current,
+        hold_current,
+        peak,
+        peak,
+        fallen,
+        c.high,
+    ]
     return times, np.stack([rest + level for level in levels])
 
 
 def current_at(time: Array, times: Array, levels: Array) -> Array:
-    """Return the current [A] of one signal at `time` [s]: linear between breakpoints, else constant."""
+    """Return the current [A] of one signal at `time` [s], from its breakpoints."""
     return np.interp(time, times, levels)

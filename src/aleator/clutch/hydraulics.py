@@ -1,18 +1,18 @@
-"""Pressure and piston: the affine system s' = A s + B [u, u'] + c (paper, equation pressureDyn).
+"""Pressure and piston: the affine system s' = A s + B [u, u'] + c (paper, eq. pressureDyn).
 
-The current is linear between breakpoints, so the augmented state [p, p', z, u, u', 1] follows a constant
-linear system there and the solution is its matrix exponential. Time is cut into *windows* of one flank of
-the current (10 ms), aligned to the breakpoints; within a window the exponential is its own Taylor series,
-and since |eigenvalue| * 10 ms = 0.14 the terms left out are below rounding.
+The current is linear between its breakpoints, so the augmented state [p, p', z, u, u', 1] follows
+a constant linear system there and its solution is a matrix exponential. Time is cut into *windows*
+of one flank of the current (10 ms), aligned to the breakpoints. Within a window the exponential is
+its Taylor series: |eigenvalue| * 10 ms = 0.14, so the terms left out are below rounding.
 
-The bias c_2 is the only place where x_1 enters. By linearity z~ = z_A(t) + x_1 z_B(t): the states here
-are those of z_A, without bias, and z_B has the closed form of `bias_response`.
+The bias c_2 is the only place where x_1 enters. By linearity z~ = z_A(t) + x_1 z_B(t). The states
+here are those of z_A, without bias; z_B' = a_5 z_B + c_2 has the solution
+z_B = (c_2 / a_5)(exp(a_5 t) - 1), which `plates.positions` adds.
 """
 
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -24,9 +24,7 @@ from aleator.clutch.parameters import CLUTCH
 
 Array = NDArray[np.float64]
 
-WINDOW = (
-    CLUTCH.current.flank
-)  #: s; a divisor of every offset of the current after the filling pulse
+WINDOW = CLUTCH.current.flank  #: s, a divisor of every offset of the current after the pulse
 _TERMS = 14  # 0.3^14 / 14! = 5e-19: below rounding up to twice the natural frequency
 
 
@@ -43,7 +41,7 @@ class Signals:
 
 @dataclass(frozen=True)
 class Window:
-    """A stretch of time in which the currents are linear, with 2 n + 1 equidistant instants."""
+    """A stretch of time in which every current is linear, with 2 n + 1 equidistant instants."""
 
     start: Array  #: s, (S,)
     length: Array  #: s, (S,) or (1,)
@@ -52,7 +50,7 @@ class Window:
 
 
 def system(frequency_factor: float = 1.0) -> Array:
-    """Return the matrix of the augmented state [p, p', z, u, u', 1] without the bias c_2, SI units."""
+    """Return the matrix of the augmented state [p, p', z, u, u', 1] without c_2, in SI units."""
     h = CLUTCH.hydraulics
     omega = h.natural_frequency * frequency_factor
     a1, a2, b1 = -(omega**2), -2 * h.damping * omega, h.gain * omega**2
@@ -64,15 +62,69 @@ def system(frequency_factor: float = 1.0) -> Array:
     return matrix
 
 
-def bias_response(time: Array) -> Array:
-    """Return z_B [m], the answer of the piston to the bias: z_B' = a_5 z_B + c_2, z_B(0) = 0."""
-    h = CLUTCH.hydraulics
-    return np.asarray(h.c2 / h.a5 * np.expm1(h.a5 * time))
+def windows(signals: Signals, steps: int) -> Iterator[Window]:
+    """Yield windows of `steps` steps each, with node and mid-step values, from t = 0 without end.
+
+    The first windows absorb what is not a multiple of 10 ms: the delay of the valve, the rising
+    flank, the rest of the filling pulse. From then on all signals share one length, and every
+    breakpoint is the start of a window.
+    """
+    times, levels = breakpoints(
+        signals.pulse_duration, signals.hold_current, signals.pulse_current, signals.delay
+    )
+    chamber = _Chamber(signals.frequency_factor, steps)
+    whole, rest = _whole_windows(times[2] - times[1])
+    full = np.array([WINDOW])
+    if signals.delay.any():
+        yield chamber.fill(signals.delay, levels[0], 0.0)
+    yield chamber.fill(full, levels[0], (levels[1] - levels[0]) / WINDOW)
+    if rest.any():
+        yield chamber.fill(rest, levels[1], 0.0)
+    knots = np.rint(offsets() / WINDOW).astype(np.intp)
+    slopes = np.zeros_like(levels)  # A/s after each breakpoint; none after the last
+    slopes[2:-1] = np.diff(levels[2:], axis=0) / np.diff(offsets())[:, None]
+    column = np.arange(len(whole))
+    index = -whole  # windows since the end of the filling pulse
+    while True:
+        knot = np.searchsorted(knots, index, side="right") + 1  # row of the last breakpoint
+        slope = slopes[knot, column]
+        since = (index - knots[knot - 2]) * WINDOW  # of no effect in the filling pulse: no slope
+        yield chamber.fill(full, levels[knot, column] + slope * since, slope)
+        index = index + 1
+
+
+class _Chamber:
+    """The state of the hydraulics of every signal, and how it moves on by a window."""
+
+    def __init__(self, frequency_factor: Array, steps: int) -> None:
+        shared = np.all(frequency_factor == frequency_factor[0])
+        factors = frequency_factor[:1] if shared else frequency_factor
+        self._series = np.stack([_taylor_rows(float(factor)) for factor in factors])
+        self._fractions = np.linspace(0.0, 1.0, 2 * steps + 1)[:, None]
+        self._state = np.zeros((6, len(frequency_factor)))
+        self._state[5] = 1.0
+        self._now = np.zeros(len(frequency_factor))
+
+    def fill(self, length: Array, current: Array, slope: Array | float) -> Window:
+        """Return the next window, over which the current starts at `current` with `slope`."""
+        self._state[3], self._state[4] = current, slope
+        values = _evaluate(_coefficients(self._series, self._state), self._fractions * length)
+        self._state[:3] = values[-1]
+        start, self._now = self._now, self._now + length
+        return Window(start, length, values[:, 0], values[:, 2])
+
+
+def _whole_windows(plateau: Array) -> tuple[NDArray[np.intp], Array]:
+    """Return how many windows fit into the plateau of the filling pulse, and the rest [s]."""
+    snap = 1e-9  # of a window: what is left of 0.09 s minus 8 times 0.01 s is rounding
+    whole = np.floor(plateau / WINDOW + snap)
+    rest = plateau - whole * WINDOW
+    return whole.astype(np.intp), np.where(rest > snap * WINDOW, rest, 0.0)
 
 
 @functools.lru_cache(maxsize=512)
-def _series_of(frequency_factor: float) -> Array:
-    """Return rows p, p', z of matrix^k / k!, shape (3 * _TERMS, 6)."""
+def _taylor_rows(frequency_factor: float) -> Array:
+    """Return the rows p, p', z of matrix^k / k! for all k, shape (3 _TERMS, 6)."""
     matrix, term = system(frequency_factor), np.eye(6)
     rows = []
     for k in range(_TERMS):
@@ -89,62 +141,9 @@ def _coefficients(series: Array, state: Array) -> Array:
 
 
 def _evaluate(coefficients: Array, instants: Array) -> Array:
-    """Return p, p', z at `instants` since the start, (m, S) or (m, 1); shape (m, 3, S)."""
+    """Return p, p', z at `instants` since the window's start, (m, S) or (m, 1): (m, 3, S)."""
     powers = instants[..., None] ** np.arange(_TERMS)
     if instants.shape[1] == 1:
         return np.asarray((powers[:, 0] @ coefficients).reshape(len(instants), 3, -1))
     shaped = coefficients.reshape(_TERMS, 3, -1)
     return np.asarray(np.einsum("msk,kcs->mcs", powers, shaped))
-
-
-def windows(signals: Signals, steps: int) -> Iterator[Window]:
-    """Yield windows of `steps` steps each, with node and mid-step values, from t = 0 without end.
-
-    The first windows absorb what is not a multiple of the window: the delay of the valve, the rising
-    flank, the rest of the filling pulse. After them all signals share one length and every breakpoint
-    is the start of a window.
-    """
-    times, levels = breakpoints(
-        signals.pulse_duration, signals.hold_current, signals.pulse_current, signals.delay
-    )
-    series = np.stack([_series_of(float(f)) for f in _shared(signals.frequency_factor)])
-    plateau = times[2] - times[1]
-    whole = np.floor(plateau / WINDOW + 1e-9)
-    rest = np.maximum(plateau - whole * WINDOW, 0.0)
-    rest[rest < 1e-9 * WINDOW] = 0.0
-    knots = np.rint(offsets() / WINDOW).astype(np.intp)
-    slopes = np.append(np.diff(levels, axis=0), np.zeros((1, levels.shape[1])), axis=0)
-    slopes[:-1] /= np.diff(times, axis=0)
-    column = np.arange(levels.shape[1])
-    fractions = np.linspace(0.0, 1.0, 2 * steps + 1)[:, None]
-
-    state = np.zeros((6, levels.shape[1]))
-    state[5] = 1.0
-    now = np.zeros(levels.shape[1])
-
-    def window(length: Array, current: Array, slope: Array | float) -> Window:
-        nonlocal now
-        state[3], state[4] = current, slope
-        values = _evaluate(_coefficients(series, state), fractions * length)
-        state[:3] = values[-1]
-        start, now = now, now + length
-        return Window(start, length, values[:, 0], values[:, 2])
-
-    full = np.array([WINDOW])
-    if signals.delay.any():
-        yield window(signals.delay, levels[0], 0.0)
-    yield window(full, levels[0], slopes[0])
-    if rest.any():
-        yield window(rest, levels[1], 0.0)
-    index = -whole.astype(np.intp)  # windows since the end of the filling pulse
-    while True:
-        knot = np.searchsorted(knots, index, side="right") + 1  # row of the last breakpoint
-        slope = slopes[knot, column]
-        since = np.where(knot > 1, index - knots[knot - 2], 0) * WINDOW
-        yield window(full, levels[knot, column] + slope * since, slope)
-        index = index + 1
-
-
-def _shared(values: Array) -> Array:
-    """Return a single value if all are equal, else all of them."""
-    return values[:1] if np.all(values == values[0]) else values

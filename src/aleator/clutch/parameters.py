@@ -1,9 +1,9 @@
 """Every number of the wet clutch, with its unit and where it comes from.
 
-The mark (i) means *invented*: the paper gives the structure of the model, but neither its measurements
-nor these parameters. Invented values were tuned together, so that the model behaves as the paper
-describes: all 108 experiments synchronize, in 0.55 to 1.29 s at nominal, every factor has a clear effect,
-and one experiment (number 16) has an outcome with two modes.
+The mark (i) means *invented*: the paper gives the structure of the model, but neither its
+measurements nor these parameters. Invented values were tuned together, so that the model behaves as
+the paper describes: all 108 experiments synchronize, in 0.55 to 1.29 s at nominal, every factor has
+a clear effect, and one experiment (number 16) has an outcome with two modes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Current:
 
 @dataclass(frozen=True)
 class Hydraulics:
-    """Valve, hydraulic chamber and piston: the affine system of the paper's equation (pressureDyn)."""
+    """Valve, hydraulic chamber and piston: the affine system of the paper's eq. pressureDyn."""
 
     natural_frequency: float = 14.0  #: rad/s, a1 = -196 1/s^2 (i)
     damping: float = 0.95  #: -, a2 = -26.6 1/s (i)
@@ -65,8 +65,9 @@ class Shafts:
 class Converter:
     """Torque ratio f_t and K-factor of the torque converter over the speed ratio nu = w_1 / w_m.
 
-    The nodes are those of the automatic-transmission demonstration of MathWorks as public repositories
-    reproduce them, with f_t(0.9) = 0.999 rounded to 1; the node nu = 1 (no torque) is (i).
+    The nodes are those of the automatic-transmission demonstration of MathWorks as public
+    repositories reproduce them, with f_t(0.9) = 0.999 rounded to 1; the node nu = 1, where no
+    torque is left, is (i).
     """
 
     speed_ratio: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  #: -

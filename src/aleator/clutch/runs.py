@@ -1,8 +1,8 @@
-"""Runs: validated conditions and parameters of R simulations, one array per quantity."""
+"""Runs: checked conditions and parameters of R simulations, one array per quantity."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,12 +13,21 @@ from aleator.errors import SimulatorError
 
 Array = NDArray[np.float64]
 
+#: The bench's deviations from the model, as the model has them: none.
+_AS_MODELED = {
+    "delay": 0.0,
+    "frequency_factor": 1.0,
+    "drag_factor": 1.0,
+    "friction_factor": 1.0,
+    "fade": 0.0,
+}
+
 
 @dataclass(frozen=True)
 class Runs:
-    """R runs; every field has shape (R,). The fields after `zp_scale` are 'as modeled' by default.
+    """R runs; every field has shape (R,).
 
-    They exist for the virtual test bench, which differs from the model in ways the model cannot follow.
+    From `delay` on, the fields are deviations that only the virtual test bench has.
     """
 
     pulse_duration: Array  #: s, Delta t
@@ -32,67 +41,55 @@ class Runs:
     frequency_factor: Array  #: -, on the natural frequency of the hydraulics
     drag_factor: Array  #: -, on gamma
     friction_factor: Array  #: -, on alpha
-    fade: Array  #: -, friction is alpha (1 - fade exp(-slip / FADE_SPEED))
+    fade: Array  #: -, F = alpha (1 - fade exp(-slip / FADE_SPEED)) ...
 
-    def take(self, index: NDArray[np.intp] | slice) -> Runs:
+    def take(self, index: NDArray[np.intp]) -> Runs:
         """Return the runs at `index`."""
-        return Runs(*(getattr(self, f.name)[index] for f in fields(self)))
+        return Runs(*(values[index] for values in vars(self).values()))
 
 
-def _require(name: str, values: Array, good: NDArray[np.bool_], expected: str) -> None:
-    if not np.all(good):
-        worst = float(values[~good][0])
-        raise SimulatorError(f"{name} = {worst:g} is not admissible", f"use {expected}")
+def make_runs(**given: ArrayLike) -> Runs:
+    """Return checked runs from the fields of `Runs`, broadcast; `motor_speed` is in rpm here.
 
-
-def make_runs(
-    *,
-    pulse_duration: ArrayLike,
-    hold_current: ArrayLike,
-    pulse_current: ArrayLike,
-    motor_speed: ArrayLike,
-    brake_torque: ArrayLike,
-    c2_scale: ArrayLike,
-    zp_scale: ArrayLike,
-    delay: ArrayLike = 0.0,
-    frequency_factor: ArrayLike = 1.0,
-    drag_factor: ArrayLike = 1.0,
-    friction_factor: ArrayLike = 1.0,
-    fade: ArrayLike = 0.0,
-) -> Runs:
-    """Return broadcast, checked runs; `motor_speed` in rpm, the rest in the units of `Runs`."""
-    given = dict(locals())
+    Raises SimulatorError for arguments that do not fit together or that no test bench could run.
+    """
+    names = [field.name for field in fields(Runs)]
+    quantities = {**_AS_MODELED, **given}
     try:
-        arrays = [np.asarray(value, dtype=np.float64) for value in given.values()]
-        flat = [np.atleast_1d(a).copy() for a in np.broadcast_arrays(*arrays)]
+        arrays = [np.asarray(quantities[name], dtype=np.float64) for name in names]
+        broadcast = [np.atleast_1d(array) for array in np.broadcast_arrays(*arrays)]
     except (TypeError, ValueError) as error:
         raise SimulatorError(
             f"the arguments of the clutch do not fit together: {error}",
-            "give numbers, or one-dimensional arrays of the same length",
+            "give numbers, or one-dimensional arrays of one length",
         ) from error
-    if flat[0].ndim != 1:
+    if broadcast[0].ndim != 1:
         raise SimulatorError(
-            "the arguments of the clutch have more than one dimension", "ravel them"
+            f"the arguments of the clutch have {broadcast[0].ndim} dimensions",
+            "give numbers, or one-dimensional arrays of one length",
         )
-    runs = Runs(**dict(zip(given, flat, strict=True)))
+    runs = Runs(*broadcast)
     _check(runs)
-    return Runs(**{**vars(runs), "motor_speed": runs.motor_speed * np.pi / 30})
+    return replace(runs, motor_speed=runs.motor_speed * np.pi / 30.0)
 
 
 def _check(runs: Runs) -> None:
     """Raise SimulatorError for conditions that no test bench could run."""
     current = CLUTCH.current
-    last = current.end - offsets()[-1]
+    last = current.end - float(offsets()[-1])
     duration = runs.pulse_duration
-    _require(
-        "pulse_duration",
-        duration,
-        (duration > current.flank) & (duration <= last),
-        f"more than {current.flank:g} and at most {last:g} s",
-    )
+    possible = (duration > current.flank) & (duration <= last)
+    expected = f"use more than {current.flank:g} and at most {last:g} s"
+    _require("pulse_duration", duration, possible, expected)
     for name in ("hold_current", "pulse_current"):
         values = getattr(runs, name)
-        _require(name, values, (values >= 0) & np.isfinite(values), "a finite current >= 0 A")
+        _require(name, values, (values >= 0.0) & (values < np.inf), "use a current >= 0 A")
     for name, unit in (("motor_speed", "rpm"), ("brake_torque", "N m")):
         values = getattr(runs, name)
-        _require(name, values, (values > 0) & np.isfinite(values), f"a finite value > 0 {unit}")
+        _require(name, values, (values > 0.0) & (values < np.inf), f"use a value > 0 {unit}")
+
+
+def _require(name: str, values: Array, good: NDArray[np.bool_], remedy: str) -> None:
+    if not np.all(good):
+        run = int(np.argmin(good))
+        raise SimulatorError(f"run {run}: {name} = {values[run]:g} is not admissible", remedy)
