@@ -1,7 +1,7 @@
 """The record of completed runs, in memory and as a file that a later identification reuses.
 
 The file is a CSV table (experiment id, parameters, outcome in its original unit) under one line
-with the fingerprint of simulator, conditions and parameters: runs of another model are never reused.
+with the fingerprint of simulator, conditions and parameters: no runs of another model are reused.
 """
 
 from __future__ import annotations

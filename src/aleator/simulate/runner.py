@@ -42,6 +42,7 @@ class Runner:
     transform of the experiments. Experiments under the same conditions share their runs, and a run
     that is in `known` (see record) is not repeated; both need exactly equal numbers.
 
+    `group` (N,) is, for each experiment, the first one under the same conditions.
     `runs` counts the runs that were needed, those from `known` (`reused`) included, so that an
     identification resumed tells the same number as one that was not interrupted.
 
@@ -71,7 +72,7 @@ class Runner:
         self.progress = progress or Silent()
         asked = self.simulator.asks([*map(str, experiments.conditions.columns)], self.parameters)
         self._conditions = {name: experiments.conditions[name].to_numpy() for name in asked}
-        self._group = _groups([*self._conditions.values()], len(self.ids))
+        self.group = _groups([*self._conditions.values()], len(self.ids))
         self._known: dict[bytes, float] = {}
         self._reused_runs: list[Runs] = []
         self._blocks: list[Runs] = []
@@ -123,7 +124,7 @@ class Runner:
         """Run experiment `index` (R,) with parameters `x` (R, n): outcomes (R,), transformed."""
         at = np.asarray(index, dtype=np.intp)
         points = np.asarray(x, dtype=np.float64)
-        if not self._known and len(set(self._group.tolist())) == len(self.ids):
+        if not self._known and len(set(self.group.tolist())) == len(self.ids):
             self.runs += len(at)
             return transformed(self._run(at, points), self.transform)
         # Distinct runs in the order of their first appearance.
@@ -138,7 +139,7 @@ class Runner:
         return transformed(outcome[inverse], self.transform)
 
     def _keys(self, index: Ints, x: Floats) -> list[bytes]:
-        rows = np.column_stack([self._group[index], x])
+        rows = np.column_stack([self.group[index], x])
         return [row.tobytes() for row in rows]
 
     def _run(self, index: Ints, x: Floats) -> Floats:

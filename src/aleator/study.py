@@ -1,0 +1,281 @@
+"""study.toml to the values that an identification takes; every mistake in it is one StudyError."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from aleator.densities import Density
+from aleator.errors import AleatorError, StudyError, nearest
+from aleator.experiments import Conditions, Experiments
+from aleator.inputs import Inputs
+from aleator.noise import Noise
+from aleator.problem import Model
+from aleator.propagation import Collocation
+from aleator.response import ResponseSurface
+from aleator.search import GradientMultistart
+from aleator.sections import ExperimentsSection, StudyFile
+from aleator.simulate import FunctionSimulator, Runner, load_function
+from aleator.verification import MonteCarlo
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study file, read and checked: what `aleator.identify` takes, and where it came from.
+
+    `file` is the study file, `sha256` the hash of its bytes.
+    """
+
+    file: Path
+    sha256: str
+    title: str
+    seed: int
+    experiments: Experiments
+    simulator: FunctionSimulator
+    inputs: Inputs
+    noise: Noise | None
+    propagation: ResponseSurface | Collocation
+    density: Density
+    search: GradientMultistart
+    verification: MonteCarlo
+    table: ExperimentsSection
+
+    @property
+    def model(self) -> Model:
+        """The choices that, with a simulator and a table, make a likelihood."""
+        return Model(self.inputs, self.noise, self.propagation, self.density)
+
+    def overridden(
+        self, seed: int | None = None, starts: int | None = None, verified: bool = True
+    ) -> Study:
+        """The study with another seed or number of starts, or without its verification.
+
+        Raises InputsError for fewer than one start.
+        """
+        return replace(
+            self,
+            seed=self.seed if seed is None else seed,
+            search=self.search if starts is None else replace(self.search, starts=starts),
+            verification=self.verification if verified else MonteCarlo(0),
+        )
+
+    def runner(self, conditions: Conditions | None = None) -> Runner:
+        """The simulator on the study's experiments, or on other conditions.
+
+        Raises SimulatorError where the function does not take these conditions and parameters.
+        """
+        return Runner(self.simulator, conditions or self.experiments, self.inputs.names)
+
+    def read_conditions(self, path: str | Path) -> Conditions:
+        """Read a table of new conditions, written as the study's table is; it has no outcomes.
+
+        An id column of the study that the new table lacks is not missed, nor are conditions that
+        the simulator does not ask for. Raises ExperimentsError as Experiments.from_csv does.
+        """
+        asked = self.simulator.asks(
+            [*map(str, self.experiments.conditions.columns)], self.inputs.names
+        )
+        return Conditions.from_csv(
+            path,
+            id=self.table.id,
+            conditions=asked,
+            transform=self.experiments.transform,
+            delimiter=self.table.delimiter,
+            decimal=self.table.decimal,
+        )
+
+
+def load_study(path: str | Path) -> Study:
+    """Read a study file with its table of experiments and its simulator.
+
+    Paths in the file are relative to it. Raises StudyError naming file, key, value, cause and
+    remedy, ExperimentsError for the table, SimulatorError for a function that cannot be imported
+    or does not take the table's conditions and the study's parameters.
+    """
+    path = Path(path)
+    raw = _read(path)
+    document = _parse(raw, path)
+    try:
+        file = StudyFile.model_validate(document)
+    except ValidationError as error:
+        raise _study_error(error, document, path) from None
+    study = _build(file, path, hashlib.sha256(raw).hexdigest())
+    study.runner()
+    return study
+
+
+def _build(file: StudyFile, path: Path, sha256: str) -> Study:
+    def made(key: str, make: Callable[[], T]) -> T:
+        try:
+            return make()
+        except AleatorError as error:
+            raise StudyError(f"{path}: key '{key}': {error.problem}", error.remedy) from None
+
+    table = file.experiments
+    laws = {
+        name: made(f"parameters.{name}", section.build) for name, section in file.parameters.items()
+    }
+    return Study(
+        file=path,
+        sha256=sha256,
+        title=file.title,
+        seed=file.seed,
+        experiments=Experiments.from_csv(
+            path.parent / table.file,
+            outcome=table.outcome,
+            id=table.id,
+            conditions=table.conditions,
+            transform=table.transform,
+            delimiter=table.delimiter,
+            decimal=table.decimal,
+        ),
+        simulator=FunctionSimulator(
+            made("simulator.function", lambda: load_function(file.simulator.function, path.parent)),
+            file.simulator.vectorized,
+        ),
+        inputs=made("parameters", lambda: Inputs(laws)),
+        noise=None if file.noise is None else made("noise.sd", file.noise.build),
+        propagation=made("propagation", file.propagation.build),
+        density=made("density", file.density.build),
+        search=made("search", file.search.build),
+        verification=made("verification", file.verification.build),
+        table=table,
+    )
+
+
+def _read(path: Path) -> bytes:
+    if path.is_dir():
+        inside = path / "study.toml"
+        remedy = f"name the file: {inside}" if inside.is_file() else "name a study file (TOML)"
+        raise StudyError(f"{path} is a folder, not a study file", remedy)
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        folder = path.parent
+        names = sorted(p.name for p in folder.glob("*.toml")) if folder.is_dir() else []
+        raise StudyError(
+            f"{path}: there is no such file{nearest(path.name, names)}", "check the name"
+        ) from None
+    except OSError as error:
+        raise StudyError(
+            f"{path}: the file cannot be read: {error.strerror}", "check its permissions"
+        ) from None
+
+
+def _parse(raw: bytes, path: Path) -> dict[str, Any]:
+    try:
+        text = raw.decode("utf-8-sig")
+        return tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        raise StudyError(f"{path}: line {line} is not UTF-8 text", "save it as UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(
+            f"{path}: this is not TOML: {error}{_line(str(error), text)}",
+            "a key needs a value: text in quotes, numbers with a point, lists in brackets",
+        ) from None
+
+
+def _line(message: str, text: str) -> str:
+    """The line that a message of tomllib speaks of, to be printed after it."""
+    _, found, rest = message.partition("at line ")
+    number = rest.partition(",")[0]
+    lines = text.splitlines()
+    if not found or not number.isdigit() or int(number) > len(lines):
+        return ""
+    return f": {lines[int(number) - 1].strip()[:60]!r}"
+
+
+def _study_error(error: ValidationError, document: Mapping[str, Any], path: Path) -> StudyError:
+    """One message for everything that is wrong with the keys."""
+    faults = [_fault(details, document) for details in error.errors(include_url=False)]
+    lines = [f"{path}: {problem}" for problem, _ in faults]
+    if len(faults) == 1:
+        return StudyError(lines[0], faults[0][1])
+    numbered = [f"{line}: {remedy}" for line, (_, remedy) in zip(lines, faults, strict=True)]
+    return StudyError(
+        f"{path}: {len(faults)} keys are wrong\n  " + "\n  ".join(numbered), "correct these keys"
+    )
+
+
+def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str]:
+    """What is wrong with one key, and what to do about it."""
+    context: dict[str, Any] = dict(details.get("ctx", {}))
+    kind = details["type"]
+    location = _key(details["loc"], document, missing=kind == "missing")
+    if "key" in context:
+        location = f"{location}.{context['key']}" if location else str(context["key"])
+    key = f"key '{location}'"
+    if kind == "unknown_key":
+        return f"{key}: {context['problem']}", str(context["remedy"])
+    if kind == "inadmissible":
+        return f"{key}: {context['problem']}", str(context["remedy"])
+    if kind == "missing":
+        return f"{key} is missing", "add it"
+    if kind == "union_tag_not_found":
+        return f"key '{location}.law' is missing", 'say which law it is: law = "normal", ...'
+    if kind == "union_tag_invalid":
+        name = str(context["discriminator"]).strip("'")
+        name = "method" if name.startswith("_") else name
+        known = [known.strip(" '") for known in str(context["expected_tags"]).split(",")]
+        return _unknown(f"{location}.{name}", context["tag"], known)
+    shown = f"{key} = {_toml(details.get('input'))}"
+    if kind == "literal_error":
+        expected = str(context["expected"])
+        known = [word.strip("'") for word in expected.replace(" or ", ", ").split(", ")]
+        return _unknown(location, details.get("input"), known)
+    if kind in ("model_type", "dict_type", "model_attributes_type"):
+        return f"{shown} is not a table", f"write [{location}] and its keys under it"
+    message = details["msg"]
+    message = message.removeprefix("Input ").removeprefix("Value ").removeprefix("List ")
+    return f"{shown}: it {message}", _WANTED.get(kind, "correct the value")
+
+
+def _unknown(key: str, value: object, known: Sequence[str]) -> tuple[str, str]:
+    return (
+        f"key '{key}' = {_toml(value)} is not known{nearest(str(value), known)}",
+        f"choose one of {', '.join(known)}",
+    )
+
+
+_WANTED = {
+    "float_type": "write a number without quotes, such as 0.5",
+    "int_type": "write a whole number without quotes, such as 10",
+    "bool_type": "write true or false, without quotes",
+    "string_type": 'write a text in quotes: "..."',
+    "list_type": "write a list in brackets: [..., ...]",
+    "too_short": "write as many values as it says",
+    "too_long": "write as many values as it says",
+    "finite_number": "write a finite number",
+}
+
+
+def _key(location: Sequence[str | int], document: Mapping[str, Any], missing: bool) -> str:
+    """The path of a key in the file; what pydantic adds to tell alternatives apart is left out."""
+    at: Any = document
+    path = ""
+    for k, part in enumerate(location):
+        inside = (isinstance(at, Mapping) and part in at) or (
+            isinstance(at, list) and isinstance(part, int)
+        )
+        if not inside and not (missing and k == len(location) - 1):
+            continue
+        at = at[part] if inside else None
+        path += f"[{part}]" if isinstance(part, int) else f".{part}" if path else str(part)
+    return path
+
+
+def _toml(value: object) -> str:
+    """A value as it is written in TOML, cut to one line."""
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    text = text.replace("'", '"')
+    return text if len(text) <= 60 else text[:57] + "..."
