@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import qmc
 
 from aleator.errors import InputsError
 from aleator.inputs import Inputs
@@ -18,18 +20,24 @@ Run = Callable[[NDArray[np.int64], Array], Array]
 CHUNK_RUNS = 20_000
 """Runs handed to the simulator at once, so that progress can be shown and Ctrl-C answered."""
 
+REPLICATES = 8
+"""Independently shifted copies of the points; their scatter gives the standard error."""
+
 
 @dataclass(frozen=True)
 class MonteCarlo:
     """The user's choice of the check: `samples` simulator runs an experiment (0: no check).
 
+    They are spread over eight shifted copies of a Sobol' point set, and rounded up to eight times
+    a power of two.
+
     Raises InputsError for a number of samples between 1 and 49: a density needs more.
 
-    >>> MonteCarlo(samples=1000).samples
-    1000
+    >>> MonteCarlo(samples=1000).points  # a copy: 8 * 128 = 1024 runs an experiment
+    128
     """
 
-    samples: int = 1000
+    samples: int = 1024
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
@@ -64,40 +72,52 @@ def verify(
     seed: int,
     progress: Progress | None = None,
 ) -> Verification:
-    """Estimate every log f_l(y_l | alpha) from `choice.samples` independent runs.
+    """Estimate every log f_l(y_l | alpha) from `choice.samples` runs an experiment.
 
-    With noise the density is the mean of Normal(y; Y_s, noise_sd^2), unbiased. Without noise it
-    is a kernel estimate of fourth order (Wand and Jones, 1995, sec. 2.8). The logarithm's bias
-    -var/2 is corrected. The standard error is that of independent samples, combined with half
-    the difference of the kernels of fourth and second order as a bound of the smoothing bias.
-    Cost: N S runs.
+    The points are randomly shifted Sobol' points mapped by the quantiles of the law (randomized
+    quasi-Monte Carlo: unbiased, and the scatter of the eight copies gives its error). With noise
+    the density is the mean of Normal(y; Y_s, noise_sd^2), unbiased. Without noise it is a kernel
+    estimate of fourth order (Wand and Jones, 1995, sec. 2.8), and half its difference from the
+    estimate of second order is added to the standard error as a bound of the smoothing bias. The
+    bias -var/2 of the logarithm is corrected. Cost: N S runs.
     """
-    count, samples = measured.size, choice.samples
-    rng = np.random.default_rng(seed)
-    uniform = rng.random((count * samples, len(inputs.names)))
-    x = inputs.sample(alpha[: inputs.slices[-1].stop], uniform)
-    index = np.repeat(np.arange(count), samples)
-    outcomes = _run_in_chunks(run, index, x, progress or Silent()).reshape(count, samples)
+    count = measured.size
+    x = _points(inputs, alpha, count, choice.points, seed)
+    flat = x.reshape(-1, x.shape[-1])
+    index = np.repeat(np.arange(count), REPLICATES * choice.points)
+    outcomes = _run_in_chunks(run, index, flat, progress or Silent()).reshape(count, -1)
     if noise_sd > 0.0:
         terms = _normal_pdf((measured[:, None] - outcomes) / noise_sd) / noise_sd
         smoothing = np.zeros(count)
     else:
         terms, smoothing = _kernel_terms(outcomes, measured)
-    density = terms.mean(axis=1)
-    relative = terms.std(axis=1, ddof=1) / np.sqrt(samples) / np.where(density > 0, density, 1.0)
+    copies = terms.reshape(count, REPLICATES, choice.points).mean(axis=2)
+    density = copies.mean(axis=1)
+    error = copies.std(axis=1, ddof=1) / math.sqrt(REPLICATES)
+    relative = error / np.where(density > 0.0, density, 1.0)
     with np.errstate(divide="ignore"):
         log_density = np.log(np.maximum(density, 0.0))
     # E log f^ = log f - var(f^)/(2 f^2); of use only where the relative error is small
     each = log_density + 0.5 * np.minimum(relative, 1.0) ** 2
-    total_error = float(np.hypot(np.sqrt(np.sum(relative**2)), np.sum(smoothing)))
     return Verification(
         each,
         np.hypot(relative, smoothing),
         float(each.sum()),
-        total_error,
+        float(np.hypot(np.sqrt(np.sum(relative**2)), np.sum(smoothing))),
         outcomes,
-        x.reshape(count, samples, -1),
+        x.reshape(count, -1, x.shape[-1]),
     )
+
+
+def _points(inputs: Inputs, alpha: Array, count: int, points: int, seed: int) -> Array:
+    """Parameters (N, copies, points, n): one Sobol' set, shifted modulo one for every copy."""
+    rng = np.random.default_rng(seed)
+    n = len(inputs.names)
+    base = qmc.Sobol(n, rng=rng).random(points)
+    uniform = (base + rng.random((count, REPLICATES, 1, n))) % 1.0
+    inside = np.clip(uniform, 1e-12, 1.0 - 1e-12).reshape(-1, n)
+    x = inputs.sample(alpha[: inputs.slices[-1].stop], inside)
+    return x.reshape(count, REPLICATES, points, n)
 
 
 def _run_in_chunks(run: Run, index: NDArray[np.int64], x: Array, progress: Progress) -> Array:

@@ -1,0 +1,85 @@
+"""The distribution of the outcome under conditions that were never tested."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from aleator.densities import Status
+from aleator.errors import InputsError, nearest
+from aleator.experiments import Conditions
+from aleator.identification import QUANTILES
+from aleator.problem import Model, prepare
+from aleator.progress import Progress
+from aleator.simulate import FunctionSimulator, Runner, Simulator
+
+Array = NDArray[np.float64]
+
+
+def predict(
+    simulator: Callable[..., Any] | Simulator | Runner,
+    conditions: Conditions | pd.DataFrame,
+    model: Model,
+    alpha: Mapping[str, float],
+    *,
+    vectorized: bool = False,
+    quantiles: tuple[float, ...] = QUANTILES,
+    progress: Progress | None = None,
+) -> pd.DataFrame:
+    """Mean, standard deviation and quantiles of the outcome for new conditions under the law alpha.
+
+    `alpha` maps the name of every hyperparameter of the model to its value, as an Identification's
+    estimates do. The outcome includes measurement noise; with a "log" transform it is the
+    logarithm. Returns a table with a row for each condition: id, mean, standard_deviation,
+    skewness, kurtosis, a column ``q<p>`` for each quantile, and the density's status.
+    Raises InputsError where alpha lacks a hyperparameter or has an unknown one. Cost: the runs of
+    one response surface for each condition.
+
+    >>> from aleator.densities import MaximumEntropy
+    >>> from aleator.inputs import Inputs
+    >>> from aleator.laws import Normal
+    >>> from aleator.response import ResponseSurface
+    >>> model = Model(Inputs({"x": Normal(1.0, 0.1)}), None, ResponseSurface(), MaximumEntropy(4))
+    >>> table = predict(lambda load, x: load * x, pd.DataFrame({"load": [10.0]}), model,
+    ...                 {"x.mean": 1.0, "x.sd": 0.1})
+    >>> table[["mean", "standard_deviation", "q0.5"]].round(6).to_numpy().tolist()
+    [[10.0, 1.0, 10.0]]
+    """
+    table = conditions if isinstance(conditions, Conditions) else Conditions.from_frame(conditions)
+    values = _in_order(model, alpha)
+    if not isinstance(simulator, Runner):
+        if not hasattr(simulator, "asks"):
+            simulator = FunctionSimulator(simulator, vectorized)
+        simulator = Runner(simulator, table, model.inputs.names)
+    # there is no outcome to look at: any finite number will do where the likelihood wants one
+    problem = prepare(simulator, np.zeros(len(table.ids)), model, progress)
+    moments, fitted = problem.likelihood.moments(values), problem.likelihood.fit(values)
+    found = fitted.quantile(np.array(quantiles))
+    columns: dict[str, Any] = {
+        "id": list(table.ids),
+        "mean": moments.mean,
+        "standard_deviation": moments.sd,
+        "skewness": moments.standardized[:, 3],
+        "kurtosis": moments.standardized[:, 4],
+    }
+    columns |= {f"q{p:g}": found[:, i] for i, p in enumerate(quantiles)}
+    columns["status"] = [Status(int(code)).name.lower() for code in fitted.status]
+    return pd.DataFrame(columns)
+
+
+def _in_order(model: Model, alpha: Mapping[str, float]) -> Array:
+    names = [h.name for h in model.hyperparameters]
+    for name in alpha:
+        if name not in names:
+            raise InputsError(
+                f"alpha has '{name}', which the model does not know{nearest(name, names)}",
+                f"the model's hyperparameters are {', '.join(names)}",
+            )
+    missing = [name for name in names if name not in alpha]
+    if missing:
+        raise InputsError(f"alpha lacks {', '.join(missing)}", "give every hyperparameter a value")
+    return np.array([float(alpha[name]) for name in names])
