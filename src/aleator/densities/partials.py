@@ -33,7 +33,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.densities.interface import Array, Mask
-from aleator.densities.legendre import legendre, substitute
+from aleator.densities.legendre import cholesky, legendre, substitute
 from aleator.densities.solution import Solution
 
 TOUCH = 1e-12
@@ -71,7 +71,8 @@ def partials(solution: Solution, u: Array) -> Partials:
     log_f = _dot(s.multipliers, phi) - s.log_z - np.log(2.0 * half)
     used = np.arange(1, order + 1) <= s.order_used[:, None]
     v = np.where(used, phi - s.mean + (falls * beyond)[:, None] * slope, 0.0)
-    w = substitute(s.factor, v)
+    factor, _ = cholesky(s.covariance)
+    w = substitute(factor, v)
     ends = legendre(np.array([-1.0, 1.0]), order)[:, 1:]
     f_a, f_b = (np.exp(s.multipliers @ end - s.log_z) / (2.0 * half) for end in ends)
     d_a = f_a * (1.0 + _dot(w, ends[0] - s.mean))

@@ -6,10 +6,9 @@ import numpy as np
 
 from aleator.densities.dual import expectations
 from aleator.densities.interface import Array, Codes
-from aleator.densities.legendre import panel_rule
-from aleator.densities.solution import PANEL_NODES, PANELS, Solution
+from aleator.densities.legendre import panel_edges
+from aleator.densities.solution import PANELS, Solution
 
-_PART_NODES = 12
 _LARGEST_BATCH = 1_000_000
 """Exponentials evaluated at once."""
 
@@ -28,9 +27,9 @@ def log_density(solution: Solution, t: Array) -> Array:
 
 def cumulative(solution: Solution, t: Array) -> Array:
     """Probability of [-1, t] for t (N, G): whole panels, and Gauss-Legendre on the broken one."""
-    edges = _panel_edges(solution)
-    panel = np.clip(np.floor(0.5 * (t + 1.0) * PANELS), 0, PANELS - 1).astype(np.int64)
-    value = np.take_along_axis(edges, panel, axis=1) + _part(solution, panel, t)
+    below = _below_panels(solution)
+    panel = np.clip(np.searchsorted(panel_edges(PANELS), t, side="right") - 1, 0, PANELS - 1)
+    value = np.take_along_axis(below, panel, axis=1) + _part(solution, panel, t)
     return np.clip(value, 0.0, 1.0)
 
 
@@ -40,7 +39,7 @@ def inverse(solution: Solution, p: Array) -> Array:
     The panel by bisection, then Newton's method within it, kept in a shrinking bracket. Cost: some
     six evaluations of the cdf.
     """
-    columns = max(1, _LARGEST_BATCH // (_PART_NODES * max(1, p.shape[0])))
+    columns = max(1, _LARGEST_BATCH // (_part_nodes(solution) * max(1, p.shape[0])))
     t = np.empty(p.shape)
     for first in range(0, p.shape[1], columns):
         part = slice(first, first + columns)
@@ -49,12 +48,11 @@ def inverse(solution: Solution, p: Array) -> Array:
 
 
 def _inverse(solution: Solution, p: Array) -> Array:
-    edges = _panel_edges(solution)
-    panel = _panel_of(edges, p)
-    wanted = p - np.take_along_axis(edges, panel, axis=1)
-    low = 2.0 * panel / PANELS - 1.0
-    high = low + 2.0 / PANELS
-    mass = np.take_along_axis(np.diff(edges, axis=1), panel, axis=1)
+    below = _below_panels(solution)
+    panel = _panel_of(below, p)
+    wanted = p - np.take_along_axis(below, panel, axis=1)
+    low, high = panel_edges(PANELS)[panel], panel_edges(PANELS)[panel + 1]
+    mass = np.take_along_axis(np.diff(below, axis=1), panel, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(mass > 0.0, wanted / mass, 0.5)
     t = low + (high - low) * np.clip(share, 0.0, 1.0)
@@ -71,22 +69,21 @@ def _inverse(solution: Solution, p: Array) -> Array:
     return np.where(p <= 0.0, -1.0, np.where(p >= 1.0, 1.0, t))
 
 
-def _panel_edges(solution: Solution) -> Array:
+def _below_panels(solution: Solution) -> Array:
     """Probability below each edge of the panels, (N, PANELS+1)."""
-    rule = panel_rule(solution.multipliers.shape[1], PANELS, PANEL_NODES)
-    probability = expectations(solution.multipliers, rule).probability
-    masses = probability.reshape(-1, PANELS, PANEL_NODES).sum(axis=2)
-    edges = np.zeros((masses.shape[0], PANELS + 1))
-    np.cumsum(masses, axis=1, out=edges[:, 1:])
-    return edges
+    probability = expectations(solution.multipliers, solution.check).probability
+    masses = probability.reshape(probability.shape[0], PANELS, -1).sum(axis=2)
+    below = np.zeros((masses.shape[0], PANELS + 1))
+    np.cumsum(masses, axis=1, out=below[:, 1:])
+    return below
 
 
-def _panel_of(edges: Array, p: Array) -> Codes:
+def _panel_of(below: Array, p: Array) -> Codes:
     """Panel (N, G) whose probability range holds p, by bisection of its number."""
     panel = np.zeros(p.shape, dtype=np.int64)
     step = PANELS // 2
     while step:
-        further = np.take_along_axis(edges, panel + step, axis=1) <= p
+        further = np.take_along_axis(below, panel + step, axis=1) <= p
         panel = np.where(further, panel + step, panel)
         step //= 2
     return panel
@@ -94,8 +91,12 @@ def _panel_of(edges: Array, p: Array) -> Codes:
 
 def _part(solution: Solution, panel: Codes, t: Array) -> Array:
     """Probability between the left edge of the panel and t, (N, G)."""
-    x, w = np.polynomial.legendre.leggauss(_PART_NODES)
-    left = 2.0 * panel / PANELS - 1.0
+    x, w = np.polynomial.legendre.leggauss(_part_nodes(solution))
+    left = panel_edges(PANELS)[panel]
     width = t - left
     points = left[..., None] + 0.5 * width[..., None] * (x + 1.0)
     return 0.25 * width * (np.exp(log_density(solution, points)) @ w)
+
+
+def _part_nodes(solution: Solution) -> int:
+    return solution.check.nodes.size // PANELS + 2

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
-from aleator.densities.dual import expectations, gaussian_start, minimize_dual
-from aleator.densities.interface import Array, Codes, Status
-from aleator.densities.legendre import gauss_rule, legendre_in_powers, panel_rule, realizable
+from aleator.densities.dual import Expectations, expectations, gaussian_start, minimize_dual
+from aleator.densities.interface import Array, Codes, Mask, Status
+from aleator.densities.legendre import (
+    Rule,
+    gauss_rule,
+    legendre_in_powers,
+    panel_rule,
+    realizable,
+)
 
 PANELS = 32
 """A power of two; the panels serve the check, the cdf and the quantile."""
 
-PANEL_NODES = 10
+_PANEL_NODES = 10
+"""At 200 nodes of the solve; more in proportion, so that the check never sees less."""
+
+_FINER = 4
+"""A solve that its check refutes is tried again with so many times the nodes."""
 
 LARGEST_RESIDUAL = 1e-6
 
@@ -27,10 +38,10 @@ _NORMAL_MOMENTS = np.array([1.0, 0.0, 1.0, 0.0, 3.0, 0.0, 15.0, 0.0, 105.0])
 class Solution:
     """Densities f(u) = exp(multipliers.phi(t(u)) - log_z)/(b - a) on [a, b] of N experiments.
 
-    `mean` (N, M) is E phi and `factor` (N, M, M) the Cholesky factor of the covariance of phi, with
-    ones on the diagonal for degrees that are not used. `powers` (N, M+1, M+1) holds phi_k in the
-    powers of u. `order_used` is M, 2 for the fallback on the same support, 0 where that fails too;
-    a row with 0 holds numbers that are finite and mean nothing.
+    `mean` (N, M) is E phi and `covariance` (N, M, M) that of phi, with an identity for degrees that
+    are not used. `powers` (N, M+1, M+1) holds phi_k in the powers of u. `order_used` (N,) is M, 2
+    for the fallback on the same support, 0 where that fails too: then the row is a uniform law
+    that stands for nothing. `check` is the rule of the residual, independent of that of the solve.
     """
 
     a: Array
@@ -38,17 +49,18 @@ class Solution:
     multipliers: Array
     log_z: Array
     mean: Array
-    factor: Array
+    covariance: Array
     powers: Array
     residual: Array
     order_used: Codes
     status: Codes
+    check: Rule
 
 
 def solve(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
     """Densities on [a, b] (N,) with the standardized moments (N, M+1), each with a status.
 
-    Where the solve of order M fails, order 2 on the same support takes its place; `status` keeps
+    Where the check refutes a solve, finer nodes are tried; where that fails too, order 2 on the same support takes its place; `status` keeps
     the failure. Cost O(N nodes M) a Newton step.
     """
     blocks = [
@@ -57,49 +69,69 @@ def solve(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
     ]
     if len(blocks) == 1:
         return blocks[0]
-    return Solution(
-        **{x.name: np.concatenate([getattr(s, x.name) for s in blocks]) for x in fields(Solution)}
-    )
+    joined: dict[str, Any] = {
+        field.name: np.concatenate([getattr(block, field.name) for block in blocks])
+        for field in fields(Solution)
+        if field.name != "check"
+    }
+    # the finest check serves all
+    return Solution(**joined, check=max((block.check for block in blocks), key=_size))
 
 
 def _solve_block(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
     best = _attempt(a, b, standardized, nodes)
+    failed = np.flatnonzero(best.status == Status.NOT_CONVERGED)
+    if failed.size > 0:
+        # narrow modes that the nodes did not see
+        fine = _attempt(a[failed], b[failed], standardized[failed], _FINER * nodes)
+        _put(best, failed, fine, fine.status == Status.SOLVED)
+        best = replace(best, check=fine.check)
     failed = np.flatnonzero(best.status)
-    if failed.size == 0:
-        return best
-    best.order_used[failed] = 0
-    second = _attempt(a[failed], b[failed], standardized[failed, :3], nodes)
+    if failed.size > 0:
+        _fall_back(best, failed, standardized[failed], nodes)
+    return best
+
+
+def _put(best: Solution, rows: Codes, other: Solution, works: Mask) -> None:
+    """Write the rows of another solution that work into these rows."""
+    for field in fields(Solution):
+        if field.name != "check":
+            getattr(best, field.name)[rows[works]] = getattr(other, field.name)[works]
+
+
+def _fall_back(best: Solution, failed: Codes, standardized: Array, nodes: int) -> None:
+    """Order 2 in the rows that failed, and a uniform law of order 0 where that fails too."""
     order = standardized.shape[1] - 1
-    works = second.status == Status.SOLVED
-    kept, rows = np.flatnonzero(works), failed[works]
-    best.multipliers[rows] = 0.0
+    second = _attempt(best.a[failed], best.b[failed], standardized[:, :3], nodes)
+    kept = np.flatnonzero(second.status == Status.SOLVED)
+    rows = failed[kept]
+    best.multipliers[failed], best.mean[failed], best.log_z[failed] = 0.0, 0.0, 0.0
+    best.covariance[failed] = np.eye(order)
+    best.order_used[failed] = 0
     best.multipliers[rows, :2] = second.multipliers[kept]
-    best.factor[rows] = np.eye(order)
-    best.factor[rows, :2, :2] = second.factor[kept]
     best.mean[rows, :2] = second.mean[kept]
+    best.covariance[rows, :2, :2] = second.covariance[kept]
     best.log_z[rows] = second.log_z[kept]
     best.order_used[rows] = 2
-    law = expectations(best.multipliers[failed], panel_rule(order, PANELS, PANEL_NODES))
-    best.residual[failed] = _residual(law.probability, a[failed], b[failed], standardized[failed])
-    plain = failed[~works]
-    best.residual[plain] = _relative(_NORMAL_MOMENTS[: order + 1], standardized[plain])
-    return best
+    law = expectations(best.multipliers[rows], best.check)
+    best.residual[failed] = _relative(_NORMAL_MOMENTS[: order + 1], standardized)
+    best.residual[rows] = _residual(law, best.check, best.a[rows], best.b[rows], standardized[kept])
 
 
 def _attempt(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
     """Solve one order; what cannot be solved keeps the multipliers of the start and a status."""
     order = standardized.shape[1] - 1
+    check = panel_rule(order, PANELS, max(_PANEL_NODES, nodes // 20))
     powers = legendre_in_powers(a, b, order)
     target = (powers @ standardized[:, :, None])[:, :, 0]
     possible = np.flatnonzero(realizable(target))
     status = np.full(a.size, int(Status.NOT_REALIZABLE))
     multipliers = gaussian_start(a, b, order)
-    solved, converged = minimize_dual(
+    multipliers[possible], converged = minimize_dual(
         target[possible, 1:], multipliers[possible], gauss_rule(order, nodes)
     )
-    multipliers[possible] = solved
-    law = expectations(multipliers, panel_rule(order, PANELS, PANEL_NODES))
-    residual = _residual(law.probability, a, b, standardized)
+    law = expectations(multipliers, check)
+    residual = _residual(law, check, a, b, standardized)
     honest = converged & (residual[possible] <= LARGEST_RESIDUAL)
     status[possible] = np.where(honest, Status.SOLVED, Status.NOT_CONVERGED)
     return Solution(
@@ -108,24 +140,23 @@ def _attempt(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
         multipliers=multipliers,
         log_z=law.log_z,
         mean=law.mean,
-        factor=law.factor,
+        covariance=law.covariance,
         powers=powers,
         residual=residual,
         order_used=np.full(a.size, order),
         status=status,
+        check=check,
     )
 
 
-def _residual(probability: Array, a: Array, b: Array, standardized: Array) -> Array:
-    """Distance of the moments of u, summed at the nodes of the independent rule, from those asked.
+def _residual(law: Expectations, check: Rule, a: Array, b: Array, standardized: Array) -> Array:
+    """Distance of the moments of u, summed at the nodes of the check, from those asked for.
 
     Powers of u itself are summed, so that a wrong conversion to Legendre moments shows as well.
     """
-    order = standardized.shape[1] - 1
-    t = panel_rule(order, PANELS, PANEL_NODES).nodes
-    u = 0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * t
-    found = np.empty_like(standardized)
-    for m in range(order + 1):
+    u = 0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * check.nodes
+    found, probability = np.empty_like(standardized), law.probability
+    for m in range(standardized.shape[1]):
         found[:, m] = probability.sum(axis=1)
         probability = probability * u
     return _relative(found, standardized)
@@ -135,3 +166,7 @@ def _relative(found: Array, asked: Array) -> Array:
     distance: Array = np.abs(found - asked) / np.maximum(1.0, np.abs(asked))
     largest: Array = distance.max(axis=1)
     return largest
+
+
+def _size(rule: Rule) -> int:
+    return rule.nodes.size
