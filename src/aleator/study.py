@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from aleator.densities import Density
-from aleator.errors import AleatorError, StudyError, nearest
+from aleator.errors import AleatorError, SimulatorError, StudyError, nearest
 from aleator.experiments import Conditions, Experiments
 from aleator.inputs import Inputs
 from aleator.noise import Noise
@@ -118,7 +118,8 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         try:
             return make()
         except AleatorError as error:
-            raise StudyError(f"{path}: key '{key}': {error.problem}", error.remedy) from None
+            kind = SimulatorError if isinstance(error, SimulatorError) else StudyError
+            raise kind(f"{path}: key '{key}': {error.problem}", error.remedy) from error
 
     table = file.experiments
     laws = {

@@ -1,7 +1,16 @@
 """How a simulator is called: by name, checked, counted, and every completed run kept."""
 
 from aleator.simulate.function import FunctionSimulator, Simulator, load_function
+from aleator.simulate.kept import keeping
 from aleator.simulate.record import Runs
 from aleator.simulate.runner import Runner, as_simulator
 
-__all__ = ["FunctionSimulator", "Runner", "Runs", "Simulator", "as_simulator", "load_function"]
+__all__ = [
+    "FunctionSimulator",
+    "Runner",
+    "Runs",
+    "Simulator",
+    "as_simulator",
+    "keeping",
+    "load_function",
+]

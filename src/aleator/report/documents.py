@@ -1,0 +1,127 @@
+"""Results as JSON files: strict, in a fixed order, the same bytes for the same numbers."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aleator.errors import AleatorError
+
+# What a reader looks for first comes first; keys that are not named here follow as they came.
+_ORDER = (
+    "title", "study", "accepted", "alpha", "correlation", "log_likelihood", "baselines",
+    "warnings", "density", "propagation", "search", "surface", "runs", "runs_by_stage",
+    "experiments", "seed", "versions", "seconds",
+)  # fmt: skip
+_NEEDED = ("alpha", "log_likelihood", "experiments")
+
+
+def plain(value: Any) -> Any:
+    """A result as JSON knows it: NumPy's numbers and arrays as Python's, NaN and infinity as null.
+
+    Raises TypeError for anything that is not a mapping, a sequence, a number, a text or None.
+
+    >>> plain({"x": np.array([1.0, np.nan]), "n": np.int64(3)})
+    {'x': [1.0, None], 'n': 3}
+    """
+    if value is None or isinstance(value, (str, bool)):
+        return value
+    if isinstance(value, np.bool_):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): plain(part) for key, part in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, Sequence):
+        return [plain(part) for part in value]
+    raise TypeError(f"{type(value).__name__} has no place in a JSON document")
+
+
+def to_json(result: Mapping[str, Any]) -> str:
+    """A result as the text of a JSON file; floats are written so that they read back exactly.
+
+    >>> to_json({"seed": 1, "title": "t"})
+    '{\\n  "title": "t",\\n  "seed": 1\\n}\\n'
+    """
+    keys = [key for key in _ORDER if key in result]
+    keys += [key for key in result if key not in _ORDER]
+    ordered = plain({key: result[key] for key in keys})
+    return json.dumps(ordered, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_text(text: str, path: str | Path) -> None:
+    """Write a file whole or not at all, making its folder.
+
+    Raises AleatorError where the file cannot be written.
+    """
+    path = Path(path)
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draft.write_text(text, encoding="utf-8")
+        draft.replace(path)
+    except OSError as error:
+        raise AleatorError(
+            f"{path}: the file cannot be written: {error.strerror}",
+            "choose another folder with --output",
+        ) from None
+
+
+def write_json(result: Mapping[str, Any], path: str | Path) -> None:
+    """Write a result as a JSON file, whole or not at all.
+
+    Raises AleatorError where the file cannot be written.
+    """
+    write_text(to_json(result), path)
+
+
+def read_json(path: str | Path) -> dict[str, Any]:
+    """Read an identification that `write_json` wrote.
+
+    Raises AleatorError, naming the file, where it is absent, not JSON, or not an identification.
+    """
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise AleatorError(
+            f"{path}: the file cannot be read: {error.strerror}",
+            "name the identification.json that `aleator identify` wrote",
+        ) from None
+    except ValueError as error:
+        raise AleatorError(
+            f"{path}: this is not JSON: {error}", "run `aleator identify` again to write it anew"
+        ) from None
+    missing = [k for k in _NEEDED if not isinstance(document, dict) or k not in document]
+    if missing:
+        raise AleatorError(
+            f"{path}: this is not an identification: it lacks {', '.join(missing)}",
+            "name the identification.json that `aleator identify` wrote",
+        )
+    return dict(document)
+
+
+def estimates(document: Mapping[str, Any], path: str | Path) -> dict[str, float]:
+    """The identified alpha of a document: name of the hyperparameter -> estimate.
+
+    Raises AleatorError where an estimate is missing.
+
+    >>> estimates({"alpha": {"x.mean": {"estimate": 1.5}}}, "identification.json")
+    {'x.mean': 1.5}
+    """
+    try:
+        return {name: float(entry["estimate"]) for name, entry in document["alpha"].items()}
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise AleatorError(
+            f"{path}: key 'alpha' does not hold an estimate for each hyperparameter",
+            "run `aleator identify` again to write it anew",
+        ) from None
