@@ -175,7 +175,7 @@ def by_experiment(values: ArrayLike, experiments: int, what: str) -> Array:
             f"{what} has shape {array.shape}, expected ({experiments},) or ({experiments}, G)",
             "give one row to each experiment",
         )
-    return array.reshape(experiments, -1)
+    return array[:, None] if array.ndim == 1 else array
 
 
 def one_per_experiment(values: ArrayLike, experiments: int, what: str) -> Array:

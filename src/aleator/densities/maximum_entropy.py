@@ -28,7 +28,7 @@ class MaximumEntropy:
 
     A kurtosis above 3 puts a small bump at an edge set by the reach, which
     `FittedDensity.rises_at_edge` reports. Raises InputsError for an inadmissible choice. Cost:
-    some 8 Newton steps of O(N nodes M). It fails, with a status, where the moments are not
+    some 7 Newton steps of O(N nodes M). It fails, with a status, where the moments are not
     realizable, or so close to that boundary that the density is a set of spikes.
 
     >>> m = Moments(np.array([1.0]), np.array([3.0**-0.5]), np.array([[1.0, 0.0, 1.0, 0.0, 1.8]]))

@@ -60,8 +60,8 @@ class Solution:
 def solve(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
     """Densities on [a, b] (N,) with the standardized moments (N, M+1), each with a status.
 
-    Where the check refutes a solve, finer nodes are tried; where that fails too, order 2 on the same support takes its place; `status` keeps
-    the failure. Cost O(N nodes M) a Newton step.
+    Where the check refutes a solve, finer nodes are tried; where that fails too, order 2 on the
+    same support takes its place and `status` keeps the failure. Cost O(N nodes M) a Newton step.
     """
     blocks = [
         _solve_block(a[block], b[block], standardized[block], nodes)

@@ -1,0 +1,212 @@
+"""The likelihood must be impossible to fool: what cannot be known has a status, never a gain."""
+
+import numpy as np
+import pytest
+from densities.targets import mixed
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from aleator.densities import (
+    DEGENERATE_VALUE,
+    FAILED_SOLVE_PENALTY,
+    Gaussian,
+    MaximumEntropy,
+    Sensitivity,
+    Status,
+)
+from aleator.errors import InputsError
+from aleator.moments import Moments
+
+INF = np.array([np.inf])
+
+
+def of(standardized: list[float], mean: float = 0.0, sd: float = 1.0) -> Moments:
+    return Moments(np.array([mean]), np.array([sd]), np.array([standardized]))
+
+
+def assert_finite(found: Sensitivity) -> None:
+    for name in found.__dataclass_fields__:
+        assert np.isfinite(getattr(found, name)).all(), name
+
+
+@pytest.mark.parametrize(
+    ("standardized", "lower", "upper"),
+    [
+        ([1.0, 0.0, 1.0, 1.0, 1.5], -np.inf, np.inf),  # kurtosis under 1 + skewness^2
+        ([1.0, 0.0, 1.0, 0.0, 1.8], -0.9, 0.9),  # sd above half the range
+        ([1.0, 0.0, 1.0, 0.0, 9.0], -2.0, 2.0),  # u^4 <= 4 u^2 on the support
+        ([1.0, 0.0, 1.0, 0.0, 3.0], 0.5, 2.0),  # mean outside the range
+        ([1.0, 0.0, 1.0, np.nan, 3.0], -np.inf, np.inf),
+        ([1.0, 0.0, 1.0, 0.0, 3.0], 2.0, -2.0),
+        ([1.0, 0.0, 1.0, 0.0, 3.0], np.nan, np.inf),
+    ],
+)
+def test_impossible_moments_are_rejected(
+    standardized: list[float], lower: float, upper: float
+) -> None:
+    fitted = MaximumEntropy(4).fit(of(standardized), [lower], [upper])
+    assert fitted.status.tolist() == [Status.NOT_REALIZABLE]
+    assert fitted.order_used.tolist() == [2]
+    found = fitted.sensitivity([0.3])
+    assert_finite(found)
+    assert found.status.tolist() == [Status.NOT_REALIZABLE]
+    np.testing.assert_allclose(found.value, fitted.log_pdf([0.3]) - FAILED_SOLVE_PENALTY)
+
+
+def test_odd_orders_know_their_boundary() -> None:
+    # on [-1, 2]: E[(1 + u)(q0 + q1 u)^2] >= 0 and E[(2 - u)(q0 + q1 u)^2] >= 0 bound the skewness
+    # to 0 <= E u^3 <= 1: the two-point laws at (-1, 1) and (-1/2, 2) have 0 and 1.5
+    status = [
+        int(MaximumEntropy(3).fit(of([1.0, 0.0, 1.0, skew]), [-1.0], [2.0]).status[0])
+        for skew in (-0.01, 0.01, 0.7, 1.49, 1.51)
+    ]
+    assert status == [1, 0, 0, 0, 1]
+
+
+def test_failed_solve_never_gains() -> None:
+    """Random moments near and beyond the boundary: the search never sees more than honesty."""
+    rng = np.random.default_rng(0)
+    skew = rng.normal(size=400)
+    kurtosis = 1.0 + skew**2 + rng.normal(scale=0.3, size=400)
+    ones, zeros = np.ones(400), np.zeros(400)
+    standardized = np.stack([ones, zeros, ones, skew, kurtosis], axis=1)
+    m = Moments(zeros, ones, standardized)
+    fitted = MaximumEntropy(4).fit(m, np.full(400, -3.0), np.full(400, 4.0))
+    y = rng.uniform(-4, 5, 400)
+    found, honest = fitted.sensitivity(y), fitted.log_pdf(y)
+    assert_finite(found)
+    failed, inside = fitted.status != Status.SOLVED, np.isfinite(honest)
+    assert failed.sum() > 100
+    assert (~failed).sum() > 100
+    assert (fitted.residual[~failed] < 1e-6).all()
+    assert (fitted.order_used[~failed] == 4).all()
+    both = failed & inside
+    assert (found.value[both] <= honest[both] - FAILED_SOLVE_PENALTY + 1e-9).all()
+    np.testing.assert_allclose(found.value[~failed & inside], honest[~failed & inside], atol=1e-8)
+    assert (found.status[failed] == fitted.status[failed]).all()
+
+
+def test_nothing_outside_and_a_continuation_that_never_exceeds_the_edge() -> None:
+    m, low, high = mixed(60, 4, seed=11)
+    low = np.where(np.arange(60) % 5 == 0, -np.inf, low)
+    fitted = MaximumEntropy(4).fit(m, low, high)
+    for side, edge in ((-1.0, fitted.support[:, 0]), (1.0, fitted.support[:, 1])):
+        at_edge = fitted.sensitivity(edge)
+        assert (at_edge.status == Status.SOLVED).all()
+        np.testing.assert_allclose(at_edge.value, fitted.log_pdf(edge), atol=1e-6)
+        last = at_edge.value
+        for distance in (1e-9, 1e-3, 0.1, 1.0, 30.0, 1e6, 1e150):
+            y = edge + side * distance * m.sd
+            found = fitted.sensitivity(y)
+            assert_finite(found)
+            assert (found.value <= last + 1e-9).all()
+            assert (found.status == Status.OUTSIDE_SUPPORT).all()
+            assert (fitted.log_pdf(y) == -np.inf).all()
+            assert (fitted.pdf(y) == 0.0).all()
+            last = found.value
+
+
+@settings(max_examples=40, deadline=None)
+@given(exponent=st.floats(-90.0, -1.0), order=st.integers(2, 6))
+def test_a_tiny_scatter_away_from_the_outcome_is_no_gain(exponent: float, order: int) -> None:
+    normal = [1.0, 0.0, 1.0, 0.0, 3.0, 0.0, 15.0]
+    m = of(normal[: order + 1], mean=1.0, sd=10.0**exponent)
+    wide = of(normal[: order + 1], mean=1.0, sd=0.5)
+    for density in (MaximumEntropy(order), Gaussian()):
+        found = density.fit(m, -INF, INF).sensitivity([3.0])
+        assert_finite(found)
+        assert found.value[0] < density.fit(wide, -INF, INF).sensitivity([3.0]).value[0]
+
+
+@pytest.mark.parametrize("density", [Gaussian(), MaximumEntropy(4)])
+@pytest.mark.parametrize(
+    ("mean", "sd"), [(1.0, 0.0), (1.0, -1.0), (1.0, np.nan), (np.inf, 1.0), (np.nan, 1.0)]
+)
+def test_no_scatter_is_a_status(density: Gaussian | MaximumEntropy, mean: float, sd: float) -> None:
+    both = Moments(
+        np.array([mean, 1.0]), np.array([sd, 1.0]), np.tile([1.0, 0.0, 1.0, 0.0, 2.5], (2, 1))
+    )
+    fitted = density.fit(both, np.array([-5.0, -5.0]), np.array([5.0, 5.0]))
+    found = fitted.sensitivity([1.0, 1.0])
+    assert fitted.status.tolist() == found.status.tolist() == [Status.DEGENERATE, Status.SOLVED]
+    assert_finite(found)
+    assert found.value[0] == DEGENERATE_VALUE
+    assert found.d_mean[0] == found.d_sd[0] == 0.0
+    assert fitted.log_pdf([1.0, 1.0])[0] == -np.inf
+    assert fitted.entropy()[0] == -np.inf
+    assert np.isfinite(fitted.entropy()[1])
+    assert np.isfinite(fitted.quantile([0.2])[1, 0])
+
+
+def test_a_point_mass_is_a_step() -> None:
+    for density in (Gaussian(), MaximumEntropy(2)):
+        fitted = density.fit(of([1.0, 0.0, 0.0], mean=2.0, sd=0.0), -INF, INF)
+        assert fitted.cdf(np.array([[1.9, 2.0, 2.1]])).tolist() == [[0.0, 1.0, 1.0]]
+        assert fitted.quantile([0.1, 0.9]).tolist() == [[2.0, 2.0]]
+        assert fitted.sample(np.random.default_rng(0), 2).tolist() == [[2.0, 2.0]]
+        assert fitted.support.tolist() == [[2.0, 2.0]]
+
+
+def test_an_outcome_that_is_no_number_is_degenerate() -> None:
+    m = of([1.0, 0.0, 1.0, 0.0, 2.5])
+    for density in (Gaussian(), MaximumEntropy(4)):
+        found = density.fit(m, -INF, INF).sensitivity([np.nan])
+        assert_finite(found)
+        assert found.status.tolist() == [Status.DEGENERATE]
+
+
+def test_spikes_that_the_nodes_do_not_see_are_not_called_solved() -> None:
+    """Few nodes, two narrow modes: whatever is called solved has the moments, by other means."""
+    kurtosis = 1.0 + np.geomspace(1e-5, 1.8, 40)
+    ones, zeros = np.ones(40), np.zeros(40)
+    m = Moments(zeros, ones, np.stack([ones, zeros, ones, zeros, kurtosis], axis=1))
+    fitted = MaximumEntropy(4, nodes=32).fit(m, np.full(40, -8.0), np.full(40, 8.0))
+    solved = fitted.status == Status.SOLVED
+    assert (~solved).sum() > 3
+    assert solved.sum() > 3
+    x, w = np.polynomial.legendre.leggauss(4000)
+    u = 8.0 * x
+    density = fitted.pdf(np.broadcast_to(u, (40, 4000)))
+    found = np.stack([(density * u**k) @ w * 8.0 for k in range(5)], axis=1)
+    np.testing.assert_allclose(found[solved], m.standardized[solved], atol=1e-4)
+
+
+def test_narrow_modes_need_and_get_many_nodes() -> None:
+    m = of([1.0, 0.0, 1.0, 0.0, 1.02])
+    fitted = MaximumEntropy(4).fit(m, -INF, INF)
+    assert fitted.status.tolist() == [Status.SOLVED]
+    y = np.linspace(-3.0, 3.0, 40001)
+    area = np.trapezoid(fitted.pdf(y[None])[0] * y**4, y)
+    np.testing.assert_allclose(area, 1.02, atol=1e-6)
+
+
+def test_every_status_has_a_remedy() -> None:
+    assert len({status.explanation for status in Status}) == len(Status) == 5
+
+
+@pytest.mark.parametrize(
+    "choice", [{"order": 1}, {"order": 9}, {"reach": 0.0}, {"reach": np.inf}, {"nodes": 10}]
+)
+def test_inadmissible_choices_are_refused(choice: dict[str, float]) -> None:
+    with pytest.raises(InputsError, match="Remedy"):
+        MaximumEntropy(**choice)  # type: ignore[arg-type]
+
+
+def test_misuse_is_refused() -> None:
+    m = of([1.0, 0.0, 1.0, 0.0, 2.5])
+    with pytest.raises(InputsError, match="needs 6 moments, 4 given"):
+        MaximumEntropy(6).fit(m, -INF, INF)
+    with pytest.raises(InputsError, match="lower has shape"):
+        MaximumEntropy(4).fit(m, [0.0, 1.0], INF)
+    fitted = MaximumEntropy(4).fit(m, -INF, INF)
+    with pytest.raises(InputsError, match="one number to each experiment"):
+        fitted.sensitivity([[0.0]])
+    with pytest.raises(InputsError, match="one row to each experiment"):
+        fitted.log_pdf([0.0, 1.0])
+    with pytest.raises(InputsError, match="probability"):
+        fitted.quantile([1.2])
+
+
+def test_names() -> None:
+    assert (Gaussian().name, Gaussian().order) == ("gaussian", 2)
+    assert (MaximumEntropy(5).name, MaximumEntropy(5).order) == ("maximum_entropy(5)", 5)
