@@ -1,0 +1,280 @@
+# Arguments that a test's simulator does not use still say what it is given.
+# ruff: noqa: ARG002, ARG005
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aleator.errors import SimulatorError
+from aleator.experiments import Conditions, Experiments
+from aleator.simulate import FunctionSimulator, Runner, as_simulator, keeping
+
+TABLE = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 4.0], "site": [*"xyz"]}))
+
+
+def runner(function: Callable[..., Any], vectorized: bool = False, **options: Any) -> Runner:
+    return Runner(FunctionSimulator(function, vectorized), TABLE, ["x"], **options)
+
+
+class Counted:
+    """A function that counts its runs and can be told to fail."""
+
+    def __init__(self, fails: Callable[[float, float], bool] = lambda load, x: False) -> None:
+        self.runs = 0
+        self.fails = fails
+        self.error: BaseException = ValueError("broken")
+
+    def __call__(self, load: float, x: float) -> float:
+        if self.fails(load, x):
+            raise self.error
+        self.runs += 1
+        return load * x
+
+
+def points(count: int) -> np.ndarray:
+    return np.linspace(0.0, 1.0, count)[:, None]
+
+
+def test_runs_are_counted_and_kept() -> None:
+    run = runner(lambda load, x: load * x)
+    outcome = run([0, 1, 2, 0], [[1.0], [2.0], [3.0], [0.5]])
+    assert outcome.tolist() == [1.0, 4.0, 12.0, 0.5]
+    assert run.runs == run.fresh == 4
+    assert run.completed.index.tolist() == [0, 1, 2, 0]
+    assert run.completed.x.tolist() == [[1.0], [2.0], [3.0], [0.5]]
+    assert run.completed.outcome.tolist() == outcome.tolist()
+
+
+def test_the_log_transform_is_applied_to_the_simulator() -> None:
+    table = Experiments.from_frame(
+        pd.DataFrame({"load": [1.0, 2.0], "y": [1.0, 1.0]}), outcome="y", transform="log"
+    )
+    run = Runner(lambda load, x: load * x, table, ["x"])
+    np.testing.assert_allclose(run([0, 1], [[1.0], [3.0]]), np.log([1.0, 6.0]))
+    assert run.completed.outcome.tolist() == [1.0, 6.0]
+    with pytest.raises(SimulatorError, match="returned -2, which has no logarithm"):
+        run([1], [[-1.0]])
+
+
+def test_text_conditions_reach_a_simulator_that_asks_for_them() -> None:
+    run = runner(lambda site, x: x + len(site) if site == "y" else x)
+    assert run([0, 1], [[1.0], [1.0]]).tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+def test_a_run_that_raises_is_named_and_the_others_are_kept(vectorized: bool) -> None:
+    def brittle(load: Any, x: Any) -> Any:
+        if np.any((load == 2.0) & (x > 0.5)):
+            raise ValueError("too\nhot")
+        return load * x
+
+    run = runner(brittle, vectorized)
+    index, x = np.repeat([0, 1, 2], 10), np.tile(points(10), (3, 1))
+    with pytest.raises(SimulatorError) as caught:
+        run(index, x)
+    message = str(caught.value)
+    assert "experiment 'B' with x=0.555556: ValueError: too hot (test_runner.py, line" in message
+    assert "load=2" in message
+    assert len(run.completed) == 15
+
+
+def test_a_text_condition_is_suspected() -> None:
+    with pytest.raises(SimulatorError, match="site is text in the table"):
+        runner(lambda site, x: site * x)([0], [[1.0]])
+
+
+def test_a_function_that_takes_one_run_at_a_time_but_is_called_vectorized() -> None:
+    def branching(load: Any, x: Any) -> Any:
+        return load if x > 0.5 else x * load
+
+    with pytest.raises(SimulatorError, match=r"(?s)but not with fewer.*vectorized = false"):
+        runner(branching, vectorized=True)([0, 1, 2, 0], points(4))
+
+
+@pytest.mark.parametrize(
+    ("returned", "words"),
+    [
+        (None, r"returned None for 2 runs, expected an array of shape \(2,\)"),
+        (1.0, r"returned float of shape \(\)"),
+        (np.zeros((2, 1)), r"returned ndarray of shape \(2, 1\) for 2 runs"),
+        (np.array(["a", "b"]), "returned <U1 values"),
+        (np.zeros(2, complex), "returned complex128 values"),
+    ],
+)
+def test_a_wrong_shape_or_kind_is_told(returned: Any, words: str) -> None:
+    with pytest.raises(SimulatorError, match=words):
+        runner(lambda load, x: returned, vectorized=True)([0, 1], points(2))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_an_outcome_that_is_not_finite_is_told_with_the_parameter_to_narrow(bad: float) -> None:
+    run = runner(lambda load, x: np.where((load > 1) & (x > 0.75), bad, x), vectorized=True)
+    with pytest.raises(SimulatorError) as caught:
+        run(np.repeat([0, 1, 2], 11), np.tile(points(11), (3, 1)))
+    message = str(caught.value)
+    assert f"returned {bad:g} for experiment 'B' with x=0.8" in message
+    assert "6 of 33 runs failed so, in 2 of 3 experiments" in message
+    assert "narrow the box or the bounds of x from above, to 0.7" in message
+    assert len(run.completed) == 27
+
+
+def test_a_lower_end_that_fails_is_found_too() -> None:
+    run = runner(lambda x: np.where(x < 0.35, np.nan, x), vectorized=True)
+    with pytest.raises(SimulatorError, match=r"x from below, to 0\.4"):
+        run(np.zeros(11, int), points(11))
+
+
+def test_numpy_does_not_warn_about_what_is_reported_anyway() -> None:
+    with pytest.raises(SimulatorError, match="returned nan"):
+        runner(lambda load, x: np.log(x - load), vectorized=True)([0], [[0.5]])
+
+
+def test_experiments_under_equal_conditions_share_their_runs() -> None:
+    table = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 1.0], "nr": [1, 2, 3]}))
+    function = Counted()
+    run = Runner(function, table, ["x"])
+    assert run.group.tolist() == [0, 1, 0]
+    assert run([2, 0, 1, 0], [[1.0], [1.0], [1.0], [2.0]]).tolist() == [1.0, 1.0, 2.0, 2.0]
+    assert function.runs == run.runs == 3
+
+
+def test_blocks_do_not_change_the_answer() -> None:
+    simulator = FunctionSimulator(lambda load, x: load * x, vectorized=True)
+    simulator.block = 4
+    run = Runner(simulator, TABLE, ["x"])
+    assert run(np.zeros(10, int), points(10)).tolist() == points(10)[:, 0].tolist()
+    assert len(run.completed) == 10
+
+
+def test_known_runs_are_not_repeated_and_still_counted() -> None:
+    first = runner(Counted())
+    first([0, 1], [[1.0], [2.0]])
+    function = Counted()
+    again = runner(function, known=first.completed)
+    assert again([1, 0, 2], [[2.0], [1.0], [3.0]]).tolist() == [4.0, 1.0, 12.0]
+    assert (function.runs, again.runs, again.reused, again.fresh) == (1, 3, 2, 1)
+    assert len(again.completed) == 3
+
+
+def test_runs_survive_in_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "runs.csv"
+    run = runner(Counted())
+    x = np.random.default_rng(1).normal(size=(20, 1)) * 1e-7
+    outcome = run(np.arange(20) % 3, x)
+    run.save(path)
+    function = Counted()
+    again = runner(function)
+    assert again.load(path) == 20
+    np.testing.assert_array_equal(again(np.arange(20) % 3, x), outcome)
+    assert function.runs == 0
+
+
+def test_runs_of_another_model_are_not_taken_and_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "runs.csv"
+    run = runner(lambda load, x: x)
+    run([0], [[1.0]])
+    run.save(path)
+    other = Runner(lambda load, y: y, TABLE, ["y"])
+    assert other.load(path) is None
+    other([0], [[2.0]])
+    other.save(path)
+    assert other.load(path) == 1
+    aside = [file for file in tmp_path.iterdir() if file != path]
+    assert len(aside) == 1
+    assert run.load(aside[0]) == 1
+
+
+def test_a_damaged_file_is_told_with_its_row(tmp_path: Path) -> None:
+    path = tmp_path / "runs.csv"
+    run = runner(lambda load, x: x)
+    run([0, 1], [[1.0], [2.0]])
+    run.save(path)
+    whole = path.read_text()
+    for damage in ("D,1.0,1.0\n", "A,1.0\n", "A,1.0,1.", "A,1.0,nan\n", "A,1.0,\n"):
+        path.write_text(whole + damage)
+        if damage.endswith("1."):
+            assert run.load(path) == 3
+            continue
+        with pytest.raises(SimulatorError, match="row 5 is not a run"):
+            run.load(path)
+
+
+def test_a_file_that_is_not_there_has_no_runs(tmp_path: Path) -> None:
+    assert runner(lambda load, x: x).load(tmp_path / "runs.csv") is None
+
+
+@pytest.mark.parametrize("error", [ValueError("broken"), KeyboardInterrupt(), SystemExit()])
+def test_runs_are_kept_whatever_stops_them(tmp_path: Path, error: BaseException) -> None:
+    path, said = tmp_path / "out" / "runs.csv", list[str]()
+    function = Counted(lambda load, x: load == 4.0)
+    function.error = error
+    run = runner(function)
+    expected = SimulatorError if isinstance(error, Exception) else type(error)
+    with pytest.raises(expected), keeping(run, path, said.append):
+        run([0, 1, 2], [[1.0], [2.0], [3.0]])
+    assert said == [f"the 2 runs that completed are kept in {path}"]
+    mended = Counted()
+    again = runner(mended)
+    with keeping(again, path, said.append):
+        again([0, 1, 2], [[1.0], [2.0], [3.0]])
+    assert mended.runs == 1
+    assert said[1].startswith("2 runs are taken from")
+
+
+def test_known_runs_are_written_again_with_the_new_ones(tmp_path: Path) -> None:
+    path = tmp_path / "runs.csv"
+    function = Counted(lambda load, x: load == 4.0)
+    for total in (1, 2):
+        run = runner(function)
+        with pytest.raises(SimulatorError), keeping(run, path, lambda text: None):
+            run([0, 1, 2][3 - total - 1 :], [[1.0], [2.0], [3.0]][3 - total - 1 :])
+    check = runner(function)
+    assert check.load(path) == 2
+
+
+def test_runs_of_another_model_are_mentioned(tmp_path: Path) -> None:
+    path, said = tmp_path / "runs.csv", list[str]()
+    path.write_text("something else\n")
+    with keeping(runner(lambda load, x: x), path, said.append):
+        pass
+    assert "is left alone" in said[0]
+
+
+def test_slow_runs_tell_their_progress(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Listener:
+        def __init__(self) -> None:
+            self.texts: list[str] = []
+
+        def stage(self, name: str) -> None:
+            self.texts.append(name)
+
+        def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
+            self.texts.append(f"{text} {done} {total}")
+
+    clock = iter(np.arange(0.0, 100.0, 2.0))
+    monkeypatch.setattr("aleator.simulate.runner.time.monotonic", lambda: next(clock))
+    listener = Listener()
+    runner(lambda load, x: x, progress=listener)(np.zeros(40, int), points(40))
+    assert listener.texts == ["8 runs/s 16 40", "8 runs/s 32 40"]
+
+
+def test_any_class_that_fills_the_protocol_is_a_simulator() -> None:
+    class Doubling:
+        name = "doubling"
+        block = 10
+
+        def asks(self, conditions: Any, parameters: Any) -> tuple[str, ...]:
+            return ("load",)
+
+        def __call__(self, conditions: Any, parameters: Any) -> Any:
+            return 2 * conditions["load"] * parameters["x"]
+
+        def fingerprint(self) -> str:
+            return "doubling 1"
+
+    simulator = Doubling()
+    assert as_simulator(simulator) is simulator
+    assert Runner(simulator, TABLE, ["x"])([1], [[1.0]]).tolist() == [4.0]

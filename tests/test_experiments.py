@@ -1,0 +1,202 @@
+import codecs
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aleator.errors import ExperimentsError
+from aleator.experiments import Conditions, Experiments
+
+
+def written(folder: Path, text: str | bytes) -> Path:
+    path = folder / "experiments.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def test_a_table_becomes_ids_conditions_and_outcomes(tmp_path: Path) -> None:
+    path = written(tmp_path, "id,load,bench,time\nA,1,old,0.5\nB,2e0, new ,0.75\n")
+    experiments = Experiments.from_csv(path, outcome="time")
+    assert experiments.ids == ("A", "B")
+    assert experiments.conditions["load"].tolist() == [1.0, 2.0]
+    assert experiments.conditions["bench"].tolist() == ["old", "new"]
+    assert experiments.outcomes.tolist() == [0.5, 0.75]
+    assert experiments.outcome_name == "time"
+    assert len(experiments) == 2
+
+
+def test_without_an_id_column_experiments_are_numbered(tmp_path: Path) -> None:
+    experiments = Experiments.from_csv(written(tmp_path, "v,y\n1,2\n3,4\n"), outcome="y")
+    assert experiments.ids == ("1", "2")
+
+
+def test_conditions_and_id_can_be_chosen(tmp_path: Path) -> None:
+    path = written(tmp_path, "nr,v,remark,y\n7,1,,2\n8,3,wet,4\n")
+    experiments = Experiments.from_csv(path, outcome="y", id="nr", conditions=["v"])
+    assert experiments.ids == ("7", "8")
+    assert list(experiments.conditions) == ["v"]
+
+
+def test_log_transforms_the_outcome_and_keeps_the_measured_one(tmp_path: Path) -> None:
+    path = written(tmp_path, "v,y\n1,1\n2,10\n")
+    experiments = Experiments.from_csv(path, outcome="y", transform="log")
+    np.testing.assert_allclose(experiments.outcomes, [0.0, np.log(10.0)])
+    np.testing.assert_allclose(experiments.measured, [1.0, 10.0])
+
+
+def test_outcomes_cannot_be_changed() -> None:
+    experiments = Experiments.from_frame(pd.DataFrame({"v": [1], "y": [2]}), outcome="y")
+    with pytest.raises(ValueError, match="read-only"):
+        experiments.outcomes[0] = 3.0
+
+
+def test_integer_ids_of_a_frame_with_gaps_stay_integers() -> None:
+    frame = pd.DataFrame({"id": [3.0, 5.0], "v": [1, 2], "y": [1, 2]})
+    assert Experiments.from_frame(frame, outcome="y").ids == ("3", "5")
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"v,y\r\n1,2\r\n",
+        codecs.BOM_UTF8 + b"v,y\n1,2\n",
+        "v,y\n1,2\n".encode("utf-16"),
+        b"v,y\n1,2",
+        b'"v","y"\n"1","2"\n',
+        b"\nv,y\n\n1,2\n,\n",
+        b"v,y,\n1,2,\n",
+    ],
+)
+def test_the_same_table_in_many_spellings(tmp_path: Path, raw: bytes) -> None:
+    experiments = Experiments.from_csv(written(tmp_path, raw), outcome="y")
+    assert experiments.conditions["v"].tolist() == [1.0]
+    assert experiments.outcomes.tolist() == [2.0]
+
+
+def test_a_semicolon_table_with_decimal_commas(tmp_path: Path) -> None:
+    path = written(tmp_path, "v;y\n0,5;2,25\n")
+    experiments = Experiments.from_csv(path, outcome="y", delimiter=";", decimal=",")
+    assert experiments.conditions["v"].tolist() == [0.5]
+    assert experiments.outcomes.tolist() == [2.25]
+
+
+BAD = {
+    "text": ("v,y\n1,2\n3,high\n", ["row 3", "column 'y'", "'high' is not a number"]),
+    "blank": ("v,y\n1,2\n3,\n", ["row 3", "column 'y'", "blank"]),
+    "nan": ("v,y\n1,2\n3,NaN\n", ["row 3", "column 'y'", "'NaN'", "finite"]),
+    "infinity": ("v,y\n1,2\n3,-inf\n", ["row 3", "column 'y'", "'-inf'"]),
+    "underscore": ("v,y\n1,1_000\n", ["row 2", "'1_000' is not a number"]),
+    "condition": ("v,y\n1,2\nx,3\n4,5\n", ["row 3", "column 'v'", "'x' is not a number"]),
+    "blank rows count": ("v,y\n1,2\n\n3,high\n", ["row 4", "column 'y'"]),
+    "duplicate id": ("id,v,y\nA,1,2\nB,1,2\nA,1,2\n", ["row 4", "'id'", "'A'", "row 2"]),
+    "blank id": ("id,v,y\nA,1,2\n,1,2\n", ["row 3", "the id is blank"]),
+    "missing outcome": ("v,Y\n1,2\n", ["the outcome 'y'", "did you mean 'Y'", "'v', 'Y'"]),
+    "empty": ("", ["the file is empty"]),
+    "only a header": ("v,y\n", ["a header but no rows"]),
+    "semicolons": ("v;y\n1;2\n", ["a semicolon, not by a comma", 'delimiter = ";"']),
+    "tabs": ("v\ty\n1\t2\n", ["a tab, not by a comma", r'delimiter = "\t"']),
+    "decimal comma": ("v,y\n1,2\n0,5,3\n", ["row 3 has 3 cells", "decimal comma"]),
+    "short row": ("v,w,y\n1,2,3\n1,2\n", ["row 3 has 2 cells", "the header has 3"]),
+    "duplicate header": ("v,v,y\n1,2,3\n", ["'v' appears twice", "columns 1 and 2"]),
+    "unnamed column": ("v,,y\n1,2,3\n", ["column 2 has no name"]),
+    "open quotes": ('v,y\n1,"2\n3,4\n', ["line 3", "quotation marks"]),
+    "latin-1": ("v,y\n1,2\n\u00e9,3\n".encode("latin-1"), ["row 3", "not UTF-8", "0xe9"]),
+    "workbook": (b"PK\x03\x04rest", ["this is a workbook", "CSV UTF-8"]),
+    "binary": (b"v,y\n\x00\x01", ["row 2", "not a text file"]),
+}
+
+
+@pytest.mark.parametrize(("raw", "expected"), BAD.values(), ids=BAD)
+def test_bad_tables_are_told_with_their_place(
+    tmp_path: Path, raw: str | bytes, expected: list[str]
+) -> None:
+    path = written(tmp_path, raw)
+    with pytest.raises(ExperimentsError) as caught:
+        Experiments.from_csv(path, outcome="y")
+    assert str(path) in caught.value.problem
+    assert caught.value.remedy
+    for words in expected:
+        assert words in str(caught.value)
+
+
+def test_a_decimal_comma_in_a_semicolon_table_is_told(tmp_path: Path) -> None:
+    path = written(tmp_path, "v;y\n0,5;2\n0,6;3\n")
+    with pytest.raises(ExperimentsError, match=r"(?s)column 'v': '0,5'.*decimal = \",\""):
+        Experiments.from_csv(path, outcome="y", delimiter=";")
+
+
+def test_a_missing_file_names_its_neighbor(tmp_path: Path) -> None:
+    written(tmp_path, "v,y\n1,2\n")
+    with pytest.raises(ExperimentsError, match=r"did you mean 'experiments\.csv'"):
+        Experiments.from_csv(tmp_path / "experiment.csv", outcome="y")
+
+
+def test_a_folder_is_not_a_table(tmp_path: Path) -> None:
+    with pytest.raises(ExperimentsError, match="cannot be read"):
+        Experiments.from_csv(tmp_path, outcome="y")
+
+
+@pytest.mark.parametrize("delimiter", ["", ",,"])
+def test_a_delimiter_is_one_character(tmp_path: Path, delimiter: str) -> None:
+    with pytest.raises(ExperimentsError, match="cannot be read"):
+        Experiments.from_csv(written(tmp_path, "y\n1\n"), outcome="y", delimiter=delimiter)
+
+
+@pytest.mark.parametrize("outcome", ["0", "-1"])
+def test_no_logarithm_of_an_outcome_that_is_not_positive(tmp_path: Path, outcome: str) -> None:
+    path = written(tmp_path, f"v,y\n1,2\n1,{outcome}\n")
+    with pytest.raises(ExperimentsError, match=rf"row 3, column 'y': the logarithm of {outcome}"):
+        Experiments.from_csv(path, outcome="y", transform="log")
+
+
+def test_columns_of_text_stay_text_and_slips_do_not_turn_numbers_into_text(tmp_path: Path) -> None:
+    path = written(tmp_path, "site,v,y\nA1,1,2\n7,2,3\nB,3,4\n")
+    experiments = Experiments.from_csv(path, outcome="y")
+    assert experiments.conditions["site"].tolist() == ["A1", "7", "B"]
+    with pytest.raises(ExperimentsError, match="row 2, column 'site': 'A1' is not a number"):
+        Experiments.from_csv(path, outcome="y", conditions=["site"])
+
+
+def test_unknown_names_are_told(tmp_path: Path) -> None:
+    path = written(tmp_path, "load,y\n1,2\n")
+    with pytest.raises(ExperimentsError, match=r"the condition 'laod'.*did you mean 'load'"):
+        Experiments.from_csv(path, outcome="y", conditions=["laod"])
+    with pytest.raises(ExperimentsError, match="the id 'nr' is not a column"):
+        Experiments.from_csv(path, outcome="y", id="nr")
+    with pytest.raises(ExperimentsError, match="both the outcome and a condition"):
+        Experiments.from_csv(path, outcome="y", conditions=["load", "y"])
+
+
+def test_frames_are_told_by_position_and_label() -> None:
+    frame = pd.DataFrame({"v": [1, 2], "y": [1.0, np.nan]}, index=["first", "second"])
+    with pytest.raises(ExperimentsError, match=r"row 2 \(index 'second'\), column 'y'"):
+        Experiments.from_frame(frame, outcome="y")
+    with pytest.raises(ExperimentsError, match="has no rows"):
+        Experiments.from_frame(frame.iloc[:0], outcome="y")
+    with pytest.raises(ExperimentsError, match="has no columns"):
+        Experiments.from_frame(frame[[]], outcome="y")
+
+
+def test_values_that_do_not_fit_together_are_refused() -> None:
+    table = pd.DataFrame({"v": [1.0, 2.0]})
+    with pytest.raises(ExperimentsError, match="1 ids for 2 rows"):
+        Conditions(("a",), table)
+    with pytest.raises(ExperimentsError, match="'a' appears twice"):
+        Conditions(("a", "a"), table)
+    with pytest.raises(ExperimentsError, match="one finite outcome"):
+        Experiments(("a", "b"), table, np.array([1.0]))
+    with pytest.raises(ExperimentsError, match="one finite outcome"):
+        Experiments(("a", "b"), table, np.array([1.0, np.inf]))
+    with pytest.raises(ExperimentsError, match="unknown transform 'ln'"):
+        Conditions(("a", "b"), table, "ln")  # type: ignore[arg-type]
+
+
+def test_conditions_need_no_outcome(tmp_path: Path) -> None:
+    path = written(tmp_path, "id,load,remark\nX,3,\nY,4,hot\n")
+    conditions = Conditions.from_csv(path, conditions=["load"], transform="log")
+    assert conditions.ids == ("X", "Y")
+    assert conditions.conditions["load"].tolist() == [3.0, 4.0]
+    assert conditions.transform == "log"
+    frame = pd.DataFrame({"id": ["X"], "load": [3]})
+    assert Conditions.from_frame(frame).conditions["load"].tolist() == [3.0]
