@@ -78,6 +78,15 @@ def test_measuring_leaves_global_randomness_alone() -> None:
     assert np.array_equal(before, np.random.get_state()[1])  # noqa: NPY002
 
 
+def test_the_benches_do_not_change_unnoticed() -> None:
+    # A valve delay, say, moves every outcome by 4 ms; published results would no longer repeat.
+    realistic, model = (measure(0, kind=kind)["shifting_time"] for kind in ("realistic", "model"))
+    assert realistic.head(3).to_numpy() == pytest.approx([0.977, 1.062, 0.743], abs=1.1e-3)
+    assert realistic.mean() == pytest.approx(0.76363, abs=1e-4)
+    assert model.head(3).to_numpy() == pytest.approx([0.891066, 1.040649, 0.700143], abs=3e-6)
+    assert model.mean() == pytest.approx(0.736202, abs=3e-6)
+
+
 def test_realistic_measurements_are_rounded_up_to_milliseconds() -> None:
     bench = measure(5)
     milliseconds = bench["shifting_time"] * 1000
