@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from aleator.errors import InputsError
-from aleator.response.lattice import Floats, Ints, products, products_with_gradient
+from aleator.response.basis import products, products_with_gradient
+from aleator.response.points import Floats, Ints
 
 # Numbers held at once by one block of basis functions: 32 MB.
 BLOCK = 4_000_000
