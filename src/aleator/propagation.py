@@ -126,7 +126,9 @@ class DirectResponse:
             ends = []
             for sign in (1.0, -1.0):
                 shifted = x.copy()
-                shifted[:, i] = np.clip(x[:, i] + sign * step[i], *self.box[i])
+                # a node of a rule with many nodes may itself lie beyond the box of an open law
+                low, high = np.minimum(x[:, i], self.box[i, 0]), np.maximum(x[:, i], self.box[i, 1])
+                shifted[:, i] = np.clip(x[:, i] + sign * step[i], low, high)
                 ends.append(shifted)
             gaps.append(ends[0][:, i] - ends[1][:, i])
             points += ends

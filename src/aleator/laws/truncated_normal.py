@@ -16,9 +16,11 @@ from aleator.laws.law import Array, Rule
 from aleator.polynomials import evaluate, hermite_recurrence, stieltjes
 from aleator.quadrature import gauss, gauss_hermite, gauss_legendre
 
-REACH = 8.0
-DROP = 40.0
-"""The density is cut where it fell by e^-40 below its largest value on the box."""
+REACH = 10.0
+"""Standard deviations that the box spans where its end is infinite: holds the nodes to q = 20."""
+DROP = 150.0
+"""The density is cut where it fell by e^-150 below its largest value on the box: the square of a
+polynomial of degree 20 has no part beyond that its integral would miss."""
 FINE_NODES = 200
 
 
@@ -76,11 +78,13 @@ class TruncatedNormal:
 
     @property
     def box(self) -> tuple[float, float]:
-        """The box; an infinite end is replaced by eight standard deviations beyond the mean."""
-        mean, sd = self.hyperparameters
-        lower = max(self.box_limits[0], mean.lower - REACH * sd.upper)
-        upper = min(self.box_limits[1], mean.upper + REACH * sd.upper)
-        return lower, upper
+        """The box; an infinite end is put ten standard deviations beyond the mean.
+
+        A mean beyond the other end counts as on it: there the density is largest.
+        """
+        (lower, upper), (mean, sd) = self.box_limits, self.hyperparameters
+        far = REACH * sd.upper
+        return max(lower, min(mean.lower, upper) - far), min(upper, max(mean.upper, lower) + far)
 
     @property
     def scatters(self) -> bool:
