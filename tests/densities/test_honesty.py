@@ -210,3 +210,11 @@ def test_misuse_is_refused() -> None:
 def test_names() -> None:
     assert (Gaussian().name, Gaussian().order) == ("gaussian", 2)
     assert (MaximumEntropy(5).name, MaximumEntropy(5).order) == ("maximum_entropy(5)", 5)
+
+
+def test_the_farthest_outcome_is_finite() -> None:
+    m = of([1.0, 0.0, 1.0, 0.0, 2.5], sd=1e-90)
+    for density in (Gaussian(), MaximumEntropy(4)):
+        fitted = density.fit(m, [-1e300], [1e300])
+        assert_finite(fitted.sensitivity([1e300]))
+        assert fitted.cdf([1e300]).tolist() == [1.0]

@@ -29,13 +29,12 @@ _FIRST_DAMPING = 0.02
 
 @dataclass(frozen=True)
 class Expectations:
-    """Of N laws exp(lambda.phi)/Z: log Z (N,), E phi_1..phi_M (N, M), the covariance (N, M, M) of
-    phi, and the probabilities (N, Q) of the nodes."""
+    """Of N laws exp(lambda.phi)/Z: log Z (N,), E phi_1..phi_M (N, M) and the covariance (N, M, M)
+    of phi."""
 
     log_z: Array
     mean: Array
     covariance: Array
-    probability: Array
 
 
 def expectations(multipliers: Array, rule: Rule) -> Expectations:
@@ -51,9 +50,13 @@ def expectations(multipliers: Array, rule: Rule) -> Expectations:
     second = (sums @ linearization(order + 1, "1", 2 * order)).reshape(-1, order + 1, order + 1)
     mean = sums[:, 1 : order + 1]
     covariance = second[:, 1:, 1:] - mean[:, :, None] * mean[:, None, :]
-    density *= rule.weights
-    density /= z[:, None]
-    return Expectations(np.log(z) + top, mean, covariance, density)
+    return Expectations(np.log(z) + top, mean, covariance)
+
+
+def node_probabilities(multipliers: Array, log_z: Array, rule: Rule) -> Array:
+    """Probabilities (N, Q) of the nodes of a rule under exp(multipliers.phi)/Z."""
+    probability: Array = np.exp(multipliers @ rule.basis - log_z[:, None]) * rule.weights
+    return probability
 
 
 def gaussian_start(a: Array, b: Array, order: int) -> Array:

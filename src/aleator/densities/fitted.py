@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 from aleator.densities.gaussian import FittedGaussian
 from aleator.densities.interface import (
     FAILED_SOLVE_PENALTY,
-    FARTHEST,
     Array,
     Codes,
     Mask,
     Sensitivity,
     Status,
     by_experiment,
+    in_sds,
     one_per_experiment,
     probabilities,
 )
@@ -137,7 +137,7 @@ class FittedMaximumEntropy:
         plain = self.normal.sensitivity(outcome)
         none = plain.status == Status.DEGENERATE
         mean, sd = self.normal.safe()
-        u = np.clip((np.where(none, mean, outcome) - mean) / sd, -FARTHEST, FARTHEST)
+        u = in_sds(np.where(none, mean, outcome), mean, sd)
         own = partials(self.solution, u)
         d_a = np.where(self.lower_moves, own.d_a, 0.0)
         d_b = np.where(self.upper_moves, own.d_b, 0.0)
@@ -162,7 +162,7 @@ class FittedMaximumEntropy:
     def _on_support(self, y: ArrayLike) -> tuple[Array, Array]:
         """Outcomes as t (N, G), -1 and 1 at the edges, and sd (N,) of safe rows."""
         mean, sd = self.normal.safe()
-        u = (by_experiment(y, mean.size, "the outcome") - mean[:, None]) / sd[:, None]
+        u = in_sds(by_experiment(y, mean.size, "the outcome"), mean[:, None], sd[:, None])
         a, b = self.solution.a[:, None], self.solution.b[:, None]
         return (2.0 * u - a - b) / (b - a), sd
 

@@ -10,7 +10,6 @@ from scipy.special import ndtr, ndtri
 
 from aleator.densities.interface import (
     DEGENERATE_VALUE,
-    FARTHEST,
     SMALLEST_SD,
     Array,
     Codes,
@@ -19,6 +18,7 @@ from aleator.densities.interface import (
     Status,
     by_experiment,
     check_moments,
+    in_sds,
     one_per_experiment,
     probabilities,
 )
@@ -110,8 +110,8 @@ class FittedGaussian:
     def _standardized(self, y: ArrayLike) -> tuple[Array, Array]:
         """Outcomes u (N, G) in units of sd about the mean, and sd (N, 1), of safe rows."""
         mean, sd = self.safe()
-        u = (by_experiment(y, self.mean.size, "the outcome") - mean[:, None]) / sd[:, None]
-        return np.clip(u, -FARTHEST, FARTHEST), sd[:, None]
+        outcome = by_experiment(y, self.mean.size, "the outcome")
+        return in_sds(outcome, mean[:, None], sd[:, None]), sd[:, None]
 
     def safe(self) -> tuple[Array, Array]:
         """Mean and sd, replaced by 0 and 1 where there is no density."""
@@ -165,7 +165,7 @@ class FittedGaussian:
         outcome = one_per_experiment(y, self.mean.size, "the outcome")
         none = self.degenerate | ~np.isfinite(outcome)
         mean, sd = self.safe()
-        u = np.clip((np.where(none, mean, outcome) - mean) / sd, -FARTHEST, FARTHEST)
+        u = in_sds(np.where(none, mean, outcome), mean, sd)
         value = -0.5 * u**2 - _LOG_SQRT_2PI - np.log(sd)
         zero = np.zeros_like(u)
         return Sensitivity(

@@ -189,6 +189,12 @@ def one_per_experiment(values: ArrayLike, experiments: int, what: str) -> Array:
     return array
 
 
+def in_sds(y: Array, mean: Array, sd: Array) -> Array:
+    """(y - mean)/sd, cut at FARTHEST."""
+    with np.errstate(over="ignore"):
+        return np.clip((y - mean) / sd, -FARTHEST, FARTHEST)
+
+
 def probabilities(values: ArrayLike) -> Array:
     """Return probabilities as (P,). Raise InputsError where one is not in [0, 1]."""
     p = np.atleast_1d(np.asarray(values, dtype=float))

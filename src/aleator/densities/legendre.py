@@ -145,22 +145,22 @@ def realizable(expected: Array) -> Mask:
 def cholesky(matrices: Array) -> tuple[Array, Array]:
     """Lower factors (M, M, N) of symmetric matrices (N, M, M), and the smallest pivot (N,) of each.
 
-    The batch is the last axis of the factors, so that every operation runs along it. A pivot at
-    the level of rounding is replaced by that level: a matrix that is not positive definite spoils
-    neither its own row with NaN nor the batch with an exception.
+    What stands above the diagonal is without meaning. The batch is the last axis of the factors,
+    so that every operation runs along it. A pivot at the level of rounding is replaced by that
+    level: a matrix that is not positive definite spoils neither its own row with NaN nor the batch
+    with an exception.
     """
-    factor = np.ascontiguousarray(matrices.transpose(1, 2, 0))
-    size, _, count = factor.shape
-    smallest = np.full(count, np.inf)
-    for j in range(size):
-        floor = 1e-15 * np.abs(factor[j, j]) + 1e-30
-        for k in range(j):
-            factor[j:, j] -= factor[j:, k] * factor[j, k]
-        pivot = factor[j, j]
-        np.minimum(smallest, pivot, out=smallest)
-        factor[j, j] = np.sqrt(np.maximum(pivot, floor))
-        factor[j + 1 :, j] /= factor[j, j]
-        factor[j, j + 1 :] = 0.0
+    factor = np.array(matrices.transpose(1, 2, 0), order="C")
+    diagonal = np.einsum("jjn->jn", factor)
+    floor = 1e-15 * np.abs(diagonal) + 1e-30
+    smallest = diagonal[0].copy()
+    for j in range(factor.shape[0]):
+        np.minimum(smallest, diagonal[j], out=smallest)
+        root = np.sqrt(np.maximum(diagonal[j], floor[j]))
+        diagonal[j] = root
+        column = factor[j + 1 :, j]
+        column /= root
+        factor[j + 1 :, j + 1 :] -= column[:, None] * column
     return factor, smallest
 
 

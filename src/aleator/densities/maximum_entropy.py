@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from aleator.densities.fitted import FittedMaximumEntropy
 from aleator.densities.gaussian import FittedGaussian
-from aleator.densities.interface import Array, check_moments, range_end
+from aleator.densities.interface import Array, check_moments, in_sds, range_end
 from aleator.densities.solution import solve
 from aleator.errors import InputsError
 from aleator.moments import Moments
@@ -72,8 +72,8 @@ class MaximumEntropy:
         check_moments(moments, self.order, self.name)
         normal = FittedGaussian(moments.mean, moments.sd, moments.standardized.shape[1])
         mean, sd = normal.safe()
-        lower = (range_end(lower, mean.size, "lower") - mean) / sd
-        upper = (range_end(upper, mean.size, "upper") - mean) / sd
+        lower = in_sds(range_end(lower, mean.size, "lower"), mean, sd)
+        upper = in_sds(range_end(upper, mean.size, "upper"), mean, sd)
         standardized = moments.standardized[:, : self.order + 1]
         # a mean outside the range, or NaN, gets a support and moments of zero: not realizable
         usable = (lower < 0.0) & (upper > 0.0) & np.isfinite(standardized).all(axis=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aleator.densities.dual import expectations
+from aleator.densities.dual import node_probabilities
 from aleator.densities.interface import Array, Codes
 from aleator.densities.legendre import panel_edges
 from aleator.densities.solution import PANELS, Solution
@@ -71,7 +71,7 @@ def _inverse(solution: Solution, p: Array) -> Array:
 
 def _below_panels(solution: Solution) -> Array:
     """Probability below each edge of the panels, (N, PANELS+1)."""
-    probability = expectations(solution.multipliers, solution.check).probability
+    probability = node_probabilities(solution.multipliers, solution.log_z, solution.check)
     masses = probability.reshape(probability.shape[0], PANELS, -1).sum(axis=2)
     below = np.zeros((masses.shape[0], PANELS + 1))
     np.cumsum(masses, axis=1, out=below[:, 1:])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aleator.densities.dual import Expectations, expectations, gaussian_start, minimize_dual
+from aleator.densities.dual import expectations, gaussian_start, minimize_dual, node_probabilities
 from aleator.densities.interface import Array, Codes, Mask, Status
 from aleator.densities.legendre import (
     Rule,
@@ -113,9 +113,14 @@ def _fall_back(best: Solution, failed: Codes, standardized: Array, nodes: int) -
     best.covariance[rows, :2, :2] = second.covariance[kept]
     best.log_z[rows] = second.log_z[kept]
     best.order_used[rows] = 2
-    law = expectations(best.multipliers[rows], best.check)
     best.residual[failed] = _relative(_NORMAL_MOMENTS[: order + 1], standardized)
-    best.residual[rows] = _residual(law, best.check, best.a[rows], best.b[rows], standardized[kept])
+    best.residual[rows] = _residual(
+        node_probabilities(best.multipliers[rows], best.log_z[rows], best.check),
+        best.check.nodes,
+        best.a[rows],
+        best.b[rows],
+        standardized[kept],
+    )
 
 
 def _attempt(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
@@ -131,7 +136,8 @@ def _attempt(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
         target[possible, 1:], multipliers[possible], gauss_rule(order, nodes)
     )
     law = expectations(multipliers, check)
-    residual = _residual(law, check, a, b, standardized)
+    probability = node_probabilities(multipliers, law.log_z, check)
+    residual = _residual(probability, check.nodes, a, b, standardized)
     honest = converged & (residual[possible] <= LARGEST_RESIDUAL)
     status[possible] = np.where(honest, Status.SOLVED, Status.NOT_CONVERGED)
     return Solution(
@@ -149,13 +155,13 @@ def _attempt(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
     )
 
 
-def _residual(law: Expectations, check: Rule, a: Array, b: Array, standardized: Array) -> Array:
-    """Distance of the moments of u, summed at the nodes of the check, from those asked for.
+def _residual(probability: Array, t: Array, a: Array, b: Array, standardized: Array) -> Array:
+    """Distance of the moments of u, summed at the nodes t of the check, from those asked for.
 
     Powers of u itself are summed, so that a wrong conversion to Legendre moments shows as well.
     """
-    u = 0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * check.nodes
-    found, probability = np.empty_like(standardized), law.probability
+    u = 0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * t
+    found = np.empty_like(standardized)
     for m in range(standardized.shape[1]):
         found[:, m] = probability.sum(axis=1)
         probability = probability * u
