@@ -8,7 +8,6 @@ from typing import Any
 
 from rich import box
 from rich.console import Group, RenderableType
-from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -31,7 +30,7 @@ def render(result: Result, files: Sequence[str] = ()) -> RenderableType:
         *_warnings(result),
         _verdict(result, files),
     ]
-    return Group(*(Padding(part, (0, 0, 1, 0)) for part in parts if part is not None))
+    return Group(*(line for part in parts if part is not None for line in (part, Text())))
 
 
 def render_predictions(columns: Mapping[Any, Sequence[Any]], outcome: str) -> RenderableType:

@@ -1,0 +1,72 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aleator.errors import AleatorError
+from aleator.report import documents
+
+
+def test_what_is_not_finite_is_null_and_arrays_are_lists() -> None:
+    value = {"a": np.float32(0.5), "b": (np.inf, np.nan, -0.0), "c": np.array([[1, 2]]), 3: True}
+    assert documents.plain(value) == {"a": 0.5, "b": [None, None, 0.0], "c": [[1, 2]], "3": True}
+    assert documents.plain(np.True_) is True
+
+
+def test_what_has_no_place_is_refused() -> None:
+    with pytest.raises(TypeError, match="object has no place"):
+        documents.plain({"a": object()})
+
+
+def test_floats_read_back_exactly() -> None:
+    values = np.random.default_rng(0).normal(size=100) * 10.0 ** np.arange(-50, 50)
+    text = documents.to_json({"values": values})
+    assert json.loads(text)["values"] == values.tolist()
+
+
+def test_the_order_of_keys_does_not_depend_on_how_they_came() -> None:
+    one = documents.to_json({"seconds": {}, "alpha": {}, "own": 1, "title": ""})
+    assert list(json.loads(one)) == ["title", "alpha", "seconds", "own"]
+    assert one == documents.to_json({"title": "", "alpha": {}, "seconds": {}, "own": 1})
+
+
+def test_a_document_survives_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "identification.json"
+    result = {"alpha": {"x.mean": {"estimate": 0.1}}, "log_likelihood": {}, "experiments": []}
+    documents.write_json(result, path)
+    assert documents.read_json(path) == result
+    assert documents.estimates(result, path) == {"x.mean": 0.1}
+    assert [file.name for file in path.parent.iterdir()] == ["identification.json"]
+
+
+def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(AleatorError, match=r"(?s)cannot be written.*--output"):
+        documents.write_json({}, tmp_path / "file" / "identification.json")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, "cannot be read"),
+        ("{", "this is not JSON"),
+        ("[1]", "it lacks alpha, log_likelihood, experiments"),
+        ('{"alpha": {}}', "it lacks log_likelihood, experiments"),
+    ],
+)
+def test_what_is_not_an_identification_is_told(
+    tmp_path: Path, text: str | None, words: str
+) -> None:
+    path = tmp_path / "identification.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(AleatorError, match=words) as caught:
+        documents.read_json(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("alpha", [{"x": 1.0}, {"x": {"estimate": None}}, [1.0]])
+def test_estimates_that_are_missing_are_told(alpha: object) -> None:
+    with pytest.raises(AleatorError, match="'alpha' does not hold an estimate"):
+        documents.estimates({"alpha": alpha}, "identification.json")

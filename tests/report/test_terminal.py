@@ -1,0 +1,230 @@
+import io
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console, RenderableType
+
+from aleator.recovery import Recovery
+from aleator.report import recovery, terminal
+
+
+def printed(renderable: RenderableType, width: int = 80, encoding: str = "utf-8") -> str:
+    raw = io.BytesIO()
+    file = io.TextIOWrapper(raw, encoding=encoding, newline="")
+    Console(file=file, width=width).print(renderable)
+    file.flush()
+    return raw.getvalue().decode(encoding)
+
+
+def experiment(name: str, pit: float | None, **changes: Any) -> dict[str, Any]:
+    return {
+        "id": name,
+        "outcome": 0.81234,
+        "log_density": 1.5,
+        "mean": 0.8,
+        "standard_deviation": 0.02,
+        "skewness": 0.0,
+        "kurtosis": 3.0,
+        "quantiles": {"0.025": 0.76, "0.25": 0.78, "0.5": 0.8, "0.75": 0.82, "0.975": 0.84},
+        "pit": pit,
+        "status": "solved",
+        "surface_error": None,
+        **changes,
+    }
+
+
+def result(**changes: Any) -> dict[str, Any]:
+    return {
+        "title": "Wet clutch",
+        "seed": 4,
+        "alpha": {
+            "c2_scale.mean": {
+                "estimate": 0.912345,
+                "standard_error": 0.01234,
+                "sandwich_error": 0.0301,
+                "interval": [0.88816, 0.93653],
+                "at_bound": None,
+                "fixed": False,
+            },
+            "c2_scale.sd": {
+                "estimate": 0.005,
+                "standard_error": None,
+                "sandwich_error": None,
+                "interval": None,
+                "at_bound": "lower",
+                "fixed": False,
+            },
+            "b0.value": {
+                "estimate": -9.0,
+                "standard_error": None,
+                "sandwich_error": None,
+                "interval": None,
+                "at_bound": None,
+                "fixed": True,
+            },
+        },
+        "correlation": {"names": ["a", "b"], "matrix": [[1.0, -0.95], [-0.95, 1.0]]},
+        "log_likelihood": {
+            "estimated": 262.51234,
+            "verified": 262.4,
+            "verified_standard_error": 0.13,
+        },
+        "density": "maximum_entropy(4)",
+        "propagation": "response_surface",
+        "runs": 118642,
+        "runs_by_stage": {"response surface": 10642, "search": 0, "verification": 108000},
+        "seconds": {"response surface": 8.123, "search": 2.04, "total": 10.163},
+        "search": {
+            "starts": 10,
+            "evaluations": 180,
+            "distinct_optima": 2,
+            "optima": [
+                {"log_likelihood": 262.512, "alpha": {}, "starts": 7},
+                {"log_likelihood": 245.9, "alpha": {}, "starts": 3},
+            ],
+            "edm": 1e-9,
+            "converged": True,
+        },
+        "surface": {
+            "converged": 107,
+            "experiments": 108,
+            "median_error": 0.0031,
+            "worst_error": 0.0234,
+        },
+        "baselines": {
+            "least_squares": {
+                "parameters": {"c2_scale": 0.93},
+                "rmse": 0.0213,
+                "log_likelihood": 201.0,
+            },
+            "circe": {"alpha": {"c2_scale.mean": 0.92}, "log_likelihood": 230.5},
+        },
+        "warnings": [
+            {"about": "bound", "message": "c2_scale.sd is on its bound", "remedy": "lower it"}
+        ],
+        "accepted": True,
+        "experiments": [
+            experiment("1", 0.5),
+            experiment("2", 0.001),
+            experiment("3", 0.4),
+            experiment("4", 0.99),
+            experiment("5", None, status="not_realizable", log_density=None),
+        ],
+        **changes,
+    }
+
+
+def test_the_report_says_what_was_found() -> None:
+    text = printed(terminal.render(result(), ["out/identification.json"]))
+    for words in (
+        "Wet clutch",
+        "2 hyperparameters identified from 5 experiments by maximum likelihood",
+        "best of 10 starts, seed 4",
+        "at its lower bound",
+        "fixed",
+        "sandwich error 0.03",
+        "a and b: -0.950",
+        "262.512",
+        "+- 0.13, Monte Carlo on the simulator",
+        "2 distinct optima: 262.512 (7 starts), 245.900 (3 starts)",
+        "107 of 108 converged",
+        "worst error 2.3 %",
+        "118,642: response surface 10,642, verification 108,000",
+        "10.2: response surface 8.1, search 2.0",
+        "Warning, bound: c2_scale.sd is on its bound",
+        "Remedy: lower it",
+        "Accepted",
+        "Written: out/identification.json",
+    ):
+        assert words in " ".join(text.split()), words
+    row = next(line.split() for line in text.splitlines() if "c2_scale.mean" in line)
+    assert row[:6] == ["c2_scale.mean", "0.912", "0.012", "0.888", "..", "0.937"]
+
+
+def test_the_three_experiments_explained_worst_are_named_worst_first() -> None:
+    text = printed(terminal.render(result()))
+    rows = [line.split()[1] for line in text.splitlines() if line.startswith("experiment ")]
+    assert rows == ["5", "2", "4"]
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+def test_no_line_is_wider_than_the_terminal(width: int) -> None:
+    text = printed(terminal.render(result(), ["out/identification.json"]), width)
+    assert max(map(len, text.splitlines())) <= width
+
+
+def test_it_is_plain_text_without_a_terminal() -> None:
+    assert "\x1b" not in printed(terminal.render(result()))
+
+
+def test_it_can_be_printed_where_only_ascii_can() -> None:
+    assert "Wet clutch" in printed(terminal.render(result()), encoding="ascii")
+
+
+def test_text_in_brackets_is_not_taken_for_markup() -> None:
+    odd = result(title="[red]x[/nonsense]", experiments=[experiment("[b]1", 0.5)])
+    text = printed(terminal.render(odd))
+    assert "[red]x[/nonsense]" in text
+    assert "[b]1" in text
+
+
+def test_an_answer_that_is_not_accepted_says_so() -> None:
+    text = printed(terminal.render(result(accepted=False)))
+    assert "NOT accepted" in text
+
+
+def test_what_was_not_done_is_not_told() -> None:
+    likelihood = {"estimated": 1.0, "verified": None, "verified_standard_error": None}
+    text = printed(
+        terminal.render(
+            result(log_likelihood=likelihood, surface=None, baselines={}, warnings=[], search={})
+        )
+    )
+    assert "not verified" in text
+    for words in ("Monte Carlo", "scatter", "least squares", "Warning", "starts"):
+        assert words not in text
+
+
+def test_the_least_document_can_be_rendered() -> None:
+    least = {
+        "alpha": {"x.mean": {"estimate": 1.0}},
+        "log_likelihood": {"estimated": None},
+        "experiments": [],
+    }
+    text = printed(terminal.render(least))
+    assert "1 hyperparameter identified from 0 experiments" in text
+
+
+def test_predictions_are_a_table() -> None:
+    columns = {
+        "id": ["new"], "mean": [1.23456], "standard_deviation": [0.0123], "q0.025": [1.0],
+        "q0.25": [1.1], "q0.5": [1.2], "q0.75": [1.3], "q0.975": [1.4], "status": ["solved"],
+    }  # fmt: skip
+    text = printed(terminal.render_predictions(columns, "log(time)"))
+    assert "Predicted distribution of log(time)" in text
+    assert text.splitlines()[-1].split() == [
+        "new", "1.235", "0.0123", "1.2", "1.1", "..", "1.3", "1", "..", "1.4", "solved",
+    ]  # fmt: skip
+
+
+def test_a_recovery_tells_bias_and_coverage() -> None:
+    alpha = np.array([[0.9, 0.10], [1.0, 0.12], [1.1, 0.14]])
+    found = Recovery(
+        ("x.mean", "x.sd"),
+        np.array([1.0, 0.02]),
+        alpha,
+        np.stack([alpha - 0.05, alpha + 0.05], axis=-1),
+        np.zeros(3),
+        np.array([True, True, False]),
+    )
+    document = recovery.document(found)
+    assert document["hyperparameters"]["x.mean"]["coverage"] == pytest.approx(1 / 3)
+    assert document["replicates"][2]["converged"] is False
+    text = printed(recovery.render({"title": "Springs", **document}, ["out/recovery.json"]))
+    assert "3 virtual data sets" in text
+    rows = {line.split()[0]: line for line in text.splitlines() if line.startswith("x.")}
+    assert "33 %" in rows["x.mean"]
+    assert "biased" not in rows["x.mean"]
+    assert "biased" in rows["x.sd"]
+    assert "Written: out/recovery.json" in text
