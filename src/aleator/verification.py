@@ -29,11 +29,10 @@ class MonteCarlo:
     """The user's choice of the check: `samples` simulator runs an experiment (0: no check).
 
     They are spread over eight shifted copies of a Sobol' point set, and rounded up to eight times
-    a power of two.
+    a power of two. Raises InputsError for a number of samples between 1 and 49: a density needs
+    more.
 
-    Raises InputsError for a number of samples between 1 and 49: a density needs more.
-
-    >>> MonteCarlo(samples=1000).points  # a copy: 8 * 128 = 1024 runs an experiment
+    >>> MonteCarlo(samples=1000).points  # of each copy: 8 * 128 = 1024 runs an experiment
     128
     """
 
@@ -43,6 +42,11 @@ class MonteCarlo:
         """Check at once, so that the mistake is reported where it was made."""
         if self.samples != 0 and self.samples < 50:
             raise InputsError(f"verification: samples {self.samples}", "use 0 (off) or at least 50")
+
+    @property
+    def points(self) -> int:
+        """Points of each of the eight copies, a power of two."""
+        return 1 << math.ceil(math.log2(max(self.samples, 1) / REPLICATES))
 
 
 @dataclass(frozen=True)
