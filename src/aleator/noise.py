@@ -28,4 +28,4 @@ class Noise:
     @cached_property
     def hyperparameter(self) -> Hyperparameter:
         """The one hyperparameter, `noise.sd`."""
-        return resolve("sd", self.sd, (None, None), positive=True).named("noise")
+        return resolve("sd", self.sd, (None, None), positive=True, zero=True).named("noise")

@@ -56,17 +56,20 @@ def resolve(
     default: tuple[float | None, float | None],
     *,
     positive: bool = False,
+    zero: bool = False,
 ) -> Hyperparameter:
     """Fill a specification's gaps from the law's default limits, and check it.
 
-    Raises InputsError where a limit is missing, not finite, out of order, or not positive
-    although it must be, and where the start lies outside the limits.
+    `zero` admits a number that is zero although it must be positive. Raises InputsError where a
+    limit is missing, not finite, out of order, or not positive although it must be, and where the
+    start lies outside the limits.
     """
     if not isinstance(specification, Free):
         value = float(specification)
         _require(math.isfinite(value), f"{name} = {value} is not finite", "give a finite number")
-        allowed = value >= 0.0 if positive else True
-        _require(allowed, f"{name} = {value} is negative", "give a number >= 0")
+        if positive:
+            _require(value >= 0.0, f"{name} = {value} is negative", "give a number > 0")
+            _require(zero or value > 0.0, f"{name} = 0: no scatter", "use Constant instead")
         return Hyperparameter(name, value, value, value, free=False, log=positive)
     lower = default[0] if specification.lower is None else float(specification.lower)
     upper = default[1] if specification.upper is None else float(specification.upper)

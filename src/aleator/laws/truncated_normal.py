@@ -153,7 +153,7 @@ def _truncated_quantile(u: Array, a: float, b: float) -> Array:
 
 def _truncated_quantile_from_logs(log_u: Array, log_v: Array, a: float, b: float) -> Array:
     """Solve Phi(t) = (1 - u) Phi(a) + u Phi(b) from log u and log(1 - u)."""
-    if a + b > 0.0:
+    if a > -b:
         # upper tails lose digits, lower tails do not: reflect
         return -_truncated_quantile_from_logs(log_v, log_u, -b, -a)
     log_cdf = np.logaddexp(log_v + special.log_ndtr(a), log_u + special.log_ndtr(b))
