@@ -48,7 +48,7 @@ class _Commands(click.Group):
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="aleator")
+@click.version_option(package_name="aleator", prog_name="aleator")
 def main() -> None:
     """Identify the probability law of a simulator's uncertain parameters.
 

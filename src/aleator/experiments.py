@@ -7,7 +7,7 @@ densities and log-likelihoods are those of the logarithm.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -84,16 +84,18 @@ class Conditions:
         *,
         id: str | None = None,
         conditions: Sequence[str] | None = None,
+        numbers: Collection[str] = (),
         transform: Transform = "none",
         delimiter: str = ",",
         decimal: str = ".",
     ) -> Conditions:
         """Take `conditions` (default: every column but the id) from a delimited file.
 
+        Those named in `numbers` must be numbers; the others may be text.
         Raises ExperimentsError as Experiments.from_csv does.
         """
         table = tables.read(path, delimiter, decimal)
-        return cls(*_conditions(table, id, conditions, ()), transform)
+        return cls(*_conditions(table, id, conditions, (), numbers), transform)
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +226,11 @@ def _check_sizes(ids: tuple[str, ...], conditions: pd.DataFrame, transform: str)
 
 
 def _conditions(
-    table: Table, id: str | None, names: Sequence[str] | None, taken: tuple[str, ...]
+    table: Table,
+    id: str | None,
+    names: Sequence[str] | None,
+    taken: tuple[str, ...],
+    numbers: Collection[str] = (),
 ) -> tuple[tuple[str, ...], pd.DataFrame]:
     """Ids and conditions of a table; `taken` are columns that are not conditions by default."""
     if id is not None:
@@ -237,7 +243,10 @@ def _conditions(
         names = [name for name in table.columns if name not in (id, *taken)]
     for name in names:
         table.require(name, "the condition")
-    columns = {name: _condition(table, name, chosen) for name in names}
+    columns = {
+        name: table.numbers(name) if name in numbers else _condition(table, name, chosen)
+        for name in names
+    }
     return ids, pd.DataFrame(columns, index=range(len(ids)))
 
 

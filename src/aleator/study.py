@@ -78,16 +78,16 @@ class Study:
     def read_conditions(self, path: str | Path) -> Conditions:
         """Read a table of new conditions, written as the study's table is; it has no outcomes.
 
-        An id column of the study that the new table lacks is not missed, nor are conditions that
-        the simulator does not ask for. Raises ExperimentsError as Experiments.from_csv does.
+        Conditions that the simulator does not ask for may be missing; what was a number in the
+        study's table must be one here. Raises ExperimentsError as Experiments.from_csv does.
         """
-        asked = self.simulator.asks(
-            [*map(str, self.experiments.conditions.columns)], self.inputs.names
-        )
+        tried = self.experiments.conditions
+        asked = self.simulator.asks([*map(str, tried.columns)], self.inputs.names)
         return Conditions.from_csv(
             path,
             id=self.table.id,
             conditions=asked,
+            numbers=[name for name in asked if tried[name].dtype != object],
             transform=self.experiments.transform,
             delimiter=self.table.delimiter,
             decimal=self.table.decimal,

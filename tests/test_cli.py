@@ -1,0 +1,264 @@
+"""Every command does its work, says what it does, and can be interrupted."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import pandas as pd
+import pytest
+from click.testing import CliRunner, Result
+
+from aleator import cli
+
+STUDY = """\
+title = "Springs"
+[experiments]
+file = "springs.csv"
+outcome = "length"
+[simulator]
+function = "model.py:length"
+[parameters.softness]
+law = "truncated_normal"
+box = [0.5, 1.5]
+sd = {lower = 0.01, upper = 0.4}
+[search]
+starts = 2
+[verification]
+samples = 64
+"""
+MODEL = "def length(load, softness): return load * softness\n"
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "springs"
+    folder.mkdir()
+    lengths = [0.93, 2.1, 3.2, 3.7, 5.4, 5.8, 7.9, 7.6]
+    rows = [f"{chr(65 + k)},{k + 1},{length}" for k, length in enumerate(lengths)]
+    (folder / "springs.csv").write_text("\n".join(["id,load,length", *rows]) + "\n")
+    (folder / "model.py").write_text(MODEL)
+    (folder / "study.toml").write_text(STUDY)
+    monkeypatch.chdir(tmp_path)
+    return Path("springs/study.toml")
+
+
+def commands(group: click.Group, name: str = "aleator") -> Iterator[tuple[str, click.Command]]:
+    yield name, group
+    for key, command in group.commands.items():
+        if isinstance(command, click.Group):
+            yield from commands(command, f"{name} {key}")
+        else:
+            yield f"{name} {key}", command
+
+
+def test_every_command_and_option_is_documented() -> None:
+    found = dict(commands(cli.main))
+    assert set(found) == {
+        "aleator", "aleator identify", "aleator predict", "aleator recover",
+        "aleator clutch", "aleator clutch bench",
+    }  # fmt: skip
+    for name, command in found.items():
+        assert command.help, name
+        for parameter in command.params:
+            if isinstance(parameter, click.Option):
+                assert parameter.help, f"{name} {parameter.name}"
+            else:
+                assert isinstance(parameter.metavar, str), f"{name} {parameter.name}"
+        shown = run(*name.split()[1:], "--help")
+        assert shown.exit_code == 0
+        assert max(map(len, shown.output.splitlines())) <= 90
+
+
+def test_the_version_is_told() -> None:
+    assert run("--version").output.startswith("aleator, version ")
+
+
+def test_identify_writes_and_prints_the_answer(study: Path) -> None:
+    done = run("identify", study, "--output", "result")
+    assert done.exit_code == 0, done.output
+    document = json.loads(Path("result/identification.json").read_text())
+    assert document["title"] == "Springs"
+    assert document["study"]["file"] == "../springs/study.toml"
+    assert set(document["alpha"]) == {"softness.mean", "softness.sd"}
+    assert document["alpha"]["softness.mean"]["estimate"] == pytest.approx(1.02, abs=0.05)
+    assert document["log_likelihood"]["verified"] is not None
+    assert [entry["id"] for entry in document["experiments"]] == [*"ABCDEFGH"]
+    assert "softness.mean" in done.stdout
+    assert "Written: result/identification.json" in done.stdout
+    assert "search ..." in done.stderr
+    assert not Path("result/runs.csv").exists()
+
+
+def test_the_default_folder_is_named_after_the_study(study: Path) -> None:
+    done = run("identify", study, "--quiet", "--no-verify")
+    assert (done.exit_code, done.output) == (0, "")
+    document = json.loads(Path("out/springs/identification.json").read_text())
+    assert document["log_likelihood"]["verified"] is None
+
+
+def test_the_same_seed_gives_the_same_file_but_for_the_seconds(study: Path) -> None:
+    texts = []
+    for folder in ("one", "two"):
+        run("identify", study, "--output", folder, "--seed", 5)
+        document = json.loads(Path(folder, "identification.json").read_text())
+        del document["seconds"]
+        texts.append(json.dumps(document))
+    assert texts[0] == texts[1]
+    assert json.loads(texts[0])["seed"] == 5
+
+
+def test_starts_can_be_chosen(study: Path) -> None:
+    run("identify", study, "--starts", 1, "--no-verify", "--output", "one")
+    document = json.loads(Path("one/identification.json").read_text())
+    assert document["search"]["starts"] == 1
+
+
+@pytest.mark.parametrize(
+    ("failure", "code", "words"),
+    [
+        ("ValueError('too stiff')", 2, "aleator: error: simulator 'length' raised for experiment"),
+        ("KeyboardInterrupt", 130, "aleator: stopped by Ctrl-C"),
+    ],
+)
+def test_completed_runs_survive_and_are_taken_up(
+    study: Path, failure: str, code: int, words: str
+) -> None:
+    model, counter = study.with_name("model.py"), Path("count.txt")
+    model.write_text(
+        "from pathlib import Path\n"
+        "calls = 0\n"
+        "def length(load, softness):\n"
+        "    global calls\n"
+        "    calls += 1\n"
+        f"    Path({str(counter.resolve())!r}).write_text(str(calls))\n"
+        f"    if calls == 50 and Path('fails').exists(): raise {failure}\n"
+        "    return load * softness\n"
+    )
+    whole = run("identify", study, "--output", "whole")
+    calls = int(counter.read_text())
+    Path("fails").touch()
+    stopped = run("identify", study, "--output", "result")
+    assert stopped.exit_code == code
+    assert words in stopped.stderr
+    assert "the 49 runs that completed are kept in result/runs.csv" in stopped.stderr
+    assert "Traceback" not in stopped.output
+    assert not Path("result/identification.json").exists()
+    Path("fails").unlink()
+    done = run("identify", study, "--output", "result")
+    assert done.exit_code == 0
+    assert "49 runs are taken from result/runs.csv" in done.stderr
+    assert int(counter.read_text()) == calls - 49
+    # Resumed or not, the answer is the same, and so is the number of runs that it rests on.
+    one, two = (json.loads(Path(f, "identification.json").read_text()) for f in ("whole", "result"))
+    del one["seconds"], two["seconds"]
+    assert one == two
+    assert whole.exit_code == 0
+
+
+def test_runs_of_a_simulator_that_has_changed_are_not_taken(study: Path) -> None:
+    run("identify", study, "--output", "result", "--keep-runs", "--no-verify")
+    assert Path("result/runs.csv").exists()
+    again = run("identify", study, "--output", "result", "--no-verify")
+    assert "runs are taken from" in again.stderr
+    study.with_name("model.py").write_text(MODEL.replace("load *", "1.0 * load *"))
+    changed = run("identify", study, "--output", "result", "--no-verify")
+    assert "runs are taken from" not in changed.stderr
+    assert "is left alone" in changed.stderr
+
+
+def test_predict_prints_or_writes_new_conditions(study: Path) -> None:
+    run("identify", study, "--output", "result", "--quiet", "--no-verify")
+    Path("new.csv").write_text("id,load\nten,10\ntwenty,20\n")
+    law = "result/identification.json"
+    shown = run("predict", law, "--conditions", "new.csv")
+    assert shown.exit_code == 0, shown.output
+    assert "Predicted distribution of length" in shown.stdout
+    assert "twenty" in shown.stdout
+    written = run("predict", law, "--conditions", "new.csv", "--output", "p.csv", "--quiet")
+    assert written.output == "Written: p.csv\n"
+    table = pd.read_csv("p.csv")
+    mean = json.loads(Path(law).read_text())["alpha"]["softness.mean"]["estimate"]
+    assert table["id"].tolist() == ["ten", "twenty"]
+    assert table["mean"].to_numpy() == pytest.approx([10 * mean, 20 * mean], rel=0.02)
+    assert (table["q0.025"] < table["q0.5"]).all()
+
+
+def test_predict_finds_a_study_that_was_moved_or_changed(study: Path) -> None:
+    run("identify", study, "--output", "result", "--quiet", "--no-verify")
+    Path("new.csv").write_text("load\n10\n")
+    study.parent.rename("moved")
+    law = "result/identification.json"
+    lost = run("predict", law, "--conditions", "new.csv")
+    assert lost.exit_code == 2
+    assert "--study" in lost.stderr
+    moved = Path("moved/study.toml")
+    found = run("predict", law, "--conditions", "new.csv", "--study", moved)
+    assert found.exit_code == 0
+    assert "has changed" not in found.stderr
+    moved.write_text(STUDY + "\n")
+    changed = run("predict", law, "--conditions", "new.csv", "--study", moved)
+    assert changed.exit_code == 0
+    assert "moved/study.toml has changed since the identification" in changed.stderr
+
+
+def recovered(*arguments: object) -> dict[str, Any]:
+    done = run("recover", *arguments, "--output", "out", "--workers", 1, "--replicates", 3)
+    assert done.exit_code == 0, done.output
+    assert "3 virtual data sets" in done.stdout
+    found: dict[str, Any] = json.loads(Path("out/recovery.json").read_text())
+    return found["hyperparameters"]
+
+
+def test_recover_at_the_identified_law(study: Path) -> None:
+    run("identify", study, "--output", "result", "--quiet", "--no-verify")
+    law = json.loads(Path("result/identification.json").read_text())
+    found = recovered(study)
+    assert found["softness.mean"]["truth"] == law["alpha"]["softness.mean"]["estimate"]
+    assert recovered(study, "--law", "result/identification.json") == found
+
+
+def test_recover_at_a_given_law(study: Path) -> None:
+    found = recovered(study, "--truth", "softness.mean=1.1", "--truth", "softness.sd=0.05")
+    assert found["softness.mean"]["truth"] == 1.1
+    assert found["softness.mean"]["mean"] == pytest.approx(1.1, abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("truth", "words"),
+    [
+        ("softness.mena=1", "did you mean 'softness.mean'"),
+        ("softness.mean", "'' is not a number"),
+        ("softness.mean=high", "'high' is not a number"),
+    ],
+)
+def test_a_truth_that_is_none_is_told(study: Path, truth: str, words: str) -> None:
+    done = run("recover", study, "--truth", truth)
+    assert done.exit_code == 2
+    assert words in done.stderr
+
+
+def test_the_bench_measures_the_same_for_the_same_seed(study: Path) -> None:  # noqa: ARG001
+    printed = run("clutch", "bench", "--seed", 1)
+    assert printed.exit_code == 0
+    written = run("clutch", "bench", "--seed", 1, "--output", "bench.csv")
+    assert written.output == "Written: bench.csv\n"
+    assert Path("bench.csv").read_text() == printed.stdout
+    assert len(pd.read_csv("bench.csv")) == 108
+    other = run("clutch", "bench", "--seed", 1, "--kind", "model")
+    assert other.stdout != printed.stdout
+
+
+def test_a_defect_keeps_its_traceback(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def defective(*arguments: object, **options: object) -> None:
+        raise ZeroDivisionError(f"{len(arguments)} {len(options)}")
+
+    monkeypatch.setattr(cli, "identify_law", defective)
+    done = run("identify", study)
+    assert done.exit_code == 1
+    assert isinstance(done.exception, ZeroDivisionError)

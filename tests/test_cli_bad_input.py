@@ -1,0 +1,166 @@
+"""Bad input through the command line: exit code 2, one message with place and remedy."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from aleator.cli import main
+
+STUDY = """\
+[experiments]
+file = "springs.csv"
+outcome = "length"
+[simulator]
+function = "model.py:length"
+[parameters.softness]
+law = "truncated_normal"
+box = [0.5, 1.5]
+mean = {lower = 0.6, upper = 1.4}
+sd = {lower = 0.01, upper = 0.4}
+[search]
+starts = 1
+"""
+TABLE = "id,load,length\nA,1,0.93\nB,2,2.1\nC,3,3.2\nD,4,3.7\nE,5,5.4\n"
+MODEL = "def length(load, softness):\n    return load * softness\n"
+
+Change = Callable[[Path], None]
+
+
+def edit(name: str, old: str, new: str) -> Change:
+    def change(folder: Path) -> None:
+        path = folder / name
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+
+    return change
+
+
+def table(old: str, new: str) -> Change:
+    return edit("springs.csv", old, new)
+
+
+def study(old: str, new: str) -> Change:
+    return edit("study.toml", old, new)
+
+
+def model(new: str) -> Change:
+    return edit("model.py", "load * softness", new)
+
+
+def vectorized(new: str) -> Change:
+    def change(folder: Path) -> None:
+        study(':length"', ':length"\nvectorized = true')(folder)
+        model(new)(folder)
+
+    return change
+
+
+CASES: dict[str, tuple[Change, list[str]]] = {
+    "missing column": (table("length", "lenght"), ["springs.csv", "'length'", "'lenght'"]),
+    "text": (table("2.1", "long"), ["springs.csv: row 3, column 'length': 'long'"]),
+    "text in a condition": (table("B,2", "B,two"), ["springs.csv: row 3, column 'load': 'two'"]),
+    "NaN": (table("3.2", "nan"), ["springs.csv: row 4, column 'length': 'nan'"]),
+    "blank": (table("3.2", ""), ["springs.csv: row 4, column 'length'", "blank"]),
+    "duplicate id": (table("C,", "A,"), ["row 4, column 'id'", "'A'", "row 2"]),
+    "semicolons": (
+        lambda folder: (folder / "springs.csv").write_text(TABLE.replace(",", ";")) and None,
+        ["springs.csv", "semicolon", 'delimiter = ";"'],
+    ),
+    "unknown key": (study("outcome", "outcom"), ["study.toml", "'experiments.outcom'", "outcome"]),
+    "unknown key of a law": (study("box", "bax"), ["'parameters.softness.bax'", "'box'"]),
+    "lower >= upper": (
+        study("lower = 0.6", "lower = 1.6"),
+        ["study.toml: key 'parameters.softness.mean': lower 1.6 >= upper 1.4"],
+    ),
+    "TOML": (study("starts = 1", "starts = "), ["study.toml", "line 12"]),
+    "no such study": (lambda folder: (folder / "study.toml").unlink(), ["study.toml", "no such"]),
+    "no such module": (study("model.py", "modle.py"), ["modle.py", "did you mean 'model.py'"]),
+    "not importable": (
+        model("load * softness\n1 / 0"),
+        ["model.py", "ZeroDivisionError: division by zero (model.py, line 3)"],
+    ),
+    "no such function": (study(":length", ":lenth"), ["'lenth'", "did you mean 'length'"]),
+    "wrong argument": (edit("model.py", "(load", "(laod"), ["'laod'", "did you mean 'load'"]),
+    "raises": (
+        model("load * softness if load < 3 else [][1]"),
+        ["experiment 'C'", "softness=", "IndexError: list index out of range (model.py, line 2)"],
+    ),
+    "wrong shape": (vectorized("load[:1]"), ["shape (1,)", "vectorized = false"]),
+    "scalar": (vectorized("1.0"), ["float of shape ()", "vectorized = false"]),
+    "an array a run": (model("[load]"), ["experiment 'A'", "array of shape (1,)"]),
+    "nothing": (model("None"), ["experiment 'A'", "returned None"]),
+    "returns NaN": (
+        model("load * softness if softness < 1 else float('nan')"),
+        ["returned nan for experiment 'A' with softness=", "narrow the box", "from above"],
+    ),
+    "returns infinity": (model("float('inf')"), ["returned inf for experiment 'A'", "softness"]),
+    "unreachable outcome": (table("3.2", "9.9"), ["C", "9.9", "noise"]),
+    "too few experiments": (
+        lambda folder: (folder / "springs.csv").write_text("load,length\n1,1.1\n") and None,
+        ["1 experiments cannot identify 2 hyperparameters"],
+    ),
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name, text in (("study.toml", STUDY), ("springs.csv", TABLE), ("model.py", MODEL)):
+        (tmp_path / name).write_text(text)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(("change", "expected"), CASES.values(), ids=CASES)
+def test_bad_input_is_one_message(folder: Path, change: Change, expected: list[str]) -> None:
+    change(folder)
+    done = CliRunner().invoke(main, ["identify", "study.toml", "--quiet", "--output", "out"])
+    assert done.exit_code == 2, done.output
+    assert done.stdout == ""
+    assert done.stderr.count("aleator: error: ") == 1
+    assert "Remedy: " in done.stderr
+    for words in expected:
+        assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not Path("out/identification.json").exists()
+
+
+PREDICTIONS = {
+    "no identification": (["none.json"], "law\n", "none.json"),
+    "not an identification": (["study.toml"], "law\n", "this is not JSON"),
+    "unknown condition": (["law.json"], "laod\n1\n", "did you mean 'laod'"),
+    "text": (["law.json"], "load\nhigh\n", "new.csv: row 2, column 'load'"),
+    "empty": (["law.json"], "", "new.csv: the file is empty"),
+    "no study": (["lost.json"], "load\n1\n", "--study"),
+    "another law": (["other.json"], "load\n1\n", "softness"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "text", "words"), PREDICTIONS.values(), ids=PREDICTIONS)
+def test_bad_predictions_are_one_message(
+    folder: Path, arguments: list[str], text: str, words: str
+) -> None:
+    alpha = '{"softness.mean": {"estimate": 1.0}, "softness.sd": {"estimate": 0.1}}'
+    rest = '"log_likelihood": {}, "experiments": [], "study": {"file": "study.toml"}'
+    (folder / "law.json").write_text(f'{{"alpha": {alpha}, {rest}}}')
+    (folder / "other.json").write_text(f'{{"alpha": {{"x": {{"estimate": 1}}}}, {rest}}}')
+    (folder / "lost.json").write_text(f'{{"alpha": {alpha}, {rest}}}'.replace("study.t", "s.t"))
+    (folder / "new.csv").write_text(text)
+    done = CliRunner().invoke(main, ["predict", *arguments, "--conditions", "new.csv", "--quiet"])
+    assert done.exit_code == 2, done.output
+    assert done.stderr.count("aleator: error: ") == 1
+    assert words in done.stderr
+
+
+def test_the_program_itself_prints_no_traceback(folder: Path) -> None:
+    table("2.1", "long")(folder)
+    command = [sys.executable, "-c", "from aleator.cli import main; main()", "identify"]
+    done = subprocess.run([*command, "study.toml"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("aleator: error: springs.csv: row 3")
+    assert "Traceback" not in done.stderr
