@@ -113,6 +113,14 @@ def test_the_same_seed_gives_the_same_file_but_for_the_seconds(study: Path) -> N
     assert json.loads(texts[0])["seed"] == 5
 
 
+def test_a_folder_that_cannot_be_made_is_told_before_anything_runs(study: Path) -> None:
+    Path("file").write_text("")
+    done = run("identify", study, "--output", "file/result")
+    assert done.exit_code == 2
+    assert "file/result: the folder cannot be made" in done.stderr
+    assert "response surface" not in done.stderr
+
+
 def test_starts_can_be_chosen(study: Path) -> None:
     run("identify", study, "--starts", 1, "--no-verify", "--output", "one")
     document = json.loads(Path("one/identification.json").read_text())

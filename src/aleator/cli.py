@@ -125,13 +125,14 @@ def identify(
     """
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     folder = output or Path("out") / _name_of(study)
+    documents.make_folder(folder)
     with _shown(quiet) as progress:
         runner = value.runner()
         with keeping(runner, folder / RUNS, _say):
             result = _identified(value, runner, progress)
     if keep_runs:
         runner.save(folder / RUNS)
-    document = _document(value, result, folder)
+    document = documents.linked(result.to_dict(), value.title, study, value.sha256, folder)
     documents.write_json(document, folder / IDENTIFICATION)
     if not quiet:
         files = [str(folder / IDENTIFICATION), *([str(folder / RUNS)] if keep_runs else [])]
@@ -168,7 +169,7 @@ def predict(
     """
     document = documents.read_json(identification)
     alpha = documents.estimates(document, identification)
-    value = load_study(_study_of(document, identification, study))
+    value = load_study(study or documents.study_file(document, identification))
     if value.sha256 != (document.get("study") or {}).get("sha256"):
         click.echo(f"aleator: note: {value.file} has changed since the identification", err=True)
     table = value.read_conditions(conditions)
@@ -313,33 +314,9 @@ def _identified(study: Study, runner: Runner, progress: Progress) -> Identificat
     )
 
 
-def _document(study: Study, result: Identification, folder: Path) -> dict[str, Any]:
-    # Relative to the document, so that a folder that holds both can be moved.
-    file = Path(os.path.relpath(study.file, folder)).as_posix()
-    return {
-        "title": study.title,
-        "study": {"file": file, "sha256": study.sha256},
-        **result.to_dict(),
-    }
-
-
 def _name_of(study: Path) -> str:
     """What a study is called: its file, or its folder if the file is just study.toml."""
     return study.resolve().parent.name if study.stem == "study" else study.stem
-
-
-def _study_of(document: dict[str, Any], identification: Path, given: Path | None) -> Path:
-    if given is not None:
-        return given
-    entry = document.get("study")
-    file = entry.get("file") if isinstance(entry, dict) else None
-    found = identification.parent / file if isinstance(file, str) else None
-    if found is None or not found.is_file():
-        raise AleatorError(
-            f"{identification}: its study file {f'{found} ' if found else ''}is not there",
-            "name the study file with --study",
-        )
-    return Path(os.path.relpath(found))
 
 
 def _truth(

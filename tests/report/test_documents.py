@@ -42,8 +42,12 @@ def test_a_document_survives_the_file(tmp_path: Path) -> None:
 
 def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(AleatorError, match=r"(?s)cannot be written.*--output"):
+    with pytest.raises(AleatorError, match=r"(?s)cannot be made.*--output"):
         documents.write_json({}, tmp_path / "file" / "identification.json")
+
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(AleatorError, match=r"(?s)cannot be written.*--output"):
+        documents.write_json({}, tmp_path / "folder")
 
 
 @pytest.mark.parametrize(

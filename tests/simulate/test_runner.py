@@ -224,6 +224,15 @@ def test_runs_are_kept_whatever_stops_them(tmp_path: Path, error: BaseException)
     assert said[1].startswith("2 runs are taken from")
 
 
+def test_runs_that_cannot_be_written_do_not_hide_what_stopped_them(tmp_path: Path) -> None:
+    said = list[str]()
+    (tmp_path / "file").write_text("")
+    run = runner(Counted(lambda load, x: load == 4.0))
+    with pytest.raises(SimulatorError), keeping(run, tmp_path / "file" / "runs.csv", said.append):
+        run([0, 2], [[1.0], [3.0]])
+    assert "could not be written" in said[0]
+
+
 def test_known_runs_are_written_again_with_the_new_ones(tmp_path: Path) -> None:
     path = tmp_path / "runs.csv"
     function = Counted(lambda load, x: load == 4.0)

@@ -59,18 +59,60 @@ def to_json(result: Mapping[str, Any]) -> str:
     return json.dumps(ordered, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+def linked(
+    result: Mapping[str, Any], title: str, study: Path, sha256: str, folder: Path
+) -> dict[str, Any]:
+    """The document of a result that is written to `folder`, with its title and its study file.
+
+    The file is named relative to the folder, so that both can be moved together.
+    """
+    file = Path(os.path.relpath(study, folder)).as_posix()
+    return {"title": title, "study": {"file": file, "sha256": sha256}, **result}
+
+
+def study_file(document: Mapping[str, Any], path: Path) -> Path:
+    """The study file of a document that was read from `path`.
+
+    Raises AleatorError where it is not named, or no longer there.
+    """
+    entry = document.get("study")
+    file = entry.get("file") if isinstance(entry, Mapping) else None
+    found = path.parent / file if isinstance(file, str) else None
+    if found is None or not found.is_file():
+        raise AleatorError(
+            f"{path}: its study file {f'{found} ' if found else ''}is not there",
+            "name the study file with --study",
+        )
+    return Path(os.path.relpath(found))
+
+
+def make_folder(folder: Path) -> None:
+    """Make the folder of the results, before anything that should go there is computed.
+
+    Raises AleatorError where that is not possible.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise AleatorError(
+            f"{folder}: the folder cannot be made: {error.strerror}",
+            "choose another folder with --output",
+        ) from None
+
+
 def write_text(text: str, path: str | Path) -> None:
     """Write a file whole or not at all, making its folder.
 
     Raises AleatorError where the file cannot be written.
     """
     path = Path(path)
+    make_folder(path.parent)
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         draft.write_text(text, encoding="utf-8")
         draft.replace(path)
     except OSError as error:
+        draft.unlink(missing_ok=True)
         raise AleatorError(
             f"{path}: the file cannot be written: {error.strerror}",
             "choose another folder with --output",

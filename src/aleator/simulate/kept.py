@@ -25,6 +25,14 @@ def keeping(runner: Runner, path: Path, say: Callable[[str], None]) -> Iterator[
         yield
     except BaseException:
         if runner.fresh:
-            runner.save(path)
-            say(f"the {len(runner.completed):,} runs that completed are kept in {path}")
+            _save(runner, path, say)
         raise
+
+
+def _save(runner: Runner, path: Path, say: Callable[[str], None]) -> None:
+    try:
+        runner.save(path)
+        say(f"the {len(runner.completed):,} runs that completed are kept in {path}")
+    except OSError as error:
+        # What stopped the runs is the error to be told, not this one.
+        say(f"the runs that completed could not be written to {path}: {error.strerror}")
