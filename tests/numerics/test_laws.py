@@ -1,0 +1,357 @@
+"""Laws: their rules, polynomials and quantiles against integrals that do not use the package."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from problems import from_raw, raw_normal, raw_truncated
+from scipy import stats
+
+from aleator import Constant, Free, Noise, Normal, TruncatedNormal
+from aleator.errors import InputsError
+from aleator.laws import Law
+
+Array = NDArray[np.float64]
+INF = math.inf
+
+# box, mean, sd: what is hard about it
+TRUNCATED = [
+    pytest.param((-1.0, 1.0), 0.1, 0.3, id="box at three sd"),
+    pytest.param((-1.0, 1.0), 0.9, 0.5, id="binding box"),
+    pytest.param((0.0, 1.0), -5.0, 0.5, id="box ten sd in the tail"),
+    pytest.param((0.0, 1.0), -20.0, 1.0, id="box twenty sd in the tail"),
+    pytest.param((0.0, 1.0), 0.5, 100.0, id="nearly uniform"),
+    pytest.param((0.0, 1.0), 0.5, 0.01, id="box at fifty sd"),
+    pytest.param((0.0, INF), 0.0, 1.0, id="half normal"),
+    pytest.param((0.0, INF), -3.0, 1.0, id="nearly exponential"),
+    pytest.param((-INF, 0.0), 2.0, 1.0, id="open below"),
+    pytest.param((-INF, INF), 0.3, 2.0, id="no box"),
+]
+
+
+def standardized_by(x: Array, weights: Array, order: int) -> tuple[float, float, list[float]]:
+    mean = float(weights @ x)
+    sd = math.sqrt(float(weights @ (x - mean) ** 2))
+    return mean, sd, [float(weights @ ((x - mean) / sd) ** m) for m in range(order + 1)]
+
+
+def reference(law: TruncatedNormal, mean: float, sd: float) -> tuple[Array, Array]:
+    """1000 Gauss-Legendre points on the box, cut 25 sd beyond the peak, weighted by the density."""
+    lower, upper = law.box_limits
+    peak = min(max(mean, lower), upper)
+    low, high = max(lower, peak - 25.0 * sd), min(upper, peak + 25.0 * sd)
+    t, w = np.polynomial.legendre.leggauss(1000)
+    x = 0.5 * (low + high) + 0.5 * (high - low) * t
+    w = w * np.exp(-0.5 * (x - peak) * (x + peak - 2.0 * mean) / sd**2)
+    return x, w / w.sum()
+
+
+# ------------------------------------------------------------------------------ truth of the truth
+
+
+@pytest.mark.parametrize(("box", "mean", "sd"), TRUNCATED[:4])
+def test_the_closed_form_of_truncated_moments_is_that_of_an_integral(box, mean, sd) -> None:
+    with mpmath.workdps(30):
+        points = mpmath.linspace(*box, 33)
+
+        def weight(x: mpmath.mpf) -> mpmath.mpf:
+            return mpmath.exp(-(((x - mean) / sd) ** 2) / 2)
+
+        mass = mpmath.quad(weight, points)
+        for m in (1, 2, 5, 8):
+            integral = mpmath.quad(lambda x, m=m: x**m * weight(x), points) / mass
+            # mpmath.quad itself leaves 5e-12 on these panels
+            assert float(raw_truncated(mean, sd, box, m) / integral) == pytest.approx(1, abs=1e-10)
+
+
+# ------------------------------------------------------------------------------ rules
+
+
+@pytest.mark.parametrize(("box", "mean", "sd"), TRUNCATED)
+@pytest.mark.parametrize("q", [2, 5, 8])
+def test_the_own_rule_has_the_moments_up_to_degree_2q_minus_1(box, mean, sd, q) -> None:
+    law = TruncatedNormal(box, mean, sd)
+    rule = law.rule(np.array([mean, sd]), q)
+    order = 2 * q - 1
+    truth = from_raw([raw_truncated(mean, sd, box, m) for m in range(order + 1)])
+    found = standardized_by(rule.x, rule.weights, order)
+    # the law's own scatter may be a thousandth of the distance of its mean to the box
+    assert found[0] == pytest.approx(truth[0], abs=1e-11 * truth[1])
+    assert found[1] == pytest.approx(truth[1], rel=1e-11)
+    # the absolute moments, which an even one bounds, are what rounding is relative to
+    even = np.array([truth[2][m - m % 2] for m in range(order + 1)])
+    np.testing.assert_allclose(found[2] / even, truth[2] / even, atol=1e-11)
+
+
+@pytest.mark.parametrize(("box", "mean", "sd"), TRUNCATED)
+def test_the_own_rule_is_not_exact_beyond_degree_2q_minus_1(box, mean, sd) -> None:
+    q = 4
+    rule = TruncatedNormal(box, mean, sd).rule(np.array([mean, sd]), q)
+    truth = from_raw([raw_truncated(mean, sd, box, m) for m in range(2 * q + 1)])
+    z = (rule.x - truth[0]) / truth[1]
+    error = truth[2][2 * q] - float(rule.weights @ z ** (2 * q))
+    # the square of the monic orthogonal polynomial, which is positive, is all that is missing; for
+    # the uniform law, the smallest here, that is 3^4 (4!)^4 2^8/((8!)^2 9) = 0.47 of E z^8 = 9
+    assert error > 0.03 * truth[2][2 * q]
+
+
+@pytest.mark.parametrize("q", [1, 3, 6])
+def test_gauss_hermite_misses_exactly_q_factorial_at_degree_2q(q) -> None:
+    mean, sd = 0.7, 0.2
+    rule = Normal(mean, sd).rule(np.array([mean, sd]), q)
+    z = (rule.x - mean) / sd
+    for m in range(2 * q):
+        exact = float(raw_normal(0.0, 1.0, m))
+        even = float(raw_normal(0.0, 1.0, m - m % 2))  # bounds what may cancel
+        assert float(rule.weights @ z**m) == pytest.approx(exact, abs=1e-13 * even)
+    exact = float(raw_normal(0.0, 1.0, 2 * q))
+    assert exact - float(rule.weights @ z ** (2 * q)) == pytest.approx(math.factorial(q), rel=1e-11)
+
+
+def test_a_nearly_uniform_law_has_gauss_legendre_nodes() -> None:
+    rule = TruncatedNormal((2.0, 4.0), 3.0, 1e4).rule(np.array([3.0, 1e4]), 6)
+    t, w = np.polynomial.legendre.leggauss(6)
+    # the density falls by 5e-9 towards the ends
+    np.testing.assert_allclose(rule.x, 3.0 + t, atol=1e-8)
+    np.testing.assert_allclose(rule.weights, w / 2.0, atol=1e-8)
+
+
+def test_a_box_that_does_not_bind_leaves_the_rule_of_the_normal_law() -> None:
+    values = np.array([0.4, 0.01])
+    own = TruncatedNormal((0.0, 1.0), 0.4, 0.01).rule(values, 12)
+    normal = Normal(0.4, 0.01).rule(values, 12)
+    # differences of the box's ends enter the derivatives, at a step of 1e-4
+    np.testing.assert_allclose(own.x, normal.x, atol=1e-14)
+    np.testing.assert_allclose(own.weights, normal.weights, atol=1e-14)
+    np.testing.assert_allclose(own.dx, normal.dx, atol=1e-10)
+    np.testing.assert_allclose(own.dweights, normal.dweights, atol=1e-8)
+
+
+@pytest.mark.parametrize("basis", ["own", "hermite"])
+@pytest.mark.parametrize("q", [2, 12, 20])
+@pytest.mark.parametrize("mean", [-1.0, 0.0, 1.0, 2.5])
+@pytest.mark.parametrize("box", [(0.0, 1.0), (0.0, INF), (-INF, 0.0)], ids=str)
+def test_nodes_and_quantiles_never_leave_the_box(box, mean, q, basis) -> None:
+    law = TruncatedNormal(box, mean, Free(1e-3, 4.0), polynomials=basis)
+    lower, upper = law.box
+    assert lower < upper
+    assert np.isfinite([lower, upper]).all()
+    for sd in (1e-3, 0.1, 4.0):
+        values = np.array([mean, sd])
+        x = law.rule(values, q).x
+        u = np.array([0.0, 1e-15, 0.3, 1.0 - 1e-15, 1.0])
+        sampled = law.quantile(values, u)
+        assert lower <= x.min()
+        assert x.max() <= upper
+        assert np.all(np.diff(x) >= 0.0)
+        assert box[0] <= sampled.min()
+        assert sampled.max() <= box[1]
+
+
+@pytest.mark.parametrize("q", [3, 20])
+def test_nodes_of_the_normal_law_stay_in_its_box(q) -> None:
+    law = Normal(mean=Free(-1.0, 2.0), sd=Free(0.1, 0.7))
+    assert law.rule(np.array([2.0, 0.7]), q).x.max() <= law.box[1]
+    assert law.rule(np.array([-1.0, 0.7]), q).x.min() >= law.box[0]
+
+
+def test_weights_are_a_probability() -> None:
+    for box in [(0.0, 1.0), (0.0, INF)]:
+        rule = TruncatedNormal(box, 0.2, 0.6).rule(np.array([0.2, 0.6]), 9)
+        assert rule.weights.sum() == pytest.approx(1.0, abs=1e-14)
+        assert rule.weights.min() > 0.0
+        np.testing.assert_allclose(rule.dweights.sum(axis=0), 0.0, atol=1e-8)
+
+
+# ------------------------------------------------------------------------------ derivatives
+
+
+def differences(law: Law, values: Array, q: int) -> tuple[Array, Array]:
+    """Derivatives of nodes and weights, by differences of fourth order."""
+    dx, dw = np.empty((q, values.size)), np.empty((q, values.size))
+    for k in range(values.size):
+        h = 1e-3 * values[-1]
+        rules = {}
+        for steps in (-2, -1, 1, 2):
+            moved = values.copy()
+            moved[k] += steps * h
+            rules[steps] = law.rule(moved, q)
+        for out, name in ((dx, "x"), (dw, "weights")):
+            f = {s: getattr(rule, name) for s, rule in rules.items()}
+            out[:, k] = (8.0 * (f[1] - f[-1]) - (f[2] - f[-2])) / (12.0 * h)
+    return dx, dw
+
+
+@pytest.mark.parametrize("basis", ["own", "hermite"])
+@pytest.mark.parametrize(("box", "mean", "sd"), TRUNCATED)
+def test_derivatives_of_the_rule_are_those_of_differences(box, mean, sd, basis) -> None:
+    law = TruncatedNormal(box, mean, sd, polynomials=basis)
+    values = np.array([mean, sd])
+    rule = law.rule(values, 6)
+    dx, dw = differences(law, values, 6)
+    # nodes good to 1e-13 standard deviations over a step of 1e-3 of them leave 1e-9 of noise
+    np.testing.assert_allclose(rule.dx, dx, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(rule.dweights * sd, dw * sd, rtol=1e-6, atol=1e-7)
+
+
+def test_derivatives_of_the_normal_rule_are_those_of_differences() -> None:
+    values = np.array([0.4, 1.7])
+    rule = Normal(0.4, 1.7).rule(values, 7)
+    dx, dw = differences(Normal(0.4, 1.7), values, 7)
+    np.testing.assert_allclose(rule.dx, dx, atol=1e-10)
+    np.testing.assert_array_equal(rule.dweights, dw)
+
+
+def test_the_mean_of_a_binding_law_moves_with_the_variance() -> None:
+    """d E[x]/d mean = Var[x]/sd^2, an identity of the exponential family, box or no box."""
+    mean, sd = 0.9, 0.5
+    rule = TruncatedNormal((-1.0, 1.0), mean, sd).rule(np.array([mean, sd]), 10)
+    center = rule.weights @ rule.x
+    moved = rule.weights @ rule.dx[:, 0] + rule.x @ rule.dweights[:, 0]
+    assert moved == pytest.approx(rule.weights @ (rule.x - center) ** 2 / sd**2, rel=1e-8)
+
+
+# ------------------------------------------------------------------------------ polynomials
+
+
+@pytest.mark.parametrize(("box", "mean", "sd"), TRUNCATED)
+def test_own_polynomials_are_orthonormal_to_degree_15(box, mean, sd) -> None:
+    law = TruncatedNormal(box, mean, sd)
+    x, w = reference(law, mean, sd)
+    table = law.polynomials(np.array([mean, sd]), (x - mean) / sd, 15)
+    np.testing.assert_allclose(table.T @ (w[:, None] * table), np.eye(16), atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        Normal(0.0, 1.0),
+        TruncatedNormal((-1.0, 1.0), 0.0, 1.0, polynomials="hermite"),
+        TruncatedNormal((-1.0, 1.0), 0.0, 1.0),
+    ],
+    ids=["normal", "hermite", "own"],
+)
+def test_polynomials_are_orthonormal_on_their_own_rule(law) -> None:
+    rule = law.rule(np.array([0.0, 1.0]), 16)
+    table = law.polynomials(np.array([0.0, 1.0]), rule.germ, 15)
+    # 16 nodes serve degree 31, products have 30
+    np.testing.assert_allclose(table.T @ (rule.weights[:, None] * table), np.eye(16), atol=1e-10)
+
+
+def test_a_constant_has_one_polynomial_and_no_scatter() -> None:
+    law = Constant(Free(-20.0, 0.0))
+    rule = law.rule(np.array([-3.0]), 7)
+    assert (rule.x.tolist(), rule.weights.tolist(), rule.dx.tolist()) == ([-3.0], [1.0], [[1.0]])
+    assert not law.scatters
+    assert law.quantile(np.array([-3.0]), np.array([0.1, 0.9])).tolist() == [-3.0, -3.0]
+
+
+@pytest.mark.parametrize(("mean", "sd"), [(0.9, 0.5), (0.2, 0.3), (-1.5, 0.6)])
+def test_both_bases_agree_in_the_limit_and_own_converges_faster(mean, sd) -> None:
+    """E[exp(2 x)] on a binding box: completing the square gives it in closed form."""
+    box, values = (-1.0, 1.0), np.array([mean, sd])
+    ratio = stats.norm.cdf((np.array(box) - mean) / sd - 2.0 * sd)
+    mass = stats.norm.cdf((np.array(box) - mean) / sd)
+    truth = math.exp(2.0 * mean + 2.0 * sd**2) * np.diff(ratio)[0] / np.diff(mass)[0]
+
+    def error(basis: str, q: int) -> float:
+        rule = TruncatedNormal(box, mean, sd, polynomials=basis).rule(values, q)
+        return abs(float(rule.weights @ np.exp(2.0 * rule.x)) / truth - 1.0)
+
+    # the clip is not analytic in the germ's whole plane: the Hermite route is slower by far
+    assert error("own", 8) < 1e-11
+    assert 1e-9 < error("hermite", 8) < 1e-2
+    assert error("hermite", 60) < 1e-7
+    assert all(error("own", q) < 0.1 * error("hermite", q) for q in (3, 5, 8))
+
+
+# ------------------------------------------------------------------------------ quantiles
+
+
+@pytest.mark.parametrize(("box", "mean", "sd"), TRUNCATED)
+def test_the_quantile_is_the_inverse_of_the_distribution(box, mean, sd) -> None:
+    law = TruncatedNormal(box, mean, sd)
+    for u in (1e-6, 0.02, 0.5, 0.9, 1.0 - 1e-6):
+        x = float(law.quantile(np.array([mean, sd]), np.array([u]))[0])
+        with mpmath.workdps(120):  # far in a tail 90 digits cancel
+            low, high, at = (mpmath.ncdf((mpmath.mpf(e) - mean) / sd) for e in (*box, x))
+            below, above = (at - low) / (high - low), (high - at) / (high - low)
+        # a rounding of x at 200 standard deviations from zero is 1e-12 of probability
+        assert float(below) == pytest.approx(u, rel=1e-8, abs=1e-12)
+        assert float(above) == pytest.approx(1.0 - u, rel=1e-8, abs=1e-12)
+
+
+@given(
+    mean=st.floats(-3.0, 4.0),
+    sd=st.floats(0.02, 50.0),
+    u=st.lists(st.floats(0.0, 1.0), min_size=2, max_size=8),
+)
+def test_quantiles_rise_and_stay_in_the_box(mean, sd, u) -> None:
+    law = TruncatedNormal((0.0, 1.0), mean, sd)
+    x = law.quantile(np.array([mean, sd]), np.sort(u))
+    assert np.all(np.diff(x) >= -1e-12)
+    assert np.all((x >= 0.0) & (x <= 1.0))
+
+
+def test_samples_by_quantiles_have_the_moments_of_the_rule() -> None:
+    values = np.array([0.9, 0.5])
+    law = TruncatedNormal((-1.0, 1.0), 0.9, 0.5)
+    rule = law.rule(values, 10)
+    sample = law.quantile(values, (np.arange(20_000) + 0.5) / 20_000)
+    # the midpoint rule errs by its first cell: where the density is 1e-3, a step of 0.05 and 2e-6
+    for m in range(1, 5):
+        assert np.mean(sample**m) == pytest.approx(rule.weights @ rule.x**m, abs=1e-6)
+
+
+# ------------------------------------------------------------------------------ misuse
+
+
+@pytest.mark.parametrize(
+    ("make", "named"),
+    [
+        (lambda: Normal(), "mean"),
+        (lambda: Normal(mean=Free(0.0, 1.0), sd=Free(-1.0, 1.0)), "sd"),
+        (lambda: Normal(mean=Free(1.0, 0.0), sd=1.0), "mean"),
+        (lambda: Normal(mean=Free(0.0, 1.0, start=2.0), sd=1.0), "mean"),
+        (lambda: Normal(mean=0.0), "sd"),
+        (lambda: Normal(mean=math.nan, sd=1.0), "mean"),
+        (lambda: Normal(mean=Free(0.0, 1.0), sd=-0.1), "sd"),
+        (lambda: Normal(mean=Free(0.0, INF), sd=1.0), "mean"),
+        (lambda: TruncatedNormal((1.0, 0.0)), "box"),
+        (lambda: TruncatedNormal((0.0, math.nan)), "box"),
+        (lambda: TruncatedNormal((0.0, INF)), "mean"),
+        (lambda: TruncatedNormal((0.0, INF), mean=0.0), "sd"),
+        (lambda: TruncatedNormal((0.0, 1.0), sd=Free(0.0, 1.0)), "sd"),
+        (lambda: TruncatedNormal((0.0, 1.0), polynomials="legendre"), "legendre"),  # type: ignore[arg-type]
+        (lambda: Constant(), "value"),
+        (lambda: Constant(Free(2.0, 2.0)), "value"),
+        (lambda: Noise(Free()), "sd"),
+        (lambda: Noise(-1.0), "sd"),
+    ],
+)
+def test_misuse_names_the_hyperparameter_and_a_remedy(make, named) -> None:
+    with pytest.raises(InputsError, match=named) as caught:
+        make()
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize("value", [0.0, -0.5])
+def test_a_scattering_law_needs_a_positive_sd(value) -> None:
+    """A standard deviation of zero is a Constant; division by it would give NaN nodes."""
+    for law in (Normal, lambda **known: TruncatedNormal((0.0, 1.0), **known)):
+        with pytest.raises(InputsError, match="sd"):
+            law(mean=0.5, sd=value)
+
+
+def test_default_limits_come_from_the_box() -> None:
+    mean, sd = TruncatedNormal((2.0, 6.0)).hyperparameters
+    assert (mean.lower, mean.upper, mean.start) == (2.0, 6.0, 4.0)
+    assert (sd.lower, sd.upper) == pytest.approx((0.004, 2.0))
+    assert sd.start == pytest.approx(math.sqrt(0.004 * 2.0))
+    assert (mean.log, sd.log) == (False, True)

@@ -1,0 +1,237 @@
+"""Moments of weighted outcomes: closed forms, invariance, derivatives, noise."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+from problems import PROBLEMS, Exact, Problem, from_raw, raw_normal, title
+
+from aleator.moments import (
+    Moments,
+    add_normal_noise,
+    weighted_moments,
+    weighted_moments_with_gradient,
+)
+from aleator.quadrature import gauss_hermite
+
+Array = NDArray[np.float64]
+
+
+def at_nodes(problem: Problem, nodes: int) -> tuple[Array, Array]:
+    rule = problem.inputs.nodes(problem.alpha, nodes)
+    return Exact(problem).evaluate(rule.x), rule.weights
+
+
+# ------------------------------------------------------------------------------ closed forms
+
+
+@pytest.mark.parametrize("problem", PROBLEMS, ids=title)
+def test_moments_by_quadrature_are_those_in_closed_form(problem) -> None:
+    mean, sd, standardized = problem.exact_moments(8)
+    found = weighted_moments(*at_nodes(problem, 24), 8)
+    # 24 nodes are exact to degree 47; what an eigenvector's square leaves of the weight of an outer
+    # node, 1e-18 absolute, is multiplied by the eighth power of up to 20 standard deviations
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(found.sd, sd, rtol=1e-11)
+    np.testing.assert_allclose(found.standardized, standardized, rtol=1e-8, atol=1e-10)
+
+
+def test_moments_of_a_square_are_those_of_the_noncentral_chi_square() -> None:
+    """By cumulants 2^(r-1) (r-1)! (1 + r lambda), another way than raw moments."""
+    theta, weights = gauss_hermite(30)
+    lam = 1.3
+    found = weighted_moments((theta[None, :] + np.sqrt(lam)) ** 2, weights, 4)
+    kappa = [2.0 ** (r - 1) * [1.0, 1.0, 2.0, 6.0][r - 1] * (1.0 + r * lam) for r in range(1, 5)]
+    assert found.mean[0] == pytest.approx(kappa[0], rel=1e-13)
+    assert found.sd[0] ** 2 == pytest.approx(kappa[1], rel=1e-13)
+    assert found.standardized[0, 3] == pytest.approx(kappa[2] / kappa[1] ** 1.5, rel=1e-12)
+    assert found.standardized[0, 4] == pytest.approx(3.0 + kappa[3] / kappa[1] ** 2, rel=1e-12)
+
+
+def test_no_digit_is_lost_for_a_small_scatter_about_a_large_outcome() -> None:
+    theta, weights = gauss_hermite(12)
+    found = weighted_moments(0.8 + 1e-6 * theta[None, :], weights, 8)
+    assert found.sd[0] == pytest.approx(1e-6, rel=1e-9)
+    # the outcome itself is rounded to 1e-16 of 0.8, that is 1e-10 standard deviations
+    truth = [float(raw_normal(0.0, 1.0, m)) for m in range(9)]
+    np.testing.assert_allclose(found.standardized[0], truth, rtol=2e-9, atol=2e-7)
+    # ... where powers of the outcome itself have none left at order 4
+    raw = [float(weights @ (0.8 + 1e-6 * theta) ** m) for m in range(5)]
+    fourth = sum(
+        c * raw[m] * (-raw[1]) ** (4 - m) for m, c in enumerate([1.0, -4.0, 6.0, -4.0, 1.0])
+    )
+    assert abs(fourth / 1e-24 - 3.0) > 1e3
+
+
+def test_an_outcome_without_scatter_has_none() -> None:
+    found = weighted_moments(np.full((1, 5), 0.1), np.full(5, 0.2), 4)
+    assert (found.mean.tolist(), found.sd.tolist()) == ([pytest.approx(0.1)], [0.0])
+    assert found.standardized.tolist() == [[1.0, 0.0, 1.0, 0.0, 0.0]]
+
+
+# ------------------------------------------------------------------------------ invariance
+
+
+outcomes = arrays(np.float64, (1, 6), elements=st.floats(-10.0, 10.0), unique=True)
+
+
+@given(y=outcomes, scale=st.floats(1e-3, 1e3), shift=st.floats(-1e3, 1e3), flip=st.booleans())
+def test_moments_do_not_depend_on_the_unit(y, scale, shift, flip) -> None:
+    weights = np.array([0.1, 0.2, 0.3, 0.2, 0.15, 0.05])
+    plain = weighted_moments(y, weights, 6)
+    factor = -scale if flip else scale
+    moved = weighted_moments(factor * y + shift, weights, 6)
+    # digits that shift + factor y has lost before it arrives, in standard deviations
+    lost = 1e-14 * (1.0 + (abs(shift) + scale * 10.0) / (scale * plain.sd[0]))
+    if lost > 1e-6:
+        return
+    assert moved.mean[0] == pytest.approx(
+        factor * plain.mean[0] + shift, abs=lost * scale * plain.sd[0] + 1e-12
+    )
+    assert moved.sd[0] == pytest.approx(scale * plain.sd[0], rel=lost)
+    sign = np.where(flip, -1.0, 1.0) ** np.arange(7)
+    np.testing.assert_allclose(
+        moved.standardized[0], sign * plain.standardized[0], rtol=100 * lost, atol=100 * lost
+    )
+
+
+@given(y=outcomes, seed=st.integers(0, 9))
+def test_the_order_of_nodes_does_not_matter(y, seed) -> None:
+    weights = np.array([0.1, 0.2, 0.3, 0.2, 0.15, 0.05])
+    turn = np.random.default_rng(seed).permutation(6)
+    one, other = weighted_moments(y, weights, 5), weighted_moments(y[:, turn], weights[turn], 5)
+    # near ties rounding of the mean is 1e-15 of the largest outcome
+    spread = 1e-13 * (1.0 + np.abs(y).max() / one.sd[0])
+    if spread < 1e-6:
+        np.testing.assert_allclose(
+            one.standardized, other.standardized, rtol=100 * spread, atol=100 * spread
+        )
+
+
+@given(y=outcomes)
+def test_moments_are_those_of_some_law(y) -> None:
+    """Kurtosis >= 1 + skewness^2 (Pearson), and even moments grow (Lyapunov)."""
+    found = weighted_moments(y, np.full(6, 1.0 / 6.0), 6).standardized[0]
+    assert found[4] >= 1.0 + found[3] ** 2 - 1e-9 * found[4]
+    assert found[6] >= found[4] ** 1.5 * (1.0 - 1e-9)
+
+
+# ------------------------------------------------------------------------------ derivatives
+
+
+def moving(s: float) -> tuple[Array, Array]:
+    """Outcomes (2, 5) and weights (5,) on a path, for differences along it."""
+    t = np.linspace(-1.0, 1.0, 5)
+    y = np.stack([np.exp(0.5 * t + s * t**2), 0.8 + 0.01 * np.sin(2.0 * t + s)])
+    w = np.array([0.1, 0.25, 0.3, 0.25, 0.1]) * np.exp(0.7 * s * t)
+    return y, w / w.sum()
+
+
+def test_jacobians_are_those_of_differences() -> None:
+    h, order = 1e-3, 7
+    ends = [moving(k * h) for k in (-2, -1, 1, 2)]
+    y, w = moving(0.0)
+    # complex step would need complex powers; differences of fourth order leave 1e-11
+    dy = (8.0 * (ends[2][0] - ends[1][0]) - (ends[3][0] - ends[0][0])) / (12.0 * h)
+    dw = (8.0 * (ends[2][1] - ends[1][1]) - (ends[3][1] - ends[0][1])) / (12.0 * h)
+    found = weighted_moments_with_gradient(y, w, order, dy[:, :, None], dw[:, None])
+    plain = weighted_moments(y, w, order)
+    np.testing.assert_array_equal(found.standardized, plain.standardized)
+    noisy = add_normal_noise(found, 0.02)
+    values = [add_normal_noise(weighted_moments(*end, order), 0.02) for end in ends]
+    bare = [weighted_moments(*end, order) for end in ends]
+    for moments, pieces in ((found, bare), (noisy, values)):
+        for name in ("mean", "sd", "standardized"):
+            f = [getattr(piece, name) for piece in pieces]
+            expected = (8.0 * (f[2] - f[1]) - (f[3] - f[0])) / (12.0 * h)
+            jac = getattr(moments, f"{name}_jac")[..., 0]
+            np.testing.assert_allclose(jac, expected, rtol=1e-8, atol=1e-9)
+
+
+def test_the_jacobian_of_noise_is_that_of_differences() -> None:
+    y, w = moving(0.0)
+    nothing = weighted_moments_with_gradient(y, w, 6, np.zeros((2, 5, 1)), np.zeros((5, 1)))
+    noise, h = 0.03, 1e-5
+    found = add_normal_noise(nothing, noise)
+    ends = [add_normal_noise(nothing, noise + k * h) for k in (-2, -1, 1, 2)]
+    for name in ("mean", "sd", "standardized"):
+        f = [getattr(end, name) for end in ends]
+        expected = (8.0 * (f[2] - f[1]) - (f[3] - f[0])) / (12.0 * h)
+        jac = getattr(found, f"{name}_jac")
+        np.testing.assert_allclose(jac[..., -1], expected, rtol=1e-7, atol=1e-8)
+        np.testing.assert_array_equal(jac[..., 0], 0.0)
+
+
+# ------------------------------------------------------------------------------ noise
+
+
+@pytest.mark.parametrize("noise", [1e-4, 0.3, 5.0])
+def test_noise_adds_as_the_explicit_convolution_does(noise) -> None:
+    """Every outcome with every node of the noise; 6 nodes of it are exact to order 11."""
+    y, w = moving(0.2)
+    theta, share = gauss_hermite(6)
+    both = (y[:, :, None] + noise * theta).reshape(2, -1)
+    expected = weighted_moments(both, np.outer(w, share).ravel(), 8)
+    found = add_normal_noise(weighted_moments(y, w, 8), noise)
+    np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-14)
+    np.testing.assert_allclose(found.sd, expected.sd, rtol=1e-12)
+    np.testing.assert_allclose(found.standardized, expected.standardized, rtol=1e-9, atol=1e-10)
+
+
+def test_noise_adds_as_the_integral_of_the_two_densities_does() -> None:
+    """E[(Y + e)^m] of a uniform Y by a double integral with 20 digits."""
+    t, w = np.polynomial.legendre.leggauss(10)
+    found = add_normal_noise(weighted_moments(t[None, :], w / 2.0, 6), 0.7)
+    with mpmath.workdps(20):
+        raw = [
+            mpmath.quad(
+                lambda e, m=m: (
+                    mpmath.npdf(e) * ((1 + 0.7 * e) ** (m + 1) - (-1 + 0.7 * e) ** (m + 1))
+                ),
+                mpmath.linspace(-12, 12, 13),
+            )
+            / (2 * (m + 1))
+            for m in range(7)
+        ]
+    mean, sd, standardized = from_raw(raw)
+    assert found.mean[0] == pytest.approx(mean, abs=1e-14)
+    assert found.sd[0] == pytest.approx(sd, rel=1e-13)
+    np.testing.assert_allclose(found.standardized[0], standardized, rtol=1e-12, atol=1e-12)
+
+
+def test_noise_alone_is_normal_and_no_noise_is_nothing() -> None:
+    silent = weighted_moments(np.full((1, 3), 2.0), np.full(3, 1.0 / 3.0), 8)
+    noisy = add_normal_noise(silent, 0.4)
+    assert noisy.sd[0] == pytest.approx(0.4, rel=1e-15)
+    truth = [float(raw_normal(0.0, 1.0, m)) for m in range(9)]
+    np.testing.assert_allclose(noisy.standardized[0], truth, rtol=1e-14)
+    y, w = moving(0.0)
+    plain = weighted_moments(y, w, 6)
+    same = add_normal_noise(plain, 0.0)
+    np.testing.assert_allclose(same.standardized, plain.standardized, rtol=1e-14, atol=1e-15)
+    assert same.sd == pytest.approx(plain.sd, rel=1e-15)
+
+
+def test_noise_adds_in_any_order() -> None:
+    y, w = moving(0.4)
+    plain = weighted_moments(y, w, 8)
+    twice = add_normal_noise(add_normal_noise(plain, 0.03), 0.04)
+    once = add_normal_noise(plain, 0.05)
+    np.testing.assert_allclose(twice.standardized, once.standardized, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(twice.sd, once.sd, rtol=1e-14)
+
+
+def test_take_repeats_rows_with_their_derivatives() -> None:
+    y, w = moving(0.0)
+    found = weighted_moments_with_gradient(y, w, 4, np.ones((2, 5, 3)), np.zeros((5, 3)))
+    taken = found.take(np.array([1, 1, 0]))
+    assert isinstance(taken, Moments)
+    assert taken.order == 4
+    for name in ("mean", "sd", "standardized", "mean_jac", "sd_jac", "standardized_jac"):
+        np.testing.assert_array_equal(getattr(taken, name), getattr(found, name)[[1, 1, 0]])
+    assert weighted_moments(y, w, 4).take(np.array([0])).mean_jac is None
