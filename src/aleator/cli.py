@@ -126,10 +126,9 @@ def identify(
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     folder = output or Path("out") / _name_of(study)
     documents.make_folder(folder)
-    with _shown(quiet) as progress:
-        runner = value.runner()
-        with keeping(runner, folder / RUNS, _say):
-            result = _identified(value, runner, progress)
+    runner = value.runner()
+    with keeping(runner, folder / RUNS, _say), _shown(quiet) as progress:
+        result = _identified(value, runner, progress)
     if keep_runs:
         runner.save(folder / RUNS)
     document = documents.linked(result.to_dict(), value.title, study, value.sha256, folder)

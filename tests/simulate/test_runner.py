@@ -267,7 +267,7 @@ def test_slow_runs_tell_their_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("aleator.simulate.runner.time.monotonic", lambda: next(clock))
     listener = Listener()
     runner(lambda load, x: x, progress=listener)(np.zeros(40, int), points(40))
-    assert listener.texts == ["8 runs/s 16 40", "8 runs/s 32 40"]
+    assert listener.texts == ["16 of 40 runs, 8 runs/s 16 40", "32 of 40 runs, 8 runs/s 32 40"]
 
 
 def test_any_class_that_fills_the_protocol_is_a_simulator() -> None:

@@ -9,17 +9,18 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
-PLAIN_INTERVAL = 5.0  # s between two plain lines about one stage
+PLAIN_INTERVAL = 5.0  # s until the first plain line about a stage that takes long
 
 
 class Lines:
-    """Progress as plain lines: one for each stage, and one every few seconds of a long stage."""
+    """Progress as plain lines: one for each stage, and more, ever rarer, of a long stage."""
 
     def __init__(self, console: Console, interval: float = PLAIN_INTERVAL) -> None:
         self._console = console
         self._interval = interval
         self._stage = ""
-        self._last = 0.0
+        self._next = 0.0
+        self._began = 0.0
 
     def __enter__(self) -> Self:
         return self
@@ -29,13 +30,15 @@ class Lines:
 
     def stage(self, name: str) -> None:
         """Begin a stage with a line."""
-        self._stage, self._last = name, time.monotonic()
+        self._stage, self._began = name, time.monotonic()
+        self._next = self._began + self._interval
         self._say(f"{name} ...")
 
     def update(self, text: str, done: float | None = None, total: float | None = None) -> None:  # noqa: ARG002
-        """Say the text if the last line is some seconds old; it tells the share itself."""
-        if time.monotonic() - self._last >= self._interval:
-            self._last = time.monotonic()
+        """Say the text if some time has passed since the last line; it tells the share itself."""
+        now = time.monotonic()
+        if now >= self._next:
+            self._next = now + max(self._interval, 0.5 * (now - self._began))
             self._say(f"{self._stage}: {text}")
 
     def _say(self, text: str) -> None:

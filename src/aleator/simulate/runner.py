@@ -150,7 +150,8 @@ class Runner:
             outcome[part] = self._block(index[part], x[part])
             seconds, done = time.monotonic() - begin, min(part.stop, len(index))
             if seconds > 1 and done < len(index):
-                self.progress.update(f"{done / seconds:,.0f} runs/s", done, len(index))
+                rate = f"{done:,} of {len(index):,} runs, {done / seconds:.3g} runs/s"
+                self.progress.update(rate, done, len(index))
         return outcome
 
     def _block(self, index: Ints, x: Floats) -> Floats:
