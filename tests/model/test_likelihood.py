@@ -1,0 +1,329 @@
+"""The log-likelihood: closed forms, its exact score, and that nothing fools it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from problems import (
+    BINDING,
+    FRONTIER,
+    GROWTH,
+    NOISY,
+    PROBLEMS,
+    REGRESSION,
+    SAMPLE,
+    SQUARE,
+    title,
+)
+
+from aleator import Free, Gaussian, Inputs, MaximumEntropy, Normal
+from aleator.densities import DEGENERATE_VALUE, FAILED_SOLVE_PENALTY, Density, Status
+from aleator.likelihood import Likelihood, LogLikelihood
+from aleator.propagation import DirectResponse, QuadraturePropagation
+
+Array = NDArray[np.float64]
+
+DENSITIES = [Gaussian(), *(MaximumEntropy(order) for order in (2, 3, 4, 5, 6))]
+
+
+def name(density: Density) -> str:
+    return density.name
+
+
+def score_by_differences(likelihood: Likelihood, alpha: Array, free: Array) -> Array:
+    """d log f_l/d alpha (N, F) by differences of fourth order of the searched value."""
+    columns = []
+    for k in free:
+        h = 2e-4 * (alpha[k] if likelihood.hyperparameters[k].log else 1.0)
+        ends = []
+        for s in (-2, -1, 1, 2):
+            moved = alpha.copy()
+            moved[k] += s * h
+            ends.append(likelihood.search(moved).each)
+        columns.append((8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12.0 * h))
+    return np.stack(columns, axis=1)
+
+
+# ------------------------------------------------------------------------------ closed forms
+
+
+@pytest.mark.parametrize("density", DENSITIES, ids=name)
+@pytest.mark.parametrize("problem", [SAMPLE, REGRESSION], ids=title)
+def test_a_linear_gaussian_problem_has_its_closed_form(problem, density) -> None:
+    """Every density is the normal one here; the bounded support cuts off 1e-15."""
+    y = problem.draw(1)
+    found = problem.likelihood(y, density).evaluate(problem.alpha)
+    truth = problem.log_density(problem.alpha, problem.z, y)
+    np.testing.assert_allclose(found.each, truth, atol=1e-8)
+    assert found.total == pytest.approx(truth.sum(), abs=1e-7)
+
+
+@pytest.mark.parametrize("order", [2, 3, 4, 6])
+def test_a_truncated_normal_outcome_has_its_closed_form(order) -> None:
+    """On its own support the truncated normal law is of largest entropy for two moments."""
+    y = BINDING.draw(2)
+    found = BINDING.likelihood(y, MaximumEntropy(order)).evaluate(BINDING.alpha)
+    truth = BINDING.log_density(BINDING.alpha, BINDING.z, y)
+    np.testing.assert_allclose(found.each, truth, atol=1e-7)
+
+
+@pytest.mark.parametrize("problem", [GROWTH, SQUARE, NOISY, FRONTIER], ids=title)
+def test_more_moments_come_closer_to_the_exact_log_density(problem) -> None:
+    """Root mean square error of the log-density under the law itself, by 400 draws."""
+    many = replace(problem, z=np.repeat(problem.z[1:3], 200))
+    y = many.draw(3)
+    truth = many.log_density(many.alpha, many.z, y)
+    errors = []
+    for order in (2, 4, 6):
+        found = many.likelihood(y, MaximumEntropy(order)).evaluate(many.alpha)
+        assert np.all(found.status == Status.SOLVED)
+        errors.append(float(np.sqrt(np.mean((found.each - truth) ** 2))))
+    assert errors[2] < errors[1] < 0.7 * errors[0]
+    # in likelihood what counts is the mean, the Kullback-Leibler distance
+    assert errors[1] < 0.2
+
+
+# ------------------------------------------------------------------------------ the score
+
+
+@pytest.mark.parametrize("density", DENSITIES, ids=name)
+@pytest.mark.parametrize("problem", PROBLEMS, ids=title)
+def test_the_score_is_that_of_differences(problem, density) -> None:
+    """Seven outcomes of the law, at an alpha that is not a maximum; with and without noise."""
+    y = problem.draw(5)
+    likelihood = problem.likelihood(y, density)
+    found = likelihood.search(problem.alpha)
+    assert np.all(found.status == Status.SOLVED)
+    assert found.scores is not None
+    expected = score_by_differences(likelihood, problem.alpha, problem.free)
+    scores = found.scores[:, problem.free]
+    scale = np.abs(expected).max(axis=0)
+    np.testing.assert_allclose(scores / scale, expected / scale, atol=1e-6)
+    np.testing.assert_allclose(found.score[problem.free], scores.sum(axis=0), rtol=1e-12)
+
+
+def test_the_score_of_a_normal_sample_is_its_closed_form() -> None:
+    y = SAMPLE.draw(6)
+    mean, sd = SAMPLE.alpha
+    found = SAMPLE.likelihood(y).search(SAMPLE.alpha)
+    assert found.scores is not None
+    np.testing.assert_allclose(found.scores[:, 0], (y - mean) / sd**2, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(
+        found.scores[:, 1], (((y - mean) / sd) ** 2 - 1.0) / sd, rtol=1e-8, atol=1e-7
+    )
+
+
+@pytest.mark.parametrize("degree", [None, 4], ids=["quadrature", "expansion"])
+@pytest.mark.parametrize("problem", [GROWTH, BINDING, FRONTIER], ids=title)
+def test_the_score_through_collocation_is_that_of_differences(problem, degree) -> None:
+    """Five nodes of the simulator itself, whose slope is a central difference."""
+    y = problem.draw(7)
+    exact = problem.likelihood(y, nodes=5, degree=degree)
+    response = DirectResponse(problem.run, problem.z.size, problem.inputs.box)
+    likelihood = replace(
+        exact, propagation=QuadraturePropagation(problem.inputs, response, 5, degree)
+    )
+    found = likelihood.search(problem.alpha)
+    assert found.scores is not None
+    expected = score_by_differences(likelihood, problem.alpha, problem.free)
+    scale = np.abs(expected).max(axis=0)
+    np.testing.assert_allclose(found.scores[:, problem.free] / scale, expected / scale, atol=2e-6)
+
+
+@pytest.mark.parametrize("order", [3, 4, 5])
+def test_the_score_holds_outside_the_support_too(order) -> None:
+    """An outcome beyond what the law reaches: the continuation has its own exact score."""
+    y = BINDING.z * np.array([0.5, -0.02, 1.03, 1.5, -0.7, 0.2, 1.2])
+    likelihood = BINDING.likelihood(y, MaximumEntropy(order))
+    found = likelihood.search(BINDING.alpha)
+    assert np.count_nonzero(found.status == Status.OUTSIDE_SUPPORT) == 5
+    assert found.scores is not None
+    expected = score_by_differences(likelihood, BINDING.alpha, BINDING.free)
+    scale = np.abs(expected).max(axis=0)
+    np.testing.assert_allclose(found.scores / scale, expected / scale, atol=1e-6)
+
+
+# ------------------------------------------------------------------------------ invariance
+
+
+@given(turn=st.permutations(range(7)), problem=st.sampled_from([GROWTH, NOISY]))
+def test_the_order_of_experiments_does_not_matter(turn, problem) -> None:
+    y, index = problem.draw(8), np.array(turn)
+    one = problem.likelihood(y).search(problem.alpha)
+    other = replace(problem, z=problem.z[index]).likelihood(y[index]).search(problem.alpha)
+    np.testing.assert_allclose(other.each, one.each[index], rtol=1e-10, atol=1e-10)
+    assert other.total == pytest.approx(one.total, abs=1e-9)
+    np.testing.assert_allclose(other.score, one.score, rtol=1e-8, atol=1e-8)
+
+
+def test_repeated_conditions_count_as_distinct_copies() -> None:
+    z = np.array([0.5, 1.0, 0.5, 2.0, 1.0, 0.5])
+    many = replace(NOISY, z=z)
+    y = many.draw(9)
+    apart = many.likelihood(y)
+    unique, condition = np.unique(z, return_inverse=True)
+    few = replace(NOISY, z=unique).likelihood(np.zeros(3))
+    shared = Likelihood(
+        few.propagation,
+        few.density,
+        y,
+        condition,
+        apart.lower,
+        apart.upper,
+        few.hyperparameters,
+        noisy=True,
+    )
+    one, other = apart.search(NOISY.alpha), shared.search(NOISY.alpha)
+    np.testing.assert_allclose(other.each, one.each, rtol=1e-13)
+    assert one.scores is not None
+    assert other.scores is not None
+    np.testing.assert_allclose(other.scores, one.scores, rtol=1e-12, atol=1e-12)
+    assert shared.moments(NOISY.alpha).mean.shape == (6,)
+
+
+@pytest.mark.parametrize("factor", [1e-3, -40.0])
+def test_another_unit_of_the_outcome_shifts_the_value_only(factor) -> None:
+    """y -> factor y: every log-density loses log|factor|, the score of alpha stays."""
+    y = GROWTH.draw(10)
+
+    def scaled(z: Array, x: Array) -> Array:
+        return factor * np.exp(z * x)
+
+    def limits(z: Array) -> tuple[Array, Array]:
+        open_end = np.full(z.size, np.copysign(np.inf, factor))
+        ends = (0.0 * z, open_end)
+        return ends if factor > 0 else ends[::-1]
+
+    other = replace(GROWTH, eta=scaled, limits=limits)
+    one = GROWTH.likelihood(y).search(GROWTH.alpha)
+    two = other.likelihood(factor * y).search(GROWTH.alpha)
+    np.testing.assert_allclose(two.each, one.each - np.log(abs(factor)), atol=1e-8)
+    np.testing.assert_allclose(two.score, one.score, rtol=1e-6)
+
+
+def test_search_and_evaluate_agree_where_every_density_is_solved() -> None:
+    for problem in PROBLEMS:
+        y = problem.draw(11)
+        likelihood = problem.likelihood(y)
+        found = likelihood.search(problem.alpha)
+        honest = likelihood.evaluate(problem.alpha)
+        np.testing.assert_allclose(found.each, honest.each, rtol=1e-10, atol=1e-10)
+        assert honest.scores is None
+
+
+# ------------------------------------------------------------------------------ honesty
+
+
+def assert_never_above(found: LogLikelihood, honest: LogLikelihood, edge: Array) -> None:
+    """The searched value is the honest one, or below what the density has anywhere near."""
+    solved = found.status == Status.SOLVED
+    np.testing.assert_allclose(found.each[solved], honest.each[solved], rtol=1e-8, atol=1e-8)
+    outside = found.status == Status.OUTSIDE_SUPPORT
+    assert np.all(found.each[outside] <= edge[outside] + 1e-9)
+    assert np.all(honest.each[outside] == -np.inf)
+    failed = ~solved & ~outside
+    finite = failed & np.isfinite(honest.each)
+    assert np.all(found.each[finite] <= honest.each[finite] - FAILED_SOLVE_PENALTY + 1e-9)
+    assert np.all(found.each[failed & ~finite] <= np.maximum(edge, 0.0)[failed & ~finite])
+
+
+@given(
+    mean=st.floats(-0.5, 1.5),
+    sd=st.floats(-2.0, 0.0),
+    y=st.lists(st.floats(-0.5, 2.5), min_size=7, max_size=7),
+    order=st.sampled_from([3, 4, 6]),
+)
+def test_the_search_never_sees_more_than_the_honest_density(mean, sd, y, order) -> None:
+    alpha, outcomes = np.array([mean, 10.0**sd]), np.array(y)
+    likelihood = BINDING.likelihood(outcomes, MaximumEntropy(order))
+    found, honest = likelihood.search(alpha), likelihood.evaluate(alpha)
+    assert np.isfinite(found.each).all()
+    assert found.scores is not None
+    assert np.isfinite(found.scores).all()
+    fitted = likelihood.fit(alpha)
+    inside = np.clip(outcomes, *fitted.support.T)
+    assert_never_above(found, honest, fitted.log_pdf(inside))
+
+
+@pytest.mark.parametrize("order", [3, 4, 6])
+def test_the_edge_of_the_support_gives_no_likelihood_away(order) -> None:
+    """Outcomes on and just beyond the edge at every sd: no more than the truth has at the edge."""
+    nudge = np.array([-1e-6, -1e-9, 0.0, 1e-13, 1e-9, 1e-6, 1e-3])
+    y = BINDING.z * (1.0 + nudge)
+    likelihood = BINDING.likelihood(y, MaximumEntropy(order))
+    for sd in np.geomspace(0.01, 1.0, 9):
+        alpha = np.array([0.9, sd])
+        found = likelihood.search(alpha)
+        edge = BINDING.log_density(alpha, BINDING.z, BINDING.z)
+        # far in the tail the density of three and more moments is what its moments tell, not exact
+        near = edge > -20.0
+        assert np.all(found.each[near] <= edge[near] + 0.05)
+        assert np.all(found.each[~near] < -10.0)
+
+
+@pytest.mark.parametrize("order", [2, 3, 4, 6])
+def test_a_tiny_sd_is_punished_without_limit(order) -> None:
+    """One outcome off the mean: the value falls as sd shrinks, in both kinds."""
+    y = SAMPLE.alpha[0] + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+    likelihood = SAMPLE.likelihood(y, MaximumEntropy(order))
+    sds = np.array([0.05, 1e-2, 1e-3, 1e-5, 1e-8])
+    totals = [likelihood.search(np.array([1.0, sd])).total for sd in sds]
+    honest = [likelihood.evaluate(np.array([1.0, sd])).total for sd in sds]
+    best = SAMPLE.log_density(np.array([1.0, 0.5 / 7.0**0.5]), SAMPLE.z, y).sum()
+    assert np.all(np.diff(totals) < 0.0)
+    assert max(totals) < best
+    assert np.all(np.array(totals)[2:] < -1e3)
+    assert honest[-1] == -np.inf
+
+
+def test_no_scatter_at_all_is_a_status_and_a_very_small_value() -> None:
+    """Six experiments react to x, the one with z = 0 does not: without noise it has no density."""
+    problem = replace(BINDING, z=np.array([0.0, 0.5, 1.0, 1.5]))
+    y = np.array([0.0, 0.3, 0.8, 1.2])
+    found = problem.likelihood(y).search(BINDING.alpha)
+    assert found.status.tolist() == [Status.DEGENERATE, *[Status.SOLVED] * 3]
+    assert found.each[0] == DEGENERATE_VALUE
+    assert problem.likelihood(y).evaluate(BINDING.alpha).each[0] == -np.inf
+    noisy = replace(NOISY, z=problem.z)
+    assert np.all(noisy.likelihood(y).search(NOISY.alpha).status == Status.SOLVED)
+
+
+def test_a_failed_solve_costs_more_than_its_fallback_gains() -> None:
+    """Two well separated outcomes have the kurtosis 1 that no density on the line has."""
+    inputs = Inputs({"x": Normal(mean=Free(-1.0, 1.0), sd=Free(0.1, 2.0))})
+    response = DirectResponse(lambda _, x: np.sign(x[:, 0]), 1, inputs.box)
+    zero = np.zeros(1, dtype=np.intp)
+    likelihood = Likelihood(
+        QuadraturePropagation(inputs, response, 8),
+        MaximumEntropy(4),
+        np.array([0.2]),
+        zero,
+        np.array([-1.0]),
+        np.array([1.0]),
+        inputs.hyperparameters,
+        noisy=False,
+    )
+    alpha = np.array([0.0, 1.0])
+    found, honest = likelihood.search(alpha), likelihood.evaluate(alpha)
+    assert found.status[0] == Status.NOT_REALIZABLE
+    assert found.each[0] <= honest.each[0] - FAILED_SOLVE_PENALTY + 1e-12
+
+
+def test_the_best_of_many_alphas_is_an_honest_one() -> None:
+    """Design, numerics 7: what a search over 400 random laws could find is not above the truth."""
+    y = BINDING.draw(12)
+    rng = np.random.default_rng(0)
+    for order in (3, 4, 6):
+        likelihood = BINDING.likelihood(y, MaximumEntropy(order))
+        best = -np.inf
+        exact = -np.inf
+        for _ in range(130):
+            alpha = np.array([rng.uniform(-0.5, 1.5), 10.0 ** rng.uniform(-2.0, 0.0)])
+            best = max(best, likelihood.search(alpha).total)
+            exact = max(exact, BINDING.log_density(alpha, BINDING.z, y).sum())
+        assert best <= exact + 1e-6

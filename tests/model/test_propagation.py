@@ -1,0 +1,268 @@
+"""alpha -> moments, by both ways, with plain quadrature and with the expansion."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from problems import BINDING, GROWTH, PROBLEMS, PRODUCT, REGRESSION, SQUARE, Exact, Problem, title
+
+from aleator import Collocation, Constant, Free, Inputs, Normal, ResponseSurface, TruncatedNormal
+from aleator.errors import InputsError
+from aleator.moments import Moments, weighted_moments
+from aleator.propagation import (
+    DirectResponse,
+    QuadraturePropagation,
+    check_nodes,
+    default_nodes,
+)
+from aleator.response import build_surface
+
+Array = NDArray[np.float64]
+NAMES = ("mean", "sd", "standardized")
+
+
+def law_of(problem: Problem) -> Array:
+    return problem.alpha[:-1] if problem.noise else problem.alpha
+
+
+def direct(problem: Problem, step: float = 1e-4) -> DirectResponse:
+    return DirectResponse(problem.run, problem.z.size, problem.inputs.box, step)
+
+
+def differences(propagation: QuadraturePropagation, alpha: Array, order: int) -> dict[str, Array]:
+    """Jacobians by differences of fourth order of the moments themselves."""
+    columns: dict[str, list[Array]] = {name: [] for name in NAMES}
+    for k in range(alpha.size):
+        h = 1e-3 * (1.0 + abs(alpha[k])) * 0.2
+        ends = []
+        for s in (-2, -1, 1, 2):
+            moved = alpha.copy()
+            moved[k] += s * h
+            ends.append(propagation.moments(moved, order, gradient=False))
+        for name in NAMES:
+            f = [getattr(end, name) for end in ends]
+            columns[name].append((8.0 * (f[2] - f[1]) - (f[3] - f[0])) / (12.0 * h))
+    return {name: np.stack(column, axis=-1) for name, column in columns.items()}
+
+
+def assert_same(found: Moments, expected: Moments, rtol: float) -> None:
+    for name in NAMES:
+        one, other = getattr(found, name), getattr(expected, name)
+        np.testing.assert_allclose(one, other, rtol=rtol, atol=10.0 * rtol)
+
+
+# ------------------------------------------------------------------------------ jacobians
+
+
+@pytest.mark.parametrize("degree", [None, 4], ids=["quadrature", "expansion"])
+@pytest.mark.parametrize("problem", PROBLEMS, ids=title)
+def test_jacobians_are_those_of_differences(problem, degree) -> None:
+    """With few nodes: what is differentiated is the sum that is computed, not its limit."""
+    propagation = QuadraturePropagation(problem.inputs, Exact(problem), 5, degree)
+    alpha = law_of(problem)
+    found = propagation.moments(alpha, 6, gradient=True)
+    plain = propagation.moments(alpha, 6, gradient=False)
+    assert_same(found, plain, 1e-13)
+    expected = differences(propagation, alpha, 6)
+    free = [k for k, h in enumerate(problem.inputs.hyperparameters) if h.free]
+    for name in NAMES:
+        jac, other = getattr(found, f"{name}_jac")[..., free], expected[name][..., free]
+        scale = np.abs(other).max()
+        # rounding of moments of up to 100, 1e-13, over a step of 2e-4 leaves 1e-9
+        np.testing.assert_allclose(jac, other, rtol=1e-6, atol=1e-7 * scale + 1e-8)
+
+
+def test_simulator_differences_converge_with_the_square_of_the_step() -> None:
+    points = GROWTH.inputs.nodes(GROWTH.alpha, 6).x
+    _, exact = Exact(GROWTH).evaluate_with_gradient(points)
+    errors = [
+        np.abs(direct(GROWTH, step).evaluate_with_gradient(points)[1] - exact).max()
+        for step in (4e-2, 2e-2, 1e-2)
+    ]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(orders, 2.0, atol=0.01)
+
+
+def test_simulator_differences_are_good_to_seven_digits_by_default() -> None:
+    for problem in (GROWTH, SQUARE, PRODUCT, BINDING):
+        points = problem.inputs.nodes(problem.alpha, 6).x
+        value, exact = Exact(problem).evaluate_with_gradient(points)
+        outcome, found = direct(problem).evaluate_with_gradient(points)
+        np.testing.assert_array_equal(outcome, value)
+        # a step h of 1e-4 spreads: h^2/6 of truncation, 1e-16/h of rounding
+        np.testing.assert_allclose(found, exact, atol=1e-7 * np.abs(exact).max())
+
+
+def test_simulator_differences_stay_inside_the_box() -> None:
+    seen: list[Array] = []
+
+    def run(index: NDArray[np.intp], x: Array) -> Array:
+        seen.append(x)
+        return BINDING.run(index, x)
+
+    points = np.array([[0.0], [0.4], [1.0]])
+    response = DirectResponse(run, BINDING.z.size, BINDING.inputs.box)
+    slope = response.evaluate_with_gradient(points)[1]
+    np.testing.assert_allclose(slope[:, :, 0], np.tile(BINDING.z[:, None], 3), rtol=1e-9)
+    assert np.concatenate(seen).min() >= 0.0
+    assert np.concatenate(seen).max() <= 1.0
+
+
+def test_simulator_differences_survive_nodes_beyond_the_box_of_an_open_law() -> None:
+    """40 nodes reach 11.7 standard deviations, the box of a law without one ends at 8."""
+    inputs = Inputs({"x": Normal(mean=0.0, sd=Free(0.1, 0.5))})
+    response = DirectResponse(lambda _, x: np.exp(0.1 * x[:, 0]), 1, inputs.box)
+    found = QuadraturePropagation(inputs, response, 40).moments(
+        np.array([0.0, 0.5]), 4, gradient=True
+    )
+    # d E[exp(0.1 x)]/d sd = 0.01 sd exp(0.005 sd^2)
+    assert found.mean_jac is not None
+    assert found.mean_jac[0, 1] == pytest.approx(0.005 * math.exp(0.00125), rel=1e-7)
+
+
+def test_a_parameter_without_width_is_not_moved() -> None:
+    inputs = Inputs({"x": Normal(Free(0.0, 1.0), 0.1), "k": Constant(3.0)})
+    response = DirectResponse(lambda _, x: x[:, 0] * x[:, 1], 2, inputs.box)
+    found = QuadraturePropagation(inputs, response, 4).moments(
+        np.array([0.5, 0.1, 3.0]), 4, gradient=True
+    )
+    assert found.mean_jac is not None
+    np.testing.assert_allclose(found.mean_jac[:, 0], 3.0, rtol=1e-9)
+
+
+# ------------------------------------------------------------------------------ both ways agree
+
+
+@pytest.mark.parametrize("problem", [GROWTH, SQUARE, BINDING, PRODUCT], ids=title)
+def test_collocation_and_surface_agree(problem) -> None:
+    choice = ResponseSurface(tolerance=1e-5, accuracy=1e-13)
+    surface = build_surface(problem.run, problem.inputs.box, problem.z.size, choice)
+    assert surface.converged.all()
+    alpha = law_of(problem)
+    by_surface = QuadraturePropagation(problem.inputs, surface, 12).moments(alpha, 4, gradient=True)
+    by_runs = QuadraturePropagation(problem.inputs, direct(problem), 12).moments(
+        alpha, 4, gradient=True
+    )
+    # the surface's error is 1e-5 of the scatter on the whole box, of which the law may be a tenth
+    allowed = 5.0 * surface.error
+    assert np.all(np.abs(by_surface.mean - by_runs.mean) <= allowed)
+    assert np.all(np.abs(by_surface.sd - by_runs.sd) <= allowed)
+    np.testing.assert_allclose(by_surface.standardized, by_runs.standardized, rtol=1e-2, atol=1e-3)
+    assert by_surface.mean_jac is not None
+    assert by_runs.mean_jac is not None
+    np.testing.assert_allclose(by_surface.mean_jac, by_runs.mean_jac, rtol=1e-2, atol=1e-3)
+
+
+@pytest.mark.parametrize("problem", PROBLEMS, ids=title)
+def test_plain_quadrature_and_expansion_agree_where_both_have_converged(problem) -> None:
+    alpha = law_of(problem)
+    plain = QuadraturePropagation(problem.inputs, Exact(problem), 16)
+    expanded = QuadraturePropagation(problem.inputs, Exact(problem), 16, 14)
+    one = plain.moments(alpha, 4, gradient=False)
+    other = expanded.moments(alpha, 4, gradient=False)
+    # coefficients of exp(0.4 theta) beyond degree 14 are below 1e-12
+    assert_same(one, other, 1e-8)
+
+
+def test_an_expansion_is_exact_where_plain_quadrature_with_its_nodes_is_not() -> None:
+    """y = (x + z)^2 through 3 nodes: degree 2 is exact, order 4 of it needs degree 8."""
+    truth = SQUARE.exact_moments(8)
+    plain = QuadraturePropagation(SQUARE.inputs, Exact(SQUARE), 3)
+    expanded = QuadraturePropagation(SQUARE.inputs, Exact(SQUARE), 3, 2)
+    exact = expanded.moments(SQUARE.alpha, 8, gradient=False)
+    np.testing.assert_allclose(exact.standardized, truth[2], rtol=1e-9, atol=1e-9)
+    coarse = plain.moments(SQUARE.alpha, 8, gradient=False)
+    np.testing.assert_allclose(coarse.sd, truth[1], rtol=1e-12)  # degree 4 of at most 5
+    assert np.all(np.abs(coarse.standardized[:, 4] / truth[2][:, 4] - 1.0) > 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "plain_wins"), [(np.tanh, True), (np.exp, False)], ids=["saturating", "growing"]
+)
+def test_neither_plain_quadrature_nor_expansion_is_always_better(outcome, plain_wins) -> None:
+    """Order 4 through 8 nodes, against a sum over 20001 points.
+
+    A polynomial of degree 7 explodes in the tails where the outcome saturates; where it grows, the
+    powers that plain quadrature misses are what matters.
+    """
+    inputs = Inputs({"x": Normal(mean=Free(-1.0, 1.0), sd=Free(0.1, 2.0))})
+    response = DirectResponse(lambda _, x: outcome(x[:, 0]), 1, inputs.box)
+    theta = np.linspace(-12.0, 12.0, 20_001)
+    weights = np.exp(-0.5 * theta**2)
+    dense = weighted_moments(outcome(0.3 + theta)[None, :], weights / weights.sum(), 4)
+    plain, expanded = (
+        abs(
+            QuadraturePropagation(inputs, response, 8, degree)
+            .moments(np.array([0.3, 1.0]), 4, gradient=False)
+            .standardized[0, 4]
+            / dense.standardized[0, 4]
+            - 1.0
+        )
+        for degree in (None, 7)
+    )
+    better, worse = (plain, expanded) if plain_wins else (expanded, plain)
+    assert better < 0.5 * worse
+
+
+@pytest.mark.parametrize("s", [0.3, 1.0])
+def test_the_error_of_the_mean_falls_as_theory_says(s) -> None:
+    """E[exp(s theta)]: the q-point rule errs by q! s^(2q)/(2q)! times exp(s xi) at some xi."""
+    inputs = Inputs({"x": Normal(mean=Free(-1.0, 1.0), sd=Free(0.1, 2.0))})
+    response = DirectResponse(lambda _, x: np.exp(x[:, 0]), 1, inputs.box)
+    for q in (2, 3, 4, 5):
+        found = QuadraturePropagation(inputs, response, q).moments(
+            np.array([0.0, s]), 2, gradient=False
+        )
+        error = math.exp(0.5 * s**2) - found.mean[0]
+        leading = math.factorial(q) * s ** (2 * q) / math.factorial(2 * q)
+        # exp(s xi) averages to exp(s^2/2) (2q+1)-point spread: between 1 and 1.5 exp(s^2/2)
+        assert leading < error < 1.5 * math.exp(0.5 * s**2) * leading
+
+
+# ------------------------------------------------------------------------------ choices, misuse
+
+
+def test_default_nodes_follow_the_number_of_scattering_parameters() -> None:
+    assert default_nodes(REGRESSION.inputs, None) == 20
+    assert default_nodes(REGRESSION.inputs, 7) == 7
+    assert default_nodes(Inputs({"k": Constant(Free(0.0, 1.0))}), None) == 1
+    five = Inputs({name: TruncatedNormal((0.0, 1.0)) for name in "abcde"})
+    with pytest.raises(InputsError, match="5 scattering"):
+        default_nodes(five, None)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Collocation(nodes=1),
+        lambda: Collocation(nodes=101),
+        lambda: Collocation(moments="pce"),  # type: ignore[arg-type]
+        lambda: Collocation(nodes=5, degree=5),
+        lambda: Collocation(degree=0),
+        lambda: Collocation(difference_step=0.0),
+        lambda: check_nodes(1),
+    ],
+)
+def test_misuse_has_a_remedy(make) -> None:
+    with pytest.raises(InputsError) as caught:
+        make()
+    assert caught.value.remedy
+
+
+def test_collocation_runs_q_to_the_n_and_two_more_a_parameter_for_the_gradient() -> None:
+    count = 0
+
+    def run(index: NDArray[np.intp], x: Array) -> Array:
+        nonlocal count
+        count += index.size
+        return REGRESSION.run(index, x)
+
+    response = DirectResponse(run, REGRESSION.z.size, REGRESSION.inputs.box)
+    propagation = QuadraturePropagation(REGRESSION.inputs, response, 5)
+    propagation.moments(REGRESSION.alpha, 4, gradient=False)
+    assert count == 7 * 25
+    propagation.moments(REGRESSION.alpha, 4, gradient=True)
+    assert count == 7 * 25 + 7 * 25 * 5
