@@ -69,11 +69,15 @@ def _groups(terms: Floats) -> tuple[Group, ...]:
     )
 
 
-def degrees_of(indices: Ints, terms: Floats) -> Ints:
-    """Return the highest degree (N, n) of each parameter among the terms (N, P) of each surface."""
-    used = terms != 0.0
-    columns = [np.where(used, degree, 0).max(axis=1) for degree in indices.T]
-    return np.column_stack(columns).astype(np.intp)
+def degrees_of(indices: Ints, terms: Floats, error: Floats) -> Ints:
+    """Return the degree (N, n) of each parameter beyond which all terms stay below the error."""
+    out = np.zeros((len(terms), indices.shape[1]), dtype=np.intp)
+    floor = np.maximum(error, ROUNDING * np.abs(terms).max(axis=1)) ** 2
+    for i, degree in enumerate(indices.T):
+        for d in range(int(degree.max(initial=0))):
+            beyond = (terms[:, degree > d] ** 2).sum(axis=1)
+            out[beyond > floor, i] = d + 1
+    return out
 
 
 def outcome_range(surface: Surface, outcomes: Floats) -> tuple[Floats, Floats]:

@@ -21,8 +21,10 @@ GROWTH = 1.3
 # Outcomes that differ by less than this part of their size do not depend on the parameters.
 ROUNDING = 1e-12
 # The error is at the simulator's own noise where it has fallen by less than a fifth while the runs
-# grew by GROWTH^4 to GROWTH^6, 2.9 to 4.8 times: even at a kink in four parameters it falls more.
+# grew by GROWTH^6 to GROWTH^8, 5 to 8 times. Sooner would give up fronts that are still unresolved.
 STALL = 0.8
+# An error that falls by more than half in one round, or seems to, is believed by half only.
+DOUBT = 0.5
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class ResponseSurface:
     1000
     """
 
-    tolerance: float = 0.02
+    tolerance: float = 0.005
     max_runs: int = 1000
     validation: int = 12
     accuracy: float = 1e-6
@@ -78,7 +80,8 @@ def build_surface(
     All experiments share one nested sequence of points; a round adds a third. Each surface is
     fitted with the prior of least leave-one-out error (module `fit`), and its error is taken as
     the largest of: the root-mean-square residual of the validation runs; what the prior expects;
-    and the leave-one-out residuals, weighted by each run's part of the box, times 0.7 (1 + 16/M).
+    and the leave-one-out residuals, weighted by each run's part of the box, times 0.7 (1 + 8/M);
+    and half of the same a round before.
 
     Raises InputsError for an inadmissible box or too few runs, SimulatorError for outcomes of the
     wrong shape or not finite. An experiment that does not converge within `max_runs`, or stalls at
@@ -95,7 +98,8 @@ def build_surface(
     box = _checked_box(box)
     if experiments < 1:
         raise InputsError(f"surfaces of {experiments} experiments", "pass at least one experiment")
-    first = 4 * len(box) + 10
+    # Twice the terms of total degree two up to four parameters: quadratics are exact at once.
+    first = 5 * len(box) + 10
     if choice.max_runs < first + choice.validation:
         raise InputsError(
             f"response surface: max_runs {choice.max_runs} for {len(box)} parameters",
@@ -128,6 +132,7 @@ class _Refinement:
         self.pool = first_priors(n)
         self.prior: list[Prior] = [self.pool[0]] * experiments
         self.error = np.full(experiments, np.inf)
+        self.last = np.zeros(experiments)
         self.history: list[Floats] = []
         self.runs = np.zeros(experiments, dtype=np.intp)
         self.size = np.zeros(experiments, dtype=np.intp)
@@ -140,7 +145,7 @@ class _Refinement:
         y = self.values[active].T
         priors, best, self.pool = search(self.pool, self.z, y)
         share = shares(self.z)
-        scatter, level = np.empty(len(active)), np.empty(len(active))
+        scatter, level, estimate = (np.empty(len(active)) for _ in range(3))
         for k in np.unique(best):
             rows = np.flatnonzero(best == k)
             fit = judged(priors[k], self.z, y[:, rows])
@@ -148,11 +153,11 @@ class _Refinement:
             level[rows] = np.abs(y[:, rows]).max(axis=0)
             misfit = fit.coefficients.T @ products(fit.indices, self.check)
             misfit -= self.truth[active[rows]]
-            self.error[active[rows]] = _estimate(fit, share, misfit)
+            estimate[rows] = _estimate(fit, share, misfit)
             for row in active[rows]:
                 self.prior[row] = priors[k]
-        self.size[active] = count
-        error = self.error[active]
+        error = np.maximum(estimate, DOUBT * self.last[active])
+        self.last[active], self.error[active], self.size[active] = estimate, error, count
         constant = np.ptp(np.vstack([y, self.truth[active].T]), axis=0) <= ROUNDING * level
         self.error[active[constant]] = 0.0
         good = error <= np.maximum(self.choice.tolerance * scatter, self.choice.accuracy * level)
@@ -184,9 +189,9 @@ class _Refinement:
         self.runs[active] += len(x)
 
     def _stalled(self, active: Ints) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        if len(self.history) < 7:
+        if len(self.history) < 9:
             return np.zeros(len(active), dtype=np.bool_)
-        before = np.max([errors[active] for errors in self.history[-7:-4]], axis=0)
+        before = np.max([errors[active] for errors in self.history[-9:-6]], axis=0)
         return np.asarray(self.history[-1][active] > STALL * before)
 
     def surface(self) -> Surface:
@@ -208,7 +213,7 @@ class _Refinement:
             scatter=scatter,
             converged=self.converged,
             runs=self.runs,
-            degrees=degrees_of(indices, terms),
+            degrees=degrees_of(indices, terms, self.error),
         )
         lower, upper = outcome_range(surface, np.hstack([self.values, self.truth]))
         return replace(surface, lower=lower, upper=upper)
@@ -219,12 +224,12 @@ def _estimate(fit: Judged, share: Floats, misfit: Floats) -> Floats:
 
     A run left out of well-spread ones leaves a hole twice as wide as any other, so its residual is
     larger than the error elsewhere: hence 0.7. The least of some forty leave-one-out errors is
-    too small by chance when the runs are few: hence 1 + 16/M. Both numbers were set on the wet
-    clutch, with four sequences of points, so that nine in ten true errors were bounded.
+    too small by chance when the runs are few: hence 1 + 8/M. Both numbers were set on the wet
+    clutch, so that with what `refine` adds nineteen in twenty true errors were bounded.
     """
-    left_out = np.sqrt(share @ fit.residual**2) * 0.7 * (1.0 + 16.0 / len(share))
+    left_out = np.sqrt(share @ fit.residual**2) * 0.7 * (1.0 + 8.0 / len(share))
     checked = np.sqrt((misfit**2).mean(axis=1))
-    return np.maximum(np.maximum(left_out, fit.expected), checked)
+    return np.asarray(np.maximum(np.maximum(left_out, fit.expected), checked))
 
 
 def _checked_box(box: Floats) -> Floats:

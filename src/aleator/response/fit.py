@@ -46,7 +46,7 @@ def first_priors(n: int) -> list[Prior]:
     """Return the priors to begin with: no preferred parameter."""
     even = (1.0,) * n
     choices = [(2.0, s, t) for s in (2.5, 4.0) for t in (0.0, 0.5)]
-    choices += [(1.0, 2.5, 0.0), (0.5, 4.0, 0.5), (0.5, 2.5, 0.0)]
+    choices += [(1.0, 2.5, 0.0), (1.0, 4.0, 0.5), (0.5, 4.0, 0.5), (0.5, 2.5, 0.0)]
     return [Prior(even, *choice) for choice in choices]
 
 

@@ -39,7 +39,8 @@ class Surface:
     `error` (N,) is the estimated root-mean-square error over the box in units of the outcome,
     `scatter` (N,) the standard deviation of the surface over the box, `converged` (N,) whether
     error <= tolerance * scatter, `runs` (N,) the runs spent, `lower` and `upper` (N,) the range of
-    the outcome over the box, `degrees` (N, n) the highest degree used of each parameter.
+    the outcome over the box, `degrees` (N, n) the degree of each
+    parameter beyond which all terms together are smaller than the error.
 
     Outside the box the polynomial is an extrapolation and grows without limit: evaluation there
     is not refused, and not to be trusted.
@@ -100,6 +101,11 @@ class Surface:
             raise InputsError(
                 f"surface: {len(x)} points but experiments of shape {index.shape}",
                 "pass one whole number, the experiment, for each point",
+            )
+        strangers = index[(index < 0) | (index >= len(self.error))]
+        if len(strangers):
+            raise InputsError(
+                f"surface: no experiment {strangers[0]}", f"count from 0 to {len(self.error) - 1}"
             )
         out = np.empty(len(x))
         where = np.empty(len(self.error), dtype=np.intp)

@@ -1,0 +1,321 @@
+"""Building surfaces: exact where it can be, honest where it cannot, cheap where it is easy."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from aleator.errors import InputsError, SimulatorError
+from aleator.response import ResponseSurface, Surface, build_surface
+from aleator.response.points import spread
+
+Floats = NDArray[np.float64]
+Function = Callable[[NDArray[np.intp], Floats], Floats]
+
+
+def unit_box(n: int) -> Floats:
+    return np.tile([0.0, 1.0], (n, 1))
+
+
+def true_error(surface: Surface, function: Function, points: int = 1000) -> Floats:
+    """Root-mean-square error (N,) at random points of the box that no surface has seen."""
+    low, high = surface.box.T
+    x = low + np.random.default_rng(7).random((points, len(low))) * (high - low)
+    count = len(surface.error)
+    truth = function(np.repeat(np.arange(count), points), np.tile(x, (count, 1)))
+    residual = surface.evaluate(x) - truth.reshape(count, points)
+    return np.sqrt((residual**2).mean(axis=1))
+
+
+def front(index: NDArray[np.intp], x: Floats) -> Floats:
+    return np.tanh(20.0 * (x[:, 0] - 0.5 * x[:, 1] - 0.3 + 0.02 * index))
+
+
+def kink(index: NDArray[np.intp], x: Floats) -> Floats:
+    return np.abs(x[:, 0] - 0.5 * x[:, 1] - 0.3 + 0.03 * index)
+
+
+def waves(index: NDArray[np.intp], x: Floats) -> Floats:
+    return np.cos(9.0 * x[:, 0] + 5.0 * x[:, 1] + index)
+
+
+def smooth(index: NDArray[np.intp], x: Floats) -> Floats:
+    return np.exp((0.2 + 0.2 * index) * x[:, 0] + x[:, 1])
+
+
+def additive(index: NDArray[np.intp], x: Floats) -> Floats:
+    return np.exp(x * np.linspace(0.1, 1.0, x.shape[1])).sum(axis=1) + index
+
+
+# ------------------------------------------------------------------------ exact
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_a_polynomial_of_degree_two_is_exact_after_one_call(n: int) -> None:
+    matrix = np.random.default_rng(n).normal(size=(n, n))
+    calls = []
+
+    def run(index: NDArray[np.intp], x: Floats) -> Floats:
+        calls.append(len(index))
+        return 3.0 + x.sum(axis=1) + (index + 1) * np.einsum("ri,ij,rj->r", x, matrix, x)
+
+    surface = build_surface(run, unit_box(n), 3)
+    assert len(calls) == 1
+    assert surface.converged.all()
+    assert surface.degrees.max() <= 2
+    assert true_error(surface, run).max() < 1e-12
+
+
+def test_a_polynomial_of_degree_five_is_found_exactly() -> None:
+    def run(_: NDArray[np.intp], x: Floats) -> Floats:
+        return x[:, 0] ** 5 - 2.0 * x[:, 0] ** 2 * x[:, 1] ** 3 + x[:, 1] - 0.3
+
+    surface = build_surface(run, unit_box(2), 1, ResponseSurface(tolerance=1e-9, accuracy=0.0))
+    assert surface.converged.all()
+    assert surface.degrees[0].tolist() == [5, 3]
+    assert true_error(surface, run)[0] < 1e-12
+    assert surface.runs[0] <= 100
+
+
+def test_an_outcome_that_does_not_depend_on_the_parameters() -> None:
+    surface = build_surface(lambda index, _: 0.1 + 0.7 * index, unit_box(2), 3)
+    assert surface.converged.all()
+    assert surface.error.tolist() == [0.0, 0.0, 0.0]
+    assert surface.scatter.tolist() == [0.0, 0.0, 0.0]
+    assert surface.degrees.max() == 0
+    value, slope = surface.evaluate_with_gradient(np.full((1, 2), 0.3))
+    assert value.ravel() == pytest.approx([0.1, 0.8, 1.5], rel=1e-12)
+    assert not slope.any()
+
+
+# ------------------------------------------------------------------------ cheap
+
+
+def test_a_linear_parameter_keeps_a_low_degree() -> None:
+    def run(_: NDArray[np.intp], x: Floats) -> Floats:
+        return x[:, 0] + np.tanh(10.0 * (x[:, 1] - 0.4))
+
+    surface = build_surface(run, unit_box(2), 1)
+    assert surface.converged.all()
+    assert surface.degrees[0, 0] <= 2
+    assert surface.degrees[0, 1] >= 8
+
+
+def test_constants_around_a_logarithm_stay_linear() -> None:
+    def run(_: NDArray[np.intp], x: Floats) -> Floats:
+        return x[:, 0] + x[:, 1] * np.log(3.0 - np.exp(x[:, 2]))
+
+    box = np.array([[10.0, 12.0], [-3.0, -1.0], [-1.0, 1.0]])
+    surface = build_surface(run, box, 1)
+    assert surface.converged.all()
+    assert surface.degrees[0, 0] <= 2
+    assert surface.degrees[0, 1] <= 2
+    assert surface.degrees[0, 2] > 4
+    assert true_error(surface, run)[0] <= 0.02 * surface.scatter[0]
+
+
+def test_ten_additive_parameters_need_few_runs() -> None:
+    surface = build_surface(additive, unit_box(10), 3)
+    assert surface.converged.all()
+    assert surface.runs.max() <= 100
+    assert (true_error(surface, additive) <= surface.error).all()
+
+
+def test_easy_experiments_do_not_pay_for_hard_ones() -> None:
+    def run(index: NDArray[np.intp], x: Floats) -> Floats:
+        return np.where(index % 2 == 0, smooth(index, x), kink(index, x))
+
+    surface = build_surface(run, unit_box(2), 6)
+    alone = build_surface(lambda index, x: smooth(2 * index, x), unit_box(2), 3)
+    assert surface.runs[::2].tolist() == alone.runs.tolist()
+    assert surface.runs[::2].max() < 50
+    assert surface.runs[1::2].min() > 100
+    assert surface.converged.all()
+
+
+def test_calls_are_few_and_every_run_is_counted() -> None:
+    asked = np.zeros(5, dtype=int)
+    told = []
+
+    def run(index: NDArray[np.intp], x: Floats) -> Floats:
+        np.add.at(asked, index, 1)
+        return kink(index, x)
+
+    surface = build_surface(run, unit_box(2), 5, progress=lambda *done: told.append(done))
+    assert len(told) <= 15
+    assert asked.tolist() == surface.runs.tolist()
+    assert told[-1] == (surface.total_runs, 5, 5)
+    assert [runs for runs, _, _ in told] == sorted(runs for runs, _, _ in told)
+
+
+# ------------------------------------------------------------------------ convergence
+
+
+def test_analytic_outcomes_converge_geometrically() -> None:
+    def run(_: NDArray[np.intp], x: Floats) -> Floats:
+        return 1.0 / (1.0 + 4.0 * (2.0 * x[:, 0] - 1.0) ** 2)
+
+    runs, errors = [], []
+    for digits in (1, 2, 3, 4, 5, 6):
+        choice = ResponseSurface(tolerance=10.0**-digits, accuracy=0.0)
+        surface = build_surface(run, unit_box(1), 1, choice)
+        assert surface.converged.all()
+        runs.append(int(surface.runs[0]))
+        errors.append(float(true_error(surface, run)[0] / surface.scatter[0]))
+    rate = np.polyfit(runs, np.log(errors), 1)[0]
+    # Chebyshev interpolation: (1/2 + sqrt(1 + 1/4))^-1, that is -0.48, for each run.
+    assert -0.6 < rate < -0.2
+    assert errors[-1] < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("function", "n", "loosest"),
+    [(kink, 2, 1.2), (waves, 2, 1.2), (smooth, 2, 1.5), (front, 2, 1.2), (additive, 10, 1.0)],
+)
+def test_the_estimate_bounds_the_true_error(function: Function, n: int, loosest: float) -> None:
+    count = 8 if n < 10 else 2
+    surface = build_surface(function, unit_box(n), count)
+    true = true_error(surface, function)
+    assert surface.converged.all()
+    assert (surface.error <= 0.02 * surface.scatter).all()
+    assert (true <= surface.error).mean() >= 0.75
+    assert (true <= loosest * surface.error).all()
+
+
+# ------------------------------------------------------------------------ limits
+
+
+def test_an_exhausted_budget_is_a_flag_and_an_honest_error() -> None:
+    surface = build_surface(front, unit_box(2), 2, ResponseSurface(max_runs=60))
+    assert not surface.converged.any()
+    assert surface.runs.tolist() == [60, 60]
+    assert (surface.error > 0.02 * surface.scatter).all()
+    assert (true_error(surface, front) <= 1.5 * surface.error).all()
+
+
+def test_noise_stops_the_refinement() -> None:
+    noise = np.random.default_rng(0)
+
+    def run(_: NDArray[np.intp], x: Floats) -> Floats:
+        return np.sin(x[:, 0] + 2.0 * x[:, 1]) + 0.05 * noise.standard_normal(len(x))
+
+    surface = build_surface(run, unit_box(2), 4)
+    assert not surface.converged.any()
+    assert surface.runs.max() < 700
+    assert surface.error == pytest.approx(np.full(4, 0.05), rel=0.7)
+
+
+def test_the_accuracy_of_the_simulator_is_enough() -> None:
+    noise = np.random.default_rng(0)
+
+    def run(_: NDArray[np.intp], x: Floats) -> Floats:
+        return 300.0 + 1e-6 * x[:, 0] + 1e-5 * noise.standard_normal(len(x))
+
+    surface = build_surface(run, unit_box(2), 4)
+    assert surface.converged.all()
+    assert surface.runs.max() < 50
+    assert surface.error.min() > 1e-6
+
+
+# ------------------------------------------------------------------------ the same again
+
+
+def test_the_same_seed_gives_the_same_surface() -> None:
+    x = np.random.default_rng(1).random((50, 2))
+    one, two = (build_surface(waves, unit_box(2), 4) for _ in range(2))
+    assert np.array_equal(one.evaluate(x), two.evaluate(x))
+    assert np.array_equal(one.error, two.error)
+
+
+def test_the_seed_moves_the_validation_points_only() -> None:
+    first: list[Floats] = []
+
+    def run(index: NDArray[np.intp], x: Floats) -> Floats:
+        first.append(x)
+        return smooth(index, x)
+
+    for seed in (0, 5):
+        build_surface(run, unit_box(2), 1, ResponseSurface(tolerance=0.5, seed=seed))
+    one, two = first
+    assert np.array_equal(one[:-12], two[:-12])
+    assert np.abs(one[-12:] - two[-12:]).max(axis=1).min() > 1e-3
+
+
+def test_the_order_of_experiments_does_not_matter() -> None:
+    order = np.array([3, 0, 4, 1, 2])
+    x = np.random.default_rng(1).random((50, 2))
+    one = build_surface(kink, unit_box(2), 5)
+    two = build_surface(lambda index, x: kink(order[index], x), unit_box(2), 5)
+    assert two.runs.tolist() == one.runs[order].tolist()
+    assert two.error == pytest.approx(one.error[order], rel=1e-6)
+    assert two.evaluate(x) == pytest.approx(one.evaluate(x)[order], abs=1e-7)
+
+
+def test_units_of_the_box_and_the_outcome_do_not_matter() -> None:
+    box = np.array([[-4.0, 6.0], [1e-3, 3e-3]])
+    width = box[:, 1] - box[:, 0]
+    one = build_surface(waves, unit_box(2), 3)
+    two = build_surface(lambda i, x: 1e5 * waves(i, (x - box[:, 0]) / width), box, 3)
+    assert two.runs.tolist() == one.runs.tolist()
+    assert two.error == pytest.approx(1e5 * one.error, rel=1e-6)
+
+
+def test_validation_runs_are_never_fitted() -> None:
+    seen = []
+
+    def run(index: NDArray[np.intp], x: Floats) -> Floats:
+        seen.append(x[index == 0])
+        return waves(index, x)
+
+    surface = build_surface(run, unit_box(2), 1)
+    points = 0.5 * (spread(int(surface.runs[0]) - 12, 2) + 1.0)
+    check = [x for x in np.vstack(seen) if np.abs(points - x).max(axis=1).min() > 1e-12]
+    assert len(check) == 12
+    residual = surface.evaluate(np.array(check))[0] - waves(
+        np.zeros(12, dtype=int), np.array(check)
+    )
+    assert 0.0 < np.sqrt((residual**2).mean()) <= 1.01 * surface.error[0]
+
+
+# ------------------------------------------------------------------------ misuse
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"tolerance": 0.0},
+        {"tolerance": 1.0},
+        {"tolerance": float("nan")},
+        {"validation": 3},
+        {"max_runs": 12},
+        {"accuracy": -1e-9},
+        {"seed": -1},
+        {"nodes": 0},
+    ],
+)
+def test_inadmissible_choices_are_named(wrong: dict[str, float]) -> None:
+    with pytest.raises(InputsError, match=next(iter(wrong))):
+        ResponseSurface(**wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "box",
+    [[[1.0, 0.0]], [[0.0, 0.0]], [[0.0, np.inf]], [[np.nan, 1.0]], [0.0, 1.0], np.empty((0, 2))],
+)
+def test_inadmissible_boxes_are_refused(box: list[list[float]]) -> None:
+    with pytest.raises(InputsError, match="box"):
+        build_surface(waves, np.asarray(box), 1)
+
+
+def test_too_few_runs_or_no_experiment_is_refused() -> None:
+    with pytest.raises(InputsError, match="max_runs 20"):
+        build_surface(waves, unit_box(2), 1, ResponseSurface(max_runs=20))
+    with pytest.raises(InputsError, match="at least one"):
+        build_surface(waves, unit_box(2), 0)
+
+
+@pytest.mark.parametrize("answer", [lambda x: x, lambda x: np.full(len(x), np.nan)])
+def test_a_simulator_that_does_not_answer_is_named(answer: Callable[[Floats], Floats]) -> None:
+    with pytest.raises(SimulatorError, match="outcomes"):
+        build_surface(lambda _, x: answer(x), unit_box(2), 1)
