@@ -19,6 +19,8 @@ BOUND = 1e-6
 """Closer to a limit than this share of the range is on the limit."""
 STEP = 1e-2
 """Step of the differences of the score, in standard errors: truncation is of the order 1e-5."""
+FLAT = 0.05
+"""A curvature below this share of that of each hyperparameter alone marks a weak direction."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +125,8 @@ def weak_directions(
 ) -> list[str]:
     """Sentences that name what the experiments hardly determine.
 
-    A standard deviation whose standard error is as large as itself, and pairs or groups of
-    hyperparameters whose estimates are correlated beyond 0.95.
+    A standard deviation whose standard error exceeds half of itself, pairs or groups of
+    hyperparameters whose estimates are correlated beyond 0.95, and directions without any effect.
     """
     sentences = []
     for k, h in enumerate(hyperparameters):
@@ -133,23 +135,55 @@ def weak_directions(
                 f"{h.name} = {alpha[k]:.3g} has a standard error of "
                 f"{inference.standard_error[k]:.2g}: the experiments hardly determine it"
             )
-    if not inference.positive or inference.free.size < 2:
+    names = [hyperparameters[k].name for k in inference.free]
+    if not inference.positive:
+        return sentences + _undetermined(inference, names)
+    if inference.free.size < 2:
         return sentences
     values, vectors = np.linalg.eigh(inference.correlation)
-    names = [hyperparameters[k].name for k in inference.free]
     for value, vector in zip(values, vectors.T, strict=True):
-        if value > 0.05:
+        if value > FLAT:
             continue
         # the small eigenvalue is well determined; what moves along its large parts is not apart
-        parts = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.3]
-        relation = " ".join(
-            f"{'+' if vector[i] >= 0 else '-'} {abs(vector[i]):.2f} {names[i]}/se" for i in parts
-        )
+        parts = _large(vector)
         sentences.append(
-            f"only the combination {relation} is well determined; "
+            f"only the combination {_combination(vector, parts, names)} is well determined; "
             f"{', '.join(names[i] for i in parts)} can change together almost unnoticed"
         )
     return sentences
+
+
+def _undetermined(inference: Inference, names: Sequence[str]) -> list[str]:
+    """Sentences for directions along which the log-likelihood is flat: there is no covariance."""
+    inside = np.isin(inference.identified, inference.free)
+    information = inference.information[np.ix_(inside, inside)]
+    scale = np.sqrt(np.abs(np.diag(information)))
+    if not np.all(np.isfinite(information)):
+        return []
+    acts = scale > 0.0
+    sentences = [f"{name} has no effect" for name, a in zip(names, acts, strict=True) if not a]
+    values, vectors = np.linalg.eigh(
+        information[np.ix_(acts, acts)] / np.outer(scale[acts], scale[acts])
+    )
+    known = [name for name, a in zip(names, acts, strict=True) if a]
+    for value, vector in zip(values, vectors.T, strict=True):
+        if abs(value) < FLAT:
+            parts = _large(vector)
+            sentences.append(
+                f"{', '.join(known[i] for i in parts)} can change together without effect, "
+                f"along {_combination(vector, parts, known)}, where se is that of each alone"
+            )
+    return sentences
+
+
+def _large(vector: Array) -> list[int]:
+    return [int(i) for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.3]
+
+
+def _combination(vector: Array, parts: Sequence[int], names: Sequence[str]) -> str:
+    return " ".join(
+        f"{'+' if vector[i] >= 0 else '-'} {abs(vector[i]):.2f} {names[i]}/se" for i in parts
+    )
 
 
 def _side(value: float, h: Hyperparameter) -> str | None:
