@@ -1,0 +1,368 @@
+"""Figures of an identification: pure functions of its document, drawn with matplotlib.
+
+matplotlib is an extra (`pip install aleator[plot]`); it is imported only where a figure is asked
+for. No figure touches pyplot or what the user has set in matplotlib, and the same document gives
+the same bytes.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binom, kstwo
+
+from aleator.errors import AleatorError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+Array = NDArray[np.float64]
+Document = Mapping[str, Any]
+
+WIDTH = 9.0  #: inches
+DPI = 160
+
+# Okabe and Ito's blue and vermilion, told apart in every form of color blindness. The outcomes
+# outside have another shape too, for a print without color.
+_WIDE, _NARROW, _MEDIAN = "#cfe3f1", "#7fb8dc", "#0072b2"
+_INSIDE, _OUTSIDE, _UNKNOWN = "#262626", "#d55e00", "#8c8c8c"
+_BAND, _TEXT = "#e4e4e4", "#404040"
+
+_STYLE = {
+    "font.size": 10.0,
+    "text.color": _TEXT,
+    "text.parse_math": False,
+    "axes.labelcolor": _TEXT,
+    "axes.edgecolor": "#a0a0a0",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 10.0,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 10.0,
+    "axes.axisbelow": True,
+    "xtick.color": "#a0a0a0",
+    "ytick.color": "#a0a0a0",
+    "xtick.labelcolor": _TEXT,
+    "ytick.labelcolor": _TEXT,
+    "legend.frameon": False,
+    "legend.fontsize": 9.0,
+}
+
+_QUANTILES = ("0.025", "0.25", "0.5", "0.75", "0.975")
+_NAMED = 12  # so many experiments or outliers still have room for their ids
+_DASHES = (0, (4, 3))
+_BARS = 300  # more bars than that run into each other; steps then show the same
+
+
+def experiments_figure(result: Document) -> Figure:
+    """Each measured outcome in the distribution that the identified law predicts for it.
+
+    `result` is the content of identification.json. Experiments stand side by side, ordered by
+    predicted median; bars are the predicted 50 % and 95 % intervals, an outcome outside the 95 %
+    interval is set off and, where few are, named by its id. An experiment whose density was not
+    solved has no bar. Raises AleatorError where matplotlib is not installed.
+
+    >>> quantiles = {"0.025": 0.0, "0.25": 0.7, "0.5": 1.0, "0.75": 1.3, "0.975": 2.0}
+    >>> one = {"id": "7", "outcome": 1.2, "quantiles": quantiles, "pit": 0.65}
+    >>> figure = experiments_figure({"title": "Beam", "experiments": [one]})
+    >>> figure.axes[0].get_title(loc="left")
+    'Outside the predicted 95 % interval: 0 of 1 measured outcomes (expected 0.05)'
+    """
+    experiments = _ordered(result["experiments"])
+    ids = [str(experiment["id"]) for experiment in experiments]
+    outcome = _numbers(experiment["outcome"] for experiment in experiments)
+    quantiles = np.array([_quantiles(experiment) for experiment in experiments])
+    known = np.isfinite(quantiles).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        outside = known & ((outcome < quantiles[:, 0]) | (outcome > quantiles[:, -1]))
+    with _styled():
+        figure = _figure(result, height=4.6)
+        axes = figure.add_subplot()
+        _draw_intervals(axes, quantiles, known)
+        _draw_outcomes(axes, outcome, outside, known)
+        _name_outside(axes, ids, outcome, outside, quantiles[:, 2])
+        _number_experiments(axes, ids)
+        axes.set_ylabel(_outcome_name(result))
+        axes.set_title(
+            f"Outside the predicted 95 % interval: {outside.sum()} of {known.sum()} measured "
+            f"outcomes (expected {0.05 * known.sum():.3g})"
+        )
+        _explain(figure, bool(outside.any()), not known.all())
+    return figure
+
+
+def calibration_figure(result: Document) -> Figure:
+    """How the outcomes' probabilities under the identified law compare with a uniform sample.
+
+    `result` is the content of identification.json. The probability of a smaller outcome (PIT) is
+    uniform over the experiments if the law is right. Left its histogram, with the range that each
+    bin of a uniform sample has in 95 % of all samples (binomial). Right its cumulative
+    distribution minus that of the uniform law, with the band that holds the whole curve in 95 % of
+    all uniform samples (Kolmogorov). Both are a little wide, for the law was fitted to the same
+    outcomes. Raises AleatorError where matplotlib is not installed.
+
+    >>> ten = [{"id": k, "pit": (k + 0.5) / 10} for k in range(10)]
+    >>> [axes.get_ylabel() for axes in calibration_figure({"experiments": ten}).axes]
+    ['experiments', 'cumulative share − uniform']
+    """
+    pit = _numbers(experiment["pit"] for experiment in result["experiments"])
+    pit = np.sort(pit[np.isfinite(pit)])
+    with _styled():
+        figure = _figure(result, height=3.9)
+        histogram, cumulative = figure.subplots(1, 2)
+        if pit.size:
+            _draw_histogram(histogram, pit)
+            _draw_cumulative(cumulative, pit)
+        histogram.set_title("Each bin and its 95 % range")
+        histogram.set_ylabel("experiments")
+        cumulative.set_title("The whole curve and its 95 % band")
+        cumulative.set_ylabel("cumulative share − uniform")
+        for axes in (histogram, cumulative):
+            axes.set_xlim(0.0, 1.0)
+            axes.set_xlabel("predicted probability of a smaller outcome")
+        _explain_calibration(figure)
+    return figure
+
+
+def save_figures(result: Document, directory: str | Path) -> list[Path]:
+    """Write experiments.png and calibration.png into a folder, which is made if need be.
+
+    Returns the paths written. The bytes depend on nothing but the document and the version of
+    matplotlib. Raises AleatorError where matplotlib is not installed or a file cannot be written.
+    """
+    directory = Path(directory)
+    figures = {"experiments": experiments_figure, "calibration": calibration_figure}
+    paths = []
+    for name, draw in figures.items():
+        path = directory / f"{name}.png"
+        image = _png(draw(result))
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(image)
+        except OSError as error:
+            raise AleatorError(
+                f"{path}: the figure cannot be written: {error.strerror}", "choose another folder"
+            ) from None
+        paths.append(path)
+    return paths
+
+
+# ------------------------------------------------------------------------------- the document
+
+
+def _ordered(experiments: Sequence[Document]) -> list[Document]:
+    """By predicted median, then by outcome; experiments without a density at the end."""
+
+    def place(experiment: Document) -> tuple[float, float]:
+        median = _quantiles(experiment)[2]
+        return (float(median) if np.isfinite(median) else np.inf, float(experiment["outcome"]))
+
+    return sorted(experiments, key=place)
+
+
+def _quantiles(experiment: Document) -> Array:
+    return _numbers(experiment["quantiles"][p] for p in _QUANTILES)
+
+
+def _numbers(values: Iterator[Any]) -> Array:
+    """JSON's null is NaN."""
+    return np.array([np.nan if value is None else float(value) for value in values])
+
+
+def _outcome_name(result: Document) -> str:
+    study = result.get("study") or {}
+    return str(study.get("outcome") or "outcome")
+
+
+# ------------------------------------------------------------------------------- experiments
+
+
+def _draw_intervals(axes: Axes, quantiles: Array, known: NDArray[np.bool_]) -> None:
+    """The 95 % interval, the 50 % interval on it, the median on both."""
+    size = len(known)
+    if size > _BARS:
+        x = np.arange(0.5, size + 1.5)
+        low, lower, median, upper, high = np.vstack([quantiles, quantiles[-1:]]).T
+        axes.fill_between(x, low, high, step="post", color=_WIDE, lw=0.0)
+        axes.fill_between(x, lower, upper, step="post", color=_NARROW, lw=0.0)
+        axes.step(x, median, where="post", color=_MEDIAN, lw=1.0)
+        return
+    x = np.arange(1, size + 1)[known]
+    low, lower, median, upper, high = quantiles[known].T
+    width = _bar_width(size)
+    axes.use_sticky_edges = False  # else the lowest bar stands on the axis as if cut there
+    axes.bar(x, high - low, width, low, color=_WIDE)
+    axes.bar(x, upper - lower, width, lower, color=_NARROW)
+    axes.hlines(median, x - width / 2, x + width / 2, color=_MEDIAN, lw=1.4)
+
+
+def _bar_width(size: int) -> float:
+    """Most of the room of an experiment, but not a wall where there are few."""
+    return min(0.72, 0.02 * size + 0.06)
+
+
+def _draw_outcomes(
+    axes: Axes, outcome: Array, outside: NDArray[np.bool_], known: NDArray[np.bool_]
+) -> None:
+    size = outcome.size
+    x = np.arange(1, size + 1)
+    diameter = float(np.clip(5.0 - 0.7 * np.log2(max(size, 1) / 20.0), 1.3, 4.2))
+    kinds = (
+        (known & ~outside, _INSIDE, 0.5 if size > _BARS else 1.0),
+        (outside, _OUTSIDE, 1.0),
+        (~known, _UNKNOWN, 1.0),
+    )
+    for which, kind, alpha in kinds:
+        if which.any():
+            axes.plot(x[which], outcome[which], **_dot(kind, diameter), alpha=alpha, zorder=3)
+
+
+def _dot(color: str, diameter: float) -> dict[str, Any]:
+    shape, scale = ("D", 1.25) if color == _OUTSIDE else ("o", 1.0)
+    return {"color": color, "marker": shape, "ms": scale * diameter, "mew": 0.0, "ls": "none"}
+
+
+def _name_outside(
+    axes: Axes, ids: Sequence[str], outcome: Array, outside: NDArray[np.bool_], median: Array
+) -> None:
+    """The ids, on the side away from the interval; those of neighbors make room for each other."""
+    if outside.sum() > _NAMED or len(ids) <= _NAMED:
+        return
+    axes.margins(y=0.09)
+    near = 0.03 * len(ids)
+    for side in (1, -1):
+        with np.errstate(invalid="ignore"):
+            named = [int(l) for l in np.flatnonzero(outside & (side * (outcome - median) > 0.0))]
+        for k, l in enumerate(named):
+            after = k > 0 and l - named[k - 1] < near
+            before = k + 1 < len(named) and named[k + 1] - l < near
+            axes.annotate(
+                ids[l], (l + 1, outcome[l]), (0, side * (14 if after and before else 5)),
+                textcoords="offset points", color=_OUTSIDE, fontsize=8.0,
+                ha="center" if after == before else "left" if after else "right",
+                va="bottom" if side > 0 else "top",
+            )  # fmt: skip
+
+
+def _number_experiments(axes: Axes, ids: Sequence[str]) -> None:
+    size = len(ids)
+    axes.set_xlim(0.4, size + 0.6)
+    axes.set_xlabel("experiment, ordered by predicted median")
+    if size <= _NAMED:
+        long = sum(map(len, ids)) > 60
+        axes.set_xticks(range(1, size + 1), ids, rotation=20 if long else 0)
+
+
+def _explain(figure: Figure, outside: bool, unknown: bool) -> None:
+    """The legend, in the order of reading and of one size whatever the number of experiments."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    def dot(color: str, label: str) -> Line2D:
+        return Line2D([], [], **_dot(color, 4.5), label=label)
+
+    handles: list[Line2D | Patch] = [
+        Patch(color=_WIDE, lw=0.0, label="predicted 95 %"),
+        Patch(color=_NARROW, lw=0.0, label="predicted 50 %"),
+        Line2D([], [], color=_MEDIAN, lw=1.6, label="median"),
+        dot(_INSIDE, "measured"),
+    ]
+    handles += [dot(_OUTSIDE, "measured, outside the 95 %")] if outside else []
+    handles += [dot(_UNKNOWN, "measured, no density")] if unknown else []
+    _legend(figure, handles)
+
+
+# ------------------------------------------------------------------------------- calibration
+
+
+def _draw_histogram(axes: Axes, pit: Array) -> None:
+    bins = int(np.clip(pit.size // 10, 2, 20))
+    low, high = binom.ppf([0.025, 0.975], pit.size, 1.0 / bins)
+    axes.axhspan(low, high, color=_BAND, lw=0.0)
+    counts, edges = np.histogram(pit, bins, (0.0, 1.0))
+    axes.bar(0.5 * (edges[1:] + edges[:-1]), counts, 0.84 / bins, color=_NARROW)
+    axes.axhline(pit.size / bins, color=_UNKNOWN, lw=1.0, ls=_DASHES)
+    axes.set_ylim(0.0, 1.12 * max(high, counts.max()))
+    axes.locator_params(axis="y", integer=True)
+
+
+def _draw_cumulative(axes: Axes, pit: Array) -> None:
+    """The difference from uniform: the cumulative share itself would hide it where N is large."""
+    reach = float(kstwo.ppf(0.95, pit.size))
+    x = np.sort([0.0, reach, 1.0 - reach, 1.0])
+    axes.fill_between(x, np.maximum(-reach, -x), np.minimum(reach, 1.0 - x), color=_BAND, lw=0.0)
+    axes.axhline(0.0, color=_UNKNOWN, lw=1.0, ls=_DASHES)
+    share = np.arange(pit.size + 1) / pit.size
+    # from each jump of the share straight down to the next: two points for each outcome
+    ends = np.concatenate([[0.0], np.repeat(pit, 2), [1.0]])
+    axes.plot(ends, np.repeat(share, 2) - ends, color=_MEDIAN, lw=1.4)
+
+
+def _explain_calibration(figure: Figure) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    _legend(
+        figure,
+        [
+            Patch(color=_NARROW, lw=0.0, label="experiments"),
+            Line2D([], [], color=_UNKNOWN, lw=1.0, ls=_DASHES, label="uniform: the law is right"),
+            Patch(color=_BAND, lw=0.0, label="95 % of all uniform samples"),
+        ],
+    )
+
+
+# ------------------------------------------------------------------------------- matplotlib
+
+
+def _legend(figure: Figure, handles: Sequence[Line2D | Patch]) -> None:
+    """Under the axes, where it never hides a number."""
+    figure.legend(
+        handles=handles, loc="outside lower left", ncols=6, handlelength=1.6, columnspacing=1.8
+    )
+
+
+def _figure(result: Document, height: float) -> Figure:
+    """An empty figure under the title of the study, known to no window and no pyplot."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((WIDTH, height), DPI, layout="constrained")
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.set(w_pad=0.12, h_pad=0.1, wspace=0.04)  # type: ignore[call-arg]
+    if result.get("title"):
+        title = textwrap.fill(str(result["title"]), 84)
+        figure.suptitle(title, x=0.012, ha="left", fontsize=12.5, fontweight="bold")
+    return figure
+
+
+@contextmanager
+def _styled() -> Iterator[None]:
+    """matplotlib's own defaults and the style of the house, and after it what was there before."""
+    try:
+        from matplotlib import style
+    except ImportError:
+        raise AleatorError(
+            "figures need matplotlib, which is not installed", "pip install aleator[plot]"
+        ) from None
+    with style.context(["default", _STYLE]):
+        yield
+
+
+def _png(figure: Figure) -> bytes:
+    """The image as a file; the version of matplotlib, which it would carry, is left out."""
+    image = BytesIO()
+    with _styled():
+        figure.savefig(image, format="png", metadata={"Software": None})
+    return image.getvalue()
