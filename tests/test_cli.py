@@ -193,6 +193,7 @@ def test_predict_prints_or_writes_new_conditions(study: Path) -> None:
     table = pd.read_csv("p.csv")
     mean = json.loads(Path(law).read_text())["alpha"]["softness.mean"]["estimate"]
     assert table["id"].tolist() == ["ten", "twenty"]
+    assert table["load"].tolist() == [10, 20]
     assert table["mean"].to_numpy() == pytest.approx([10 * mean, 20 * mean], rel=0.02)
     assert (table["q0.025"] < table["q0.5"]).all()
 

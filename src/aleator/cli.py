@@ -117,7 +117,7 @@ def identify(
                     "constant" (value); each a number, or to be identified within
                     {lower = ..., upper = ..., start = ...}
       [noise]       sd: normal measurement noise, a number or {lower = ..., upper = ...}
-      [propagation] method = "response_surface" (tolerance = 0.02, max_runs = 1000, nodes)
+      [propagation] method = "response_surface" (tolerance = 0.005, max_runs = 1000, nodes)
                     or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
       [density]     kind = "maximum_entropy" (order = 4) or "gaussian"
       [search]      starts = 10
@@ -164,7 +164,8 @@ def predict(
 
     Takes the law from IDENTIFICATION.json and the simulator from its study file. For each row of
     NEW.csv: mean, standard deviation, skewness, kurtosis and quantiles of the outcome as it would
-    be measured, noise included; of its logarithm where the study says transform = "log".
+    be measured, noise included; of its logarithm where the study says transform = "log". A file
+    holds the conditions too.
     """
     document = documents.read_json(identification)
     alpha = documents.estimates(document, identification)
@@ -177,6 +178,8 @@ def predict(
         runner = value.runner(table)
         found = predict_outcomes(runner, table, value.model, alpha, progress=progress)
     if output is not None:
+        for name in reversed([name for name in table.conditions if name not in found]):
+            found.insert(1, name, table.conditions[name].to_numpy())
         documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
         click.echo(f"Written: {output}")
     else:

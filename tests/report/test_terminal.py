@@ -196,6 +196,10 @@ def test_the_least_document_can_be_rendered() -> None:
     assert "1 hyperparameter identified from 0 experiments" in text
 
 
+def test_a_bias_of_nothing_has_no_sign() -> None:
+    assert terminal.with_error(-0.00001, 0.0034) == ("0.0000", "0.0034")
+
+
 def test_predictions_are_a_table() -> None:
     columns = {
         "id": ["new"], "mean": [1.23456], "standard_deviation": [0.0123], "q0.025": [1.0],

@@ -80,7 +80,8 @@ def with_error(value: float, error: float | None) -> tuple[str, str]:
     if error is None or not error > 0 or not 1e-4 < abs(value) + error < 1e6:
         return number(value), number(error, 2)
     decimals = min(max(1 - math.floor(math.log10(error)), 0), 9)
-    return f"{value:.{decimals}f}", f"{error:.{decimals}f}"
+    # Adding zero turns a -0.0 that rounding left into 0.0.
+    return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{error:.{decimals}f}"
 
 
 def _opening(result: Result) -> RenderableType:
