@@ -89,31 +89,46 @@ class GradientMultistart:
         return known[: self.starts]
 
     def _climb(self, objective: Objective, coordinates: Coordinates, u0: Array) -> Ascent:
-        first = objective(coordinates.to_alpha(u0))
+        start = coordinates.to_alpha(u0)
+        first = objective(start)
         assert first.scores is not None
-        each = coordinates.gradient(coordinates.to_alpha(u0), first.scores)
+        each = coordinates.gradient(start, first.scores)
         # no variable is scaled to more than its whole range, nor to nothing
         scale = 1.0 / np.clip(np.sqrt(np.sum(each**2, axis=0)), 1.0, 1e6)
-        count = 1
+        count, best = 1, (start, first.total)
 
         def negative(v: Array) -> tuple[float, Array]:
-            nonlocal count
+            nonlocal count, best
             alpha = coordinates.to_alpha(v * scale)
-            count += 1
-            result = objective(alpha)
+            if np.array_equal(alpha, start):
+                result = first
+            elif count < self.evaluations:
+                count += 1
+                result = objective(alpha)
+            else:
+                # the method's own limit is not looked at within a line search
+                raise _SpentError
+            if result.total > best[1]:
+                best = (alpha, result.total)
             return -result.total, -coordinates.gradient(alpha, result.score) * scale
 
-        end = optimize.minimize(
-            negative,
-            u0 / scale,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[(0.0, 1.0 / s) for s in scale],
-            options={"maxfun": self.evaluations - 2, "ftol": 1e-11, "gtol": 1e-4, "maxcor": 20},
-        )
+        try:
+            end = optimize.minimize(
+                negative,
+                u0 / scale,
+                jac=True,
+                method="L-BFGS-B",
+                bounds=[(0.0, 1.0 / s) for s in scale],
+                options={"ftol": 1e-11, "gtol": 1e-4, "maxcor": 20},
+            )
+        except _SpentError:
+            return Ascent(start, *best, count, converged=False)
         alpha = coordinates.to_alpha(end.x * scale)
-        start = coordinates.to_alpha(u0)
         return Ascent(start, alpha, -float(end.fun), count, converged=bool(end.success))
+
+
+class _SpentError(Exception):
+    """All evaluations of a start are used up."""
 
 
 def _gathered(ascents: list[Ascent], ends: list[Array], objective: Objective) -> SearchResult:
