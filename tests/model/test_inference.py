@@ -1,0 +1,365 @@
+"""Standard errors and profile intervals against closed forms of the normal linear model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from problems import BINDING, FRONTIER, REGRESSION, SAMPLE, Problem
+from scipy import optimize, stats
+
+from aleator import Constant, Free, Gaussian, GradientMultistart, Inputs, Noise, Normal
+from aleator.inference import Inference, infer, observed_information, weak_directions
+from aleator.likelihood import Likelihood
+from aleator.profile import profile_intervals
+from aleator.search import SearchResult
+
+Array = NDArray[np.float64]
+
+DROP = 0.5 * stats.chi2.ppf(0.95, 1)
+
+# y = b0 + b1 z + e: least squares, seen as an identification
+LINE = Problem(
+    "line: y = b0 + b1 z + e",
+    lambda z, b0, b1: b0 + b1 * z,
+    Inputs({"b0": Constant(Free(-20.0, 20.0)), "b1": Constant(Free(-20.0, 20.0))}),
+    np.linspace(0.0, 4.0, 60),
+    np.array([1.0, 2.0, 0.5]),
+    lambda alpha, z, m: (alpha[0] + alpha[1] * z) ** m,
+    lambda alpha, z, y: stats.norm.logpdf(y, alpha[0] + alpha[1] * z, alpha[2]),
+    Noise(Free(1e-3, 20.0)),
+)
+
+
+def maximized(problem: Problem, y: Array) -> tuple[Likelihood, SearchResult, Inference]:
+    """The maximum, and what is inferred there."""
+    likelihood = problem.likelihood(y, Gaussian())
+    found = GradientMultistart(3).maximize(likelihood.search, problem.hyperparameters, seed=0)
+    return likelihood, found, infer(likelihood.search, found.alpha, problem.hyperparameters)
+
+
+def intervals(likelihood: Likelihood, found: SearchResult, inference: Inference) -> Array:
+    profile = profile_intervals(
+        likelihood.search, found.alpha, likelihood.hyperparameters, inference
+    )
+    assert profile.better is None
+    return profile.intervals
+
+
+# ------------------------------------------------------------------------------ standard errors
+
+
+def test_errors_of_a_normal_sample_are_those_of_the_books() -> None:
+    """sd/sqrt(N) of the mean, sd/sqrt(2 N) of the sd, and no correlation between them."""
+    problem = replace(SAMPLE, z=np.zeros(50))
+    y = problem.draw(1)
+    _, found, inference = maximized(problem, y)
+    sd = y.std()
+    # differences of the score, in steps of a hundredth of a standard error, leave 1e-4
+    np.testing.assert_allclose(inference.standard_error, [sd / 50**0.5, sd / 100**0.5], rtol=1e-3)
+    assert abs(inference.correlation[0, 1]) < 1e-3
+    np.testing.assert_allclose(np.diag(inference.correlation), 1.0, rtol=1e-14)
+    half = stats.norm.ppf(0.975) * inference.standard_error
+    np.testing.assert_allclose(inference.lower, found.alpha - half)
+    np.testing.assert_allclose(inference.upper, found.alpha + half)
+    assert inference.positive
+    assert 0.0 <= inference.edm < 1e-6
+    assert inference.at_bound == (None, None)
+
+
+def test_errors_of_least_squares_are_those_of_the_books() -> None:
+    y = LINE.draw(2)
+    _, found, inference = maximized(LINE, y)
+    design = np.stack([np.ones_like(y), LINE.z], axis=1)
+    coefficients, rss, *_ = np.linalg.lstsq(design, y)
+    variance = float(rss[0]) / y.size
+    np.testing.assert_allclose(found.alpha[:2], coefficients, atol=1e-4)
+    assert found.alpha[2] == pytest.approx(variance**0.5, rel=1e-4)
+    covariance = variance * np.linalg.inv(design.T @ design)
+    np.testing.assert_allclose(inference.covariance[:2, :2], covariance, rtol=2e-3)
+    assert inference.standard_error[2] == pytest.approx((variance / (2 * y.size)) ** 0.5, rel=2e-3)
+
+
+def test_the_observed_information_is_the_second_derivative() -> None:
+    """At a point that is no maximum, against differences of the exact log-density."""
+    y = BINDING.draw(3)
+    likelihood = BINDING.likelihood(y)
+    alpha, free = BINDING.alpha, np.array([0, 1])
+    scores = likelihood.search(alpha).scores
+    assert scores is not None
+    found = observed_information(likelihood.search, alpha, BINDING.hyperparameters, free, scores)
+
+    def total(*p: float) -> float:
+        return float(BINDING.log_density(np.array(p), BINDING.z, y).sum())
+
+    h, (m, s) = 1e-4, alpha
+    second = np.array(
+        [
+            [
+                total(m + h, s) - 2 * total(m, s) + total(m - h, s),
+                0.25
+                * (
+                    total(m + h, s + h)
+                    - total(m + h, s - h)
+                    - total(m - h, s + h)
+                    + total(m - h, s - h)
+                ),
+            ],
+            [0.0, total(m, s + h) - 2 * total(m, s) + total(m, s - h)],
+        ]
+    )
+    second[1, 0] = second[0, 1]
+    np.testing.assert_allclose(found, -second / h**2, rtol=1e-3)
+
+
+def test_the_sandwich_is_that_of_white_where_the_noise_is_not_the_same() -> None:
+    """Least squares under heteroscedastic noise: (X'X)^-1 X' diag(r^2) X (X'X)^-1, exactly."""
+    rng = np.random.default_rng(4)
+    y = 1.0 + 2.0 * LINE.z + 0.2 * LINE.z**2 * rng.standard_normal(LINE.z.size)
+    _, found, inference = maximized(LINE, y)
+    design = np.stack([np.ones_like(y), LINE.z], axis=1)
+    residual = y - design @ found.alpha[:2]
+    bread = np.linalg.inv(design.T @ design)
+    white = bread @ (design.T * residual**2) @ design @ bread
+    np.testing.assert_allclose(inference.sandwich_error[:2], np.sqrt(np.diag(white)), rtol=5e-3)
+    assert inference.sandwich_error[1] > 1.2 * inference.standard_error[1]
+
+
+def test_the_sandwich_tells_the_true_scatter_of_the_estimate_and_the_hessian_does_not() -> None:
+    """200 data sets; the scatter of the slope is known, X being fixed."""
+    problem = replace(LINE, z=np.linspace(0.0, 4.0, 100))
+    design = np.stack([np.ones(100), problem.z], axis=1)
+    true_sd = 0.1 + 0.2 * problem.z**2
+    bread = np.linalg.inv(design.T @ design)
+    covariance = bread @ (design.T * true_sd**2) @ design @ bread
+    rng = np.random.default_rng(5)
+    robust, naive = [], []
+    for _ in range(200):
+        y = 1.0 + 2.0 * problem.z + true_sd * rng.standard_normal(100)
+        coefficients = np.linalg.lstsq(design, y)[0]
+        alpha = np.array([*coefficients, np.sqrt(np.mean((y - design @ coefficients) ** 2))])
+        objective = problem.likelihood(y, Gaussian()).search
+        inference = infer(objective, alpha, problem.hyperparameters)
+        robust.append(inference.sandwich_error[1])
+        naive.append(inference.standard_error[1])
+    truth = covariance[1, 1] ** 0.5
+    # the sandwich is a few per cent low with 100 experiments; the Hessian is a fifth low
+    assert np.mean(robust) == pytest.approx(truth, rel=0.08)
+    assert np.mean(naive) < 0.85 * truth
+
+
+def test_sandwich_and_hessian_agree_where_the_model_is_right() -> None:
+    problem = replace(BINDING, z=np.tile(BINDING.z, 120))
+    _, _, inference = maximized_by_moments(problem, problem.draw(6))
+    # 840 experiments: the sandwich of second moments scatters by some per cent
+    np.testing.assert_allclose(inference.sandwich_error, inference.standard_error, rtol=0.15)
+
+
+def maximized_by_moments(problem: Problem, y: Array) -> tuple[Likelihood, SearchResult, Inference]:
+    likelihood = problem.likelihood(y)
+    found = GradientMultistart(2).maximize(likelihood.search, problem.hyperparameters, seed=0)
+    return likelihood, found, infer(likelihood.search, found.alpha, problem.hyperparameters)
+
+
+def test_the_distance_to_the_maximum_is_told_away_from_it() -> None:
+    """A quarter of a standard error off, the log-likelihood is 1/32 lower."""
+    problem = replace(SAMPLE, z=np.zeros(400))
+    y = problem.draw(7)
+    likelihood, found, inference = maximized(problem, y)
+    moved = found.alpha.copy()
+    moved[0] += 0.25 * inference.standard_error[0]
+    away = infer(likelihood.search, moved, problem.hyperparameters)
+    assert away.edm == pytest.approx(1.0 / 32.0, rel=0.02)
+    drop = found.log_likelihood - likelihood.evaluate(moved).total
+    assert away.edm == pytest.approx(drop, rel=0.02)
+
+
+# ------------------------------------------------------------------------------ profile intervals
+
+
+def test_the_interval_of_a_known_mean_s_sd_is_the_exact_one() -> None:
+    """One hyperparameter: N log(s) + S/(2 s^2) rises by 1.92 at both ends, not symmetric."""
+    problem = replace(
+        SAMPLE,
+        z=np.zeros(8),
+        inputs=Inputs({"x": Normal(mean=1.0, sd=Free(0.01, 10.0))}),
+    )
+    y = problem.draw(8)
+    likelihood, found, inference = maximized(problem, y)
+    total = np.sum((y - 1.0) ** 2)
+    best = (total / 8) ** 0.5
+
+    def drop(s: float) -> float:
+        return 8 * np.log(s / best) + 0.5 * total * (s**-2 - best**-2) - DROP
+
+    exact = [
+        optimize.brentq(drop, 0.2 * best, best),
+        optimize.brentq(drop, best, 10.0 * best),
+    ]
+    ends = intervals(likelihood, found, inference)
+    assert np.all(np.isnan(ends[0]))
+    # an end is taken when the root of twice the drop is within 0.02 of 1.96
+    np.testing.assert_allclose(ends[1], exact, atol=0.05 * inference.standard_error[1])
+    assert exact[1] - best > 2.0 * (best - exact[0])
+
+
+def test_the_interval_of_a_mean_with_unknown_sd_is_the_exact_one() -> None:
+    """The sd follows the mean: N/2 log(1 + (m - mean)^2/s^2) = 1.92."""
+    problem = replace(SAMPLE, z=np.zeros(10))
+    y = problem.draw(9)
+    likelihood, found, inference = maximized(problem, y)
+    half = y.std() * np.sqrt(np.expm1(2.0 * DROP / 10))
+    ends = intervals(likelihood, found, inference)
+    tolerance = 0.05 * inference.standard_error[0]
+    np.testing.assert_allclose(ends[0], [y.mean() - half, y.mean() + half], atol=tolerance)
+    assert half > 1.05 * stats.norm.ppf(0.975) * inference.standard_error[0]
+
+
+def test_the_profile_of_one_of_many_is_that_of_the_books() -> None:
+    """The slope of a line: N/2 log(1 + (b - b1)^2/(rss/N (X'X)^-1_11 N)) = 1.92."""
+    problem = replace(LINE, z=np.linspace(0.0, 4.0, 12))
+    y = problem.draw(10)
+    likelihood, found, inference = maximized(problem, y)
+    design = np.stack([np.ones(12), problem.z], axis=1)
+    error = np.sqrt(np.mean((y - design @ found.alpha[:2]) ** 2))
+    half = error * np.sqrt(12 * np.linalg.inv(design.T @ design)[1, 1] * np.expm1(2 * DROP / 12))
+    ends = intervals(likelihood, found, inference)
+    tolerance = 0.05 * inference.standard_error[1]
+    np.testing.assert_allclose(ends[1], found.alpha[1] + np.array([-half, half]), atol=tolerance)
+
+
+def test_a_hyperparameter_on_its_limit_has_an_interval_and_no_error() -> None:
+    """Outcomes that scatter the same at every z leave the slope without scatter of its own."""
+    problem = replace(REGRESSION, z=np.repeat([-1.0, 0.0, 1.0], 15))
+    rng = np.random.default_rng(11)
+    # less scatter at the ends than in the middle: the variance of the slope wants to be negative
+    scatter = np.where(problem.z == 0.0, 0.8, 0.4)
+    y = 1.0 + 2.0 * problem.z + scatter * rng.standard_normal(45)
+    likelihood, found, inference = maximized(problem, y)
+    limit = problem.hyperparameters[3].lower
+    assert found.alpha[3] == pytest.approx(limit, rel=1e-6)
+    assert inference.at_bound == (None, None, None, "lower")
+    assert np.isnan(inference.standard_error[3])
+    assert np.isfinite(inference.standard_error[:3]).all()
+    assert inference.positive
+    assert inference.free.tolist() == [0, 1, 2]
+    ends = intervals(likelihood, found, inference)
+    assert ends[3, 0] == pytest.approx(limit)
+    # at the other end the log-likelihood, the others following, has dropped by 1.92
+    upper = ends[3, 1]
+    assert limit < upper < 1.0
+
+    def negative(p: Array) -> float:
+        scale = np.hypot(np.exp(p[1]), upper * problem.z)
+        return -float(stats.norm.logpdf(y, p[0] + p[2] * problem.z, scale).sum())
+
+    there = optimize.minimize(
+        negative, [1.0, -0.5, 2.0], method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-9}
+    )
+    # a root within 0.02 of 1.96 is a drop within 0.04
+    assert found.log_likelihood + there.fun == pytest.approx(DROP, abs=0.05)
+
+
+def test_an_interval_stops_at_a_limit() -> None:
+    problem = replace(
+        SAMPLE,
+        z=np.zeros(5),
+        inputs=Inputs({"x": Normal(mean=Free(0.9, 1.1), sd=Free(0.05, 3.0))}),
+    )
+    y = np.array([0.2, 1.8, 1.0, 0.6, 1.4])
+    likelihood, found, inference = maximized(problem, y)
+    assert intervals(likelihood, found, inference)[0].tolist() == [0.9, 1.1]
+    assert inference.lower[0] == 0.9
+    assert inference.upper[0] == 1.1
+
+
+def test_the_profile_tells_of_a_better_maximum() -> None:
+    """Begun at a point that is no maximum, it must not report an interval about it."""
+    problem = replace(SAMPLE, z=np.zeros(20))
+    y = problem.draw(12)
+    likelihood, found, inference = maximized(problem, y)
+    start = found.alpha + np.array([1.2, 0.0]) * inference.standard_error[0]
+    wrong = infer(likelihood.search, start, problem.hyperparameters)
+    profile = profile_intervals(likelihood.search, start, problem.hyperparameters, wrong)
+    assert profile.better is not None
+    assert likelihood.search(profile.better).total > likelihood.search(start).total + 0.01
+
+
+# ------------------------------------------------------------------------------ weak directions
+
+
+def test_a_sum_of_two_parameters_is_named() -> None:
+    """y = a + b: neither the means nor the standard deviations can be told apart."""
+    problem = replace(
+        REGRESSION,
+        z=np.ones(40),
+        inputs=Inputs(
+            {
+                "a": Normal(mean=Free(-5.0, 5.0), sd=Free(0.05, 3.0)),
+                "b": Normal(mean=Free(-5.0, 5.0), sd=Free(0.05, 3.0)),
+            }
+        ),
+    )
+    _, found, inference = maximized(problem, problem.draw(13))
+    assert not inference.positive
+    assert np.isnan(inference.edm)
+    sentences = weak_directions(inference, found.alpha, problem.hyperparameters)
+    means = [text for text in sentences if "a.mean" in text and "b.mean" in text]
+    assert len(means) == 1
+    assert "together" in means[0]
+    # of opposite sign: one up, the other down
+    assert "+ 0.71" in means[0]
+    assert "- 0.71" in means[0]
+
+
+def test_a_nearly_flat_direction_is_named_with_its_combination() -> None:
+    problem = replace(LINE, z=10.0 + np.linspace(0.0, 1.0, 60))
+    y = 1.0 + 2.0 * problem.z + 0.5 * np.random.default_rng(14).standard_normal(60)
+    _, found, inference = maximized(problem, y)
+    assert inference.positive
+    # the correlation of intercept and slope is -mean(z)/rms(z)
+    expected = -problem.z.mean() / np.sqrt(np.mean(problem.z**2))
+    assert inference.correlation[0, 1] == pytest.approx(expected, abs=2e-4)
+    sentences = weak_directions(inference, found.alpha, problem.hyperparameters)
+    assert len(sentences) == 1
+    assert "b0.value" in sentences[0]
+    assert "b1.value" in sentences[0]
+    assert "noise.sd" not in sentences[0]
+
+
+def test_a_parameter_without_effect_is_named() -> None:
+    problem = replace(
+        SAMPLE,
+        z=np.zeros(20),
+        eta=lambda z, x, k: x + 0.0 * k + 0.0 * z,
+        inputs=Inputs({**SAMPLE.inputs.laws, "k": Constant(Free(0.0, 1.0))}),
+        alpha=np.array([1.0, 0.6, 0.5]),
+    )
+    _, found, inference = maximized(problem, problem.draw(15))
+    assert not inference.positive
+    assert "k.value has no effect" in weak_directions(
+        inference, found.alpha, problem.hyperparameters
+    )
+
+
+def test_an_uncertain_standard_deviation_is_named() -> None:
+    """Half normal scatter far below the noise: 40 experiments do not determine it."""
+    problem = replace(FRONTIER, z=np.linspace(0.0, 3.0, 40))
+    y = problem.draw(16, np.array([1.0, 0.7, 0.0, 0.25, 0.3]))
+    likelihood = problem.likelihood(y)
+    alpha = np.array([1.0, 0.7, 0.0, 0.25, 0.3])
+    found = GradientMultistart(3).maximize(
+        likelihood.search, problem.hyperparameters, seed=0, guesses=[alpha]
+    )
+    inference = infer(likelihood.search, found.alpha, problem.hyperparameters)
+    sentences = weak_directions(inference, found.alpha, problem.hyperparameters)
+    on_limit = inference.at_bound[3] is not None
+    assert on_limit or any(text.startswith("u.sd = ") for text in sentences)
+
+
+def test_nothing_is_said_where_nothing_is_weak() -> None:
+    problem = replace(SAMPLE, z=np.zeros(50))
+    _, found, inference = maximized(problem, problem.draw(17))
+    assert weak_directions(inference, found.alpha, problem.hyperparameters) == []
