@@ -7,7 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
 from scipy.stats import qmc
 
 from aleator.errors import InputsError
@@ -74,6 +75,8 @@ def verify(
     choice: MonteCarlo,
     *,
     seed: int,
+    lower: ArrayLike = -np.inf,
+    upper: ArrayLike = np.inf,
     progress: Progress | None = None,
 ) -> Verification:
     """Estimate every log f_l(y_l | alpha) from `choice.samples` runs an experiment.
@@ -82,8 +85,10 @@ def verify(
     quasi-Monte Carlo: unbiased, and the scatter of the eight copies gives its error). With noise
     the density is the mean of Normal(y; Y_s, noise_sd^2), unbiased. Without noise it is a kernel
     estimate of fourth order (Wand and Jones, 1995, sec. 2.8), and half its difference from the
-    estimate of second order is added to the standard error as a bound of the smoothing bias. The
-    bias -var/2 of the logarithm is corrected. Cost: N S runs.
+    estimate of second order is added to the standard error as a bound of the smoothing bias.
+    `lower` and `upper` (N,) are the ends of the noise-free outcome's range, where its density may
+    end abruptly; the kernel is then one-sided. The bias -var/2 of the logarithm is corrected.
+    Cost: N S runs.
     """
     count = measured.size
     x = _points(inputs, alpha, count, choice.points, seed)
@@ -94,7 +99,8 @@ def verify(
         terms = _normal_pdf((measured[:, None] - outcomes) / noise_sd) / noise_sd
         smoothing = np.zeros(count)
     else:
-        terms, smoothing = _kernel_terms(outcomes, measured)
+        ends = np.broadcast_to(lower, (count,)), np.broadcast_to(upper, (count,))
+        terms, smoothing = _kernel_terms(outcomes, measured, *ends)
     copies = terms.reshape(count, REPLICATES, choice.points).mean(axis=2)
     density = copies.mean(axis=1)
     error = copies.std(axis=1, ddof=1) / math.sqrt(REPLICATES)
@@ -134,27 +140,62 @@ def _run_in_chunks(run: Run, index: NDArray[np.int64], x: Array, progress: Progr
     return np.concatenate(parts)
 
 
-def _kernel_terms(outcomes: Array, measured: Array) -> tuple[Array, Array]:
-    """Fourth-order kernel terms (N, S) at the measured outcomes, and a bound of the bias of log f.
+def _kernel_terms(
+    outcomes: Array, measured: Array, lower: Array, upper: Array
+) -> tuple[Array, Array]:
+    """Kernel terms (N, S) at the measured outcomes, and a bound of the bias of log f.
 
-    K4(u) = (3 - u^2) phi(u)/2, bandwidth that of the normal rule for this kernel, from the
-    smaller of standard deviation and scaled quartile range so that two modes are not smeared.
+    With u = (y - Y)/h and I_k the integral of u^k phi(u) over the window that the range of the
+    outcome leaves of it, (c + d u + e u^2) phi(u) integrates 1, u, u^2 to 1, 0, 0 there. In the
+    open that is (3 - u^2) phi(u)/2, of fourth order; at an end it is the one-sided kernel of third
+    order. Bandwidth from the smaller of standard deviation and scaled quartile range so that two
+    modes are not smeared.
     """
     samples = outcomes.shape[1]
     quartiles = np.quantile(outcomes, [0.25, 0.75], axis=1)
     spread = np.minimum(outcomes.std(axis=1), (quartiles[1] - quartiles[0]) / 1.349)
     spread = np.where(spread > 0.0, spread, np.maximum(outcomes.std(axis=1), 1e-300))
-    h = (spread * samples ** (-1.0 / 7.0))[:, None]
-    u = (measured[:, None] - outcomes) / h
-    second = _normal_pdf(u) / h
-    fourth = 0.5 * (3.0 - u**2) * second
-    mean_fourth, mean_second = fourth.mean(axis=1), second.mean(axis=1)
-    # far in a tail the fourth-order estimate may not be positive; the second-order one is
-    usable = mean_fourth > 0.2 * mean_second
-    terms = np.where(usable[:, None], fourth, second)
-    safe = np.where(mean_second > 0.0, mean_second, 1.0)
-    bias = np.where(usable, np.log(np.where(usable, mean_fourth, 1.0) / safe), 1.0)
-    return terms, 0.5 * bias
+    h = spread * samples ** (-1.0 / 7.0)
+    inside = (measured >= lower) & (measured <= upper)
+    at = np.where(inside, measured, outcomes.mean(axis=1))
+    moments = _window_moments((at - upper) / h, (at - lower) / h)
+    u = (at[:, None] - outcomes) / h[:, None]
+    plain = np.where(inside[:, None], _normal_pdf(u), 0.0) / h[:, None]
+    zeroth = plain / moments[0][:, None]
+    first, second = (
+        plain * np.polynomial.polynomial.polyval(u, _corrected(moments, degree)[:, :, None], False)
+        for degree in (1, 2)
+    )
+    means = [kernel.mean(axis=1) for kernel in (zeroth, first, second)]
+    # far in a tail an estimate of higher order may not be positive; that of lower order is
+    simple = means[1] > 0.2 * means[0]
+    reference = np.where(simple, means[1], means[0])
+    usable = means[2] > 0.2 * reference
+    terms = np.where(simple[:, None], first, zeroth)
+    terms = np.where(usable[:, None], second, terms)
+    safe = np.where(reference > 0.0, reference, 1.0)
+    bias = np.where(usable, np.log(np.where(usable, means[2], 1.0) / safe), 1.0)
+    return terms, 0.5 * np.abs(bias)
+
+
+def _window_moments(a: Array, b: Array) -> list[Array]:
+    """Integrals (5 of (N,)) of u^k phi(u) over [a, b], by parts: k = 0..4."""
+    low, high = (np.where(np.isfinite(end), end, 0.0) for end in (a, b))
+    at_low, at_high = _normal_pdf(a), _normal_pdf(b)
+    moments = [np.asarray(special.ndtr(b) - special.ndtr(a)), at_low - at_high]
+    for k in range(2, 5):
+        edges = low ** (k - 1) * at_low - high ** (k - 1) * at_high
+        moments.append((k - 1) * moments[k - 2] + edges)
+    return moments
+
+
+def _corrected(moments: list[Array], degree: int) -> Array:
+    """Coefficients (degree+1, N) of the factor that integrates 1, u, .. to 1, 0, .."""
+    size = degree + 1
+    matrix = np.stack([np.stack(moments[i : i + size], axis=-1) for i in range(size)], axis=-1)
+    first = np.zeros((moments[0].size, size, 1))
+    first[:, 0] = 1.0
+    return np.asarray(np.linalg.solve(matrix, first)[:, :, 0].T)
 
 
 def _normal_pdf(u: Array) -> Array:
