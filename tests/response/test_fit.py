@@ -13,6 +13,7 @@ PRIOR = Prior((1.0, 1.6), 2.0, 2.5, 0.25)
 def test_points_are_nested_distinct_and_cover_the_box() -> None:
     many = spread(100, 2)
     assert np.array_equal(spread(30, 2), many[:30])
+    assert np.array_equal(spread(100, 2), spread(600, 2)[:100])
     assert np.abs(many).max() <= 1.0
     assert (np.abs(many).max(axis=0) > 0.98).all()
     distance = np.linalg.norm(many[:, None] - many, axis=2)
@@ -60,12 +61,13 @@ def test_index_sets_are_the_smallest_and_closed(scale: tuple[float, ...], norm: 
             assert forward in known or step >= size[-1] - 1e-8
 
 
-def test_leave_one_out_equals_leaving_one_out() -> None:
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_leave_one_out_equals_leaving_one_out(noise: float) -> None:
     z = spread(20, 2)
     y = np.random.default_rng(0).normal(size=(20, 2))
     indices, weight = weights(PRIOR, 20)
-    scaled = weight[:, None] * products(indices, z)
-    residual = leave_one_out(PRIOR, z, y)
+    scaled = np.vstack([weight[:, None] * products(indices, z), noise * np.eye(20)])
+    residual = leave_one_out(PRIOR._replace(noise=noise), z, y)
     for i in range(20):
         others = np.arange(20) != i
         terms = np.linalg.lstsq(scaled[:, others].T, y[others], rcond=None)[0]
@@ -82,14 +84,17 @@ def test_surfaces_pass_through_their_runs(prior: Prior) -> None:
     assert judged(prior, z, y).residual == pytest.approx(leave_one_out(prior, z, y), rel=1e-6)
 
 
-def test_the_expected_error_is_the_true_one_for_outcomes_drawn_from_the_prior() -> None:
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_the_expected_error_is_the_true_one_for_outcomes_drawn_from_the_prior(noise: float) -> None:
     z = spread(25, 2)
+    random = np.random.default_rng(0)
     indices, weight = weights(PRIOR, 25)
-    spread_of_terms = np.where(weight > 1.0, 3.0, weight)
-    draw = spread_of_terms[:, None] * np.random.default_rng(0).normal(size=(len(weight), 2000))
-    fit = judged(PRIOR, z, products(indices, z).T @ draw)
+    sd = np.where(weight > 1.0, 3.0, weight)  # a free term has no scale of its own
+    draw = sd[:, None] * random.normal(size=(len(weight), 2000))
+    y = products(indices, z).T @ draw + noise * random.normal(size=(25, 2000))
+    fit = judged(PRIOR._replace(noise=noise), z, y)
     true = ((fit.coefficients - draw) ** 2).sum(axis=0)
-    assert (fit.expected**2).mean() == pytest.approx(true.mean(), rel=0.35)
+    assert (fit.expected**2).mean() == pytest.approx(true.mean(), rel=0.1)
 
 
 def test_validation_points_fill_the_box() -> None:

@@ -41,12 +41,12 @@ def products(indices: Ints, z: Floats) -> Floats:
 def products_with_gradient(indices: Ints, z: Floats) -> Floats:
     """Return the products and their n partial derivatives, stacked as (P, 1 + n, J)."""
     count, n = indices.shape
-    out = np.ones((count, 1 + n, len(z)))
+    out = np.empty((count, 1 + n, len(z)))
     for i, degrees in enumerate(indices.T):
-        value, slope = legendre(z[:, i], int(degrees.max(initial=0)))
-        factor = value[degrees]
+        value, slope = (table[degrees] for table in legendre(z[:, i], int(degrees.max(initial=0))))
         for part in range(1 + n):
-            out[:, part] *= slope[degrees] if part == 1 + i else factor
+            factor = slope if part == 1 + i else value
+            out[:, part] = out[:, part] * factor if i else factor
     return out
 
 

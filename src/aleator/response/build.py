@@ -11,7 +11,14 @@ from aleator.errors import InputsError, SimulatorError
 from aleator.response.assembly import Piece, degrees_of, merged, outcome_range
 from aleator.response.basis import products
 from aleator.response.fit import Judged, Prior, first_priors, fitted, judged, search
-from aleator.response.points import Floats, Ints, low_discrepancy, shares, spread
+from aleator.response.points import (
+    CANDIDATES,
+    Floats,
+    Ints,
+    low_discrepancy,
+    shares,
+    spread,
+)
 from aleator.response.surface import Surface
 
 Run = Callable[[Ints, Floats], Floats]
@@ -32,9 +39,11 @@ class ResponseSurface:
     """The choice of response surfaces: how exact, and at what price.
 
     tolerance: estimated root-mean-square error over the scatter of the outcome, in (0, 1).
-    max_runs: the most runs for one experiment. validation: runs of each experiment that are never
-    fitted, at least 4. accuracy: relative accuracy of the simulator, in [0, 1); an error below
-    accuracy times the size of the outcome counts as converged. seed: of the validation points.
+    max_runs: the most runs for one experiment, at most 4096.
+    validation: runs of each experiment that are never fitted, at least 4.
+    accuracy: relative accuracy of the simulator, in [0, 1); an error below accuracy times the size
+    of the outcome counts as converged.
+    seed: of the validation points.
     nodes: quadrature nodes a parameter when the surfaces are propagated; None leaves it open.
 
     Raises InputsError for a value outside these ranges.
@@ -54,7 +63,11 @@ class ResponseSurface:
         checks = (
             ("tolerance", 0.0 < self.tolerance < 1.0, "choose one in (0, 1), e.g. 0.02"),
             ("validation", self.validation >= 4, "choose at least 4 runs"),
-            ("max_runs", self.max_runs > self.validation, "allow more runs than for validation"),
+            (
+                "max_runs",
+                self.validation < self.max_runs <= CANDIDATES,
+                f"allow more runs than for validation, and at most {CANDIDATES}",
+            ),
             ("accuracy", 0.0 <= self.accuracy < 1.0, "choose one in [0, 1), e.g. 1e-6"),
             ("seed", self.seed >= 0, "choose a seed >= 0"),
             ("nodes", self.nodes is None or self.nodes >= 1, "choose at least 1, or None"),
@@ -168,8 +181,10 @@ class _Refinement:
     def _ask(self, count: int) -> None:
         """Run the simulator once, for all active experiments at all new points."""
         done, active = len(self.z), self.active
-        self.z = spread(count, len(self.box))
-        fresh = self.z[done:] if done else np.vstack([self.z, self.check])
+        fresh = spread(count, len(self.box))[done:]
+        self.z = np.vstack([self.z, fresh])
+        if not done:
+            fresh = np.vstack([fresh, self.check])
         low, high = self.box.T
         x = np.clip(0.5 * (low + high) + 0.5 * (high - low) * fresh, low, high)
         index = np.repeat(active, len(x))

@@ -4,7 +4,8 @@ A surface y = sum_nu c_nu phi_nu has more coefficients than there are runs. Of a
 the runs, the one with the least sum (c_nu / w_nu)^2 is taken: the mean of a Gaussian process whose
 coefficients are independent Normal(0, w_nu^2) (Rasmussen and Williams 2006, section 2.7). Plain
 interpolation in a fixed set of polynomials amplifies what the set leaves out; this does not. With
-B = (w phi)(P x M) = Q R, the covariance of the runs is K = R'R and everything is closed form.
+B = (w phi; g I), (P + M) x M, = Q R, the covariance of the runs is K = R'R and everything is closed
+form; g > 0 lets the surface pass beside noisy runs.
 """
 
 from __future__ import annotations
@@ -17,15 +18,19 @@ from scipy.linalg import solve_triangular
 
 from aleator.response.basis import ball, products
 from aleator.response.points import Floats, Ints
+from aleator.threads import single_threaded
 
 SMOOTHNESS = (1.5, 2.5, 4.0, 6.0, 9.0)
 TREND = (0.0, 0.25, 0.5)
 NORM = (2.0, 1.0, 0.5)
+NOISE = (0.0, 0.03, 0.3)
 STRETCH = 1.6
 # Terms for each run, and the weight that makes a term of the trend as good as free.
-TERMS = 3
+TERMS = 2
 FREE = 1e6
-KEEP = 5
+# Winners whose neighbors are tried, with few runs and with many (then priors change little).
+KEEP = (5, 2)
+MANY = 200
 SWEEPS = 2
 
 
@@ -33,13 +38,15 @@ class Prior(NamedTuple):
     """What is assumed of the coefficients: w_nu = (1 + size(nu)^2)^(-smoothness/2).
 
     `scale` and `norm` define the size of an index (see `ball`). The first `trend` M indices, at
-    least the constant, are free: polynomials in their span are reproduced exactly.
+    least the constant, are free: polynomials in their span are reproduced exactly. `noise` is the
+    standard deviation g of the runs, on the scale of w at index zero.
     """
 
     scale: tuple[float, ...]
     norm: float
     smoothness: float
     trend: float
+    noise: float = 0.0
 
 
 def first_priors(n: int) -> list[Prior]:
@@ -61,6 +68,7 @@ def neighbors(prior: Prior) -> list[Prior]:
     out += [prior._replace(norm=value) for value in _beside(NORM, prior.norm)]
     out += [prior._replace(smoothness=value) for value in _beside(SMOOTHNESS, prior.smoothness)]
     out += [prior._replace(trend=value) for value in _beside(TREND, prior.trend)]
+    out += [prior._replace(noise=value) for value in _beside(NOISE, prior.noise)]
     return out
 
 
@@ -78,21 +86,31 @@ def weights(prior: Prior, runs: int) -> tuple[Ints, Floats]:
     return indices, weight
 
 
+def _scaled(prior: Prior, z: Floats) -> tuple[Ints, Floats, Floats]:
+    """Return indices (P, n), weights (P,) and the matrix B ((P, M) or, with noise, (P + M, M))."""
+    indices, weight = weights(prior, len(z))
+    matrix = weight[:, None] * products(indices, z)
+    if prior.noise > 0.0:
+        matrix = np.vstack([matrix, prior.noise * np.eye(len(z))])
+    return indices, weight, matrix
+
+
 def leave_one_out(prior: Prior, z: Floats, y: Floats) -> Floats:
     """Return y_i minus the surface fitted without run i (M, A), for runs y (M, A) at z (M, n).
 
     r_i = [K^-1 y]_i / [K^-1]_ii (Dubrule 1983): one factorization for all runs and experiments.
     """
-    indices, weight = weights(prior, len(z))
-    triangle = np.linalg.qr(weight[:, None] * products(indices, z), mode="r")
+    triangle = np.linalg.qr(_scaled(prior, z)[2], mode="r")
     inverse = solve_triangular(triangle, np.eye(len(z)))
     return np.asarray((inverse @ (inverse.T @ y)) / (inverse**2).sum(axis=1)[:, None])
 
 
+@single_threaded
 def fitted(prior: Prior, z: Floats, y: Floats) -> tuple[Ints, Floats]:
     """Return indices (P, n) and coefficients (P, A) of the surfaces through runs y (M, A)."""
-    indices, weight = weights(prior, len(z))
-    q, r = np.linalg.qr(weight[:, None] * products(indices, z))
+    indices, weight, matrix = _scaled(prior, z)
+    q, r = np.linalg.qr(matrix)
+    q = q[: len(weight)]
     return indices, weight[:, None] * (q @ solve_triangular(r, y, trans="T"))
 
 
@@ -105,6 +123,7 @@ class Judged(NamedTuple):
     residual: Floats  # (M, A) leave-one-out
 
 
+@single_threaded
 def judged(prior: Prior, z: Floats, y: Floats) -> Judged:
     """Return the surfaces with the error that the prior expects over the box.
 
@@ -112,23 +131,24 @@ def judged(prior: Prior, z: Floats, y: Floats) -> Judged:
     square error over the box, because the basis is orthonormal there. s^2 is the mean square of
     the leave-one-out residuals over their variances 1 / [K^-1]_ii.
     """
-    indices, weight = weights(prior, len(z))
-    q, r = np.linalg.qr(weight[:, None] * products(indices, z))
+    indices, weight, matrix = _scaled(prior, z)
+    q, r = np.linalg.qr(matrix)
     inverse = solve_triangular(r, np.eye(len(z)))
     precision = (inverse**2).sum(axis=1)[:, None]
     dual = inverse @ (inverse.T @ y)
     variance = (dual**2 / precision).mean(axis=0)
-    unknown = 1.0 - (q**2).sum(axis=1)
+    unknown = 1.0 - (q[: len(weight)] ** 2).sum(axis=1)
     free = np.flatnonzero(weight > 1.0)
     # 1 - |q|^2 loses all digits where the weight is huge: square the small vector itself.
     rest = -(q @ q[free].T)
     rest[free, np.arange(len(free))] += 1.0
     unknown[free] = (rest**2).sum(axis=0)
     trace = float(weight**2 @ np.maximum(unknown, 0.0))
-    coefficients = weight[:, None] * (q @ solve_triangular(r, y, trans="T"))
+    coefficients = weight[:, None] * (q[: len(weight)] @ solve_triangular(r, y, trans="T"))
     return Judged(indices, coefficients, np.sqrt(variance * trace), dual / precision)
 
 
+@single_threaded
 def search(pool: list[Prior], z: Floats, y: Floats) -> tuple[list[Prior], Ints, list[Prior]]:
     """Return priors, the best of them for each experiment (A,), and the pool to go on with.
 
@@ -144,6 +164,6 @@ def search(pool: list[Prior], z: Floats, y: Floats) -> tuple[list[Prior], Ints, 
         known = sorted(score)
         best = np.argmin([score[prior] for prior in known], axis=0)
         wins = Counter(known[k] for k in best)
-        leaders = sorted(wins, key=lambda prior: (-wins[prior], prior))[:KEEP]
+        leaders = sorted(wins, key=lambda prior: (-wins[prior], prior))[: KEEP[len(z) > MANY]]
         trial = [other for prior in leaders for other in neighbors(prior)]
     return known, best, list(dict.fromkeys([*leaders, *first_priors(z.shape[1])[:2]]))

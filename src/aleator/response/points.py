@@ -16,6 +16,8 @@ Ints = NDArray[np.intp]
 # between even spacing (0), where polynomials oscillate at the faces, and Chebyshev's (pi / 2),
 # which wastes runs there on outcomes with kinks.
 CLUSTER = 0.4 * np.pi
+# The sequence is chosen from so many points, hence no longer. Fixed, or it would not be nested.
+CANDIDATES = 4096
 
 
 def low_discrepancy(count: int, n: int, shift: Floats) -> Floats:
@@ -39,7 +41,7 @@ def spread(count: int, n: int) -> Floats:
 
     Greedy choice of the point at which a Gaussian process with a Matern-3/2 covariance knows least
     (P-greedy; De Marchi, Schaback and Wendland 2005), in coordinates that gather at the faces.
-    Every prefix covers the box. Cost: 4096 count^2 operations, once.
+    Every prefix covers the box; at most CANDIDATES points. Cost: 4096 count^2 operations, once.
 
     >>> spread(3, 1).round(1).ravel() ** 2
     array([0., 1., 1.])
@@ -49,7 +51,7 @@ def spread(count: int, n: int) -> Floats:
 
 @lru_cache(maxsize=16)
 def _greedy(count: int, n: int) -> Floats:
-    t = low_discrepancy(max(4096, 4 * count), n, fixed_shift(n))
+    t = low_discrepancy(CANDIDATES, n, fixed_shift(n))
     length = np.sqrt(n / 6.0)
     factors = np.zeros((count, len(t)))
     variance = np.ones(len(t))
