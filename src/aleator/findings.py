@@ -26,14 +26,18 @@ LARGEST_SURFACE_ERROR = 0.1
 """Error of a surface under the identified law, over the outcome's sd, worth a warning."""
 
 
-def check_reachable(likelihood: Likelihood, ids: Sequence[str]) -> None:
-    """Raise ExperimentsError where an outcome has likelihood zero for every admissible alpha."""
-    margin = NOISE_REACH * likelihood.hyperparameters[-1].upper if likelihood.noisy else 0.0
-    low, high = likelihood.lower - margin, likelihood.upper + margin
-    y = likelihood.outcomes
-    outside = np.flatnonzero((y < low) | (y > high))
+def unreachable(likelihood: Likelihood) -> NDArray[np.intp]:
+    """Experiments whose outcome has likelihood zero for every admissible alpha."""
+    low, high = _reach(likelihood)
+    return np.flatnonzero((likelihood.outcomes < low) | (likelihood.outcomes > high))
+
+
+def refuse_unreachable(likelihood: Likelihood, ids: Sequence[str]) -> None:
+    """Raise ExperimentsError that names the experiments outside the reachable range."""
+    outside, y = unreachable(likelihood), likelihood.outcomes
     if outside.size == 0:
         return
+    low, high = _reach(likelihood)
     named = "; ".join(
         f"experiment {ids[l]}: outcome {y[l]:.6g}, reachable [{low[l]:.6g}, {high[l]:.6g}]"
         for l in outside[:5]
@@ -46,6 +50,11 @@ def check_reachable(likelihood: Likelihood, ids: Sequence[str]) -> None:
         f"so that no law explains them: {named}{more}",
         remedy,
     )
+
+
+def _reach(likelihood: Likelihood) -> tuple[Array, Array]:
+    margin = NOISE_REACH * likelihood.hyperparameters[-1].upper if likelihood.noisy else 0.0
+    return likelihood.lower - margin, likelihood.upper + margin
 
 
 def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aleator import findings, summary
+from aleator import findings, focus, summary
 from aleator.baselines import LeastSquares, LinearGaussian, least_squares, linear_gaussian
 from aleator.densities import Density, MaximumEntropy
 from aleator.errors import InputsError
@@ -30,6 +30,9 @@ from aleator.verification import MonteCarlo, Verification, verify
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+
+ROUNDS = 6
+"""Regions that an identification may try before it takes what it has."""
 
 DEFAULT_PROPAGATION = ResponseSurface()
 DEFAULT_DENSITY = MaximumEntropy(order=4)
@@ -77,13 +80,7 @@ def identify(
     model = Model(inputs, noise, propagation, density)
     _check_count(table, model)
     ledger = Ledger(runner, progress or Silent())
-    problem = ledger.stage(
-        "response surface" if isinstance(propagation, ResponseSurface) else "preparation",
-        lambda: prepare(runner, table.outcomes, model, ledger.progress),
-    )
-    findings.check_reachable(problem.likelihood, table.ids)
-    baselines = ledger.stage("baselines", lambda: _baselines(problem, search, seed))
-    found = ledger.stage("search", lambda: _search(problem, search, baselines, seed, ledger))
+    problem, baselines, found = _focused_search(runner, table, model, search, seed, ledger)
     found, inference, profile = ledger.stage("inference", lambda: infer_at(problem, found))
     checked = None
     if verification.samples:
@@ -112,8 +109,45 @@ class Ledger:
         try:
             return work()
         finally:
-            self.seconds[name] = time.perf_counter() - began
-            self.runs[name] = self._runner.runs - before
+            seconds, runs = time.perf_counter() - began, self._runner.runs - before
+            self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+            self.runs[name] = self.runs.get(name, 0) + runs
+
+
+def _focused_search(
+    runner: Runner,
+    table: Experiments,
+    model: Model,
+    search: Search,
+    seed: int,
+    ledger: Ledger,
+) -> tuple[Problem, tuple[LeastSquares, LinearGaussian], SearchResult]:
+    """Search, and again on surfaces in a region that fits the answer, until the region does.
+
+    Collocation runs the simulator where the law is, and needs no second round.
+    """
+    stage = "response surface" if isinstance(model.propagation, ResponseSurface) else "preparation"
+    outcomes, box = table.outcomes, model.inputs.box
+    guess: list[Array] = []
+    region = ledger.stage(stage, lambda: focus.first_region(runner, model, outcomes, seed))
+    for last in (*[False] * (ROUNDS - 1), True):
+        problem = ledger.stage(
+            stage, lambda: prepare(runner, outcomes, model, region, ledger.progress)
+        )
+        if findings.unreachable(problem.likelihood).size:
+            if np.array_equal(region, box) or last:
+                findings.refuse_unreachable(problem.likelihood, table.ids)
+            region = focus.widened(region, box)
+            continue
+        baselines = ledger.stage("baselines", lambda: _baselines(problem, search, seed))
+        found = ledger.stage(
+            "search", lambda: _search(problem, search, baselines, guess, seed, ledger)
+        )
+        better = None if last else focus.next_region(problem, found.alpha)
+        if better is None:
+            break
+        region, guess = better, [found.alpha]
+    return problem, baselines, found
 
 
 def infer_at(problem: Problem, found: SearchResult) -> tuple[SearchResult, Inference, Profile]:
@@ -136,6 +170,7 @@ def _search(
     problem: Problem,
     search: Search,
     baselines: tuple[LeastSquares, LinearGaussian],
+    guess: list[Array],
     seed: int,
     ledger: Ledger,
 ) -> SearchResult:
@@ -148,7 +183,7 @@ def _search(
         problem.likelihood.search,
         hyperparameters,
         seed=seed,
-        guesses=[around, linear.alpha],
+        guesses=[*guess, around, linear.alpha],
         progress=ledger.progress,
     )
 
@@ -156,8 +191,8 @@ def _search(
 def _baselines(problem: Problem, search: Search, seed: int) -> tuple[LeastSquares, LinearGaussian]:
     inputs, outcomes = problem.model.inputs, problem.likelihood.outcomes
     start = np.array([inputs.hyperparameters[part.start].start for part in inputs.slices])
-    start = np.clip(start, inputs.box[:, 0], inputs.box[:, 1])
-    fit = least_squares(problem.response, problem.condition, outcomes, inputs.box, start)
+    start = np.clip(start, *problem.region.T)
+    fit = least_squares(problem.response, problem.condition, outcomes, problem.region, start)
     linear = linear_gaussian(
         problem.response, inputs, start, problem.condition, outcomes,
         problem.likelihood.hyperparameters, search, noisy=bool(problem.model.noise), seed=seed,
@@ -176,7 +211,8 @@ def _verify(
     model, outcomes = problem.model, problem.likelihood.outcomes
     return verify(
         runner, model.inputs, found.alpha, model.noise_sd(found.alpha), outcomes, choice,
-        seed=seed, progress=ledger.progress,
+        seed=seed, lower=problem.likelihood.lower, upper=problem.likelihood.upper,
+        progress=ledger.progress,
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from aleator.errors import InputsError
 from aleator.laws import Hyperparameter, Law, Rule
 from aleator.polynomials import total_degree
 from aleator.quadrature import tensor
+from aleator.threads import single_threaded
 
 Array = NDArray[np.float64]
 
@@ -80,6 +81,7 @@ class Inputs:
         """How many parameters vary between experiments."""
         return sum(law.scatters for law in self.laws.values())
 
+    @single_threaded
     def nodes(self, alpha: Array, per_dimension: int) -> Nodes:
         """The tensor Gauss rule of the joint law, with its derivatives by alpha.
 

@@ -12,6 +12,8 @@ from math import comb, factorial
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.threads import single_threaded
+
 Array = NDArray[np.float64]
 
 
@@ -48,6 +50,7 @@ class Moments:
         )
 
 
+@single_threaded
 def weighted_moments(y: Array, weights: Array, order: int) -> Moments:
     """Moments of outcomes y (N, J) under weights (J,) that sum to one.
 
@@ -62,6 +65,7 @@ def weighted_moments(y: Array, weights: Array, order: int) -> Moments:
     return Moments(mean, sd, _powers(z, weights, order))
 
 
+@single_threaded
 def weighted_moments_with_gradient(
     y: Array, weights: Array, order: int, dy: Array, dweights: Array
 ) -> Moments:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from aleator.densities import Status
 from aleator.errors import InputsError, nearest
 from aleator.experiments import Conditions
+from aleator.focus import known_region
 from aleator.identification import QUANTILES
 from aleator.problem import Model, prepare
 from aleator.progress import Progress
@@ -56,7 +57,8 @@ def predict(
             simulator = FunctionSimulator(simulator, vectorized)
         simulator = Runner(simulator, table, model.inputs.names)
     # there is no outcome to look at: any finite number will do where the likelihood wants one
-    problem = prepare(simulator, np.zeros(len(table.ids)), model, progress)
+    region = known_region(model, values)
+    problem = prepare(simulator, np.zeros(len(table.ids)), model, region, progress)
     moments, fitted = problem.likelihood.moments(values), problem.likelihood.fit(values)
     found = fitted.quantile(np.array(quantiles))
     columns: dict[str, Any] = {

@@ -14,9 +14,19 @@ from aleator.laws import Hyperparameter
 from aleator.likelihood import Likelihood
 from aleator.noise import Noise
 from aleator.progress import Progress
-from aleator.propagation import Collocation, DirectResponse, QuadraturePropagation, default_nodes
+from aleator.propagation import (
+    Collocation,
+    Confined,
+    DirectResponse,
+    QuadraturePropagation,
+    Response,
+    default_nodes,
+)
 from aleator.response import ResponseSurface, Surface, build_surface
 from aleator.simulate import Runner
+
+ALIKE = 3e-4
+"""Moments, in standard deviations, that agree to this are the same to a likelihood."""
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -44,11 +54,15 @@ class Model:
 
 @dataclass(frozen=True)
 class Problem:
-    """Response, likelihood, and which of the U distinct conditions each experiment has, (N,)."""
+    """Response, likelihood, and which of the U distinct conditions each experiment has, (N,).
+
+    `region` (n, 2) is where the response is known: the box, or the part of it in focus.
+    """
 
     model: Model
     likelihood: Likelihood
     response: Surface | DirectResponse
+    region: Array
     condition: Indices
     name: str
 
@@ -59,9 +73,13 @@ class Problem:
 
 
 def prepare(
-    runner: Runner, outcomes: Array, model: Model, progress: Progress | None = None
+    runner: Runner,
+    outcomes: Array,
+    model: Model,
+    region: Array,
+    progress: Progress | None = None,
 ) -> Problem:
-    """Build the likelihood of outcomes (N,); response surfaces first, if that is the choice.
+    """Build the likelihood of outcomes (N,); response surfaces on the region (n, 2) first.
 
     Experiments under equal conditions are one to the simulator: U surfaces for N experiments.
     """
@@ -74,19 +92,22 @@ def prepare(
     chosen = model.propagation
     nodes = default_nodes(inputs, chosen.nodes)
     if isinstance(chosen, ResponseSurface):
-        surface = build_surface(run, inputs.box, count, chosen, _told(progress))
+        surface = build_surface(run, region, count, chosen, _told(progress))
         response: Surface | DirectResponse = surface
         # the surface's own error must not shut an outcome out of the reachable range
         margin = 3.0 * surface.error
         lower, upper = surface.lower - margin, surface.upper + margin
+        confined: Response = Confined(surface, region)
         degree, name = None, "response_surface"
+        if chosen.nodes is None:
+            nodes = _enough_nodes(inputs, confined, region, nodes)
     else:
-        response = DirectResponse(run, count, inputs.box, chosen.difference_step)
+        confined = response = DirectResponse(run, count, inputs.box, chosen.difference_step)
         lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
         expand = chosen.moments == "expansion"
         degree, name = (chosen.degree or nodes - 1) if expand else None, chosen.name
     likelihood = Likelihood(
-        QuadraturePropagation(inputs, response, nodes, degree),
+        QuadraturePropagation(inputs, confined, nodes, degree),
         model.density,
         outcomes,
         condition,
@@ -95,7 +116,43 @@ def prepare(
         model.hyperparameters,
         bool(model.noise),
     )
-    return Problem(model, likelihood, response, condition, name)
+    return Problem(model, likelihood, response, region, condition, name)
+
+
+def _enough_nodes(inputs: Inputs, response: Response, region: Array, most: int) -> int:
+    """The fewest nodes a dimension whose moments agree with those of `most` to ALIKE.
+
+    Compared at laws in the middle of the region (n, 2) that span a sixth and a
+    twelfth of it with one standard deviation on either side: smooth surfaces need few nodes,
+    fronts need many. Every node saved is saved in each of the search's evaluations.
+    """
+    alphas = [_filling(inputs, region, share) for share in (12.0, 24.0)]
+    wanted = [_compared(QuadraturePropagation(inputs, response, most), a) for a in alphas]
+    for nodes in range(4, most):
+        way = QuadraturePropagation(inputs, response, nodes)
+        gaps = (np.abs(_compared(way, a) - w).max() for a, w in zip(alphas, wanted, strict=True))
+        if max(gaps) < ALIKE:
+            return nodes
+    return most
+
+
+def _filling(inputs: Inputs, region: Array, share: float) -> Array:
+    """alpha of laws in the middle of the region whose sd is its width over `share`."""
+    alpha = np.array([h.start for h in inputs.hyperparameters])
+    for part, (low, high) in zip(inputs.slices, region, strict=True):
+        values = [0.5 * (low + high), (high - low) / share]
+        for k, value in zip(range(part.start, part.stop), values, strict=False):
+            h = inputs.hyperparameters[k]
+            alpha[k] = min(max(value, h.lower), h.upper)
+    return alpha
+
+
+def _compared(way: QuadraturePropagation, alpha: Array) -> Array:
+    """Moments on a common scale: mean and sd in sds, standardized moments damped if large."""
+    m = way.moments(alpha, 4, gradient=False)
+    sd = np.where(m.sd > 0.0, m.sd, 1.0)
+    shape = m.standardized[:, 3:] / (1.0 + np.abs(m.standardized[:, 4:5]))
+    return np.concatenate([(m.mean / sd)[:, None], np.log(sd)[:, None], shape], axis=1)
 
 
 def _told(progress: Progress | None) -> Callable[[int, int, int], None] | None:

@@ -138,4 +138,5 @@ def _positive(matrix: Array) -> Array:
     """The matrix with its eigenvalues, in units of its diagonal, raised to at least 1e-6."""
     scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    return (vectors * np.maximum(values, 1e-6)) @ vectors.T * np.outer(scale, scale)
+    raised = (vectors * np.maximum(values, 1e-6)) @ vectors.T
+    return np.asarray(raised * np.outer(scale, scale))

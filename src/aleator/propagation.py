@@ -141,6 +141,31 @@ class DirectResponse:
 
 
 @dataclass(frozen=True)
+class Confined:
+    """A response known only inside a region (n, 2): outside, the value at its nearest point.
+
+    Surfaces explode when extrapolated; a search that is still far away must not see that. An
+    answer is accepted only if its law stays inside.
+    """
+
+    response: Response
+    region: Array
+
+    def evaluate(self, x: Array) -> Array:
+        """Outcomes (N, J) at points x (J, n) moved into the region."""
+        return self.response.evaluate(self._inside(x))
+
+    def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
+        """Outcomes and derivatives; the derivative by a coordinate that was moved is zero."""
+        inside = self._inside(x)
+        value, slope = self.response.evaluate_with_gradient(inside)
+        return value, slope if np.array_equal(inside, x) else slope * (inside == x)
+
+    def _inside(self, x: Array) -> Array:
+        return np.clip(x, self.region[:, 0], self.region[:, 1])
+
+
+@dataclass(frozen=True)
 class QuadraturePropagation:
     """Moments of a response at the nodes of the law.
 

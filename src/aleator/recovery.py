@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aleator.errors import InputsError
+from aleator.focus import known_region
 from aleator.identify import infer_at
 from aleator.laws import Hyperparameter
 from aleator.problem import Model, Problem, prepare
@@ -88,7 +89,9 @@ def recover(
     alpha = _checked(truth, model.hyperparameters, replicates)
     progress.stage("response surface")
     count = runner.group.size
-    problem = prepare(runner, np.zeros(count), model, progress)
+    bounded = all(law.bounded for law in model.inputs.laws.values())
+    region = model.inputs.box if bounded else known_region(model, alpha)
+    problem = prepare(runner, np.zeros(count), model, region, progress)
     progress.stage("virtual experiments")
     data = _draw(runner, model, alpha, replicates, count, np.random.default_rng(seed))
     progress.stage("identification")

@@ -181,7 +181,7 @@ class SurfaceSection(Section):
     """`method = "response_surface"`: one surface an experiment on the box, built once."""
 
     method: Literal["response_surface"] = "response_surface"
-    tolerance: float = 0.02
+    tolerance: float = 0.005
     max_runs: int = 1000
     nodes: int | None = None
 

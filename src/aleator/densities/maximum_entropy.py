@@ -13,6 +13,7 @@ from aleator.densities.interface import Array, check_moments, in_sds, range_end
 from aleator.densities.solution import solve
 from aleator.errors import InputsError
 from aleator.moments import Moments
+from aleator.threads import single_threaded
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,7 @@ class MaximumEntropy:
         """Name for reports."""
         return f"maximum_entropy({self.order})"
 
+    @single_threaded
     def fit(self, moments: Moments, lower: ArrayLike, upper: ArrayLike) -> FittedMaximumEntropy:
         """Fit N densities on the physical ranges lower, upper (N,), each possibly infinite.
 

@@ -41,6 +41,11 @@ class Constant:
         return value.lower, value.upper
 
     @property
+    def bounded(self) -> bool:
+        """The limits of the value are its box."""
+        return True
+
+    @property
     def scatters(self) -> bool:
         """A constant does not vary between experiments."""
         return False

@@ -46,6 +46,11 @@ class Law(Protocol):
         ...
 
     @property
+    def bounded(self) -> bool:
+        """Whether the user stated the box, rather than the law having to guess one."""
+        ...
+
+    @property
     def scatters(self) -> bool:
         """Whether the parameter varies between experiments (a constant does not)."""
         ...

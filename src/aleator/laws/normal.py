@@ -56,6 +56,11 @@ class Normal:
         return mean.lower - REACH * sd.upper, mean.upper + REACH * sd.upper
 
     @property
+    def bounded(self) -> bool:
+        """A normal law has no box of its own."""
+        return False
+
+    @property
     def scatters(self) -> bool:
         """A normal parameter varies between experiments."""
         return True

@@ -87,6 +87,11 @@ class TruncatedNormal:
         return max(lower, min(mean.lower, upper) - far), min(upper, max(mean.upper, lower) + far)
 
     @property
+    def bounded(self) -> bool:
+        """Whether both ends of the box are finite."""
+        return math.isfinite(self.box_limits[1] - self.box_limits[0])
+
+    @property
     def scatters(self) -> bool:
         """A truncated normal parameter varies between experiments."""
         return True

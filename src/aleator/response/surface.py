@@ -10,6 +10,7 @@ import numpy as np
 from aleator.errors import InputsError
 from aleator.response.basis import products, products_with_gradient
 from aleator.response.points import Floats, Ints
+from aleator.threads import single_threaded
 
 # Numbers held at once by one block of basis functions: 32 MB.
 BLOCK = 4_000_000
@@ -62,6 +63,7 @@ class Surface:
         """Runs of all experiments together."""
         return int(self.runs.sum())
 
+    @single_threaded
     def evaluate(self, x: Floats) -> Floats:
         """Return the outcomes (N, J) of all experiments at points x (J, n)."""
         x = self._points(x)
@@ -72,6 +74,7 @@ class Surface:
                 out[group.members, part] = group.coefficients @ basis[: group.size]
         return out
 
+    @single_threaded
     def evaluate_with_gradient(self, x: Floats) -> tuple[Floats, Floats]:
         """Return outcomes (N, J) and their derivatives (N, J, n) with respect to x (J, n).
 
@@ -94,6 +97,7 @@ class Surface:
                 slope[group.members, :, part] = both[:, 1:]
         return value, slope.transpose(0, 2, 1)
 
+    @single_threaded
     def at(self, index: Ints, x: Floats) -> Floats:
         """Return the outcome (R,) of experiment index[r] at the point x[r], x (R, n)."""
         index, x = np.asarray(index), self._points(x)

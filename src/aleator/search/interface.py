@@ -75,5 +75,5 @@ class Search(Protocol):
         guesses: Sequence[Array] = (),
         progress: Progress | None = None,
     ) -> SearchResult:
-        """Search from the hyperparameters' start, from the guesses (K,), and from its own points."""
+        """Search from the hyperparameters' start, the guesses (K,), and points of its own."""
         ...

@@ -1,0 +1,149 @@
+"""Where response surfaces are worth building: the region in which the law has its mass.
+
+A surface on a region much wider than the law spends its runs, and measures its error, where no
+experiment ever is. So an identification starts from the box that the user states, or from a pilot
+where a law has none; and after each search it asks whether the region still fits the answer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.baselines import least_squares, linear_gaussian
+from aleator.inference import infer
+from aleator.inputs import Inputs
+from aleator.problem import Model, Problem
+from aleator.propagation import DirectResponse
+from aleator.search import GradientMultistart
+from aleator.simulate import Runner
+
+Array = NDArray[np.float64]
+
+TAIL = 1e-7
+"""Probability left out at either end of a law's region: 5.2 standard deviations of a normal."""
+SURE = 3.0
+"""Standard errors of alpha by which the region is widened."""
+PAD = 0.1
+"""Share of its width by which a region is widened on either side."""
+FINE = 0.15
+"""Surface error, over the outcome's sd under the law, that needs no narrower region."""
+SHRINK = 0.6
+"""A region is made anew only if that makes it smaller than this share of itself."""
+PILOT = 60
+"""Experiments that the pilot looks at."""
+
+
+def law_region(inputs: Inputs, alphas: list[Array]) -> Array:
+    """The smallest region (n, 2) that holds all but 2e-7 of each parameter's law, for all alphas.
+
+    >>> from aleator.laws import Constant, Normal
+    >>> inputs = Inputs({"v": Normal(0.0, 1.0), "b": Constant(2.0)})
+    >>> law_region(inputs, [np.array([0.0, 1.0, 2.0])]).round(2).tolist()
+    [[-5.2, 5.2], [2.0, 2.0]]
+    """
+    ends = np.array([[TAIL] * len(inputs.names), [1.0 - TAIL] * len(inputs.names)])
+    x = np.concatenate([inputs.sample(alpha, ends) for alpha in alphas])
+    return np.stack([x.min(axis=0), x.max(axis=0)], axis=1)
+
+
+def first_region(runner: Runner, model: Model, outcomes: Array, seed: int) -> Array:
+    """The inputs' box where every law states one; else a region from a pilot.
+
+    The pilot fits one point to at most 60 experiments by least squares on the simulator itself,
+    and a linear-Gaussian law at that point; some tens of runs for each of these experiments.
+    """
+    inputs = model.inputs
+    if all(law.bounded for law in inputs.laws.values()):
+        return inputs.box
+    first, condition = np.unique(runner.group, return_inverse=True)
+    chosen = np.unique(np.linspace(0, first.size - 1, PILOT).astype(np.intp))
+    rows = np.flatnonzero(np.isin(condition, chosen))
+    local = np.searchsorted(chosen, condition[rows])
+    response = DirectResponse(
+        lambda index, x: runner(first[chosen[index]], x), chosen.size, inputs.box
+    )
+    hyperparameters = model.hyperparameters
+    start = np.array([hyperparameters[part.start].start for part in inputs.slices])
+    fit = least_squares(response, local, outcomes[rows], inputs.box, start)
+    linear = linear_gaussian(
+        response, inputs, fit.x, local, outcomes[rows], hyperparameters, GradientMultistart(3),
+        noisy=bool(model.noise), seed=seed,
+    )  # fmt: skip
+    return _within(inputs.box, known_region(model, linear.alpha))
+
+
+def known_region(model: Model, alpha: Array) -> Array:
+    """A generous region around a law: standard deviations three times, constants a tenth wider."""
+    inputs = model.inputs
+    wide = [alpha]
+    for k, h in enumerate(inputs.hyperparameters):
+        changes = [3.0 * alpha[k]] if h.log else [alpha[k] + s * 0.1 * (h.upper - h.lower)
+                                                  for s in (-1.0, 1.0)]  # fmt: skip
+        for value in changes:
+            moved = alpha.copy()
+            moved[k] = min(max(value, h.lower), h.upper)
+            wide.append(moved)
+    size = inputs.slices[-1].stop
+    return _padded(law_region(inputs, [a[:size] for a in wide]), inputs.box)
+
+
+def next_region(problem: Problem, alpha: Array) -> Array | None:
+    """A region that fits the answer alpha better, or None where the present one does.
+
+    It moves when the law reaches out of it, and narrows when the surfaces are too rough for the
+    outcome's scatter under the law and a region of less than 0.6 of the volume suffices.
+    """
+    surface = problem.surface
+    if surface is None:
+        return None
+    wanted = _padded(_likely_region(problem, alpha), problem.model.inputs.box)
+    width = np.diff(problem.region, axis=1)[:, 0]
+    slack = 0.02 * width
+    likely = _likely_region(problem, alpha, errors=0.0)
+    outside = (likely[:, 0] < problem.region[:, 0] - slack) | (
+        likely[:, 1] > problem.region[:, 1] + slack
+    )
+    if np.any(outside):
+        return wanted
+    sd = problem.likelihood.moments(alpha).sd
+    rough = surface.error[problem.condition] / np.where(sd > 0.0, sd, np.inf)
+    moving = width > 0.0
+    volume = np.prod((np.diff(wanted, axis=1)[:, 0] / np.where(moving, width, 1.0))[moving])
+    return wanted if np.quantile(rough, 0.9) > FINE and volume < SHRINK else None
+
+
+def widened(region: Array, box: Array) -> Array:
+    """The region twice as wide about its middle, within the box."""
+    middle, half = region.mean(axis=1), np.diff(region, axis=1)[:, 0]
+    half = np.maximum(half, 0.05 * np.diff(box, axis=1)[:, 0])
+    return _within(box, np.stack([middle - half, middle + half], axis=1))
+
+
+def _likely_region(problem: Problem, alpha: Array, errors: float = SURE) -> Array:
+    """Region of the laws at alpha and at alpha moved by some standard errors, one at a time."""
+    inputs, hyperparameters = problem.model.inputs, problem.likelihood.hyperparameters
+    size = inputs.slices[-1].stop
+    alphas = [alpha[:size]]
+    if errors > 0.0:
+        error = infer(problem.likelihood.search, alpha, hyperparameters).standard_error
+        for k in np.flatnonzero(np.isfinite(error[:size])):
+            h = hyperparameters[k]
+            reach = min(errors * error[k], 0.25 * (h.upper - h.lower))
+            for sign in (-1.0, 1.0):
+                moved = alpha[:size].copy()
+                moved[k] = min(max(alpha[k] + sign * reach, h.lower), h.upper)
+                alphas.append(moved)
+    return law_region(inputs, alphas)
+
+
+def _padded(region: Array, box: Array) -> Array:
+    """The region a tenth wider on either side, at least a hundredth of the box, within the box."""
+    pad = np.maximum(PAD * np.diff(region, axis=1), 0.01 * np.diff(box, axis=1))
+    return _within(box, region + pad * np.array([-1.0, 1.0]))
+
+
+def _within(box: Array, region: Array) -> Array:
+    return np.stack(
+        [np.maximum(region[:, 0], box[:, 0]), np.minimum(region[:, 1], box[:, 1])], axis=1
+    )
