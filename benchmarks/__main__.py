@@ -186,7 +186,7 @@ def main() -> None:
     study = load_study(CLUTCH)
     runner = study.runner()
     began = time.perf_counter()
-    problem = prepare(runner, study.experiments.outcomes, study.model)
+    problem = prepare(runner, study.experiments.outcomes, study.model, study.inputs.box)
     built = time.perf_counter() - began
     searched = search_rows(problem)
     # the whole: surfaces and ten starts; the rows below it measure its parts again

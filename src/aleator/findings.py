@@ -109,7 +109,7 @@ def review(
     """All warnings, and whether the answer is accepted."""
     refusals = [
         *_density_warnings(honest, ids),
-        *_search_refusals(found, inference),
+        *_search_refusals(inference),
         *_verification_refusals(honest, checked, ids),
     ]
     notes = [
@@ -134,7 +134,7 @@ def _density_warnings(honest: LogLikelihood, ids: Sequence[str]) -> list[Warning
     return warnings
 
 
-def _search_refusals(found: SearchResult, inference: Inference) -> list[Warning]:
+def _search_refusals(inference: Inference) -> list[Warning]:
     warnings = []
     if not inference.positive:
         warnings.append(

@@ -15,6 +15,7 @@ from aleator.inference import infer
 from aleator.inputs import Inputs
 from aleator.problem import Model, Problem
 from aleator.propagation import DirectResponse
+from aleator.response import ResponseSurface
 from aleator.search import GradientMultistart
 from aleator.simulate import Runner
 
@@ -48,13 +49,14 @@ def law_region(inputs: Inputs, alphas: list[Array]) -> Array:
 
 
 def first_region(runner: Runner, model: Model, outcomes: Array, seed: int) -> Array:
-    """The inputs' box where every law states one; else a region from a pilot.
+    """The inputs' box where every law states one, or none is needed; else a region from a pilot.
 
     The pilot fits one point to at most 60 experiments by least squares on the simulator itself,
     and a linear-Gaussian law at that point; some tens of runs for each of these experiments.
     """
     inputs = model.inputs
-    if all(law.bounded for law in inputs.laws.values()):
+    bounded = all(law.bounded for law in inputs.laws.values())
+    if bounded or not isinstance(model.propagation, ResponseSurface):
         return inputs.box
     first, condition = np.unique(runner.group, return_inverse=True)
     chosen = np.unique(np.linspace(0, first.size - 1, PILOT).astype(np.intp))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -29,7 +30,6 @@ from aleator.simulate import FunctionSimulator, Runner, Simulator
 from aleator.verification import MonteCarlo, Verification, verify
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
 
 ROUNDS = 6
 """Regions that an identification may try before it takes what it has."""
@@ -81,12 +81,12 @@ def identify(
     _check_count(table, model)
     ledger = Ledger(runner, progress or Silent())
     problem, baselines, found = _focused_search(runner, table, model, search, seed, ledger)
-    found, inference, profile = ledger.stage("inference", lambda: infer_at(problem, found))
+    with ledger.stage("inference"):
+        found, inference, profile = infer_at(problem, found)
     checked = None
     if verification.samples:
-        checked = ledger.stage(
-            "verification", lambda: _verify(problem, runner, found, verification, seed, ledger)
-        )
+        with ledger.stage("verification"):
+            checked = _verify(problem, runner, found, verification, seed, ledger)
     return summary.assemble(
         table.ids, problem, found, inference, profile, checked, baselines,
         seconds=ledger.seconds, runs_by_stage=ledger.runs, seed=seed,
@@ -102,12 +102,13 @@ class Ledger:
         self.progress = progress
         self._runner = runner
 
-    def stage(self, name: str, work: Callable[[], T]) -> T:
-        """Do the work under the name of a stage, and note what it took."""
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Announce a stage, and note what it takes; a stage may come again."""
         self.progress.stage(name)
         began, before = time.perf_counter(), self._runner.runs
         try:
-            return work()
+            yield
         finally:
             seconds, runs = time.perf_counter() - began, self._runner.runs - before
             self.seconds[name] = self.seconds.get(name, 0.0) + seconds
@@ -129,21 +130,21 @@ def _focused_search(
     stage = "response surface" if isinstance(model.propagation, ResponseSurface) else "preparation"
     outcomes, box = table.outcomes, model.inputs.box
     guess: list[Array] = []
-    region = ledger.stage(stage, lambda: focus.first_region(runner, model, outcomes, seed))
+    with ledger.stage(stage):
+        region = focus.first_region(runner, model, outcomes, seed)
     for last in (*[False] * (ROUNDS - 1), True):
-        problem = ledger.stage(
-            stage, lambda: prepare(runner, outcomes, model, region, ledger.progress)
-        )
+        with ledger.stage(stage):
+            problem = prepare(runner, outcomes, model, region, ledger.progress)
         if findings.unreachable(problem.likelihood).size:
             if np.array_equal(region, box) or last:
                 findings.refuse_unreachable(problem.likelihood, table.ids)
             region = focus.widened(region, box)
             continue
-        baselines = ledger.stage("baselines", lambda: _baselines(problem, search, seed))
-        found = ledger.stage(
-            "search", lambda: _search(problem, search, baselines, guess, seed, ledger)
-        )
-        better = None if last else focus.next_region(problem, found.alpha)
+        with ledger.stage("baselines"):
+            baselines = _baselines(problem, search, seed)
+        with ledger.stage("search"):
+            found = _search(problem, search, baselines, guess, seed, ledger)
+            better = None if last else focus.next_region(problem, found.alpha)
         if better is None:
             break
         region, guess = better, [found.alpha]
