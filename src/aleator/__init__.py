@@ -8,6 +8,7 @@ from aleator.identify import identify
 from aleator.inputs import Inputs
 from aleator.laws import Constant, Free, Normal, TruncatedNormal
 from aleator.noise import Noise
+from aleator.prediction import predict
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
 from aleator.search import GradientMultistart
@@ -15,6 +16,7 @@ from aleator.verification import MonteCarlo
 
 __all__ = [
     "identify",
+    "predict",
     "Identification",
     "Experiments",
     "Inputs",

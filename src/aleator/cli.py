@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -15,6 +16,7 @@ from aleator import clutch as wet_clutch
 from aleator.errors import AleatorError, nearest
 from aleator.identification import Identification
 from aleator.identify import identify as identify_law
+from aleator.plot import save_figures
 from aleator.prediction import predict as predict_outcomes
 from aleator.progress import Progress, Silent
 from aleator.recovery import recover as recover_law
@@ -75,6 +77,7 @@ def main() -> None:
 )
 @click.option("--no-verify", is_flag=True, help="Leave out the Monte Carlo check on the simulator.")
 @click.option("--keep-runs", is_flag=True, help=f"Write DIR/{RUNS} also when all goes well.")
+@click.option("--no-figures", is_flag=True, help="Draw no figures.")
 @click.option("--quiet", is_flag=True, help="Print neither progress nor report, only errors.")
 def identify(
     study: Path,
@@ -83,12 +86,14 @@ def identify(
     starts: int | None,
     no_verify: bool,
     keep_runs: bool,
+    no_figures: bool,
     quiet: bool,
 ) -> None:
     """Identify the law that STUDY.toml asks for.
 
     Prints a report and writes DIR/identification.json; for one seed that file is always the same,
-    but for its "seconds". Progress goes to the standard error.
+    but for its "seconds". Draws DIR/experiments.png (each outcome in its predicted distribution)
+    and DIR/calibration.png if matplotlib is installed. Progress goes to the standard error.
 
     Every completed run of the simulator is kept: if a run fails, or Ctrl-C comes, the runs are
     written to DIR/runs.csv, and the next identification into DIR does not repeat them as long as
@@ -133,8 +138,10 @@ def identify(
         runner.save(folder / RUNS)
     document = documents.linked(result.to_dict(), value.title, study, value.sha256, folder)
     documents.write_json(document, folder / IDENTIFICATION)
+    files = [str(folder / IDENTIFICATION), *([str(folder / RUNS)] if keep_runs else [])]
+    if not no_figures:
+        files += _figures(document, folder)
     if not quiet:
-        files = [str(folder / IDENTIFICATION), *([str(folder / RUNS)] if keep_runs else [])]
         Console().print(terminal.render(document, files))
 
 
@@ -176,7 +183,16 @@ def predict(
     with _shown(quiet) as progress:
         progress.stage("prediction")
         runner = value.runner(table)
-        found = predict_outcomes(runner, table, value.model, alpha, progress=progress)
+        found = predict_outcomes(
+            runner,
+            table,
+            value.inputs,
+            alpha,
+            noise=value.noise,
+            propagation=value.propagation,
+            density=value.density,
+            progress=progress,
+        )
     if output is not None:
         for name in reversed([name for name in table.conditions if name not in found]):
             found.insert(1, name, table.conditions[name].to_numpy())
@@ -314,6 +330,14 @@ def _identified(study: Study, runner: Runner, progress: Progress) -> Identificat
         seed=study.seed,
         progress=progress,
     )
+
+
+def _figures(document: dict[str, Any], folder: Path) -> list[str]:
+    """Draw the figures, or say what they need."""
+    if importlib.util.find_spec("matplotlib") is None:
+        _say("no figures are drawn: they need matplotlib, pip install 'aleator[plot]'")
+        return []
+    return [str(path) for path in save_figures(document, folder)]
 
 
 def _name_of(study: Path) -> str:

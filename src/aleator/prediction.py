@@ -9,13 +9,18 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aleator.densities import Status
+from aleator.densities import Density, Status
 from aleator.errors import InputsError, nearest
 from aleator.experiments import Conditions
 from aleator.focus import known_region
-from aleator.identification import QUANTILES
+from aleator.identification import QUANTILES, Estimate
+from aleator.identify import DEFAULT_DENSITY, DEFAULT_PROPAGATION
+from aleator.inputs import Inputs
+from aleator.noise import Noise
 from aleator.problem import Model, prepare
 from aleator.progress import Progress
+from aleator.propagation import Collocation
+from aleator.response import ResponseSurface
 from aleator.simulate import FunctionSimulator, Runner, Simulator
 
 Array = NDArray[np.float64]
@@ -24,33 +29,33 @@ Array = NDArray[np.float64]
 def predict(
     simulator: Callable[..., Any] | Simulator | Runner,
     conditions: Conditions | pd.DataFrame,
-    model: Model,
-    alpha: Mapping[str, float],
+    inputs: Inputs,
+    alpha: Mapping[str, float | Estimate],
     *,
     vectorized: bool = False,
+    noise: Noise | None = None,
+    propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
+    density: Density = DEFAULT_DENSITY,
     quantiles: tuple[float, ...] = QUANTILES,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """Mean, standard deviation and quantiles of the outcome for new conditions under the law alpha.
 
-    `alpha` maps the name of every hyperparameter of the model to its value, as an Identification's
-    estimates do. The outcome includes measurement noise; with a "log" transform it is the
-    logarithm. Returns a table with a row for each condition: id, mean, standard_deviation,
-    skewness, kurtosis, a column ``q<p>`` for each quantile, and the density's status.
-    Raises InputsError where alpha lacks a hyperparameter or has an unknown one. Cost: the runs of
-    one response surface for each condition.
+    `alpha` maps the name of every hyperparameter to its value; the `alpha` of an Identification
+    will do. The outcome includes measurement noise; with a "log" transform it is the logarithm.
+    Returns a table with a row for each condition: id, mean, standard_deviation, skewness,
+    kurtosis, a column ``q<p>`` for each quantile, and the density's status. Raises InputsError
+    where alpha lacks a hyperparameter or has an unknown one. Cost: the runs of one response
+    surface for each condition, built around the law.
 
-    >>> from aleator.densities import MaximumEntropy
-    >>> from aleator.inputs import Inputs
     >>> from aleator.laws import Normal
-    >>> from aleator.response import ResponseSurface
-    >>> model = Model(Inputs({"x": Normal(1.0, 0.1)}), None, ResponseSurface(), MaximumEntropy(4))
-    >>> table = predict(lambda load, x: load * x, pd.DataFrame({"load": [10.0]}), model,
-    ...                 {"x.mean": 1.0, "x.sd": 0.1})
+    >>> table = predict(lambda load, x: load * x, pd.DataFrame({"load": [10.0]}),
+    ...                 Inputs({"x": Normal(1.0, 0.1)}), {"x.mean": 1.0, "x.sd": 0.1})
     >>> table[["mean", "standard_deviation", "q0.5"]].round(6).to_numpy().tolist()
     [[10.0, 1.0, 10.0]]
     """
     table = conditions if isinstance(conditions, Conditions) else Conditions.from_frame(conditions)
+    model = Model(inputs, noise, propagation, density)
     values = _in_order(model, alpha)
     if not isinstance(simulator, Runner):
         if not hasattr(simulator, "asks"):
@@ -73,7 +78,7 @@ def predict(
     return pd.DataFrame(columns)
 
 
-def _in_order(model: Model, alpha: Mapping[str, float]) -> Array:
+def _in_order(model: Model, alpha: Mapping[str, float | Estimate]) -> Array:
     names = [h.name for h in model.hyperparameters]
     for name in alpha:
         if name not in names:
@@ -84,4 +89,5 @@ def _in_order(model: Model, alpha: Mapping[str, float]) -> Array:
     missing = [name for name in names if name not in alpha]
     if missing:
         raise InputsError(f"alpha lacks {', '.join(missing)}", "give every hyperparameter a value")
-    return np.array([float(alpha[name]) for name in names])
+    values = (alpha[name] for name in names)
+    return np.array([v.estimate if isinstance(v, Estimate) else float(v) for v in values])

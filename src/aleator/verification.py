@@ -109,11 +109,13 @@ def verify(
         log_density = np.log(np.maximum(density, 0.0))
     # E log f^ = log f - var(f^)/(2 f^2); of use only where the relative error is small
     each = log_density + 0.5 * np.minimum(relative, 1.0) ** 2
+    # the biases have signs: their sum is what they do together, their squares what may remain
+    variance = np.sum(relative**2) + np.sum(smoothing) ** 2 + np.sum(smoothing**2)
     return Verification(
         each,
         np.hypot(relative, smoothing),
         float(each.sum()),
-        float(np.hypot(np.sqrt(np.sum(relative**2)), np.sum(smoothing))),
+        math.sqrt(variance),
         outcomes,
         x.reshape(count, -1, x.shape[-1]),
     )
@@ -175,7 +177,7 @@ def _kernel_terms(
     terms = np.where(usable[:, None], second, terms)
     safe = np.where(reference > 0.0, reference, 1.0)
     bias = np.where(usable, np.log(np.where(usable, means[2], 1.0) / safe), 1.0)
-    return terms, 0.5 * np.abs(bias)
+    return terms, 0.5 * bias
 
 
 def _window_moments(a: Array, b: Array) -> list[Array]:
