@@ -136,7 +136,9 @@ def identify(
         result = _identified(value, runner, progress)
     if keep_runs:
         runner.save(folder / RUNS)
-    document = documents.linked(result.to_dict(), value.title, study, value.sha256, folder)
+    document = documents.linked(
+        result.to_dict(), value.title, study, value.sha256, _outcome_of(value), folder
+    )
     documents.write_json(document, folder / IDENTIFICATION)
     files = [str(folder / IDENTIFICATION), *([str(folder / RUNS)] if keep_runs else [])]
     if not no_figures:
@@ -199,9 +201,7 @@ def predict(
         documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
         click.echo(f"Written: {output}")
     else:
-        name = value.experiments.outcome_name
-        shown = f"log({name})" if table.transform == "log" else name
-        Console().print(terminal.render_predictions(found.to_dict("list"), shown))
+        Console().print(terminal.render_predictions(found.to_dict("list"), _outcome_of(value)))
 
 
 @main.command()
@@ -330,6 +330,12 @@ def _identified(study: Study, runner: Runner, progress: Progress) -> Identificat
         seed=study.seed,
         progress=progress,
     )
+
+
+def _outcome_of(study: Study) -> str:
+    """What the likelihood sees of an experiment, as reports and figures call it."""
+    name = study.experiments.outcome_name
+    return f"log({name})" if study.experiments.transform == "log" else name
 
 
 def _figures(document: dict[str, Any], folder: Path) -> list[str]:

@@ -107,7 +107,11 @@ def next_region(problem: Problem, alpha: Array) -> Array | None:
         likely[:, 1] > problem.region[:, 1] + slack
     )
     if np.any(outside):
-        return wanted
+        # beyond the region the likelihood is flat, so that how far beyond alpha lies says nothing
+        reach = width[:, None] * np.array([-1.0, 1.0])
+        near = np.clip(wanted, (problem.region + reach)[:, :1], (problem.region + reach)[:, 1:])
+        both = np.stack([problem.region, near])
+        return np.stack([both[..., 0].min(axis=0), both[..., 1].max(axis=0)], axis=1)
     sd = problem.likelihood.moments(alpha).sd
     rough = surface.error[problem.condition] / np.where(sd > 0.0, sd, np.inf)
     moving = width > 0.0

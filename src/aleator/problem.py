@@ -100,7 +100,7 @@ def prepare(
         confined: Response = Confined(surface, region)
         degree, name = None, "response_surface"
         if chosen.nodes is None:
-            nodes = _enough_nodes(inputs, confined, region, nodes)
+            nodes = _enough_nodes(inputs, confined, region, nodes, max(model.density.order, 4))
     else:
         confined = response = DirectResponse(run, count, inputs.box, chosen.difference_step)
         lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
@@ -119,18 +119,21 @@ def prepare(
     return Problem(model, likelihood, response, region, condition, name)
 
 
-def _enough_nodes(inputs: Inputs, response: Response, region: Array, most: int) -> int:
-    """The fewest nodes a dimension whose moments agree with those of `most` to ALIKE.
+def _enough_nodes(inputs: Inputs, response: Response, region: Array, most: int, order: int) -> int:
+    """The fewest nodes a dimension whose moments to `order` agree with those of `most` to ALIKE.
 
     Compared at laws in the middle of the region (n, 2) that span a sixth and a
     twelfth of it with one standard deviation on either side: smooth surfaces need few nodes,
     fronts need many. Every node saved is saved in each of the search's evaluations.
     """
     alphas = [_filling(inputs, region, share) for share in (12.0, 24.0)]
-    wanted = [_compared(QuadraturePropagation(inputs, response, most), a) for a in alphas]
+    best = QuadraturePropagation(inputs, response, most)
+    wanted = [_compared(best, a, order) for a in alphas]
     for nodes in range(4, most):
         way = QuadraturePropagation(inputs, response, nodes)
-        gaps = (np.abs(_compared(way, a) - w).max() for a, w in zip(alphas, wanted, strict=True))
+        gaps = (
+            np.abs(_compared(way, a, order) - w).max() for a, w in zip(alphas, wanted, strict=True)
+        )
         if max(gaps) < ALIKE:
             return nodes
     return most
@@ -147,11 +150,13 @@ def _filling(inputs: Inputs, region: Array, share: float) -> Array:
     return alpha
 
 
-def _compared(way: QuadraturePropagation, alpha: Array) -> Array:
+def _compared(way: QuadraturePropagation, alpha: Array, order: int) -> Array:
     """Moments on a common scale: mean and sd in sds, standardized moments damped if large."""
-    m = way.moments(alpha, 4, gradient=False)
+    m = way.moments(alpha, order + order % 2, gradient=False)
     sd = np.where(m.sd > 0.0, m.sd, 1.0)
-    shape = m.standardized[:, 3:] / (1.0 + np.abs(m.standardized[:, 4:5]))
+    # an even moment bounds the odd one below it
+    above = np.arange(3, order + 1) + np.arange(3, order + 1) % 2
+    shape = m.standardized[:, 3 : order + 1] / (1.0 + np.abs(m.standardized[:, above]))
     return np.concatenate([(m.mean / sd)[:, None], np.log(sd)[:, None], shape], axis=1)
 
 

@@ -60,14 +60,14 @@ def to_json(result: Mapping[str, Any]) -> str:
 
 
 def linked(
-    result: Mapping[str, Any], title: str, study: Path, sha256: str, folder: Path
+    result: Mapping[str, Any], title: str, study: Path, sha256: str, outcome: str, folder: Path
 ) -> dict[str, Any]:
     """The document of a result that is written to `folder`, with its title and its study file.
 
     The file is named relative to the folder, so that both can be moved together.
     """
     file = Path(os.path.relpath(study, folder)).as_posix()
-    return {"title": title, "study": {"file": file, "sha256": sha256}, **result}
+    return {"title": title, "study": {"file": file, "sha256": sha256, "outcome": outcome}, **result}
 
 
 def study_file(document: Mapping[str, Any], path: Path) -> Path:
