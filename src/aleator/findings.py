@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,9 @@ from aleator.identification import Warning
 from aleator.inference import Inference, weak_directions
 from aleator.laws import Hyperparameter
 from aleator.likelihood import NOISE_REACH, Likelihood, LogLikelihood
+from aleator.problem import Problem
+from aleator.profile import Profile
+from aleator.propagation import QuadraturePropagation
 from aleator.response import Surface
 from aleator.search import SearchResult
 from aleator.verification import Verification
@@ -22,6 +26,8 @@ Array = NDArray[np.float64]
 
 LARGEST_EDM = 1e-3
 """Distance to the maximum, in log-likelihood, that still counts as arrived."""
+LARGEST_QUADRATURE_GAP = 0.1
+"""Change of the log-likelihood with more nodes that is worth a warning."""
 LARGEST_SURFACE_ERROR = 0.1
 """Error of a surface under the identified law, over the outcome's sd, worth a warning."""
 
@@ -95,32 +101,58 @@ def surface_report(surface: Surface | None) -> dict[str, Any] | None:
     }
 
 
+def quadrature_gap(problem: Problem, alpha: Array) -> float:
+    """Change of the log-likelihood when every parameter gets half as many nodes again.
+
+    Zero for collocation, where nodes cost runs.
+    """
+    way = problem.likelihood.propagation
+    if problem.surface is None or not isinstance(way, QuadraturePropagation):
+        return 0.0
+    finer = replace(way, nodes=way.nodes + way.nodes // 2)
+    likelihood = replace(problem.likelihood, propagation=finer)
+    return likelihood.evaluate(alpha).total - problem.likelihood.evaluate(alpha).total
+
+
 def review(
-    hyperparameters: Sequence[Hyperparameter],
-    surface: Surface | None,
-    condition: NDArray[np.intp],
+    problem: Problem,
     found: SearchResult,
     inference: Inference,
+    profile: Profile,
     honest: LogLikelihood,
     checked: Verification | None,
     surface_error: Array,
     ids: Sequence[str],
 ) -> tuple[tuple[Warning, ...], bool]:
     """All warnings, and whether the answer is accepted."""
+    hyperparameters = problem.likelihood.hyperparameters
     refusals = [
         *_density_warnings(honest, ids),
         *_search_refusals(inference),
         *_verification_refusals(honest, checked, ids),
     ]
     notes = [
-        *_bound_warnings(hyperparameters, inference),
+        *_bound_warnings(hyperparameters, inference, profile),
         *(
             Warning("identifiability", sentence, "fix one of them, or vary the conditions more")
             for sentence in weak_directions(inference, found.alpha, hyperparameters)
         ),
-        *_surface_warnings(surface, condition, surface_error, ids),
+        *_surface_warnings(problem.surface, problem.condition, surface_error, ids),
+        *_quadrature_warnings(quadrature_gap(problem, found.alpha)),
     ]
     return (*refusals, *notes), not refusals
+
+
+def _quadrature_warnings(gap: float) -> list[Warning]:
+    if abs(gap) < LARGEST_QUADRATURE_GAP:
+        return []
+    return [
+        Warning(
+            "quadrature",
+            f"with half as many nodes again the log-likelihood changes by {gap:.2g}",
+            "raise nodes in [propagation]",
+        )
+    ]
 
 
 def _density_warnings(honest: LogLikelihood, ids: Sequence[str]) -> list[Warning]:
@@ -179,9 +211,9 @@ def _verification_refusals(
 
 
 def _bound_warnings(
-    hyperparameters: Sequence[Hyperparameter], inference: Inference
+    hyperparameters: Sequence[Hyperparameter], inference: Inference, profile: Profile
 ) -> list[Warning]:
-    return [
+    warnings = [
         Warning(
             "bounds",
             f"{h.name} ends on its {side} limit {h.lower if side == 'lower' else h.upper:.6g}; "
@@ -191,6 +223,23 @@ def _bound_warnings(
         for h, side in zip(hyperparameters, inference.at_bound, strict=True)
         if side is not None
     ]
+    cut = [
+        h.name
+        for h, side, (low, high) in zip(
+            hyperparameters, inference.at_bound, profile.intervals, strict=True
+        )
+        if side is None and (low == h.lower or high == h.upper)
+    ]
+    if cut:
+        warnings.append(
+            Warning(
+                "bounds",
+                f"the 95 % interval of {', '.join(cut)} ends on a limit: the experiments do not "
+                "rule out values beyond it",
+                "widen the limit if it is not physical",
+            )
+        )
+    return warnings
 
 
 def _surface_warnings(

@@ -49,9 +49,8 @@ def assemble(
     honest = problem.likelihood.evaluate(alpha)
     surface_error = findings.surface_errors(problem.surface, problem.condition, checked)
     warnings, accepted = findings.review(
-        hyperparameters, problem.surface, problem.condition, found, inference, honest, checked,
-        surface_error, ids,
-    )  # fmt: skip
+        problem, found, inference, profile, honest, checked, surface_error, ids
+    )
     return Identification(
         alpha=_estimates(alpha, hyperparameters, inference, profile),
         log_likelihood=LogLikelihoodReport(
