@@ -90,6 +90,11 @@ def known_region(model: Model, alpha: Array) -> Array:
     return _padded(law_region(inputs, [a[:size] for a in wide]), inputs.box)
 
 
+def own_region(inputs: Inputs, alpha: Array) -> Array:
+    """The region of one law, for when alpha is not to be moved: a tenth wider on either side."""
+    return _padded(law_region(inputs, [alpha[: inputs.slices[-1].stop]]), inputs.box)
+
+
 def next_region(problem: Problem, alpha: Array) -> Array | None:
     """A region that fits the answer alpha better, or None where the present one does.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from aleator.densities import Density, Status
 from aleator.errors import InputsError, nearest
 from aleator.experiments import Conditions
-from aleator.focus import known_region
+from aleator.focus import own_region
 from aleator.identification import QUANTILES, Estimate
 from aleator.identify import DEFAULT_DENSITY, DEFAULT_PROPAGATION
 from aleator.inputs import Inputs
@@ -62,7 +62,7 @@ def predict(
             simulator = FunctionSimulator(simulator, vectorized)
         simulator = Runner(simulator, table, model.inputs.names)
     # there is no outcome to look at: any finite number will do where the likelihood wants one
-    region = known_region(model, values)
+    region = own_region(inputs, values)
     problem = prepare(simulator, np.zeros(len(table.ids)), model, region, progress)
     moments, fitted = problem.likelihood.moments(values), problem.likelihood.fit(values)
     found = fitted.quantile(np.array(quantiles))
