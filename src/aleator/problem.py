@@ -25,8 +25,9 @@ from aleator.propagation import (
 from aleator.response import ResponseSurface, Surface, build_surface
 from aleator.simulate import Runner
 
-ALIKE = 3e-4
-"""Moments, in standard deviations, that agree to this are the same to a likelihood."""
+ALIKE = 1e-3
+"""Moments, in standard deviations, that agree to this (rms over experiments) are the same to a
+likelihood."""
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -131,10 +132,8 @@ def _enough_nodes(inputs: Inputs, response: Response, region: Array, most: int, 
     wanted = [_compared(best, a, order) for a in alphas]
     for nodes in range(4, most):
         way = QuadraturePropagation(inputs, response, nodes)
-        gaps = (
-            np.abs(_compared(way, a, order) - w).max() for a, w in zip(alphas, wanted, strict=True)
-        )
-        if max(gaps) < ALIKE:
+        gaps = (_compared(way, a, order) - w for a, w in zip(alphas, wanted, strict=True))
+        if max(np.sqrt(np.mean(np.max(np.abs(gap), axis=1) ** 2)) for gap in gaps) < ALIKE:
             return nodes
     return most
 

@@ -11,7 +11,6 @@ from aleator.clutch.bench import BOX
 from aleator.clutch.reference import reference_shifting_time
 from aleator.clutch.runs import make_runs
 from aleator.clutch.simulator import initial_speed, synchronization_time
-from aleator.clutch.speed import sample
 from aleator.errors import AleatorError, SimulatorError
 
 CONDITIONS = {
@@ -27,6 +26,17 @@ KNOWN = {
     1: (1.1445475, 0.9166339, 0.7116423, 1.2500312),
     16: (0.8715967, 0.6269692, 0.5042846, 1.2534958),
 }
+
+
+def sample(size: int, seed: int = 0) -> dict[str, np.ndarray]:
+    """Random experiments, scales uniform in the box."""
+    rng = np.random.default_rng(seed)
+    table = design().drop(columns="id")
+    rows = table.iloc[rng.integers(0, len(table), size)]
+    arguments = {name: rows[name].to_numpy(dtype=np.float64) for name in table.columns}
+    arguments["c2_scale"] = rng.uniform(*BOX[0], size)
+    arguments["zp_scale"] = rng.uniform(*BOX[1], size)
+    return arguments
 
 
 def reference(runs: dict[str, np.ndarray], **options: float) -> np.ndarray:
