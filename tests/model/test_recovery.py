@@ -66,7 +66,7 @@ def test_a_binding_box_is_recovered() -> None:
     assert table["coverage"].min() >= 19 / 24
 
 
-def test_the_answer_does_not_depend_on_the_number_of_data_sets_or_on_who_asks() -> None:
+def test_the_answer_depends_on_the_seed_and_not_on_the_number_of_workers() -> None:
     problem = replace(SAMPLE, z=np.zeros(15))
     truth = {"x.mean": 1.0, "x.sd": 0.6}
     one = recovered(problem, truth, 3, density=Gaussian(), seed=5)
@@ -75,6 +75,9 @@ def test_the_answer_does_not_depend_on_the_number_of_data_sets_or_on_who_asks() 
     np.testing.assert_array_equal(one.intervals, two.intervals)
     other = recovered(problem, truth, 3, density=Gaussian(), seed=6)
     assert not np.array_equal(one.alpha, other.alpha)
+    shared = recovered(problem, truth, 3, density=Gaussian(), seed=5, workers=2)
+    np.testing.assert_array_equal(one.alpha, shared.alpha)
+    np.testing.assert_array_equal(one.intervals, shared.intervals)
 
 
 @pytest.mark.parametrize(

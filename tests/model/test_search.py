@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from problems import BINDING, FRONTIER, REGRESSION, SAMPLE, SQUARE
+from problems import BINDING, FRONTIER, GROWTH, REGRESSION, SAMPLE, SQUARE, Problem
 from scipy import optimize, stats
 
 from aleator import Free, Gaussian, GradientMultistart, Inputs, MaximumEntropy, Normal
@@ -109,6 +109,65 @@ def test_the_maximum_on_a_binding_box_is_that_of_the_exact_likelihood() -> None:
     )
     assert found.log_likelihood == pytest.approx(-other.fun, abs=1e-5)
     assert found.alpha == pytest.approx([other.x[0], np.exp(other.x[1])], abs=1e-3)
+
+
+# ------------------------------------------------------------------------------ not fooled
+
+
+def lognormal_with_outlier(theta: float) -> tuple[Problem, Array]:
+    """Sixty outcomes exp(x), one of them theta standard deviations of x above its mean."""
+    inputs = Inputs({"x": Normal(mean=Free(-1.0, 2.0), sd=Free(0.02, 1.5))})
+    problem = replace(GROWTH, z=np.ones(60), inputs=inputs, alpha=np.array([0.3, 0.3]))
+    y = problem.draw(1)
+    y[0] = np.exp(0.3 + 0.3 * theta)
+    return problem, y
+
+
+@pytest.mark.parametrize(
+    ("theta", "order"),
+    [
+        (3.0, 4),
+        (3.0, 6),
+        (6.0, 4),
+        pytest.param(
+            6.0,
+            6,
+            marks=pytest.mark.xfail(reason="beyond the reach the search sees the bump at its edge"),
+        ),
+    ],
+)
+def test_an_outlier_does_not_lift_the_maximum_above_the_exact_one(theta, order) -> None:
+    problem, y = lognormal_with_outlier(theta)
+    found = GradientMultistart(3).maximize(
+        problem.likelihood(y, MaximumEntropy(order)).search, problem.hyperparameters, seed=0
+    )
+    exact = stats.norm.logpdf(np.log(y), np.log(y).mean(), np.log(y).std()).sum() - np.log(y).sum()
+    # a density of a few moments may exceed the true one by chance, by tenths for sixty outcomes
+    assert found.log_likelihood < exact + 0.5
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        4,
+        6,
+        pytest.param(
+            8,
+            marks=pytest.mark.xfail(reason="the penalty of failed solves pushes the estimate"),
+        ),
+    ],
+)
+def test_failed_solves_do_not_push_the_maximum_aside(order) -> None:
+    """exp(z x) up to a kurtosis of 6, whose order 8 no density within 8 standard deviations has."""
+    problem = replace(GROWTH, z=np.linspace(0.5, 2.0, 60))
+    y = problem.draw(1)
+    found = GradientMultistart(2).maximize(
+        problem.likelihood(y, MaximumEntropy(order)).search, problem.hyperparameters, seed=0
+    )
+    scaled = np.log(y) / problem.z
+    # log y/z is normal: mean and sd, the latter known to 1/sqrt(120) of itself
+    assert abs(found.alpha[0] - scaled.mean()) < 0.3 * scaled.std() / 60**0.5
+    assert abs(found.alpha[1] - scaled.std()) < 0.3 * scaled.std() / 120**0.5
 
 
 # ------------------------------------------------------------------------------ limits, cost
