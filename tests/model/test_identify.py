@@ -190,6 +190,18 @@ def test_random_coefficients_of_hildreth_and_houck(density) -> None:
     np.testing.assert_allclose(told, error, rtol=0.01)
 
 
+def test_repeated_conditions_share_their_runs_and_change_nothing() -> None:
+    """Three conditions, not in order, ten times each; a nudge of 1e-9 makes all distinct."""
+    z = np.tile([2.0, 2.0, -1.0, 0.5, 0.5, -1.0], 5)
+    problem = replace(REGRESSION, z=z)
+    apart = replace(REGRESSION, z=z + 1e-9 * np.arange(30))
+    y = problem.draw(13)
+    one, other = identified(problem, y), identified(apart, y)
+    np.testing.assert_allclose(estimates(one), estimates(other), atol=5e-4)
+    shared, alone = (f.runs_by_stage["response surface"] for f in (one, other))
+    assert 5 * shared < alone
+
+
 def test_random_coefficients_by_collocation_are_the_same() -> None:
     problem = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 30))
     y = problem.draw(5)
