@@ -70,18 +70,18 @@ def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:
     return [Status(int(code)).name.lower() for code in combined]
 
 
-def surface_errors(
-    surface: Surface | None, condition: NDArray[np.intp], checked: Verification | None
-) -> Array:
+def surface_errors(problem: Problem, checked: Verification | None) -> Array:
     """Error of the surfaces under the identified law, over the outcome's sd, (N,); NaN if unknown.
 
     Compared with the verification's runs of the simulator, which no surface was fitted to.
     """
+    surface, condition = problem.surface, problem.condition
     if surface is None or checked is None:
         return np.full(condition.size, np.nan)
     count, samples = checked.outcomes.shape
     index = np.repeat(condition, samples)
-    guess = surface.at(index, checked.x.reshape(count * samples, -1)).reshape(count, samples)
+    x = checked.x.reshape(count * samples, -1)[:, problem.moving]
+    guess = surface.at(index, x).reshape(count, samples)
     rms = np.sqrt(np.mean((guess - checked.outcomes) ** 2, axis=1))
     scatter = checked.outcomes.std(axis=1)
     return np.asarray(rms / np.where(scatter > 0.0, scatter, np.inf))

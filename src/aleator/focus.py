@@ -124,6 +124,33 @@ def next_region(problem: Problem, alpha: Array) -> Array | None:
     return wanted if np.quantile(rough, 0.9) > FINE and volume < SHRINK else None
 
 
+def interval_region(problem: Problem, alpha: Array, intervals: Array) -> Array | None:
+    """A region that holds the laws at the ends of the intervals (K, 2), or None if it does.
+
+    Beyond its region a surface is flat, and the profile of the likelihood means nothing there.
+    """
+    if problem.surface is None:
+        return None
+    inputs = problem.model.inputs
+    size, alphas = inputs.slices[-1].stop, [alpha[: inputs.slices[-1].stop]]
+    for k in range(size):
+        for end in intervals[k][np.isfinite(intervals[k])]:
+            moved = alpha[:size].copy()
+            moved[k] = end
+            alphas.append(moved)
+    wanted = law_region(inputs, alphas)
+    slack = 0.02 * np.diff(problem.region, axis=1)[:, 0]
+    below = wanted[:, 0] < problem.region[:, 0] - slack
+    above = wanted[:, 1] > problem.region[:, 1] + slack
+    if not np.any(below | above):
+        return None
+    both = np.stack([problem.region, wanted])
+    hull = np.stack([both[..., 0].min(axis=0), both[..., 1].max(axis=0)], axis=1)
+    pad = 0.5 * np.diff(hull, axis=1)[:, 0]
+    hull += np.stack([np.where(below, -pad, 0.0), np.where(above, pad, 0.0)], axis=1)
+    return _within(inputs.box, hull)
+
+
 def widened(region: Array, box: Array) -> Array:
     """The region twice as wide about its middle, within the box."""
     middle, half = region.mean(axis=1), np.diff(region, axis=1)[:, 0]

@@ -34,6 +34,9 @@ Array = NDArray[np.float64]
 ROUNDS = 6
 """Regions that an identification may try before it takes what it has."""
 
+WIDER = 3
+"""Times that the region may be widened so that it holds the intervals."""
+
 DEFAULT_PROPAGATION = ResponseSurface()
 DEFAULT_DENSITY = MaximumEntropy(order=4)
 DEFAULT_SEARCH = GradientMultistart()
@@ -83,6 +86,16 @@ def identify(
     problem, baselines, found = _focused_search(runner, table, model, search, seed, ledger)
     with ledger.stage("inference"):
         found, inference, profile = infer_at(problem, found)
+    for _ in range(WIDER):
+        region = focus.interval_region(problem, found.alpha, profile.intervals)
+        if region is None:
+            break
+        with ledger.stage("response surface"):
+            problem = prepare(runner, table.outcomes, model, region, ledger.progress)
+        with ledger.stage("search"):
+            found = _search(problem, search, baselines, [found.alpha], seed, ledger)
+        with ledger.stage("inference"):
+            found, inference, profile = infer_at(problem, found)
     checked = None
     if verification.samples:
         with ledger.stage("verification"):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.densities import Density
+from aleator.errors import InputsError
 from aleator.inputs import Inputs
 from aleator.laws import Hyperparameter
 from aleator.likelihood import Likelihood
@@ -20,6 +21,7 @@ from aleator.propagation import (
     DirectResponse,
     QuadraturePropagation,
     Response,
+    Run,
     default_nodes,
 )
 from aleator.response import ResponseSurface, Surface, build_surface
@@ -57,20 +59,22 @@ class Model:
 class Problem:
     """Response, likelihood, and which of the U distinct conditions each experiment has, (N,).
 
-    `region` (n, 2) is where the response is known: the box, or the part of it in focus.
+    `region` (n, 2) is where the response is known: the box, or the part of it in focus. `surface`
+    are the response surfaces of the parameters that are not known, or None for collocation.
     """
 
     model: Model
     likelihood: Likelihood
-    response: Surface | DirectResponse
+    response: Response
+    surface: Surface | None
     region: Array
     condition: Indices
     name: str
 
     @property
-    def surface(self) -> Surface | None:
-        """The response surfaces, if that is how the problem is propagated."""
-        return self.response if isinstance(self.response, Surface) else None
+    def moving(self) -> Indices:
+        """The parameters that are not known, in the order of the surfaces' columns."""
+        return np.flatnonzero(self.region[:, 1] > self.region[:, 0])
 
 
 def prepare(
@@ -92,23 +96,24 @@ def prepare(
 
     chosen = model.propagation
     nodes = default_nodes(inputs, chosen.nodes)
+    surface: Surface | None
     if isinstance(chosen, ResponseSurface):
-        surface = build_surface(run, region, count, chosen, _told(progress))
-        response: Surface | DirectResponse = surface
+        surface = _built(run, region, count, chosen, progress)
         # the surface's own error must not shut an outcome out of the reachable range
         margin = 3.0 * surface.error
         lower, upper = surface.lower - margin, surface.upper + margin
-        confined: Response = Confined(surface, region)
+        response: Response = Confined(surface, region)
         degree, name = None, "response_surface"
         if chosen.nodes is None:
-            nodes = _enough_nodes(inputs, confined, region, nodes, max(model.density.order, 4))
+            nodes = _enough_nodes(inputs, response, region, nodes, max(model.density.order, 4))
     else:
-        confined = response = DirectResponse(run, count, inputs.box, chosen.difference_step)
+        surface = None
+        response = DirectResponse(run, count, inputs.box, chosen.difference_step)
         lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
         expand = chosen.moments == "expansion"
         degree, name = (chosen.degree or nodes - 1) if expand else None, chosen.name
     likelihood = Likelihood(
-        QuadraturePropagation(inputs, confined, nodes, degree),
+        QuadraturePropagation(inputs, response, nodes, degree),
         model.density,
         outcomes,
         condition,
@@ -117,7 +122,26 @@ def prepare(
         model.hyperparameters,
         bool(model.noise),
     )
-    return Problem(model, likelihood, response, region, condition, name)
+    return Problem(model, likelihood, response, surface, region, condition, name)
+
+
+def _built(
+    run: Run, region: Array, count: int, choice: ResponseSurface, progress: Progress | None
+) -> Surface:
+    """Surfaces of the parameters whose region has a width; the others are known."""
+    moving = np.flatnonzero(region[:, 1] > region[:, 0])
+    if moving.size == 0:
+        raise InputsError(
+            "every parameter is known: there is nothing to identify but noise",
+            "free a hyperparameter, or give a parameter a law",
+        )
+
+    def partly(index: Indices, x: Array) -> Array:
+        full = np.tile(region[:, 0], (x.shape[0], 1))
+        full[:, moving] = x
+        return run(index, full)
+
+    return build_surface(partly, region[moving], count, choice, _told(progress))
 
 
 def _enough_nodes(inputs: Inputs, response: Response, region: Array, most: int, order: int) -> int:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
@@ -145,21 +146,31 @@ class Confined:
     """A response known only inside a region (n, 2): outside, the value at its nearest point.
 
     Surfaces explode when extrapolated; a search that is still far away must not see that. An
-    answer is accepted only if its law stays inside.
+    answer is accepted only if its law stays inside. A parameter whose region has no width is
+    known: the inner response is one of the others alone.
     """
 
-    response: Response
+    inner: Response
     region: Array
+
+    @cached_property
+    def moving(self) -> NDArray[np.intp]:
+        """The parameters that the inner response takes."""
+        return np.flatnonzero(self.region[:, 1] > self.region[:, 0])
 
     def evaluate(self, x: Array) -> Array:
         """Outcomes (N, J) at points x (J, n) moved into the region."""
-        return self.response.evaluate(self._inside(x))
+        return self.inner.evaluate(self._inside(x)[:, self.moving])
 
     def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
         """Outcomes and derivatives; the derivative by a coordinate that was moved is zero."""
         inside = self._inside(x)
-        value, slope = self.response.evaluate_with_gradient(inside)
-        return value, slope if np.array_equal(inside, x) else slope * (inside == x)
+        value, slope = self.inner.evaluate_with_gradient(inside[:, self.moving])
+        if self.moving.size == x.shape[1] and np.array_equal(inside, x):
+            return value, slope
+        full = np.zeros((*value.shape, x.shape[1]))
+        full[:, :, self.moving] = slope
+        return value, full * (inside == x)
 
     def _inside(self, x: Array) -> Array:
         return np.clip(x, self.region[:, 0], self.region[:, 1])

@@ -47,7 +47,7 @@ def assemble(
     """The Identification of a finished search."""
     alpha, hyperparameters = found.alpha, problem.likelihood.hyperparameters
     honest = problem.likelihood.evaluate(alpha)
-    surface_error = findings.surface_errors(problem.surface, problem.condition, checked)
+    surface_error = findings.surface_errors(problem, checked)
     warnings, accepted = findings.review(
         problem, found, inference, profile, honest, checked, surface_error, ids
     )

@@ -322,7 +322,6 @@ def test_a_frame_needs_the_name_of_its_outcome() -> None:
         identify(lambda z, x: z * x, pd.DataFrame({"z": [1.0], "y": [1.0]}), SAMPLE.inputs)
 
 
-@pytest.mark.xfail(raises=InputsError, reason="a surface refuses a parameter without width")
 def test_a_known_constant_is_no_parameter_of_the_surface() -> None:
     """y = k x with k = 2 known."""
     y = 2.0 * replace(SAMPLE, z=np.zeros(20)).draw(8)
@@ -398,10 +397,7 @@ SUM = replace(
     "propagation",
     [
         Collocation(nodes=5),
-        pytest.param(
-            ResponseSurface(),
-            marks=pytest.mark.xfail(reason="the edge of the region is taken for information"),
-        ),
+        ResponseSurface(),
     ],
     ids=["collocation", "surface"],
 )
@@ -416,10 +412,7 @@ def test_a_sum_of_parameters_is_told_as_a_direction_and_not_accepted(propagation
     "propagation",
     [
         Collocation(nodes=5),
-        pytest.param(
-            ResponseSurface(),
-            marks=pytest.mark.xfail(reason="the profile leaves the region of the surfaces"),
-        ),
+        ResponseSurface(),
     ],
     ids=["collocation", "surface"],
 )
