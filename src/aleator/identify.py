@@ -261,3 +261,8 @@ def _check_count(table: Experiments, model: Model) -> None:
             f"{len(table.ids)} experiments cannot identify {free} hyperparameters",
             "fix some hyperparameters, or add experiments (ten for each is a start)",
         )
+    if model.inputs.scattering == 0 and model.noise is None:
+        raise InputsError(
+            "nothing scatters: every parameter is a constant and there is no measurement noise",
+            "give a parameter a law, or add noise: [noise] sd, or noise=Noise(...)",
+        )

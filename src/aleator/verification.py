@@ -54,12 +54,15 @@ class MonteCarlo:
 class Verification:
     """Monte Carlo log-likelihood at one alpha.
 
-    `each` (N,) log-densities and `each_error` (N,) their standard errors; `total` and
-    `standard_error` of the sum; `outcomes` (N, S) of the simulator, noise-free; `x` (N, S, n).
+    `each` (N,) log-densities and `each_error` (N,) their standard errors; `effective` (N,) the
+    number of samples that count, (sum t)^2/sum t^2: where it is small the outcome lies where
+    hardly a sample falls, and neither value nor error means much; `total` and `standard_error`
+    of the sum; `outcomes` (N, S) of the simulator, noise-free; `x` (N, S, n).
     """
 
     each: Array
     each_error: Array
+    effective: Array
     total: float
     standard_error: float
     outcomes: Array
@@ -114,11 +117,18 @@ def verify(
     return Verification(
         each,
         np.hypot(relative, smoothing),
+        _effective(terms),
         float(each.sum()),
         math.sqrt(variance),
         outcomes,
         x.reshape(count, -1, x.shape[-1]),
     )
+
+
+def _effective(terms: Array) -> Array:
+    """Effective number of samples (N,) of the terms (N, S)."""
+    squares = np.sum(terms**2, axis=1)
+    return np.asarray(np.sum(terms, axis=1) ** 2 / np.where(squares > 0.0, squares, 1.0))
 
 
 def _points(inputs: Inputs, alpha: Array, count: int, points: int, seed: int) -> Array:

@@ -438,3 +438,13 @@ def test_intervals_of_a_weak_line_are_those_of_the_books(propagation) -> None:
         # an end is found to 0.02 standard errors of the root
         expected = coefficients[k] + half[k] * np.array([-1.0, 1.0])
         np.testing.assert_allclose(interval, expected, atol=0.06 * variance[k] ** 0.5)
+
+
+def test_a_study_in_which_nothing_scatters_is_refused() -> None:
+    with pytest.raises(InputsError, match="nothing scatters"):
+        identify(
+            lambda z, k: k * z,
+            pd.DataFrame({"z": [1.0, 2.0], "y": [1.0, 2.1]}),
+            Inputs({"k": Constant(Free(0.0, 5.0))}),
+            outcome="y",
+        )

@@ -337,3 +337,24 @@ def test_too_few_runs_or_no_experiment_is_refused() -> None:
 def test_a_simulator_that_does_not_answer_is_named(answer: Callable[[Floats], Floats]) -> None:
     with pytest.raises(SimulatorError, match="outcomes"):
         built(lambda _, x: answer(x), 2, 1)
+
+
+@pytest.mark.parametrize(
+    "outcome",
+    [lambda v, x: np.log1p(x * v**2 / 9.81) / (2.0 * x), lambda v, x: v / x],
+    ids=["drag", "reciprocal"],
+)
+def test_a_steep_end_does_not_stall_the_surfaces(outcome) -> None:
+    """Rounding in the expected error once stopped these, and thinned them to constants."""
+    speed = np.random.default_rng(0).uniform(5.0, 30.0, 20)
+    box, x = np.array([[0.05, 1.5]]), np.linspace(0.05, 1.5, 400)[:, None]
+
+    def run(index: np.ndarray, at: np.ndarray) -> np.ndarray:
+        return outcome(speed[index], at[:, 0])
+
+    surface = build_surface(run, box, 20, ResponseSurface(tolerance=0.005))
+    truth = np.array([run(np.full(400, l), x) for l in range(20)])
+    error = np.sqrt(((surface.evaluate(x) - truth) ** 2).mean(axis=1)) / truth.std(axis=1)
+    assert surface.converged.all()
+    assert surface.runs.max() < 100
+    assert error.max() < 0.005

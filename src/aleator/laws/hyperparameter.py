@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from numbers import Real
 
 from aleator.errors import InputsError
 
@@ -65,6 +66,11 @@ def resolve(
     start lies outside the limits.
     """
     if not isinstance(specification, Free):
+        if not isinstance(specification, Real):
+            raise InputsError(
+                f"{name} = {specification!r} is neither a number nor Free(lower, upper)",
+                f"write {name}=Free(lower, upper) to identify it, or a number to fix it",
+            )
         value = float(specification)
         _require(math.isfinite(value), f"{name} = {value} is not finite", "give a finite number")
         if positive:

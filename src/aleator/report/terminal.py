@@ -71,15 +71,18 @@ def number(value: float | None, digits: int = 4) -> str:
     return f"{value:.{digits}g}"
 
 
-def with_error(value: float, error: float | None) -> tuple[str, str]:
+def with_error(value: float, error: float | None, *, estimate: bool = False) -> tuple[str, str]:
     """A value and its standard error, both to the second digit of the error.
+
+    An `estimate` keeps two digits of its own where the error is larger than itself.
 
     >>> with_error(0.912345, 0.01234), with_error(-9.37012, 0.2149), with_error(2.0, None)
     (('0.912', '0.012'), ('-9.37', '0.21'), ('2', '-'))
     """
     if error is None or not error > 0 or not 1e-4 < abs(value) + error < 1e6:
         return number(value), number(error, 2)
-    decimals = min(max(1 - math.floor(math.log10(error)), 0), 9)
+    scale = min(error, abs(value) or error) if estimate else error
+    decimals = min(max(1 - math.floor(math.log10(scale)), 0), 9)
     # Adding zero turns a -0.0 that rounding left into 0.0.
     return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{error:.{decimals}f}"
 
@@ -118,6 +121,7 @@ def table_of(*columns: tuple[str, str]) -> Table:
             justify="right" if side == "right" else "left",
             no_wrap=side != "fold",
             overflow="fold",
+            min_width=min(len(name), 7) if side == "fold" else None,
         )
     return table
 
@@ -131,10 +135,11 @@ def _alpha(result: Result) -> RenderableType:
         ("note", "fold"),
     )
     for name, entry in result["alpha"].items():
-        estimate, error = with_error(entry["estimate"], entry.get("standard_error"))
+        estimate, error = with_error(entry["estimate"], entry.get("standard_error"), estimate=True)
         interval = NONE
         if entry.get("interval") and None not in entry["interval"]:
-            low, high = (with_error(e, entry.get("standard_error"))[0] for e in entry["interval"])
+            error_of = entry.get("standard_error")
+            low, high = (with_error(e, error_of, estimate=True)[0] for e in entry["interval"])
             interval = f"{low} .. {high}"
         table.add_row(Text(name), estimate, error, interval, Text(_note(entry)))
     strongest = _strongest(result.get("correlation") or {})

@@ -138,11 +138,13 @@ def judged(prior: Prior, z: Floats, y: Floats) -> Judged:
     dual = inverse @ (inverse.T @ y)
     variance = (dual**2 / precision).mean(axis=0)
     unknown = 1.0 - (q[: len(weight)] ** 2).sum(axis=1)
-    free = np.flatnonzero(weight > 1.0)
-    # 1 - |q|^2 loses all digits where the weight is huge: square the small vector itself.
-    rest = -(q @ q[free].T)
-    rest[free, np.arange(len(free))] += 1.0
-    unknown[free] = (rest**2).sum(axis=0)
+    # 1 - |q|^2 loses all digits where a coefficient is all but known: square the small vector
+    # itself there, and take what is left at the level of rounding for nothing.
+    near = np.flatnonzero(unknown < 1e-3)
+    rest = -(q @ q[near].T)
+    rest[near, np.arange(len(near))] += 1.0
+    unknown[near] = (rest**2).sum(axis=0)
+    unknown[unknown < 1e-24] = 0.0
     trace = float(weight**2 @ np.maximum(unknown, 0.0))
     coefficients = weight[:, None] * (q[: len(weight)] @ solve_triangular(r, y, trans="T"))
     return Judged(indices, coefficients, np.sqrt(variance * trace), dual / precision)

@@ -285,7 +285,7 @@ def _import(module_name: str, base: Path) -> ModuleType:
         sys.path.insert(0, search)
     try:
         return _run_file(file) if is_file else importlib.import_module(module_name)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise SimulatorError(
             f"the simulator's module '{module_name}' cannot be imported: {describe(error)}",
             "mend it, install what it needs, or correct the name",

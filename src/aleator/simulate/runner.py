@@ -167,10 +167,10 @@ class Runner:
             done = len(stop.completed)
             self._keep(index[:done], x[:done], stop.completed)
             cause = stop.__cause__
-            if not isinstance(cause, Exception):
+            if not isinstance(cause, (Exception, SystemExit)):
                 raise (cause or stop) from None  # Ctrl-C
             raise self._raised(index[done], x[done], cause) from cause
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             if len(index) == 1:
                 raise self._raised(index[0], x[0], error) from error
             half = len(index) // 2
@@ -211,7 +211,7 @@ class Runner:
         if not np.all(good):
             raise self._not_finite(index, x, raw, good)
 
-    def _raised(self, at: np.intp, x: Floats, error: Exception) -> SimulatorError:
+    def _raised(self, at: np.intp, x: Floats, error: BaseException) -> SimulatorError:
         text = [name for name, column in self._conditions.items() if column.dtype == object]
         return SimulatorError(
             f"simulator '{self.simulator.name}' raised for experiment '{self.ids[at]}' with "
