@@ -55,8 +55,7 @@ def first_region(runner: Runner, model: Model, outcomes: Array, seed: int) -> Ar
     and a linear-Gaussian law at that point; some tens of runs for each of these experiments.
     """
     inputs = model.inputs
-    bounded = all(law.bounded for law in inputs.laws.values())
-    if bounded or not isinstance(model.propagation, ResponseSurface):
+    if inputs.bounded or not isinstance(model.propagation, ResponseSurface):
         return inputs.box
     first, condition = np.unique(runner.group, return_inverse=True)
     chosen = np.unique(np.linspace(0, first.size - 1, PILOT).astype(np.intp))
@@ -104,24 +103,20 @@ def next_region(problem: Problem, alpha: Array) -> Array | None:
     surface = problem.surface
     if surface is None:
         return None
-    wanted = _padded(_likely_region(problem, alpha), problem.model.inputs.box)
-    width = np.diff(problem.region, axis=1)[:, 0]
-    slack = 0.02 * width
-    likely = _likely_region(problem, alpha, errors=0.0)
-    outside = (likely[:, 0] < problem.region[:, 0] - slack) | (
-        likely[:, 1] > problem.region[:, 1] + slack
-    )
-    if np.any(outside):
+    region, box = problem.region, problem.model.inputs.box
+    width = np.diff(region, axis=1)[:, 0]
+    if np.any(_beyond(region, _likely_region(problem, alpha, errors=0.0))):
         # beyond the region the likelihood is flat, so that how far beyond alpha lies says nothing
-        reach = width[:, None] * np.array([-1.0, 1.0])
-        near = np.clip(wanted, (problem.region + reach)[:, :1], (problem.region + reach)[:, 1:])
-        both = np.stack([problem.region, near])
-        return np.stack([both[..., 0].min(axis=0), both[..., 1].max(axis=0)], axis=1)
+        wanted = _padded(_likely_region(problem, alpha), box)
+        reach = region + width[:, None] * np.array([-1.0, 1.0])
+        return _hull(region, np.clip(wanted, reach[:, :1], reach[:, 1:]))
     sd = problem.likelihood.moments(alpha).sd
     rough = surface.error[problem.condition] / np.where(sd > 0.0, sd, np.inf)
-    moving = width > 0.0
-    volume = np.prod((np.diff(wanted, axis=1)[:, 0] / np.where(moving, width, 1.0))[moving])
-    return wanted if np.quantile(rough, 0.9) > FINE and volume < SHRINK else None
+    if np.quantile(rough, 0.9) <= FINE:
+        return None
+    wanted = _padded(_likely_region(problem, alpha), box)
+    shares = np.diff(wanted, axis=1)[problem.moving, 0] / width[problem.moving]
+    return wanted if np.prod(shares) < SHRINK else None
 
 
 def interval_region(problem: Problem, alpha: Array, intervals: Array) -> Array | None:
@@ -139,16 +134,12 @@ def interval_region(problem: Problem, alpha: Array, intervals: Array) -> Array |
             moved[k] = end
             alphas.append(moved)
     wanted = law_region(inputs, alphas)
-    slack = 0.02 * np.diff(problem.region, axis=1)[:, 0]
-    below = wanted[:, 0] < problem.region[:, 0] - slack
-    above = wanted[:, 1] > problem.region[:, 1] + slack
-    if not np.any(below | above):
+    beyond = _beyond(problem.region, wanted)
+    if not np.any(beyond):
         return None
-    both = np.stack([problem.region, wanted])
-    hull = np.stack([both[..., 0].min(axis=0), both[..., 1].max(axis=0)], axis=1)
-    pad = 0.5 * np.diff(hull, axis=1)[:, 0]
-    hull += np.stack([np.where(below, -pad, 0.0), np.where(above, pad, 0.0)], axis=1)
-    return _within(inputs.box, hull)
+    hull = _hull(problem.region, wanted)
+    pad = 0.5 * np.diff(hull, axis=1) * np.array([-1.0, 1.0])
+    return _within(inputs.box, hull + np.where(beyond, pad, 0.0))
 
 
 def widened(region: Array, box: Array) -> Array:
@@ -173,6 +164,19 @@ def _likely_region(problem: Problem, alpha: Array, errors: float = SURE) -> Arra
                 moved[k] = min(max(alpha[k] + sign * reach, h.lower), h.upper)
                 alphas.append(moved)
     return law_region(inputs, alphas)
+
+
+def _beyond(region: Array, other: Array) -> NDArray[np.bool_]:
+    """Which ends (n, 2) of the other region lie beyond those of the first, by 2 % of its width."""
+    slack = 0.02 * np.diff(region, axis=1)[:, 0]
+    below, above = other[:, 0] < region[:, 0] - slack, other[:, 1] > region[:, 1] + slack
+    return np.stack([below, above], axis=1)
+
+
+def _hull(region: Array, other: Array) -> Array:
+    return np.stack(
+        [np.minimum(region[:, 0], other[:, 0]), np.maximum(region[:, 1], other[:, 1])], axis=1
+    )
 
 
 def _padded(region: Array, box: Array) -> Array:

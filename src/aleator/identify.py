@@ -26,7 +26,7 @@ from aleator.progress import Progress, Silent
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
 from aleator.search import GradientMultistart, Search, SearchResult, ascend
-from aleator.simulate import FunctionSimulator, Runner, Simulator
+from aleator.simulate import Runner, Simulator, as_runner
 from aleator.verification import MonteCarlo, Verification, verify
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ def identify(
     1.031
     """
     table = _experiments(experiments, outcome)
-    runner = _runner(simulator, table, inputs, vectorized)
+    runner = as_runner(simulator, table, inputs.names, vectorized)
     model = Model(inputs, noise, propagation, density)
     _check_count(table, model)
     ledger = Ledger(runner, progress or Silent())
@@ -239,19 +239,6 @@ def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -
             'say which column holds the measured outcome: identify(..., outcome="...")',
         )
     return Experiments.from_frame(experiments, outcome=outcome)
-
-
-def _runner(
-    simulator: Callable[..., Any] | Simulator | Runner,
-    table: Experiments,
-    inputs: Inputs,
-    vectorized: bool,
-) -> Runner:
-    if isinstance(simulator, Runner):
-        return simulator
-    if not hasattr(simulator, "asks"):
-        simulator = FunctionSimulator(simulator, vectorized)
-    return Runner(simulator, table, inputs.names)
 
 
 def _check_count(table: Experiments, model: Model) -> None:

@@ -70,6 +70,11 @@ class Inputs:
         """Limits (n, 2) that hold every node for every admissible alpha."""
         return np.array([law.box for law in self.laws.values()])
 
+    @property
+    def bounded(self) -> bool:
+        """Whether the user stated the box of every parameter."""
+        return all(law.bounded for law in self.laws.values())
+
     @cached_property
     def slices(self) -> tuple[slice, ...]:
         """Where each law's hyperparameters stand in alpha."""

@@ -21,7 +21,7 @@ from aleator.problem import Model, prepare
 from aleator.progress import Progress
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
-from aleator.simulate import FunctionSimulator, Runner, Simulator
+from aleator.simulate import Runner, Simulator, as_runner
 
 Array = NDArray[np.float64]
 
@@ -57,13 +57,10 @@ def predict(
     table = conditions if isinstance(conditions, Conditions) else Conditions.from_frame(conditions)
     model = Model(inputs, noise, propagation, density)
     values = _in_order(model, alpha)
-    if not isinstance(simulator, Runner):
-        if not hasattr(simulator, "asks"):
-            simulator = FunctionSimulator(simulator, vectorized)
-        simulator = Runner(simulator, table, model.inputs.names)
+    runner = as_runner(simulator, table, inputs.names, vectorized)
     # there is no outcome to look at: any finite number will do where the likelihood wants one
     region = own_region(inputs, values)
-    problem = prepare(simulator, np.zeros(len(table.ids)), model, region, progress)
+    problem = prepare(runner, np.zeros(len(table.ids)), model, region, progress)
     moments, fitted = problem.likelihood.moments(values), problem.likelihood.fit(values)
     found = fitted.quantile(np.array(quantiles))
     columns: dict[str, Any] = {

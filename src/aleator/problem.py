@@ -23,6 +23,7 @@ from aleator.propagation import (
     Response,
     Run,
     default_nodes,
+    moving_parameters,
 )
 from aleator.response import ResponseSurface, Surface, build_surface
 from aleator.simulate import Runner
@@ -74,7 +75,7 @@ class Problem:
     @property
     def moving(self) -> Indices:
         """The parameters that are not known, in the order of the surfaces' columns."""
-        return np.flatnonzero(self.region[:, 1] > self.region[:, 0])
+        return moving_parameters(self.region)
 
 
 def prepare(
@@ -129,7 +130,7 @@ def _built(
     run: Run, region: Array, count: int, choice: ResponseSurface, progress: Progress | None
 ) -> Surface:
     """Surfaces of the parameters whose region has a width; the others are known."""
-    moving = np.flatnonzero(region[:, 1] > region[:, 0])
+    moving = moving_parameters(region)
     if moving.size == 0:
         raise InputsError(
             "every parameter is known: there is nothing to identify but noise",

@@ -141,6 +141,11 @@ class DirectResponse:
         return parts[:, 0], gradient
 
 
+def moving_parameters(region: Array) -> NDArray[np.intp]:
+    """Indices of the parameters whose region (n, 2) has a width; the others are known."""
+    return np.flatnonzero(region[:, 1] > region[:, 0])
+
+
 @dataclass(frozen=True)
 class Confined:
     """A response known only inside a region (n, 2): outside, the value at its nearest point.
@@ -156,7 +161,7 @@ class Confined:
     @cached_property
     def moving(self) -> NDArray[np.intp]:
         """The parameters that the inner response takes."""
-        return np.flatnonzero(self.region[:, 1] > self.region[:, 0])
+        return moving_parameters(self.region)
 
     def evaluate(self, x: Array) -> Array:
         """Outcomes (N, J) at points x (J, n) moved into the region."""

@@ -89,8 +89,7 @@ def recover(
     alpha = _checked(truth, model.hyperparameters, replicates)
     progress.stage("response surface")
     count = runner.group.size
-    bounded = all(law.bounded for law in model.inputs.laws.values())
-    region = model.inputs.box if bounded else known_region(model, alpha)
+    region = model.inputs.box if model.inputs.bounded else known_region(model, alpha)
     problem = prepare(runner, np.zeros(count), model, region, progress)
     progress.stage("virtual experiments")
     data = _draw(runner, model, alpha, replicates, count, np.random.default_rng(seed))

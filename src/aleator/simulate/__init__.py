@@ -3,13 +3,14 @@
 from aleator.simulate.function import FunctionSimulator, Simulator, load_function
 from aleator.simulate.kept import keeping
 from aleator.simulate.record import Runs
-from aleator.simulate.runner import Runner, as_simulator
+from aleator.simulate.runner import Runner, as_runner, as_simulator
 
 __all__ = [
     "FunctionSimulator",
     "Runner",
     "Runs",
     "Simulator",
+    "as_runner",
     "as_simulator",
     "keeping",
     "load_function",

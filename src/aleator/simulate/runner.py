@@ -22,8 +22,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 
-def as_simulator(simulator: Simulator | Callable[..., Any]) -> Simulator:
-    """A plain function as a simulator that is called once a run; a simulator as it is.
+def as_simulator(simulator: Simulator | Callable[..., Any], vectorized: bool = False) -> Simulator:
+    """A plain function as a simulator, called once a run or `vectorized`; a simulator as it is.
 
     >>> as_simulator(lambda load, stiffness: load / stiffness).block
     16
@@ -32,7 +32,25 @@ def as_simulator(simulator: Simulator | Callable[..., Any]) -> Simulator:
         return simulator
     if all(hasattr(simulator, member) for member in ("name", "block", "asks", "fingerprint")):
         return simulator  # type: ignore[return-value] # any class that fills the protocol
-    return FunctionSimulator(simulator)
+    return FunctionSimulator(simulator, vectorized)
+
+
+def as_runner(
+    simulator: Runner | Simulator | Callable[..., Any],
+    experiments: Experiments | Conditions,
+    parameters: Sequence[str],
+    vectorized: bool = False,
+) -> Runner:
+    """A runner as it is; a simulator or a function (see `as_simulator`) on the experiments.
+
+    >>> import pandas as pd
+    >>> table = Conditions(("a",), pd.DataFrame({"load": [1.0]}))
+    >>> as_runner(lambda load, x: load * x, table, ["x"])([0], [[2.0]])
+    array([2.])
+    """
+    if isinstance(simulator, Runner):
+        return simulator
+    return Runner(as_simulator(simulator, vectorized), experiments, parameters)
 
 
 class Runner:
