@@ -4,8 +4,12 @@
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+PEERS := $(VENV)/.installed-peers
 EXAMPLES := concrete_fatigue wet_clutch
 UV := uv==0.13.9
+COMPILE = $(VENV)-lock/bin/uv pip compile pyproject.toml --universal --python-version 3.11 \
+    --fork-strategy fewest --generate-hashes --no-header --no-annotate --no-emit-index-url \
+    --no-emit-find-links --quiet $(UPGRADE)
 
 # The .venv is made when it is missing or broken, and made anew when an interpreter of another
 # version is asked for; otherwise a changed lock is installed into the one that is there.
@@ -33,7 +37,7 @@ demo-%: $(STAMP)
 test: $(STAMP) ## Run the tests, the doctests of the source and the README
 	$(BIN)/pytest
 
-bench: $(STAMP) ## Run the benchmarks
+bench: $(PEERS) ## Run the benchmarks, against peers that only they need
 	$(BIN)/python -m benchmarks
 
 lint: $(STAMP) ## Check style, formatting, types and layers
@@ -45,10 +49,8 @@ lint: $(STAMP) ## Check style, formatting, types and layers
 lock: ## Write requirements.lock anew (UPGRADE=--upgrade takes newer versions)
 	$(PYTHON) -m venv $(VENV)-lock
 	$(VENV)-lock/bin/python -m pip install --quiet $(UV)
-	$(VENV)-lock/bin/uv pip compile pyproject.toml --all-extras --universal \
-	    --python-version 3.11 --fork-strategy fewest --generate-hashes \
-	    --no-header --no-annotate --no-emit-index-url --no-emit-find-links \
-	    --quiet $(UPGRADE) --output-file requirements.lock
+	$(COMPILE) $(addprefix --extra ,plot evolution sparse dev) --output-file requirements.lock
+	$(COMPILE) --all-extras --constraint requirements.lock --output-file requirements-bench.lock
 
 clean: ## Remove results, caches and build outputs (not .venv)
 	rm -rf out build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis \
@@ -60,6 +62,10 @@ clean: ## Remove results, caches and build outputs (not .venv)
 $(STAMP): requirements.lock pyproject.toml | $(CREATE)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(PEERS): requirements-bench.lock $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-bench.lock
 	@touch $@
 
 create-venv:
