@@ -19,12 +19,19 @@ NUMERICS = {
     "inputs",
     "polynomials",
     "quadrature",
+    "indices",
+    "cubature",
+    "correlation",
     "expansion",
+    "expansion_moments",
+    "sobol",
     "moments",
+    "outcomes",
     "densities",
     "distances",
 }
-WITHOUT_SIMULATOR = {"likelihood", "densities", "moments"}
+WITHOUT_SIMULATOR = {"likelihood", "densities", "moments", "outcomes"}
+RECEIVES_THE_CLUTCH = ("clutch", "cli", "reproduce")
 
 
 def sources() -> Iterator[tuple[str, Path]]:
@@ -88,8 +95,8 @@ def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
     ]
 
 
-def test_the_clutch_is_a_guest_that_only_the_command_line_receives() -> None:
-    assert offences(None, "aleator.clutch", but=("clutch", "cli")) == []
+def test_the_clutch_is_a_guest_of_the_command_line_and_of_the_reproduction() -> None:
+    assert offences(None, "aleator.clutch", but=RECEIVES_THE_CLUTCH) == []
 
 
 def test_likelihood_densities_and_moments_never_see_a_simulator() -> None:

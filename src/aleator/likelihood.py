@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.densities import Density, FittedDensity
+from aleator.densities import Density, FittedDensity, FittedMomentDensity
 from aleator.laws import Hyperparameter
 from aleator.moments import Moments, add_normal_noise
 from aleator.propagation import Propagation
@@ -98,6 +98,6 @@ class Likelihood:
             scores[:, -1] += NOISE_REACH * (s.d_upper - s.d_lower)
         return LogLikelihood(s.value, scores, s.status)
 
-    def _fit(self, alpha: Array, moments: Moments) -> FittedDensity:
+    def _fit(self, alpha: Array, moments: Moments) -> FittedMomentDensity:
         margin = NOISE_REACH * float(alpha[-1]) if self.noisy else 0.0
         return self.density.fit(moments, self.lower - margin, self.upper + margin)

@@ -11,6 +11,10 @@ from aleator.densities.interface import (
     FAILED_SOLVE_PENALTY,
     Density,
     FittedDensity,
+    FittedMomentDensity,
+    FittedNodeDensity,
+    NodeDensity,
+    NodeSensitivity,
     Sensitivity,
     Status,
 )
@@ -19,6 +23,10 @@ from aleator.densities.maximum_entropy import MaximumEntropy
 __all__ = [
     "Density",
     "FittedDensity",
+    "FittedMomentDensity",
+    "FittedNodeDensity",
+    "NodeDensity",
+    "NodeSensitivity",
     "Gaussian",
     "MaximumEntropy",
     "FittedGaussian",

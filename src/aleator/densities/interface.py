@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aleator.errors import InputsError
 from aleator.moments import Moments
+from aleator.outcomes import Outcomes
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -93,6 +94,25 @@ class Sensitivity:
     status: Codes
 
 
+@dataclass(frozen=True)
+class NodeSensitivity:
+    """Value for the search at one outcome per experiment, with its partials by the nodes.
+
+    `value` (N,) as in `Sensitivity`; `d_y` and `d_weights` (N, J) are the partial derivatives by
+    the noise-free outcomes at the nodes and by their weights, `d_noise` (N,) by the noise's
+    standard deviation, `d_lower` and `d_upper` (N,) by the ends of the range. Always finite;
+    `status` (N,) holds `Status` codes.
+    """
+
+    value: Array
+    d_y: Array
+    d_weights: Array
+    d_noise: Array
+    d_lower: Array
+    d_upper: Array
+    status: Codes
+
+
 class FittedDensity(Protocol):
     """Densities of the outcomes of N experiments, each with a status.
 
@@ -138,12 +158,23 @@ class FittedDensity(Protocol):
     def entropy(self) -> Array:
         """Differential entropy (N,) in nats."""
 
+
+class FittedMomentDensity(FittedDensity, Protocol):
+    """Densities fitted to moments."""
+
     def sensitivity(self, y: ArrayLike) -> Sensitivity:
         """Value for the search at y (N,) with its partial derivatives."""
 
 
+class FittedNodeDensity(FittedDensity, Protocol):
+    """Densities fitted to the outcomes at the nodes."""
+
+    def node_sensitivity(self, y: ArrayLike) -> NodeSensitivity:
+        """Value for the search at y (N,) with its partial derivatives."""
+
+
 class Density(Protocol):
-    """A choice of density: how many moments it needs, and how it is fitted to them."""
+    """A choice of density that is fitted to moments of the (noisy) outcome."""
 
     @property
     def order(self) -> int:
@@ -153,8 +184,25 @@ class Density(Protocol):
     def name(self) -> str:
         """Name for reports."""
 
-    def fit(self, moments: Moments, lower: ArrayLike, upper: ArrayLike) -> FittedDensity:
+    def fit(self, moments: Moments, lower: ArrayLike, upper: ArrayLike) -> FittedMomentDensity:
         """Fit N densities to the moments on the physical ranges lower, upper (N,)."""
+
+
+class NodeDensity(Protocol):
+    """A choice of density that is fitted to the noise-free outcomes at the nodes themselves."""
+
+    @property
+    def points(self) -> int:
+        """Number of nodes, all parameters together, that its statistics need at least."""
+
+    @property
+    def name(self) -> str:
+        """Name for reports."""
+
+    def fit_nodes(
+        self, outcomes: Outcomes, noise_sd: float, lower: ArrayLike, upper: ArrayLike
+    ) -> FittedNodeDensity:
+        """Fit N densities; lower, upper (N,) is the range of the noise-free outcome."""
 
 
 def check_moments(moments: Moments, order: int, name: str) -> None:
