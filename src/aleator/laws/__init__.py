@@ -7,8 +7,9 @@ from aleator.laws.hyperparameter import (
     Hyperparameter,
     Specification,
     resolve,
+    within,
 )
-from aleator.laws.law import Law, Rule
+from aleator.laws.law import Law, MeanSd, Rule, Standard
 from aleator.laws.normal import Normal
 from aleator.laws.truncated_normal import TruncatedNormal
 
@@ -18,9 +19,12 @@ __all__ = [
     "Free",
     "Hyperparameter",
     "Law",
+    "MeanSd",
     "Normal",
     "Rule",
     "Specification",
+    "Standard",
     "TruncatedNormal",
     "resolve",
+    "within",
 ]

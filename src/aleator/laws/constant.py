@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
-from aleator.laws.law import Array, Rule
+from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve, within
+from aleator.laws.law import Array, MeanSd, Rule, Standard
 
 
 @dataclass(frozen=True)
@@ -62,3 +62,17 @@ class Constant:
     def quantile(self, values: Array, probability: Array) -> Array:
         """The value at every probability."""
         return np.full(probability.shape, values[0])
+
+    def standard(self, values: Array, theta: Array) -> Standard:
+        """The value at every germ, which does not move it."""
+        return Standard(
+            np.full(theta.shape, values[0]), np.zeros(theta.shape), np.ones((theta.size, 1))
+        )
+
+    def mean_and_sd(self, values: Array) -> MeanSd:
+        """The value, and no scatter."""
+        return MeanSd(float(values[0]), 0.0, np.ones(1), np.zeros(1))
+
+    def filling(self, center: float, sd: float | None = None) -> Array:  # noqa: ARG002
+        """The center, within the limits."""
+        return within(self.hyperparameters, [center])

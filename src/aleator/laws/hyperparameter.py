@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
+
+import numpy as np
+from numpy.typing import NDArray
 
 from aleator.errors import InputsError
 
@@ -99,6 +103,20 @@ def resolve(
         "move the start between the limits",
     )
     return Hyperparameter(name, lower, upper, start, free=True, log=positive)
+
+
+def within(
+    hyperparameters: Sequence[Hyperparameter], wanted: Sequence[float]
+) -> NDArray[np.float64]:
+    """The wanted values (k,), each moved into its limits; a fixed one keeps its value.
+
+    >>> within([resolve("mean", Free(0.0, 1.0), (None, None))], [3.0]).tolist()
+    [1.0]
+    """
+    lower = np.array([h.lower for h in hyperparameters])
+    upper = np.array([h.upper for h in hyperparameters])
+    moved: NDArray[np.float64] = np.clip(np.asarray(wanted, dtype=float), lower, upper)
+    return moved
 
 
 def _require(condition: bool, problem: str, remedy: str) -> None:

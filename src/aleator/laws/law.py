@@ -29,6 +29,46 @@ class Rule:
     dweights: Array
 
 
+@dataclass(frozen=True)
+class Standard:
+    """A law as the image x = F^-1(Phi(theta)) of a standard normal germ theta (J,).
+
+    `x` (J,), its derivative by the germ `dtheta` (J,), and by the law's hyperparameters
+    `dvalues` (J, k).
+    """
+
+    x: Array
+    dtheta: Array
+    dvalues: Array
+
+
+@dataclass(frozen=True)
+class MeanSd:
+    """Mean and standard deviation of a law, with derivatives (k,) by its hyperparameters."""
+
+    mean: float
+    sd: float
+    dmean: Array
+    dsd: Array
+
+    @classmethod
+    def of(cls, rule: Rule) -> MeanSd:
+        """Those of a rule of two nodes or more, which are the law's own.
+
+        >>> half = np.array([0.5, 0.5])
+        >>> zero, one = np.zeros((2, 1)), np.ones((2, 1))
+        >>> m = MeanSd.of(Rule(np.array([1.0, 3.0]), half, np.array([-1.0, 1.0]), one, zero))
+        >>> m.mean, m.sd, m.dmean.tolist(), m.dsd.tolist()
+        (2.0, 1.0, [1.0], [0.0])
+        """
+        mean = float(rule.weights @ rule.x)
+        away = rule.x - mean
+        sd = float(rule.weights @ away**2) ** 0.5
+        dmean = rule.weights @ rule.dx + away @ rule.dweights
+        dvariance = 2.0 * (rule.weights * away) @ rule.dx + away**2 @ rule.dweights
+        return cls(mean, sd, dmean, dvariance / (2.0 * sd))
+
+
 class Law(Protocol):
     """A marginal law P_X(alpha) of one parameter.
 
@@ -65,4 +105,19 @@ class Law(Protocol):
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """The quantile of the law at each probability; maps uniform samples to the law."""
+        ...
+
+    def standard(self, values: Array, theta: Array) -> Standard:
+        """The law as the image of a standard normal germ theta (J,), with derivatives."""
+        ...
+
+    def mean_and_sd(self, values: Array) -> MeanSd:
+        """Mean and standard deviation of the law, with derivatives by its hyperparameters."""
+        ...
+
+    def filling(self, center: float, sd: float | None = None) -> Array:
+        """Hyperparameters (k,) of the law of this family about a center, within their limits.
+
+        `sd` None leaves whatever is not a location at its start; a fixed one keeps its value.
+        """
         ...

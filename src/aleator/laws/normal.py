@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
-from aleator.laws.law import Array, Rule
+from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve, within
+from aleator.laws.law import Array, MeanSd, Rule, Standard
 from aleator.polynomials import evaluate, hermite_recurrence
 from aleator.quadrature import gauss_hermite
 
@@ -80,3 +80,17 @@ class Normal:
         theta: Array = special.ndtri(probability)
         x: Array = values[0] + values[1] * theta
         return x
+
+    def standard(self, values: Array, theta: Array) -> Standard:
+        """mean + sd theta."""
+        dvalues = np.stack([np.ones(theta.size), theta], axis=1)
+        return Standard(values[0] + values[1] * theta, np.full(theta.shape, values[1]), dvalues)
+
+    def mean_and_sd(self, values: Array) -> MeanSd:
+        """The two hyperparameters."""
+        return MeanSd(float(values[0]), float(values[1]), np.eye(2)[0], np.eye(2)[1])
+
+    def filling(self, center: float, sd: float | None = None) -> Array:
+        """The center and the sd, within their limits."""
+        spread = self.hyperparameters[1].start if sd is None else sd
+        return within(self.hyperparameters, [center, spread])

@@ -11,8 +11,8 @@ import numpy as np
 from scipy import special
 
 from aleator.errors import InputsError
-from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
-from aleator.laws.law import Array, Rule
+from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve, within
+from aleator.laws.law import Array, MeanSd, Rule, Standard
 from aleator.polynomials import evaluate, hermite_recurrence, stieltjes
 from aleator.quadrature import gauss, gauss_hermite, gauss_legendre
 
@@ -98,25 +98,11 @@ class TruncatedNormal:
 
     def rule(self, values: Array, nodes: int) -> Rule:
         """Gauss rule of the truncated density, or Gauss-Hermite through the clip."""
-        mean, sd = values
-        a, b = self._standard_limits(values)
-        # d(a, b)/d(mean, sd); an infinite end does not move
-        da = np.array([-1.0, -a]) / sd if math.isfinite(a) else np.zeros(2)
-        db = np.array([-1.0, -b]) / sd if math.isfinite(b) else np.zeros(2)
         if self.basis == "own":
-            t, weights, by_end = _own_rule(a, b, nodes)
-            dt = by_end[0][:, :1] * da + by_end[1][:, :1] * db
-            dweights = by_end[0][:, 1:] * da + by_end[1][:, 1:] * db
-            germ = t
-        else:
-            germ, weights = gauss_hermite(nodes)
-            t, by_a, by_b = clip(germ, a, b)
-            dt = by_a[:, None] * da + by_b[:, None] * db
-            dweights = np.zeros((nodes, 2))
-        dx = sd * dt + np.stack([np.ones(nodes), t], axis=1)
-        # rounding must not push a node out of the box
-        x = np.clip(mean + sd * t, *self.box_limits)
-        return Rule(x, weights, germ, dx, dweights)
+            return self._own_rule(values, nodes)
+        germ, weights = gauss_hermite(nodes)
+        image = self.standard(values, germ)
+        return Rule(image.x, weights, germ, image.dvalues, np.zeros((nodes, 2)))
 
     def polynomials(self, values: Array, germ: Array, degree: int) -> Array:
         """Polynomials orthonormal under the truncated density, or Hermite of the germ."""
@@ -129,26 +115,71 @@ class TruncatedNormal:
         """mean + sd t with Phi(t) = (1 - u) Phi(a) + u Phi(b)."""
         a, b = self._standard_limits(values)
         t = _truncated_quantile(np.asarray(probability, dtype=float), a, b)
+        return self._inside(values, t)
+
+    def standard(self, values: Array, theta: Array) -> Standard:
+        """mean + sd t(theta) by the paper's clip."""
+        a, b = self._standard_limits(values)
+        t, by_a, by_b, by_theta = clip(theta, a, b)
+        da, db = self._limits_jac(values)
+        dt = by_a[:, None] * da + by_b[:, None] * db
+        dvalues = values[1] * dt + np.stack([np.ones(theta.size), t], axis=1)
+        return Standard(self._inside(values, t), values[1] * by_theta, dvalues)
+
+    def mean_and_sd(self, values: Array) -> MeanSd:
+        """Mean and sd after truncation, by a Gauss rule that is exact for both."""
+        return MeanSd.of(self._own_rule(values, 2))
+
+    def filling(self, center: float, sd: float | None = None) -> Array:
+        """The center and the sd as those of the normal law before truncation."""
+        spread = self.hyperparameters[1].start if sd is None else sd
+        return within(self.hyperparameters, [center, spread])
+
+    def _own_rule(self, values: Array, nodes: int) -> Rule:
+        t, weights, by_end = _own_rule(*self._standard_limits(values), nodes)
+        da, db = self._limits_jac(values)
+        dt = by_end[0][:, :1] * da + by_end[1][:, :1] * db
+        dweights = by_end[0][:, 1:] * da + by_end[1][:, 1:] * db
+        dx = values[1] * dt + np.stack([np.ones(nodes), t], axis=1)
+        return Rule(self._inside(values, t), weights, t, dx, dweights)
+
+    def _inside(self, values: Array, t: Array) -> Array:
+        # rounding must not push a node out of the box
         x: Array = np.clip(values[0] + values[1] * t, *self.box_limits)
         return x
+
+    def _limits_jac(self, values: Array) -> tuple[Array, Array]:
+        """d(a, b)/d(mean, sd); an infinite end does not move."""
+        a, b = self._standard_limits(values)
+        da = np.array([-1.0, -a]) / values[1] if math.isfinite(a) else np.zeros(2)
+        db = np.array([-1.0, -b]) / values[1] if math.isfinite(b) else np.zeros(2)
+        return da, db
 
     def _standard_limits(self, values: Array) -> tuple[float, float]:
         lower, upper = self.box_limits
         return (lower - values[0]) / values[1], (upper - values[0]) / values[1]
 
 
-def clip(theta: Array, a: float, b: float) -> tuple[Array, Array, Array]:
-    """The paper's clip: t(theta) in [a, b] and its derivatives by a and by b, each (J,).
+def clip(theta: Array, a: float, b: float) -> tuple[Array, Array, Array, Array]:
+    """The paper's clip: t(theta) in [a, b] and its derivatives by a, b and theta, each (J,).
 
     Phi(t) = Phi(a) + Phi(theta) (Phi(b) - Phi(a)), so that
-    phi(t) dt = (1 - u) phi(a) da + u phi(b) db with u = Phi(theta); evaluated in logarithms
-    so that boxes far in a tail keep their digits.
+    phi(t) dt = (1 - u) phi(a) da + u phi(b) db + (Phi(b) - Phi(a)) phi(theta) dtheta with
+    u = Phi(theta); evaluated in logarithms so that boxes far in a tail keep their digits.
     """
     log_u, log_v = special.log_ndtr(theta), special.log_ndtr(-theta)
     t = _truncated_quantile_from_logs(log_u, log_v, a, b)
     by_a = np.exp(log_v + 0.5 * (t - a) * (t + a)) if math.isfinite(a) else np.zeros_like(t)
     by_b = np.exp(log_u + 0.5 * (t - b) * (t + b)) if math.isfinite(b) else np.zeros_like(t)
-    return t, by_a, by_b
+    by_theta = np.exp(_log_mass(a, b) + 0.5 * (t - theta) * (t + theta))
+    return t, by_a, by_b, by_theta
+
+
+def _log_mass(a: float, b: float) -> float:
+    """log(Phi(b) - Phi(a)), of the tail that keeps its digits."""
+    low, high = (-b, -a) if a > -b else (a, b)
+    outer, inner = special.log_ndtr(high), special.log_ndtr(low)
+    return float(outer + np.log1p(-np.exp(inner - outer)))
 
 
 def _truncated_quantile(u: Array, a: float, b: float) -> Array:
