@@ -87,16 +87,15 @@ class _LinearPropagation:
     slope: Array
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:  # noqa: ARG002
-        """Exact for a linear simulator and untruncated laws; the higher moments are normal."""
-        k_total = alpha.size
-        center, spread = self.x0.copy(), np.zeros(self.x0.size)
-        d_center, d_spread = np.zeros((self.x0.size, k_total)), np.zeros((self.x0.size, k_total))
-        for i, part in enumerate(self.inputs.slices):
-            center[i] = alpha[part][0]
-            d_center[i, part.start] = 1.0
-            if part.stop - part.start > 1:
-                spread[i] = alpha[part][1]
-                d_spread[i, part.start + 1] = 1.0
+        """Mean and sd are exact for a linear simulator; the higher moments are normal."""
+        n, k_total = self.x0.size, alpha.size
+        center, spread = np.zeros(n), np.zeros(n)
+        d_center, d_spread = np.zeros((n, k_total)), np.zeros((n, k_total))
+        laws = zip(self.inputs.laws.values(), self.inputs.slices, strict=True)
+        for i, (law, part) in enumerate(laws):
+            own = law.mean_and_sd(alpha[part])
+            center[i], d_center[i, part] = own.mean, own.dmean
+            spread[i], d_spread[i, part] = own.sd, own.dsd
         mean = self.value + self.slope @ (center - self.x0)
         sd = np.sqrt(self.slope**2 @ spread**2)
         safe = np.where(sd > 0.0, sd, 1.0)
