@@ -52,7 +52,7 @@ def median_seconds(work: Callable[[], object], repeats: int) -> float:
 def likelihood_rows(problem: Problem, alpha: np.ndarray) -> list[Row]:
     """One log-likelihood with its score, against the target and against differences of values."""
     likelihood = problem.likelihood
-    exact = median_seconds(lambda: likelihood.search(alpha), 30)
+    exact = median_seconds(lambda: likelihood(alpha), 30)
     value = median_seconds(lambda: likelihood.evaluate(alpha), 30)
     differences = (2 * alpha.size + 1) * value
     target = 25e-3
@@ -73,7 +73,7 @@ def search_rows(problem: Problem) -> list[Row]:
     for starts, target in ((1, 1.5), (10, 10.0)):
         began = time.perf_counter()
         found = GradientMultistart(starts).maximize(
-            likelihood.search, likelihood.hyperparameters, seed=0
+            likelihood, likelihood.hyperparameters, seed=0
         )
         seconds = time.perf_counter() - began
         rows.append(

@@ -44,6 +44,18 @@ class LinearGaussian:
     log_likelihood: float
 
 
+def start_point(inputs: Inputs) -> Array:
+    """The mean (n,) of every law as the search starts it.
+
+    >>> from aleator.laws import Constant, Free, Normal
+    >>> start_point(Inputs({"v": Normal(Free(0.0, 4.0), 1.0), "b": Constant(3.0)})).tolist()
+    [2.0, 3.0]
+    """
+    starts = [np.array([h.start for h in law.hyperparameters]) for law in inputs.laws.values()]
+    laws = zip(inputs.laws.values(), starts, strict=True)
+    return np.array([law.mean_and_sd(values).mean for law, values in laws])
+
+
 def least_squares(
     response: Response,
     condition: NDArray[np.intp],
@@ -135,5 +147,5 @@ def linear_gaussian(
         tuple(hyperparameters),
         noisy,
     )
-    result = search.maximize(likelihood.search, hyperparameters, seed=seed)
+    result = search.maximize(likelihood, hyperparameters, seed=seed)
     return LinearGaussian(result.alpha, result.log_likelihood)

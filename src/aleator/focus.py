@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.baselines import least_squares, linear_gaussian
+from aleator.baselines import least_squares, linear_gaussian, start_point
 from aleator.inference import infer
 from aleator.inputs import Inputs
 from aleator.problem import Model, Problem
@@ -65,7 +65,7 @@ def first_region(runner: Runner, model: Model, outcomes: Array, seed: int) -> Ar
         lambda index, x: runner(first[chosen[index]], x), chosen.size, inputs.box
     )
     hyperparameters = model.hyperparameters
-    start = np.array([hyperparameters[part.start].start for part in inputs.slices])
+    start = np.clip(start_point(inputs), *inputs.box.T)
     fit = least_squares(response, local, outcomes[rows], inputs.box, start)
     linear = linear_gaussian(
         response, inputs, fit.x, local, outcomes[rows], hyperparameters, GradientMultistart(3),
@@ -155,7 +155,7 @@ def _likely_region(problem: Problem, alpha: Array, errors: float = SURE) -> Arra
     size = inputs.slices[-1].stop
     alphas = [alpha[:size]]
     if errors > 0.0:
-        error = infer(problem.likelihood.search, alpha, hyperparameters).standard_error
+        error = infer(problem.likelihood, alpha, hyperparameters).standard_error
         for k in np.flatnonzero(np.isfinite(error[:size])):
             h = hyperparameters[k]
             reach = min(errors * error[k], 0.25 * (h.upper - h.lower))

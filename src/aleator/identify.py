@@ -12,8 +12,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aleator import findings, focus, summary
-from aleator.baselines import LeastSquares, LinearGaussian, least_squares, linear_gaussian
-from aleator.densities import Density, MaximumEntropy
+from aleator.baselines import (
+    LeastSquares,
+    LinearGaussian,
+    least_squares,
+    linear_gaussian,
+    start_point,
+)
+from aleator.densities import Density, MaximumEntropy, NodeDensity
 from aleator.errors import InputsError
 from aleator.experiments import Experiments
 from aleator.identification import Identification
@@ -52,7 +58,7 @@ def identify(
     vectorized: bool = False,
     noise: Noise | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
-    density: Density = DEFAULT_DENSITY,
+    density: Density | NodeDensity = DEFAULT_DENSITY,
     search: Search = DEFAULT_SEARCH,
     verification: MonteCarlo = DEFAULT_VERIFICATION,
     seed: int = 0,
@@ -166,7 +172,7 @@ def _focused_search(
 
 def infer_at(problem: Problem, found: SearchResult) -> tuple[SearchResult, Inference, Profile]:
     """Standard errors and profile intervals; climbs on if the profile meets a better maximum."""
-    objective, hyperparameters = problem.likelihood.search, problem.likelihood.hyperparameters
+    objective, hyperparameters = problem.likelihood, problem.likelihood.hyperparameters
     for _ in range(3):
         inference = infer(objective, found.alpha, hyperparameters)
         profile = profile_intervals(objective, found.alpha, hyperparameters, inference)
@@ -191,10 +197,11 @@ def _search(
     fit, linear = baselines
     hyperparameters = problem.likelihood.hyperparameters
     around = np.array([h.start for h in hyperparameters])
-    for value, part in zip(fit.x, problem.model.inputs.slices, strict=True):
-        around[part.start] = value
+    inputs = problem.model.inputs
+    for law, part, value in zip(inputs.laws.values(), inputs.slices, fit.x, strict=True):
+        around[part] = law.filling(value)
     return search.maximize(
-        problem.likelihood.search,
+        problem.likelihood,
         hyperparameters,
         seed=seed,
         guesses=[*guess, around, linear.alpha],
@@ -204,8 +211,7 @@ def _search(
 
 def _baselines(problem: Problem, search: Search, seed: int) -> tuple[LeastSquares, LinearGaussian]:
     inputs, outcomes = problem.model.inputs, problem.likelihood.outcomes
-    start = np.array([inputs.hyperparameters[part.start].start for part in inputs.slices])
-    start = np.clip(start, *problem.region.T)
+    start = np.clip(start_point(inputs), *problem.region.T)
     fit = least_squares(problem.response, problem.condition, outcomes, problem.region, start)
     linear = linear_gaussian(
         problem.response, inputs, start, problem.condition, outcomes,

@@ -6,6 +6,7 @@ scatter of 0.02 s lose all digits at order 8.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb, factorial
 
@@ -48,6 +49,20 @@ class Moments:
             None if self.sd_jac is None else self.sd_jac[index],
             None if self.standardized_jac is None else self.standardized_jac[index],
         )
+
+
+def joined(parts: Sequence[Moments]) -> Moments:
+    """The moments of several sets of experiments as one set, without jacobians.
+
+    >>> m = weighted_moments(np.array([[1.0, 3.0]]), np.array([0.5, 0.5]), 2)
+    >>> joined([m, m]).mean.tolist()
+    [2.0, 2.0]
+    """
+    return Moments(
+        np.concatenate([part.mean for part in parts]),
+        np.concatenate([part.sd for part in parts]),
+        np.concatenate([part.standardized for part in parts]),
+    )
 
 
 @single_threaded

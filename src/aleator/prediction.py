@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aleator.densities import Density, Status
+from aleator.densities import Density, NodeDensity, Status
 from aleator.errors import InputsError, nearest
 from aleator.experiments import Conditions
 from aleator.focus import own_region
@@ -35,7 +35,7 @@ def predict(
     vectorized: bool = False,
     noise: Noise | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
-    density: Density = DEFAULT_DENSITY,
+    density: Density | NodeDensity = DEFAULT_DENSITY,
     quantiles: tuple[float, ...] = QUANTILES,
     progress: Progress | None = None,
 ) -> pd.DataFrame:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.densities import Density
+from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.inputs import Inputs
 from aleator.laws import Hyperparameter
@@ -43,7 +43,7 @@ class Model:
     inputs: Inputs
     noise: Noise | None
     propagation: ResponseSurface | Collocation
-    density: Density
+    density: Density | NodeDensity
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -106,7 +106,7 @@ def prepare(
         response: Response = Confined(surface, region)
         degree, name = None, "response_surface"
         if chosen.nodes is None:
-            nodes = _enough_nodes(inputs, response, region, nodes, max(model.density.order, 4))
+            nodes = _enough_nodes(inputs, response, region, nodes, _order(model.density))
     else:
         surface = None
         response = DirectResponse(run, count, inputs.box, chosen.difference_step)
@@ -124,6 +124,11 @@ def prepare(
         bool(model.noise),
     )
     return Problem(model, likelihood, response, surface, region, condition, name)
+
+
+def _order(density: Density | NodeDensity) -> int:
+    """Moments that tell whether there are enough nodes: those matched, at least four."""
+    return 4 if isinstance(density, NodeDensity) else max(density.order, 4)
 
 
 def _built(
@@ -166,11 +171,8 @@ def _enough_nodes(inputs: Inputs, response: Response, region: Array, most: int, 
 def _filling(inputs: Inputs, region: Array, share: float) -> Array:
     """alpha of laws in the middle of the region whose sd is its width over `share`."""
     alpha = np.array([h.start for h in inputs.hyperparameters])
-    for part, (low, high) in zip(inputs.slices, region, strict=True):
-        values = [0.5 * (low + high), (high - low) / share]
-        for k, value in zip(range(part.start, part.stop), values, strict=False):
-            h = inputs.hyperparameters[k]
-            alpha[k] = min(max(value, h.lower), h.upper)
+    for law, part, (low, high) in zip(inputs.laws.values(), inputs.slices, region, strict=True):
+        alpha[part] = law.filling(0.5 * (low + high), (high - low) / share)
     return alpha
 
 

@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import InputsError
 from aleator.inputs import Inputs, Nodes
-from aleator.moments import Moments, weighted_moments, weighted_moments_with_gradient
+from aleator.moments import Moments
+from aleator.outcomes import Outcomes
 
 Array = NDArray[np.float64]
 Run = Callable[[NDArray[np.int64], Array], Array]
@@ -39,10 +40,19 @@ class Response(Protocol):
 
 
 class Propagation(Protocol):
-    """alpha (K,) to the moments of the N outcomes, without noise."""
+    """alpha (K,) to what is known of the N outcomes, without noise."""
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
         """Moments up to `order`, with jacobians by alpha if asked for."""
+        ...
+
+
+@runtime_checkable
+class NodePropagation(Propagation, Protocol):
+    """A propagation that knows the outcomes at nodes, as a `NodeDensity` needs them."""
+
+    def outcomes(self, alpha: Array, *, gradient: bool) -> Outcomes:
+        """Outcomes at the nodes of the law, with derivatives by alpha if asked for."""
         ...
 
 
@@ -183,7 +193,7 @@ class Confined:
 
 @dataclass(frozen=True)
 class QuadraturePropagation:
-    """Moments of a response at the nodes of the law.
+    """Outcomes of a response at the nodes of the law, and their moments.
 
     With `degree` None the moments are the plain weighted sums at the nodes; else those of the
     expansion of that degree, integrated exactly (paper, eqs. (quadrature) and (moments)).
@@ -197,26 +207,30 @@ class QuadraturePropagation:
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
         """Moments of the N outcomes, with the derivatives of just what is computed."""
+        outcomes = self.outcomes(alpha, gradient=gradient)
+        if self.degree is not None:
+            outcomes = self._expanded(alpha, order, self.degree, outcomes)
+        return outcomes.moments(order)
+
+    def outcomes(self, alpha: Array, *, gradient: bool) -> Outcomes:
+        """The outcomes of the response at the nodes, whether expanded for the moments or not."""
         nodes = self.inputs.nodes(alpha, self.nodes)
         if not gradient:
-            outcome = self.response.evaluate(nodes.x)
-            if self.degree is None:
-                return weighted_moments(outcome, nodes.weights, order)
-            matrix, weights = self._expansion(alpha, order)
-            return weighted_moments(outcome @ matrix.T, weights, order)
+            return Outcomes(self.response.evaluate(nodes.x), nodes.weights)
         outcome, slope = self.response.evaluate_with_gradient(nodes.x)
-        dy = _along_alpha(slope, nodes)
-        if self.degree is None:
-            return weighted_moments_with_gradient(outcome, nodes.weights, order, dy, nodes.dweights)
-        return self._expansion_moments(alpha, order, outcome, dy)
+        return Outcomes(outcome, nodes.weights, _along_alpha(slope, nodes), nodes.dweights)
 
-    def _expansion(self, alpha: Array, order: int) -> tuple[Array, Array]:
-        assert self.degree is not None
-        return self.inputs.expansion_map(alpha, self.nodes, self.degree, order)
+    def _expanded(self, alpha: Array, order: int, degree: int, outcomes: Outcomes) -> Outcomes:
+        """The expansion through the outcomes, at finer nodes that integrate its powers exactly."""
 
-    def _expansion_moments(self, alpha: Array, order: int, outcome: Array, dy: Array) -> Moments:
-        matrix, weights = self._expansion(alpha, order)
-        dfine = np.einsum("fj,njk->nfk", matrix, dy, optimize=True)
+        def expansion(at: Array) -> tuple[Array, Array]:
+            return self.inputs.expansion_map(at, self.nodes, degree, order)
+
+        matrix, weights = expansion(alpha)
+        fine = outcomes.y @ matrix.T
+        if outcomes.dy is None:
+            return Outcomes(fine, weights)
+        dfine = np.einsum("fj,njk->nfk", matrix, outcomes.dy, optimize=True)
         dweights = np.zeros((weights.size, alpha.size))
         for k, h in enumerate(self.inputs.hyperparameters):
             # a basis that depends on alpha moves too; its map costs no run, so differences serve
@@ -225,12 +239,12 @@ class QuadraturePropagation:
             step = np.zeros_like(alpha)
             step[k] = 1e-5 * (alpha[k] if h.log else h.upper - h.lower)
             (up, weights_up), (down, weights_down) = (
-                self._expansion(alpha + step, order),
-                self._expansion(alpha - step, order),
+                expansion(alpha + step),
+                expansion(alpha - step),
             )
-            dfine[:, :, k] += outcome @ ((up - down) / (2.0 * step[k])).T
+            dfine[:, :, k] += outcomes.y @ ((up - down) / (2.0 * step[k])).T
             dweights[:, k] = (weights_up - weights_down) / (2.0 * step[k])
-        return weighted_moments_with_gradient(outcome @ matrix.T, weights, order, dfine, dweights)
+        return Outcomes(fine, weights, dfine, dweights)
 
 
 def _along_alpha(slope: Array, nodes: Nodes) -> Array:

@@ -158,7 +158,7 @@ def _can_travel(problem: Problem) -> bool:
 def _one(problem: Problem, search: Search, outcomes: Array, seed: int) -> Replicate:
     likelihood = replace(problem.likelihood, outcomes=outcomes)
     problem = replace(problem, likelihood=likelihood)
-    found = search.maximize(likelihood.search, likelihood.hyperparameters, seed=seed)
+    found = search.maximize(likelihood, likelihood.hyperparameters, seed=seed)
     found, _, profile = infer_at(problem, found)
     return Replicate(found.alpha, profile.intervals, found.log_likelihood, found.converged)
 

@@ -16,7 +16,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from aleator.densities import Density, Gaussian, MaximumEntropy
+from aleator.densities import Density, Gaussian, MaximumEntropy, NodeDensity
 from aleator.errors import nearest
 from aleator.experiments import Transform
 from aleator.laws import Constant, Free, Law, Normal, Specification, TruncatedNormal
@@ -231,7 +231,7 @@ class DensitySection(Section):
             )
         return self
 
-    def build(self) -> Density:
+    def build(self) -> Density | NodeDensity:
         """The library's choice."""
         return Gaussian() if self.kind == "gaussian" else MaximumEntropy(self.order)
 

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from aleator.densities import Density
+from aleator.densities import Density, NodeDensity
 from aleator.errors import AleatorError, SimulatorError, StudyError, nearest
 from aleator.experiments import Conditions, Experiments
 from aleator.inputs import Inputs
@@ -44,7 +44,7 @@ class Study:
     inputs: Inputs
     noise: Noise | None
     propagation: ResponseSurface | Collocation
-    density: Density
+    density: Density | NodeDensity
     search: GradientMultistart
     verification: MonteCarlo
     table: ExperimentsSection

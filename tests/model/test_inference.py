@@ -36,14 +36,12 @@ LINE = Problem(
 def maximized(problem: Problem, y: Array) -> tuple[Likelihood, SearchResult, Inference]:
     """The maximum, and what is inferred there."""
     likelihood = problem.likelihood(y, Gaussian())
-    found = GradientMultistart(3).maximize(likelihood.search, problem.hyperparameters, seed=0)
-    return likelihood, found, infer(likelihood.search, found.alpha, problem.hyperparameters)
+    found = GradientMultistart(3).maximize(likelihood, problem.hyperparameters, seed=0)
+    return likelihood, found, infer(likelihood, found.alpha, problem.hyperparameters)
 
 
 def intervals(likelihood: Likelihood, found: SearchResult, inference: Inference) -> Array:
-    profile = profile_intervals(
-        likelihood.search, found.alpha, likelihood.hyperparameters, inference
-    )
+    profile = profile_intervals(likelihood, found.alpha, likelihood.hyperparameters, inference)
     assert profile.better is None
     return profile.intervals
 
@@ -87,9 +85,9 @@ def test_the_observed_information_is_the_second_derivative() -> None:
     y = BINDING.draw(3)
     likelihood = BINDING.likelihood(y)
     alpha, free = BINDING.alpha, np.array([0, 1])
-    scores = likelihood.search(alpha).scores
+    scores = likelihood(alpha).scores
     assert scores is not None
-    found = observed_information(likelihood.search, alpha, BINDING.hyperparameters, free, scores)
+    found = observed_information(likelihood, alpha, BINDING.hyperparameters, free, scores)
 
     def total(*p: float) -> float:
         return float(BINDING.log_density(np.array(p), BINDING.z, y).sum())
@@ -140,7 +138,7 @@ def test_the_sandwich_tells_the_true_scatter_of_the_estimate_and_the_hessian_doe
         y = 1.0 + 2.0 * problem.z + true_sd * rng.standard_normal(100)
         coefficients = np.linalg.lstsq(design, y)[0]
         alpha = np.array([*coefficients, np.sqrt(np.mean((y - design @ coefficients) ** 2))])
-        objective = problem.likelihood(y, Gaussian()).search
+        objective = problem.likelihood(y, Gaussian())
         inference = infer(objective, alpha, problem.hyperparameters)
         robust.append(inference.sandwich_error[1])
         naive.append(inference.standard_error[1])
@@ -159,8 +157,8 @@ def test_sandwich_and_hessian_agree_where_the_model_is_right() -> None:
 
 def maximized_by_moments(problem: Problem, y: Array) -> tuple[Likelihood, SearchResult, Inference]:
     likelihood = problem.likelihood(y)
-    found = GradientMultistart(2).maximize(likelihood.search, problem.hyperparameters, seed=0)
-    return likelihood, found, infer(likelihood.search, found.alpha, problem.hyperparameters)
+    found = GradientMultistart(2).maximize(likelihood, problem.hyperparameters, seed=0)
+    return likelihood, found, infer(likelihood, found.alpha, problem.hyperparameters)
 
 
 def test_the_distance_to_the_maximum_is_told_away_from_it() -> None:
@@ -170,7 +168,7 @@ def test_the_distance_to_the_maximum_is_told_away_from_it() -> None:
     likelihood, found, inference = maximized(problem, y)
     moved = found.alpha.copy()
     moved[0] += 0.25 * inference.standard_error[0]
-    away = infer(likelihood.search, moved, problem.hyperparameters)
+    away = infer(likelihood, moved, problem.hyperparameters)
     assert away.edm == pytest.approx(1.0 / 32.0, rel=0.02)
     drop = found.log_likelihood - likelihood.evaluate(moved).total
     assert away.edm == pytest.approx(drop, rel=0.02)
@@ -281,10 +279,10 @@ def test_the_profile_tells_of_a_better_maximum() -> None:
     y = problem.draw(12)
     likelihood, found, inference = maximized(problem, y)
     start = found.alpha + np.array([1.2, 0.0]) * inference.standard_error[0]
-    wrong = infer(likelihood.search, start, problem.hyperparameters)
-    profile = profile_intervals(likelihood.search, start, problem.hyperparameters, wrong)
+    wrong = infer(likelihood, start, problem.hyperparameters)
+    profile = profile_intervals(likelihood, start, problem.hyperparameters, wrong)
     assert profile.better is not None
-    assert likelihood.search(profile.better).total > likelihood.search(start).total + 0.01
+    assert likelihood(profile.better).total > likelihood(start).total + 0.01
 
 
 # ------------------------------------------------------------------------------ weak directions
@@ -351,9 +349,9 @@ def test_an_uncertain_standard_deviation_is_named() -> None:
     likelihood = problem.likelihood(y)
     alpha = np.array([1.0, 0.7, 0.0, 0.25, 0.3])
     found = GradientMultistart(3).maximize(
-        likelihood.search, problem.hyperparameters, seed=0, guesses=[alpha]
+        likelihood, problem.hyperparameters, seed=0, guesses=[alpha]
     )
-    inference = infer(likelihood.search, found.alpha, problem.hyperparameters)
+    inference = infer(likelihood, found.alpha, problem.hyperparameters)
     sentences = weak_directions(inference, found.alpha, problem.hyperparameters)
     on_limit = inference.at_bound[3] is not None
     assert on_limit or any(text.startswith("u.sd = ") for text in sentences)

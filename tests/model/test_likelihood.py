@@ -44,7 +44,7 @@ def score_by_differences(likelihood: Likelihood, alpha: Array, free: Array) -> A
         for s in (-2, -1, 1, 2):
             moved = alpha.copy()
             moved[k] += s * h
-            ends.append(likelihood.search(moved).each)
+            ends.append(likelihood(moved).each)
         columns.append((8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12.0 * h))
     return np.stack(columns, axis=1)
 
@@ -97,7 +97,7 @@ def test_the_score_is_that_of_differences(problem, density) -> None:
     """Seven outcomes of the law, at an alpha that is not a maximum; with and without noise."""
     y = problem.draw(5)
     likelihood = problem.likelihood(y, density)
-    found = likelihood.search(problem.alpha)
+    found = likelihood(problem.alpha)
     assert np.all(found.status == Status.SOLVED)
     assert found.scores is not None
     expected = score_by_differences(likelihood, problem.alpha, problem.free)
@@ -110,7 +110,7 @@ def test_the_score_is_that_of_differences(problem, density) -> None:
 def test_the_score_of_a_normal_sample_is_its_closed_form() -> None:
     y = SAMPLE.draw(6)
     mean, sd = SAMPLE.alpha
-    found = SAMPLE.likelihood(y).search(SAMPLE.alpha)
+    found = SAMPLE.likelihood(y)(SAMPLE.alpha)
     assert found.scores is not None
     np.testing.assert_allclose(found.scores[:, 0], (y - mean) / sd**2, rtol=1e-8, atol=1e-8)
     np.testing.assert_allclose(
@@ -128,7 +128,7 @@ def test_the_score_through_collocation_is_that_of_differences(problem, degree) -
     likelihood = replace(
         exact, propagation=QuadraturePropagation(problem.inputs, response, 5, degree)
     )
-    found = likelihood.search(problem.alpha)
+    found = likelihood(problem.alpha)
     assert found.scores is not None
     expected = score_by_differences(likelihood, problem.alpha, problem.free)
     scale = np.abs(expected).max(axis=0)
@@ -140,7 +140,7 @@ def test_the_score_holds_outside_the_support_too(order) -> None:
     """An outcome beyond what the law reaches: the continuation has its own exact score."""
     y = BINDING.z * np.array([0.5, -0.02, 1.03, 1.5, -0.7, 0.2, 1.2])
     likelihood = BINDING.likelihood(y, MaximumEntropy(order))
-    found = likelihood.search(BINDING.alpha)
+    found = likelihood(BINDING.alpha)
     assert np.count_nonzero(found.status == Status.OUTSIDE_SUPPORT) == 5
     assert found.scores is not None
     expected = score_by_differences(likelihood, BINDING.alpha, BINDING.free)
@@ -154,8 +154,8 @@ def test_the_score_holds_outside_the_support_too(order) -> None:
 @given(turn=st.permutations(range(7)), problem=st.sampled_from([GROWTH, NOISY]))
 def test_the_order_of_experiments_does_not_matter(turn, problem) -> None:
     y, index = problem.draw(8), np.array(turn)
-    one = problem.likelihood(y).search(problem.alpha)
-    other = replace(problem, z=problem.z[index]).likelihood(y[index]).search(problem.alpha)
+    one = problem.likelihood(y)(problem.alpha)
+    other = replace(problem, z=problem.z[index]).likelihood(y[index])(problem.alpha)
     np.testing.assert_allclose(other.each, one.each[index], rtol=1e-10, atol=1e-10)
     assert other.total == pytest.approx(one.total, abs=1e-9)
     np.testing.assert_allclose(other.score, one.score, rtol=1e-8, atol=1e-8)
@@ -178,7 +178,7 @@ def test_repeated_conditions_count_as_distinct_copies() -> None:
         few.hyperparameters,
         noisy=True,
     )
-    one, other = apart.search(NOISY.alpha), shared.search(NOISY.alpha)
+    one, other = apart(NOISY.alpha), shared(NOISY.alpha)
     np.testing.assert_allclose(other.each, one.each, rtol=1e-13)
     assert one.scores is not None
     assert other.scores is not None
@@ -200,8 +200,8 @@ def test_another_unit_of_the_outcome_shifts_the_value_only(factor) -> None:
         return ends if factor > 0 else ends[::-1]
 
     other = replace(GROWTH, eta=scaled, limits=limits)
-    one = GROWTH.likelihood(y).search(GROWTH.alpha)
-    two = other.likelihood(factor * y).search(GROWTH.alpha)
+    one = GROWTH.likelihood(y)(GROWTH.alpha)
+    two = other.likelihood(factor * y)(GROWTH.alpha)
     np.testing.assert_allclose(two.each, one.each - np.log(abs(factor)), atol=1e-8)
     np.testing.assert_allclose(two.score, one.score, rtol=1e-6)
 
@@ -210,7 +210,7 @@ def test_search_and_evaluate_agree_where_every_density_is_solved() -> None:
     for problem in PROBLEMS:
         y = problem.draw(11)
         likelihood = problem.likelihood(y)
-        found = likelihood.search(problem.alpha)
+        found = likelihood(problem.alpha)
         honest = likelihood.evaluate(problem.alpha)
         np.testing.assert_allclose(found.each, honest.each, rtol=1e-10, atol=1e-10)
         assert honest.scores is None
@@ -241,7 +241,7 @@ def assert_never_above(found: LogLikelihood, honest: LogLikelihood, edge: Array)
 def test_the_search_never_sees_more_than_the_honest_density(mean, sd, y, order) -> None:
     alpha, outcomes = np.array([mean, 10.0**sd]), np.array(y)
     likelihood = BINDING.likelihood(outcomes, MaximumEntropy(order))
-    found, honest = likelihood.search(alpha), likelihood.evaluate(alpha)
+    found, honest = likelihood(alpha), likelihood.evaluate(alpha)
     assert np.isfinite(found.each).all()
     assert found.scores is not None
     assert np.isfinite(found.scores).all()
@@ -258,7 +258,7 @@ def test_the_edge_of_the_support_gives_no_likelihood_away(order) -> None:
     likelihood = BINDING.likelihood(y, MaximumEntropy(order))
     for sd in np.geomspace(0.01, 1.0, 9):
         alpha = np.array([0.9, sd])
-        found = likelihood.search(alpha)
+        found = likelihood(alpha)
         edge = BINDING.log_density(alpha, BINDING.z, BINDING.z)
         # far in the tail the density of three and more moments is what its moments tell, not exact
         near = edge > -20.0
@@ -272,7 +272,7 @@ def test_a_tiny_sd_is_punished_without_limit(order) -> None:
     y = SAMPLE.alpha[0] + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
     likelihood = SAMPLE.likelihood(y, MaximumEntropy(order))
     sds = np.array([0.05, 1e-2, 1e-3, 1e-5, 1e-8])
-    totals = [likelihood.search(np.array([1.0, sd])).total for sd in sds]
+    totals = [likelihood(np.array([1.0, sd])).total for sd in sds]
     honest = [likelihood.evaluate(np.array([1.0, sd])).total for sd in sds]
     best = SAMPLE.log_density(np.array([1.0, 0.5 / 7.0**0.5]), SAMPLE.z, y).sum()
     assert np.all(np.diff(totals) < 0.0)
@@ -285,12 +285,12 @@ def test_no_scatter_at_all_is_a_status_and_a_very_small_value() -> None:
     """Six experiments react to x, the one with z = 0 does not: without noise it has no density."""
     problem = replace(BINDING, z=np.array([0.0, 0.5, 1.0, 1.5]))
     y = np.array([0.0, 0.3, 0.8, 1.2])
-    found = problem.likelihood(y).search(BINDING.alpha)
+    found = problem.likelihood(y)(BINDING.alpha)
     assert found.status.tolist() == [Status.DEGENERATE, *[Status.SOLVED] * 3]
     assert found.each[0] == DEGENERATE_VALUE
     assert problem.likelihood(y).evaluate(BINDING.alpha).each[0] == -np.inf
     noisy = replace(NOISY, z=problem.z)
-    assert np.all(noisy.likelihood(y).search(NOISY.alpha).status == Status.SOLVED)
+    assert np.all(noisy.likelihood(y)(NOISY.alpha).status == Status.SOLVED)
 
 
 def test_a_failed_solve_costs_more_than_its_fallback_gains() -> None:
@@ -309,7 +309,7 @@ def test_a_failed_solve_costs_more_than_its_fallback_gains() -> None:
         noisy=False,
     )
     alpha = np.array([0.0, 1.0])
-    found, honest = likelihood.search(alpha), likelihood.evaluate(alpha)
+    found, honest = likelihood(alpha), likelihood.evaluate(alpha)
     assert found.status[0] == Status.NOT_REALIZABLE
     assert found.each[0] <= honest.each[0] - FAILED_SOLVE_PENALTY + 1e-12
 
@@ -324,6 +324,6 @@ def test_the_best_of_many_alphas_is_an_honest_one() -> None:
         exact = -np.inf
         for _ in range(130):
             alpha = np.array([rng.uniform(-0.5, 1.5), 10.0 ** rng.uniform(-2.0, 0.0)])
-            best = max(best, likelihood.search(alpha).total)
+            best = max(best, likelihood(alpha).total)
             exact = max(exact, BINDING.log_density(alpha, BINDING.z, y).sum())
         assert best <= exact + 1e-6

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -188,6 +188,7 @@ class Density(Protocol):
         """Fit N densities to the moments on the physical ranges lower, upper (N,)."""
 
 
+@runtime_checkable
 class NodeDensity(Protocol):
     """A choice of density that is fitted to the noise-free outcomes at the nodes themselves."""
 
