@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import InputsError
+from aleator.indices import total_degree
 from aleator.laws import Hyperparameter, Law, Rule
-from aleator.polynomials import total_degree
 from aleator.quadrature import tensor
 from aleator.threads import single_threaded
 

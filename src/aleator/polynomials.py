@@ -1,4 +1,4 @@
-"""Orthonormal polynomials by their three-term recurrence, and sets of multi-indices.
+"""Orthonormal polynomials by their three-term recurrence.
 
 Every family is known by the coefficients of
     sqrt(b_(k+1)) p_(k+1)(t) = (t - a_k) p_k(t) - sqrt(b_k) p_(k-1)(t),   p_0 = 1,
@@ -6,8 +6,6 @@ for a weight that integrates to one (Gautschi, Orthogonal Polynomials, 2004, sec
 """
 
 from __future__ import annotations
-
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,16 +66,3 @@ def evaluate(a: Array, b: Array, t: Array, degree: int) -> Array:
         previous = np.sqrt(b[k]) * values[:, k - 1] if k else 0.0
         values[:, k + 1] = ((t - a[k]) * values[:, k] - previous) / np.sqrt(b[k + 1])
     return values
-
-
-def total_degree(limits: tuple[int, ...], degree: int) -> NDArray[np.int64]:
-    """Multi-indices (p, n) with sum at most `degree` and entry k at most limits[k].
-
-    Without limits p = (n + d)!/(n! d!), the paper's set of the d-th order expansion.
-
-    >>> total_degree((2, 2), 2).tolist()
-    [[0, 0], [0, 1], [1, 0], [0, 2], [1, 1], [2, 0]]
-    """
-    ranges = [range(min(limit, degree) + 1) for limit in limits]
-    indices = [index for index in product(*ranges) if sum(index) <= degree]
-    return np.array(sorted(indices, key=lambda index: (sum(index), index)), dtype=np.int64)

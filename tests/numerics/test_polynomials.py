@@ -1,4 +1,4 @@
-"""Recurrences, Gauss rules and index sets against families that are known in closed form."""
+"""Recurrences and Gauss rules against families that are known in closed form."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from aleator.polynomials import evaluate, hermite_recurrence, stieltjes, total_degree
+from aleator.polynomials import evaluate, hermite_recurrence, stieltjes
 from aleator.quadrature import gauss, gauss_hermite, gauss_legendre, tensor
 
 
@@ -78,21 +78,6 @@ def test_gauss_of_a_batch_is_that_of_each() -> None:
         alone = gauss(a[row], b[row])
         np.testing.assert_allclose(nodes[row], alone[0], atol=1e-15)
         np.testing.assert_allclose(weights[row], alone[1], atol=1e-15)
-
-
-@pytest.mark.parametrize(("n", "degree"), [(1, 5), (2, 4), (3, 3), (4, 2)])
-def test_the_total_degree_set_has_the_size_of_the_paper(n, degree) -> None:
-    indices = total_degree((degree,) * n, degree)
-    assert len(indices) == math.comb(n + degree, degree)
-    assert len({tuple(row) for row in indices.tolist()}) == len(indices)
-    assert indices.sum(axis=1).max() == degree
-    assert indices[0].tolist() == [0] * n
-    assert np.all(np.diff(indices.sum(axis=1)) >= 0)
-
-
-def test_limits_cut_the_index_set() -> None:
-    rows = {tuple(row) for row in total_degree((3, 0, 1), 3).tolist()}
-    assert rows == {i for i in product(range(4), range(1), range(2)) if sum(i) <= 3}
 
 
 def test_tensor_counts_every_combination_once_the_last_fastest() -> None:
