@@ -1,7 +1,16 @@
 """Searches for the alpha of largest log-likelihood: one interface, one file each."""
 
 from aleator.search.gradient import GradientMultistart
-from aleator.search.interface import Ascent, Objective, Optimum, Search, SearchResult
+from aleator.search.interface import (
+    Ascent,
+    Objective,
+    Optimum,
+    Scored,
+    Search,
+    SearchResult,
+    Step,
+    objective_of,
+)
 from aleator.search.newton import ascend
 
 __all__ = [
@@ -9,7 +18,10 @@ __all__ = [
     "GradientMultistart",
     "Objective",
     "Optimum",
+    "Scored",
     "Search",
     "SearchResult",
+    "Step",
     "ascend",
+    "objective_of",
 ]

@@ -14,7 +14,7 @@ from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.progress import Progress, Silent
 from aleator.search.coordinates import Coordinates
-from aleator.search.interface import Ascent, Objective, Optimum, SearchResult
+from aleator.search.interface import Ascent, Optimum, Scored, SearchResult
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class GradientMultistart:
 
     def maximize(
         self,
-        objective: Objective,
+        objective: Scored,
         hyperparameters: Sequence[Hyperparameter],
         *,
         seed: int,
@@ -88,7 +88,7 @@ class GradientMultistart:
             known += list(0.05 + 0.9 * points)
         return known[: self.starts]
 
-    def _climb(self, objective: Objective, coordinates: Coordinates, u0: Array) -> Ascent:
+    def _climb(self, objective: Scored, coordinates: Coordinates, u0: Array) -> Ascent:
         start = coordinates.to_alpha(u0)
         first = objective(start)
         assert first.scores is not None
@@ -131,7 +131,7 @@ class _SpentError(Exception):
     """All evaluations of a start are used up."""
 
 
-def _gathered(ascents: list[Ascent], ends: list[Array], objective: Objective) -> SearchResult:
+def _gathered(ascents: list[Ascent], ends: list[Array], objective: Scored) -> SearchResult:
     """Distinct optima: ends that differ in value or in place, measured in standard errors."""
     order = sorted(range(len(ascents)), key=lambda k: -ascents[k].log_likelihood)
     groups: list[tuple[Ascent, Array, int]] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,43 @@ from aleator.likelihood import LogLikelihood
 from aleator.progress import Progress
 
 Array = NDArray[np.float64]
-Objective = Callable[[Array], LogLikelihood]
+Scored = Callable[[Array], LogLikelihood]
+"""The log-likelihood at one alpha (K,), with its score: all that a search needs to work."""
+
+
+@runtime_checkable
+class Objective(Protocol):
+    """What searches maximize: one alpha with its score, or the values of many alphas at once."""
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        """The log-likelihood at alpha (K,) with its score."""
+
+    def values(self, alphas: Array) -> Array:
+        """The totals (A,) of the same log-likelihood at alphas (A, K), without scores."""
+
+
+@dataclass(frozen=True)
+class _Looped:
+    """A plain function as an Objective."""
+
+    function: Scored
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        return self.function(alpha)
+
+    def values(self, alphas: Array) -> Array:
+        return np.array([self.function(alpha).total for alpha in alphas], dtype=np.float64)
+
+
+def objective_of(function: Objective | Scored) -> Objective:
+    """The function itself where it is an Objective, else one whose `values` calls it in a loop.
+
+    >>> def log_likelihood(alpha):
+    ...     return LogLikelihood(-(alpha**2), -2.0 * alpha[None, :], np.zeros(1, dtype=int))
+    >>> objective_of(log_likelihood).values(np.array([[1.0], [2.0]])).tolist()
+    [-1.0, -4.0]
+    """
+    return function if isinstance(function, Objective) else _Looped(function)
 
 
 @dataclass(frozen=True)
@@ -38,17 +74,30 @@ class Optimum:
 
 
 @dataclass(frozen=True)
+class Step:
+    """A best log-likelihood so far, and the evaluations and seconds after which it was known."""
+
+    evaluations: int
+    seconds: float
+    log_likelihood: float
+
+
+@dataclass(frozen=True)
 class SearchResult:
-    """The best alpha (K,), all starts, and the distinct optima, best first."""
+    """The best alpha (K,), all starts, and the distinct optima, best first.
+
+    `trace` has a Step for every improvement; its seconds are all that a seed does not reproduce.
+    """
 
     alpha: Array
     log_likelihood: float
     ascents: tuple[Ascent, ...]
     optima: tuple[Optimum, ...]
+    trace: tuple[Step, ...] = ()
 
     @property
     def evaluations(self) -> int:
-        """Evaluations of the log-likelihood with its score, all starts together."""
+        """Evaluations of the log-likelihood, with its score or without, all starts together."""
         return sum(ascent.evaluations for ascent in self.ascents)
 
     @property
@@ -60,20 +109,27 @@ class SearchResult:
     def improved(self, alpha: Array, log_likelihood: float) -> SearchResult:
         """The result with a better optimum in front, met after the starts had ended."""
         optimum = Optimum(alpha, log_likelihood, starts=0)
-        return SearchResult(alpha, log_likelihood, self.ascents, (optimum, *self.optima))
+        optima = (optimum, *self.optima)
+        return SearchResult(alpha, log_likelihood, self.ascents, optima, self.trace)
 
 
 class Search(Protocol):
     """A way to maximize the log-likelihood over the free hyperparameters within their limits."""
 
+    @property
+    def name(self) -> str:
+        """How reports and comparisons name this choice."""
+
     def maximize(
         self,
-        objective: Objective,
+        objective: Objective | Scored,
         hyperparameters: Sequence[Hyperparameter],
         *,
         seed: int,
         guesses: Sequence[Array] = (),
         progress: Progress | None = None,
     ) -> SearchResult:
-        """Search from the hyperparameters' start, the guesses (K,), and points of its own."""
-        ...
+        """Search from the hyperparameters' start, the guesses (K,), and points of its own.
+
+        A plain function of alpha does for an objective; a population is then a loop over it.
+        """

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.laws import Hyperparameter
-from aleator.search.interface import Objective
+from aleator.search.interface import Scored
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -19,7 +19,7 @@ STEPS = 40
 
 
 def ascend(
-    objective: Objective,
+    objective: Scored,
     alpha: Array,
     hyperparameters: Sequence[Hyperparameter],
     moving: Indices,
