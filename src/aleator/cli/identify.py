@@ -1,0 +1,111 @@
+"""`aleator identify`."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+
+from aleator.cli.program import FILE, SEED, identified, main, name_of, outcome_of, say, shown
+from aleator.plot import save_figures
+from aleator.report import documents, terminal
+from aleator.simulate import keeping
+from aleator.study import load_study
+
+RUNS = "runs.csv"
+IDENTIFICATION = "identification.json"
+
+
+@main.command()
+@click.argument("study", type=FILE, metavar="STUDY.toml")
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Folder of the results [default: out/ and the name of the study's folder].",
+)
+@SEED
+@click.option(
+    "--starts", type=click.IntRange(min=1), help="Starts of the search [default: the study's]."
+)
+@click.option("--no-verify", is_flag=True, help="Leave out the Monte Carlo check on the simulator.")
+@click.option("--keep-runs", is_flag=True, help=f"Write DIR/{RUNS} also when all goes well.")
+@click.option("--no-figures", is_flag=True, help="Draw no figures.")
+@click.option("--quiet", is_flag=True, help="Print neither progress nor report, only errors.")
+def identify(
+    study: Path,
+    output: Path | None,
+    seed: int | None,
+    starts: int | None,
+    no_verify: bool,
+    keep_runs: bool,
+    no_figures: bool,
+    quiet: bool,
+) -> None:
+    """Identify the law that STUDY.toml asks for.
+
+    Prints a report and writes DIR/identification.json; for one seed that file is always the same,
+    but for its "seconds". Draws DIR/experiments.png (each outcome in its predicted distribution)
+    and DIR/calibration.png if matplotlib is installed. Progress goes to the standard error.
+
+    Every completed run of the simulator is kept: if a run fails, or Ctrl-C comes, the runs are
+    written to DIR/runs.csv, and the next identification into DIR does not repeat them as long as
+    simulator, conditions and parameters are the same. Only the simulator's own package or folder
+    is looked at for that: delete the file if anything else that matters has changed.
+
+    \b
+    A study file (paths are relative to it; all keys but these have defaults):
+      [experiments]
+      file = "experiments.csv"      # a header, then a row for each experiment
+      outcome = "shifting_time"     # the measured column; the others are conditions
+      [simulator]
+      function = "model.py:shifting_time"   # takes conditions and parameters by name
+      [parameters.friction]
+      law = "truncated_normal"
+      box = [0.05, 0.20]
+
+    \b
+    Further keys, with their defaults:
+      title = "", seed = 0
+      [experiments] id = "id", conditions = every other column, transform = "none" or "log"
+                    (both outcomes, measured and simulated, are then in the original unit),
+                    delimiter = ",", decimal = "."
+      [simulator]   vectorized = false: called once a run with numbers; true: with arrays
+      [parameters.NAME] law = "truncated_normal" (box, mean, sd), "normal" (mean, sd) or
+                    "constant" (value); each a number, or to be identified within
+                    {lower = ..., upper = ..., start = ...}
+      [noise]       sd: normal measurement noise, a number or {lower = ..., upper = ...}
+      [propagation] method = "response_surface" (tolerance = 0.005, max_runs = 1000, nodes)
+                    or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
+      [density]     kind = "maximum_entropy" (order = 4) or "gaussian"
+      [search]      starts = 10
+      [verification] samples = 1000 simulator runs an experiment; 0 = off
+    """
+    value = load_study(study).overridden(seed, starts, verified=not no_verify)
+    folder = output or Path("out") / name_of(study)
+    documents.make_folder(folder)
+    runner = value.runner()
+    with keeping(runner, folder / RUNS, say), shown(quiet) as progress:
+        result = identified(value, runner, progress)
+    if keep_runs:
+        runner.save(folder / RUNS)
+    document = documents.linked(
+        result.to_dict(), value.title, study, value.sha256, outcome_of(value), folder
+    )
+    documents.write_json(document, folder / IDENTIFICATION)
+    files = [str(folder / IDENTIFICATION), *([str(folder / RUNS)] if keep_runs else [])]
+    if not no_figures:
+        files += _figures(document, folder)
+    if not quiet:
+        Console().print(terminal.render(document, files))
+
+
+def _figures(document: dict[str, Any], folder: Path) -> list[str]:
+    """Draw the figures, or say what they need."""
+    if importlib.util.find_spec("matplotlib") is None:
+        say("no figures are drawn: they need matplotlib, pip install 'aleator[plot]'")
+        return []
+    return [str(path) for path in save_figures(document, folder)]

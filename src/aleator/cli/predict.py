@@ -1,0 +1,70 @@
+"""`aleator predict`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from aleator.cli.program import FILE, main, outcome_of, shown
+from aleator.prediction import predict as predict_outcomes
+from aleator.report import documents, terminal
+from aleator.study import load_study
+
+
+@main.command()
+@click.argument("identification", type=FILE, metavar="IDENTIFICATION.json")
+@click.option(
+    "--conditions",
+    type=FILE,
+    required=True,
+    metavar="NEW.csv",
+    help="Table of new conditions, written as the study's table is; it needs no outcomes.",
+)
+@click.option(
+    "--output", type=FILE, metavar="FILE.csv", help="Write the predictions there, not printed."
+)
+@click.option(
+    "--study",
+    type=FILE,
+    metavar="STUDY.toml",
+    help="The study file, if it is no longer where the identification says.",
+)
+@click.option("--quiet", is_flag=True, help="Do not show progress.")
+def predict(
+    identification: Path, conditions: Path, output: Path | None, study: Path | None, quiet: bool
+) -> None:
+    """Predict the outcome's distribution for conditions that were never tested.
+
+    Takes the law from IDENTIFICATION.json and the simulator from its study file. For each row of
+    NEW.csv: mean, standard deviation, skewness, kurtosis and quantiles of the outcome as it would
+    be measured, noise included; of its logarithm where the study says transform = "log". A file
+    holds the conditions too.
+    """
+    document = documents.read_json(identification)
+    alpha = documents.estimates(document, identification)
+    value = load_study(study or documents.study_file(document, identification))
+    if value.sha256 != (document.get("study") or {}).get("sha256"):
+        click.echo(f"aleator: note: {value.file} has changed since the identification", err=True)
+    table = value.read_conditions(conditions)
+    with shown(quiet) as progress:
+        progress.stage("prediction")
+        runner = value.runner(table)
+        found = predict_outcomes(
+            runner,
+            table,
+            value.inputs,
+            alpha,
+            noise=value.noise,
+            propagation=value.propagation,
+            density=value.density,
+            progress=progress,
+        )
+    if output is not None:
+        for name in reversed([name for name in table.conditions if name not in found]):
+            found.insert(1, name, table.conditions[name].to_numpy())
+        documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
+        click.echo(f"Written: {output}")
+    else:
+        Console().print(terminal.render_predictions(found.to_dict("list"), outcome_of(value)))

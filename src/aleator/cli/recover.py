@@ -1,0 +1,117 @@
+"""`aleator recover`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from aleator.cli.program import FILE, SEED, identified, main, shown
+from aleator.errors import AleatorError, nearest
+from aleator.progress import Progress
+from aleator.recovery import recover as recover_law
+from aleator.report import documents, recovery
+from aleator.simulate import Runner
+from aleator.study import Study, load_study
+
+
+@main.command()
+@click.argument("study", type=FILE, metavar="STUDY.toml")
+@click.option(
+    "--replicates",
+    type=click.IntRange(min=2),
+    default=40,
+    show_default=True,
+    help="Number of virtual data sets.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Processes that identify at once; the answer is the same [default: one a core].",
+)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Write DIR/recovery.json, with every replicate.",
+)
+@SEED
+@click.option(
+    "--law",
+    type=FILE,
+    metavar="IDENTIFICATION.json",
+    help="Take the true law from there [default: the study is identified first].",
+)
+@click.option(
+    "--truth",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="The true value of one hyperparameter, such as v.sd=0.03; may be given several times.",
+)
+@click.option("--quiet", is_flag=True, help="Do not show progress.")
+def recover(
+    study: Path,
+    replicates: int,
+    workers: int | None,
+    output: Path | None,
+    seed: int | None,
+    law: Path | None,
+    truth: tuple[str, ...],
+    quiet: bool,
+) -> None:
+    """Check that the method finds a law that is known.
+
+    Draws virtual outcomes of the study's experiments from the simulator under a true law,
+    identifies each virtual data set as if it were measured, and tells for each hyperparameter the
+    bias with its Monte Carlo error, the scatter, and how often the 95 % interval holds the truth.
+    """
+    value = load_study(study).overridden(seed, verified=False)
+    with shown(quiet) as progress:
+        runner = value.runner()
+        alpha = _truth(value, runner, law, truth, progress)
+        found = recover_law(
+            runner,
+            value.model,
+            value.search,
+            alpha,
+            replicates=replicates,
+            seed=value.seed,
+            workers=workers or os.cpu_count() or 1,
+            progress=progress,
+        )
+    files = []
+    document = {"title": value.title, "seed": value.seed, **recovery.document(found)}
+    if output is not None:
+        documents.write_json(document, output / "recovery.json")
+        files.append(str(output / "recovery.json"))
+    Console().print(recovery.render(document, files))
+
+
+def _truth(
+    study: Study, runner: Runner, law: Path | None, given: tuple[str, ...], progress: Progress
+) -> dict[str, float]:
+    """The true alpha: what is given by name, the rest from a law that was or is now identified."""
+    free = [h.name for h in study.model.hyperparameters if h.free]
+    values: dict[str, float] = {}
+    for entry in given:
+        name, _, text = entry.partition("=")
+        if name not in free:
+            raise AleatorError(
+                f"--truth {entry}: the study identifies no '{name}'{nearest(name, free)}",
+                f"it identifies {', '.join(free)}",
+            )
+        try:
+            values[name] = float(text)
+        except ValueError:
+            raise AleatorError(
+                f"--truth {entry}: '{text}' is not a number", f"write --truth {name}=0.1"
+            ) from None
+    if law is not None:
+        return {**documents.estimates(documents.read_json(law), law), **values}
+    if set(free) <= set(values):
+        return values
+    result = identified(study, runner, progress)
+    runner.know(runner.completed)  # the recovery needs the same response surfaces
+    return {**{name: value.estimate for name, value in result.alpha.items()}, **values}
