@@ -86,7 +86,7 @@ def experiments_figure(result: Document) -> Figure:
     known = np.isfinite(quantiles).all(axis=1)
     with np.errstate(invalid="ignore"):
         outside = known & ((outcome < quantiles[:, 0]) | (outcome > quantiles[:, -1]))
-    with _styled():
+    with styled():
         figure = _figure(result, height=4.6)
         axes = figure.add_subplot()
         _draw_intervals(axes, quantiles, known)
@@ -118,7 +118,7 @@ def calibration_figure(result: Document) -> Figure:
     """
     pit = _numbers(experiment["pit"] for experiment in result["experiments"])
     pit = np.sort(pit[np.isfinite(pit)])
-    with _styled():
+    with styled():
         figure = _figure(result, height=3.9)
         histogram, cumulative = figure.subplots(1, 2)
         if pit.size:
@@ -348,8 +348,11 @@ def _figure(result: Document, height: float) -> Figure:
 
 
 @contextmanager
-def _styled() -> Iterator[None]:
-    """matplotlib's own defaults and the style of the house, and after it what was there before."""
+def styled() -> Iterator[None]:
+    """matplotlib's own defaults and the style of the house, and after it what was there before.
+
+    Raises AleatorError where matplotlib is not installed.
+    """
     try:
         from matplotlib import style
     except ImportError:
@@ -363,6 +366,6 @@ def _styled() -> Iterator[None]:
 def _png(figure: Figure) -> bytes:
     """The image as a file; the version of matplotlib, which it would carry, is left out."""
     image = BytesIO()
-    with _styled():
+    with styled():
         figure.savefig(image, format="png", metadata={"Software": None})
     return image.getvalue()
