@@ -1,0 +1,68 @@
+"""The polynomials of a joint law: products of the orthonormal polynomials of its marginals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.errors import InputsError
+from aleator.indices import Indices
+from aleator.inputs import Inputs
+from aleator.laws import Law, Rule
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Independent marginal laws, each at values (k,) of its own hyperparameters.
+
+    psi_k(theta) = p_k1(theta_1) .. p_kn(theta_n), orthonormal under the joint law. A constant has
+    no polynomial but 1. Raises InputsError where laws and values differ in number.
+
+    >>> from aleator.laws import Normal
+    >>> basis = Basis((Normal(0.0, 1.0), Normal(2.0, 0.5)), (np.array([0.0, 1.0]),) * 2)
+    >>> basis.evaluate(np.array([[2.0, 3.0]]), np.array([[0, 0], [1, 0], [1, 1]])).tolist()
+    [[1.0, 2.0, 6.0]]
+    """
+
+    laws: tuple[Law, ...]
+    values: tuple[Array, ...]
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        if len(self.laws) != len(self.values) or not self.laws:
+            raise InputsError(
+                f"{len(self.laws)} laws but {len(self.values)} arrays of values",
+                "give each law its hyperparameters, and at least one law",
+            )
+
+    @classmethod
+    def of(cls, inputs: Inputs, alpha: Array) -> Basis:
+        """The basis of the joint law of the inputs at alpha (K,)."""
+        return cls(tuple(inputs.laws.values()), tuple(alpha[part] for part in inputs.slices))
+
+    @property
+    def limits(self) -> tuple[int | None, ...]:
+        """The largest degree that each law has: none, but zero for a constant."""
+        return tuple(None if law.scatters else 0 for law in self.laws)
+
+    def rule(self, parameter: int, nodes: int) -> Rule:
+        """The Gauss rule of one marginal (one node for a constant)."""
+        return self.laws[parameter].rule(self.values[parameter], nodes)
+
+    def table(self, parameter: int, germ: Array, degree: int) -> Array:
+        """The polynomials of one marginal at its germ (J,), as (J, degree + 1)."""
+        return self.laws[parameter].polynomials(self.values[parameter], germ, degree)
+
+    def evaluate(self, germ: Array, indices: Indices) -> Array:
+        """psi at germs (J, n) for multi-indices (P, n), as (J, P). Cost O(J P n)."""
+        value = np.ones((len(germ), len(indices)))
+        for i, degrees in enumerate(indices.T):
+            used = np.flatnonzero(degrees)
+            if used.size:
+                table = self.table(i, germ[:, i], int(degrees.max()))
+                value[:, used] *= table[:, degrees[used]]
+        return value

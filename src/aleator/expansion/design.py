@@ -1,0 +1,104 @@
+"""Where the simulator is to be run for an expansion, and two ways to draw such points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from aleator.errors import InputsError
+from aleator.expansion.basis import Basis
+from aleator.indices import Indices
+
+Array = NDArray[np.float64]
+
+FINE = 40
+"""Nodes of the Gauss rule that stands for a marginal law where points are drawn: it integrates
+the square of a polynomial of degree 39 exactly, so that polynomials stay orthonormal on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """J points at which each experiment is to be run.
+
+    `germ` (J, n) are the points in the coordinates of the polynomials, `x` (J, n) the parameters,
+    and `weights` (J,) make sum_j weights_j f(x_j) an estimate of E f.
+    """
+
+    germ: Array
+    x: Array
+    weights: Array
+
+    def __post_init__(self) -> None:
+        """Nobody may move a point after its runs."""
+        for array in (self.germ, self.x, self.weights):
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.weights)
+
+
+def drawn(basis: Basis, runs: int, seed: int) -> Design:
+    """`runs` points of the joint law itself, by a randomly shifted sequence of Sobol'.
+
+    A design of fewer runs is the beginning of one of more. Every marginal is represented by its
+    Gauss rule of 40 nodes, so that a germ is known for every parameter whatever the law. Raises
+    InputsError for less than one run.
+
+    >>> from aleator.laws import Normal
+    >>> design = drawn(Basis((Normal(0.0, 1.0),), (np.array([0.0, 1.0]),)), 1024, seed=0)
+    >>> round(float(design.weights @ design.x[:, 0] ** 4), 1)
+    3.0
+    """
+    uniform = _uniform(runs, len(basis.laws), seed)
+    picks = []
+    for i in range(len(basis.laws)):
+        steps = np.cumsum(basis.rule(i, FINE).weights)
+        picks.append(np.searchsorted(steps[:-1], uniform[:, i]))
+    germ, x = _at(basis, picks)
+    return Design(germ, x, np.full(runs, 1.0 / runs))
+
+
+def induced(basis: Basis, indices: Indices, runs: int, seed: int) -> Design:
+    """`runs` points from the distribution that a set of P polynomials induces.
+
+    Density (1/P) sum_k psi_k(theta)^2 of the law, weights P / sum_k psi_k(theta)^2 / runs: least
+    squares on P log P such points are as good as projection, for any law and any set (Cohen and
+    Migliorati, SMAI J. Comput. Math. 3 (2017); sampled coordinate by coordinate as Narayan, SIAM
+    J. Sci. Comput. 40 (2018) has it). The random numbers are a randomly shifted sequence of Sobol',
+    so that a design of fewer runs is the beginning of one of more. Raises InputsError for less
+    than one run or a degree above 39. Cost O(runs (P + n)).
+    """
+    if indices.max() >= FINE:
+        raise InputsError(
+            f"degree {indices.max()} is above {FINE - 1}", "lower the degree of the terms"
+        )
+    uniform = _uniform(runs, len(basis.laws) + 1, seed)
+    degrees = indices[np.minimum((uniform[:, 0] * len(indices)).astype(int), len(indices) - 1)]
+    picks = []
+    for i in range(len(basis.laws)):
+        rule = basis.rule(i, FINE)
+        table = basis.table(i, rule.germ, int(indices[:, i].max()))
+        steps = np.cumsum(rule.weights[:, None] * table**2, axis=0)[:-1]
+        picks.append(np.sum(steps.T[degrees[:, i]] < uniform[:, i + 1, None], axis=1))
+    germ, x = _at(basis, picks)
+    density = np.mean(basis.evaluate(germ, indices) ** 2, axis=1)
+    return Design(germ, x, 1.0 / (density * runs))
+
+
+def _at(basis: Basis, picks: list[NDArray[np.intp]]) -> tuple[Array, Array]:
+    rules = [basis.rule(i, FINE) for i in range(len(picks))]
+    germ = np.stack([rule.germ[pick] for rule, pick in zip(rules, picks, strict=True)], axis=1)
+    return germ, np.stack([rule.x[p] for rule, p in zip(rules, picks, strict=True)], axis=1)
+
+
+def _uniform(runs: int, dimension: int, seed: int) -> Array:
+    """Points (runs, dimension) of Sobol's sequence, moved by one random shift modulo 1."""
+    if runs < 1:
+        raise InputsError(f"{runs} runs make no design", "allow at least one run an experiment")
+    power = int(np.ceil(np.log2(max(runs, 2))))
+    base = qmc.Sobol(dimension, scramble=False).random_base2(power)[:runs]
+    shift = np.random.default_rng(seed).random(dimension)
+    return np.asarray((base + shift) % 1.0, dtype=np.float64)
