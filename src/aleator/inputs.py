@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,9 +20,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Nodes:
-    """A tensor quadrature rule in n parameters with K hyperparameters.
+    """A cubature rule of J nodes in n parameters with K hyperparameters.
 
-    `x` (J, n), `weights` (J,), and the derivatives by alpha: `dx` (J, n, K), `dweights` (J, K).
+    `x` (J, n), `weights` (J,) that sum to one, and the derivatives by alpha: `dx` (J, n, K),
+    `dweights` (J, K). `dx[:, i, k]` lies in one piece in memory.
     """
 
     x: Array
@@ -65,6 +66,11 @@ class Inputs:
         """All hyperparameters in the order of alpha."""
         return tuple(h.named(name) for name, law in self.laws.items() for h in law.hyperparameters)
 
+    @property
+    def size(self) -> int:
+        """K, the length of alpha without the noise's part."""
+        return len(self.hyperparameters)
+
     @cached_property
     def box(self) -> Array:
         """Limits (n, 2) that hold every node for every admissible alpha."""
@@ -84,20 +90,74 @@ class Inputs:
     @property
     def scattering(self) -> int:
         """How many parameters vary between experiments."""
-        return sum(law.scatters for law in self.laws.values())
+        return len(self.scattered)
 
-    @single_threaded
+    @cached_property
+    def scattered(self) -> tuple[int, ...]:
+        """Which parameters vary between experiments; each has a germ."""
+        return tuple(i for i, law in enumerate(self.laws.values()) if law.scatters)
+
     def nodes(self, alpha: Array, per_dimension: int) -> Nodes:
         """The tensor Gauss rule of the joint law, with its derivatives by alpha.
 
         J = per_dimension ** (number of scattering parameters). Exact for polynomials of degree
-        2 per_dimension - 1 in each parameter. Cost O(J n K).
+        2 per_dimension - 1 in each parameter. Cost O(J n K). Other rules: `aleator.cubature`.
         """
-        rules = [
+        rules = self.axes(alpha, per_dimension)
+        return self.product(alpha, rules, tensor(tuple(rule.x.size for rule in rules)))
+
+    def axes(self, alpha: Array, per_dimension: int) -> list[Rule]:
+        """The Gauss rule of each parameter (n of them), whose product is a rule of the joint law.
+
+        A constant has one node.
+        """
+        return [
             law.rule(alpha[part], per_dimension)
             for law, part in zip(self.laws.values(), self.slices, strict=True)
         ]
-        return _tensor_nodes(rules, self.slices)
+
+    @single_threaded
+    def product(self, alpha: Array, rules: Sequence[Rule], picks: NDArray[np.int64]) -> Nodes:  # noqa: ARG002
+        """Nodes that combine one node of each parameter's rule (n of them), by `picks` (J, n).
+
+        The weights are the products of those of the rules.
+        """
+        count, n = picks.shape
+        x, dx = _room(count, n, self.size)
+        weights, dweights = np.ones(count), np.zeros((count, self.size))
+        factors = [rule.weights[picks[:, i]] for i, rule in enumerate(rules)]
+        for i, (rule, part) in enumerate(zip(rules, self.slices, strict=True)):
+            x[:, i] = rule.x[picks[:, i]]
+            dx[:, i, part] = rule.dx[picks[:, i]]
+            weights *= factors[i]
+            if np.any(rule.dweights):
+                others = np.prod(factors[:i] + factors[i + 1 :], axis=0)
+                dweights[:, part] = (
+                    np.multiply.outer(others, np.ones(1)) * (rule.dweights[picks[:, i]])
+                )
+        return Nodes(x, weights, dx, dweights)
+
+    @single_threaded
+    def image(self, alpha: Array, germ: Array) -> tuple[Array, Array]:
+        """Parameters x (J, n) of independent standard normal germs (J, scattering), and dx/dalpha.
+
+        x_i = F_i^-1(Phi(theta_i) | alpha) with theta held: smooth in alpha, so that averages over
+        fixed germs have exact derivatives `dx` (J, n, K).
+
+        >>> from aleator.laws import Normal
+        >>> x, dx = Inputs({"v": Normal(1.0, 0.5)}).image(np.array([1.0, 0.5]), np.array([[2.0]]))
+        >>> x.tolist(), dx.tolist()
+        ([[2.0]], [[[1.0, 2.0]]])
+        """
+        count, n = germ.shape[0], len(self.names)
+        theta = np.zeros((n, count))
+        theta[list(self.scattered)] = germ.T
+        x, dx = _room(count, n, self.size)
+        for i, (law, part) in enumerate(zip(self.laws.values(), self.slices, strict=True)):
+            own = law.standard(alpha[part], theta[i])
+            x[:, i] = own.x
+            dx[:, i, part] = own.dvalues
+        return x, dx
 
     def expansion_map(
         self, alpha: Array, per_dimension: int, degree: int, order: int
@@ -108,51 +168,48 @@ class Inputs:
         total-degree basis; the finer rule, with floor(order degree / 2) + 1 nodes a dimension,
         integrates the expansion to the power `order` exactly (paper, eq. (moments)).
         """
-        laws = list(self.laws.values())
-        values = [alpha[part] for part in self.slices]
-        limits = tuple(degree if law.scatters else 0 for law in laws)
+        limits = tuple(degree if law.scatters else 0 for law in self.laws.values())
         indices = total_degree(limits, degree)
         fine_nodes = order * degree // 2 + 1
-        coarse, coarse_weights = self._basis(laws, values, per_dimension, limits, indices)
-        fine, fine_weights = self._basis(laws, values, fine_nodes, limits, indices)
+        coarse, coarse_weights = self._basis(alpha, per_dimension, limits, indices)
+        fine, fine_weights = self._basis(alpha, fine_nodes, limits, indices)
         return fine @ (coarse * coarse_weights[:, None]).T, fine_weights
 
-    def sample(self, alpha: Array, uniform: Array) -> Array:
-        """Parameters (R, n) at probabilities `uniform` (R, n), by the quantiles of the laws."""
+    def marginal(self, alpha: Array, probability: Array) -> Array:
+        """Quantiles (R, n) of each parameter's own law at probabilities (R, n)."""
         columns = [
-            law.quantile(alpha[part], uniform[:, i])
+            law.quantile(alpha[part], probability[:, i])
             for i, (law, part) in enumerate(zip(self.laws.values(), self.slices, strict=True))
         ]
         return np.stack(columns, axis=1)
 
-    @staticmethod
+    def sample(self, alpha: Array, uniform: Array) -> Array:
+        """Parameters (R, n) of the joint law from independent uniform numbers (R, n)."""
+        return self.marginal(alpha, uniform)
+
     def _basis(
-        laws: list[Law],
-        values: list[Array],
+        self,
+        alpha: Array,
         per_dimension: int,
         limits: tuple[int, ...],
         indices: NDArray[np.int64],
     ) -> tuple[Array, Array]:
-        rules = [law.rule(v, per_dimension) for law, v in zip(laws, values, strict=True)]
+        rules = self.axes(alpha, per_dimension)
         picks = tensor(tuple(rule.x.size for rule in rules))
         basis = np.ones((picks.shape[0], indices.shape[0]))
         weights = np.ones(picks.shape[0])
-        for i, (law, rule) in enumerate(zip(laws, rules, strict=True)):
-            table = law.polynomials(values[i], rule.germ, limits[i])
+        laws = zip(self.laws.values(), self.slices, rules, strict=True)
+        for i, (law, part, rule) in enumerate(laws):
+            table = law.polynomials(alpha[part], rule.germ, limits[i])
             basis *= table[picks[:, i]][:, indices[:, i]]
             weights *= rule.weights[picks[:, i]]
         return basis, weights
 
 
-def _tensor_nodes(rules: list[Rule], slices: tuple[slice, ...]) -> Nodes:
-    picks = tensor(tuple(rule.x.size for rule in rules))
-    count, n, k = picks.shape[0], len(rules), slices[-1].stop
-    x = np.stack([rule.x[picks[:, i]] for i, rule in enumerate(rules)], axis=1)
-    factors = np.stack([rule.weights[picks[:, i]] for i, rule in enumerate(rules)], axis=1)
-    dx = np.zeros((count, n, k))
-    dweights = np.zeros((count, k))
-    for i, (rule, part) in enumerate(zip(rules, slices, strict=True)):
-        dx[:, i, part] = rule.dx[picks[:, i]]
-        others = np.prod(np.delete(factors, i, axis=1), axis=1)
-        dweights[:, part] = others[:, None] * rule.dweights[picks[:, i]]
-    return Nodes(x, np.prod(factors, axis=1), dx, dweights)
+def _room(count: int, n: int, size: int) -> tuple[Array, Array]:
+    """Zeros for x (J, n) and dx (J, n, K), laid out so that a derivative is one piece.
+
+    Memory that no law writes to, because x_i does not depend on the hyperparameters of the others,
+    is then never touched.
+    """
+    return np.zeros((n, count)).T, np.zeros((n, size, count)).transpose(2, 0, 1)
