@@ -267,7 +267,7 @@ def test_a_defect_keeps_its_traceback(study: Path, monkeypatch: pytest.MonkeyPat
     def defective(*arguments: object, **options: object) -> None:
         raise ZeroDivisionError(f"{len(arguments)} {len(options)}")
 
-    monkeypatch.setattr(cli, "identify_law", defective)
+    monkeypatch.setattr(cli.program, "identify_law", defective)
     done = run("identify", study)
     assert done.exit_code == 1
     assert isinstance(done.exception, ZeroDivisionError)
