@@ -1,0 +1,77 @@
+"""The objective as searches see it: counted, timed, and never anything but a number."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.likelihood import LogLikelihood
+from aleator.search.interface import Objective, Scored, Step, objective_of
+
+Array = NDArray[np.float64]
+
+FLOOR = -1e100
+"""What a search sees where the log-likelihood is not a finite number."""
+
+
+class Watched:
+    """An objective that remembers the best alpha it was asked for, and what that took.
+
+    Floating-point warnings of the objective are contained, because a search asks for absurd alpha
+    on purpose; a value, or a score, that is not finite counts as FLOOR with a score of zero.
+    """
+
+    def __init__(self, objective: Objective | Scored) -> None:
+        self._objective = objective_of(objective)
+        self._began = time.perf_counter()
+        self._steps: list[Step] = []
+        self.evaluations = 0
+        self.scored = 0
+        self.best: tuple[Array, float] | None = None
+
+    @property
+    def trace(self) -> tuple[Step, ...]:
+        """A Step for every improvement."""
+        return tuple(self._steps)
+
+    @property
+    def standing(self) -> str:
+        """The best log-likelihood so far, in words for the progress."""
+        if self.best is None:
+            return "no finite log-likelihood yet"
+        return f"best log-likelihood {self.best[1]:.3f}"
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        """The log-likelihood at alpha (K,) with its score."""
+        with np.errstate(all="ignore"):
+            result = self._objective(alpha)
+            assert result.scores is not None
+            finite = np.isfinite(result.total) and bool(np.all(np.isfinite(result.scores)))
+            finite = finite and bool(np.isfinite(np.sum(result.scores**2)))
+        self.evaluations += 1
+        self.scored += 1
+        if not finite:
+            count = result.each.size
+            nothing = np.zeros_like(result.scores)
+            return LogLikelihood(np.full(count, FLOOR / count), nothing, result.status)
+        self._note(alpha, result.total)
+        return result
+
+    def values(self, alphas: Array) -> Array:
+        """The log-likelihoods (A,) at alphas (A, K)."""
+        with np.errstate(all="ignore"):
+            values = np.asarray(self._objective.values(alphas), dtype=np.float64)
+        self.evaluations += len(alphas)
+        values = np.where(np.isfinite(values), values, FLOOR)
+        if values.size and values.max() > FLOOR:
+            best = int(np.argmax(values))
+            self._note(alphas[best], float(values[best]))
+        return values
+
+    def _note(self, alpha: Array, value: float) -> None:
+        if self.best is None or value > self.best[1]:
+            self.best = (alpha.copy(), value)
+            seconds = time.perf_counter() - self._began
+            self._steps.append(Step(self.evaluations, seconds, value))
