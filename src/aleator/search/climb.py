@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from aleator.likelihood import LogLikelihood
 from aleator.search.coordinates import Coordinates
 from aleator.search.interface import Ascent
 from aleator.search.watched import FLOOR, Watched
@@ -23,10 +24,7 @@ def climb(objective: Watched, coordinates: Coordinates, start: Array, evaluation
     first = objective(start)
     if first.total <= FLOOR:
         return Ascent(start, start, -np.inf, 1, converged=False)
-    assert first.scores is not None
-    each = coordinates.gradient(start, first.scores)
-    # no variable is scaled to more than its whole range, nor to nothing
-    scale = 1.0 / np.clip(np.sqrt(np.sum(each**2, axis=0)), 1.0, 1e6)
+    scale = _scale(coordinates, first, start)
     count, best = 1, (start, first.total)
     least = first.total
 
@@ -61,6 +59,16 @@ def climb(objective: Watched, coordinates: Coordinates, start: Array, evaluation
     except _SpentError:
         return Ascent(start, *best, count, converged=False)
     return Ascent(start, *best, count, converged=bool(end.success))
+
+
+def _scale(coordinates: Coordinates, first: LogLikelihood, start: Array) -> Array:
+    """Standard errors (F,) in u, by the outer product of the scores at the start."""
+    assert first.scores is not None
+    with np.errstate(over="ignore"):
+        each = coordinates.gradient(start, first.scores)
+        information = np.sum(each**2, axis=0)
+    # no variable is scaled to more than its whole range, nor to nothing
+    return np.asarray(1.0 / np.clip(np.sqrt(information), 1.0, 1e6))
 
 
 class _SpentError(Exception):

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.laws import Hyperparameter
-from aleator.search.interface import Scored
+from aleator.search.interface import Objective, Scored
+from aleator.search.watched import Watched
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -19,7 +20,7 @@ STEPS = 40
 
 
 def ascend(
-    objective: Scored,
+    objective: Objective | Scored,
     alpha: Array,
     hyperparameters: Sequence[Hyperparameter],
     moving: Indices,
@@ -36,11 +37,12 @@ def ascend(
     upper = np.array([hyperparameters[k].upper for k in moving])
     matrix = information.copy()
     point = alpha[moving]
+    watched = Watched(objective)
 
     def at(x: Array) -> tuple[float, Array]:
         full = alpha.copy()
         full[moving] = x
-        result = objective(full)
+        result = watched(full)
         return result.total, result.score[moving]
 
     value, score = at(point)
@@ -64,7 +66,8 @@ def ascend(
 def _newton_step(matrix: Array, score: Array, free: NDArray[np.bool_]) -> Array:
     step = np.zeros_like(score)
     if np.any(free):
-        step[free] = np.linalg.solve(matrix[np.ix_(free, free)], score[free])
+        # least squares: a hyperparameter without effect makes the matrix singular
+        step[free] = np.linalg.lstsq(matrix[np.ix_(free, free)], score[free])[0]
     return step
 
 

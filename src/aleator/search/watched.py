@@ -32,6 +32,11 @@ class Watched:
         self.best: tuple[Array, float] | None = None
 
     @property
+    def seconds(self) -> float:
+        """Seconds since it was made."""
+        return time.perf_counter() - self._began
+
+    @property
     def trace(self) -> tuple[Step, ...]:
         """A Step for every improvement."""
         return tuple(self._steps)
@@ -48,14 +53,14 @@ class Watched:
         with np.errstate(all="ignore"):
             result = self._objective(alpha)
             assert result.scores is not None
-            finite = np.isfinite(result.total) and bool(np.all(np.isfinite(result.scores)))
-            finite = finite and bool(np.isfinite(np.sum(result.scores**2)))
+            # squares of scores are the information that scales the variables
+            finite = np.isfinite(result.total) and np.isfinite(np.sum(result.scores**2))
         self.evaluations += 1
         self.scored += 1
-        if not finite:
-            count = result.each.size
-            nothing = np.zeros_like(result.scores)
-            return LogLikelihood(np.full(count, FLOOR / count), nothing, result.status)
+        if not finite or result.total <= FLOOR:
+            each = np.zeros_like(result.each)
+            each[0] = FLOOR
+            return LogLikelihood(each, np.zeros_like(result.scores), result.status)
         self._note(alpha, result.total)
         return result
 
@@ -73,5 +78,4 @@ class Watched:
     def _note(self, alpha: Array, value: float) -> None:
         if self.best is None or value > self.best[1]:
             self.best = (alpha.copy(), value)
-            seconds = time.perf_counter() - self._began
-            self._steps.append(Step(self.evaluations, seconds, value))
+            self._steps.append(Step(self.evaluations, self.seconds, value))

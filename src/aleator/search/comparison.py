@@ -1,0 +1,79 @@
+"""Several searches on one likelihood: what each reaches, and at what cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.errors import InputsError
+from aleator.laws import Hyperparameter
+from aleator.search.interface import Objective, Scored, Search, SearchResult, Step
+from aleator.search.watched import Watched
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One search: its result, and what it took.
+
+    `evaluations` count values of the log-likelihood, `scored` those of them with a score, which
+    cost more each; `seconds` are of this machine. `trace` has a Step for every improvement.
+    """
+
+    name: str
+    result: SearchResult
+    evaluations: int
+    scored: int
+    seconds: float
+    trace: tuple[Step, ...]
+
+    @property
+    def log_likelihood(self) -> float:
+        """What the search reached."""
+        return self.result.log_likelihood
+
+    def reached(self, log_likelihood: float) -> Step | None:
+        """The first step that was not below this log-likelihood, or None if there is none."""
+        return next((step for step in self.trace if step.log_likelihood >= log_likelihood), None)
+
+
+def compare(
+    searches: Sequence[Search],
+    objective: Objective | Scored,
+    hyperparameters: Sequence[Hyperparameter],
+    *,
+    seed: int,
+    guesses: Sequence[Array] = (),
+) -> tuple[Trial, ...]:
+    """Let every search maximize the same objective from the same seed and guesses, in turn.
+
+    Raises InputsError for no search at all. Cost: that of all searches.
+
+    >>> from aleator.likelihood import LogLikelihood
+    >>> from aleator.search import DifferentialEvolution, GradientMultistart
+    >>> def parabola(alpha):  # log L = -(alpha - 2)^2, largest at 2
+    ...     gap = alpha - 2.0
+    ...     return LogLikelihood(-(gap**2), -2.0 * gap[None, :], np.zeros(1, dtype=int))
+    >>> limits = [Hyperparameter("x.mean", 0.0, 10.0, 5.0, free=True)]
+    >>> choices = [GradientMultistart(2), DifferentialEvolution(population=8)]
+    >>> trials = compare(choices, parabola, limits, seed=0)
+    >>> [(trial.name, abs(trial.log_likelihood) < 1e-6) for trial in trials]
+    [('gradient_multistart(2)', True), ('differential_evolution(8)', True)]
+    """
+    if not searches:
+        raise InputsError("compare: no search is given", "give at least one search")
+    trials = []
+    for search in searches:
+        watched = Watched(objective)
+        result = search.maximize(watched, hyperparameters, seed=seed, guesses=guesses)
+        trials.append(
+            Trial(
+                search.name, result, watched.evaluations, watched.scored,
+                watched.seconds, watched.trace,
+            )
+        )  # fmt: skip
+    return tuple(trials)

@@ -1,0 +1,92 @@
+"""What the searches by population share: the values of a population, and the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.errors import AleatorError, InputsError
+from aleator.laws import Hyperparameter
+from aleator.search.climb import climb
+from aleator.search.coordinates import Coordinates
+from aleator.search.interface import Ascent, Optimum, SearchResult
+from aleator.search.limits import nowhere_finite
+from aleator.search.starts import evenly
+from aleator.search.watched import Watched
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+POLISH = 100
+"""Evaluations with score that the final ascent may take."""
+ARRIVED = 0.01
+"""A population whose log-likelihoods, or whose gain, are below this has arrived."""
+
+
+class Cube:
+    """The objective in the unit cube, negative, for optimizers that minimize."""
+
+    def __init__(self, watched: Watched, coordinates: Coordinates) -> None:
+        self._watched, self._coordinates = watched, coordinates
+
+    def __call__(self, u: Array) -> Array:
+        """Minus the log-likelihoods (A,) at u (A, F)."""
+        return -self._watched.values(self._coordinates.to_alpha(u))
+
+
+def first_population(
+    coordinates: Coordinates, guesses: Sequence[Array], size: int, seed: int
+) -> Array:
+    """Points u (size, F): the hyperparameters' own start, the guesses, then Sobol' points."""
+    known = coordinates.to_unit(np.stack([coordinates.start, *guesses]))
+    missing = size - len(known)
+    if missing <= 0:
+        return np.asarray(known[:size])
+    return np.concatenate([known, evenly(coordinates.free.size, missing, seed)])
+
+
+def finished(
+    watched: Watched,
+    coordinates: Coordinates,
+    hyperparameters: Sequence[Hyperparameter],
+    *,
+    converged: bool,
+    polish: bool,
+) -> SearchResult:
+    """The best alpha met, after a gradient ascent from there if `polish`, as one start.
+
+    Raises InputsError where no finite log-likelihood was met.
+    """
+    if watched.best is None:
+        raise nowhere_finite(hyperparameters, watched.evaluations)
+    alpha, value = watched.best
+    if polish:
+        end = climb(watched, coordinates, alpha, POLISH)
+        if end.log_likelihood >= value:
+            alpha, value, converged = end.alpha, end.log_likelihood, end.converged
+    only = Ascent(coordinates.start, alpha, value, watched.evaluations, converged)
+    return SearchResult(alpha, value, (only,), (Optimum(alpha, value, 1),), watched.trace)
+
+
+def at_least(search: str, **least: tuple[int, int]) -> None:
+    """Raise InputsError for the first of `key=(value, least)` that is too small.
+
+    >>> at_least("genetic", population=(50, 4))
+    """
+    for key, (value, smallest) in least.items():
+        if value < smallest:
+            raise InputsError(f"{search}: {key} {value}", f"{key} must be at least {smallest}")
+
+
+def optional(load: Callable[[], T], package: str, search: str) -> T:
+    """What `load` makes of an optional package; AleatorError with the remedy if it is missing."""
+    try:
+        return load()
+    except ImportError as error:
+        raise AleatorError(
+            f"{search} needs the package {package}, which is not installed",
+            "pip install 'aleator[evolution]', or use the gradient search",
+        ) from error
