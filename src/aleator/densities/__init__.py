@@ -4,6 +4,7 @@ A choice (`Gaussian()`, `MaximumEntropy(order=4)`) is a `Density`; its `fit` ret
 `FittedDensity`, N densities at once with a `Status` each.
 """
 
+from aleator.densities.convolution import Convolution, FittedConvolution
 from aleator.densities.fitted import FittedMaximumEntropy
 from aleator.densities.gaussian import FittedGaussian, Gaussian
 from aleator.densities.interface import (
@@ -29,6 +30,8 @@ __all__ = [
     "NodeSensitivity",
     "Gaussian",
     "MaximumEntropy",
+    "Convolution",
+    "FittedConvolution",
     "FittedGaussian",
     "FittedMaximumEntropy",
     "Sensitivity",

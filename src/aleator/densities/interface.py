@@ -47,6 +47,8 @@ class Status(enum.IntEnum):
     NOT_CONVERGED = 2
     OUTSIDE_SUPPORT = 3
     DEGENERATE = 4
+    TOO_COARSE = 5
+    NO_MIXTURE = 6
 
     @property
     def explanation(self) -> str:
@@ -71,6 +73,11 @@ _EXPLANATIONS = {
         "the outcome has no scatter or its moments are not finite: "
         "add measurement noise or leave the experiment out"
     ),
+    Status.TOO_COARSE: (
+        "the nodes lie too far apart for the noise, so that their density is a row of spikes: "
+        "take more nodes or maximum_entropy"
+    ),
+    Status.NO_MIXTURE: ("no mixture of two normals has these moments: take maximum_entropy"),
 }
 
 

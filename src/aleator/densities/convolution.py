@@ -1,0 +1,292 @@
+"""The density of the noisy outcome itself: the nodes' outcomes, each with the noise around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aleator.densities.interface import (
+    DEGENERATE_VALUE,
+    FAILED_SOLVE_PENALTY,
+    FARTHEST,
+    SMALLEST_SD,
+    Array,
+    Codes,
+    Mask,
+    NodeSensitivity,
+    Status,
+    by_experiment,
+    one_per_experiment,
+    probabilities,
+)
+from aleator.densities.normal_sum import NormalSum
+from aleator.errors import InputsError
+from aleator.outcomes import Outcomes
+
+LARGEST_RIPPLE = 0.02
+"""Estimated mean relative error of f from which the nodes are too coarse.
+
+Measured with Gauss rules of one normal parameter, 10 to 200 nodes, on five simulators at noise
+from 1 % to 100 % of the scatter: below this estimate the mean distance of log f from that of 40,001
+nodes was under 0.07. Nodes of equal weight miss the last tail, hence are too low there; nodes of
+two parameters interleave irregularly and the estimate does not see it (mean distance 0.58 with
+30 x 30 nodes at a noise of 5 %): more nodes show both.
+"""
+
+_LARGEST_EXPONENT = 600.0
+"""The derivative by a weight of zero far from its node is cut here, so that it is finite."""
+
+
+@dataclass(frozen=True)
+class Convolution:
+    """The density of outcome plus noise, without any moments.
+
+    f(y) = sum_j w_j Normal(y; eta_j, sigma_e^2), with eta_j the outcomes at nodes of weights w_j:
+    the marginal likelihood of a nonlinear mixed-effects model by quadrature (Pinheiro and Bates,
+    1995). It is exact but for the number of nodes: they must lie closer together, in the outcome,
+    than some two standard deviations of the noise, or the density is a row of spikes. `points` is
+    the number of nodes to ask for, all parameters together. Of one normal parameter 400 nodes of a
+    Gauss rule resolve a noise above 8 % (linear simulator) to 19 % (saturating) of the scatter,
+    400 nodes of equal probability above 3 % (linear) and 1 % (saturating). Halving the noise
+    takes twice the nodes of equal probability, four times those of a Gauss rule.
+
+    Nodes too coarse (`ripple` above 0.02) have status TOO_COARSE, and the normal density of the
+    same mean and variance stands in. No noise is status DEGENERATE: add noise, or take
+    `MaximumEntropy`. Raises InputsError for points under 2, for a negative weight (a sparse grid
+    has them; a sum with them is no density), or a noise that is negative or not finite.
+    Cost O(N J) for a value with all its derivatives.
+
+    >>> nodes = Outcomes(np.array([[0.0, 1.0]]), np.array([0.5, 0.5]))
+    >>> fitted = Convolution().fit_nodes(nodes, 1.0, -np.inf, np.inf)
+    >>> float(fitted.pdf([0.5])[0])  # exp(-1/8)/sqrt(2 pi)
+    0.352065
+    """
+
+    points: int = 400
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        if self.points < 2:
+            raise InputsError(
+                f"convolution with {self.points} points: too few", "take 400, the usual choice"
+            )
+
+    @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "convolution"
+
+    def fit_nodes(
+        self,
+        outcomes: Outcomes,
+        noise_sd: float,
+        lower: ArrayLike,  # noqa: ARG002  one interface for all densities
+        upper: ArrayLike,  # noqa: ARG002
+    ) -> FittedConvolution:
+        """Place the noise around the outcomes (N, J); lower and upper are not used."""
+        check_weights(outcomes.weights, self.name)
+        check_noise(noise_sd)
+        usable = np.asarray(np.isfinite(outcomes.y).all(axis=1))
+        usable &= noise_sd > SMALLEST_SD
+        y = np.where(usable[:, None], outcomes.y, 0.0)
+        sd = max(noise_sd, SMALLEST_SD)
+        return FittedConvolution(y, outcomes.weights, sd, ripple(y, outcomes.weights, sd), ~usable)
+
+
+def check_weights(weights: Array, name: str) -> None:
+    """Raise InputsError where a weight is negative."""
+    if not np.all(weights >= 0.0):
+        raise InputsError(
+            f"density {name} needs weights that are not negative, one is {weights.min():g}",
+            "take nodes of a tensor rule or a sample, not a sparse grid, or maximum entropy",
+        )
+
+
+def check_noise(noise_sd: float) -> None:
+    """Raise InputsError where the noise is negative or not finite."""
+    if not (np.isfinite(noise_sd) and noise_sd >= 0.0):
+        raise InputsError(
+            f"standard deviation {noise_sd} of the noise: negative or not finite",
+            "give a number that is not negative",
+        )
+
+
+def ripple(y: Array, weights: Array, noise_sd: float) -> Array:
+    """Estimate (N,) of the mean relative error of f that the distance of the nodes makes.
+
+    Equal nodes at distance h make f oscillate by 2 exp(-2 pi^2 sigma_e^2/h^2) (Poisson's sum). Each
+    gap between neighbors counts with the weights within one sigma_e of its ends, so that a
+    cluster counts as what it is to the noise: one node. Between 0 and 2; cost O(N J log J).
+
+    >>> ripple(np.array([[0.0, 1.0, 2.0, 3.0]]), np.full(4, 0.25), 0.5).round(3).tolist()
+    [0.011]
+    """
+    order = np.argsort(y, axis=1)
+    gap = np.diff(np.take_along_axis(y, order, axis=1), axis=1) / noise_sd
+    if not (gap > 1.0).any():
+        return np.zeros(y.shape[0])
+    # a gap beyond 10 says no more than one of 10
+    place = np.zeros(y.shape)
+    np.cumsum(np.minimum(gap, 10.0), axis=1, out=place[:, 1:])
+    below = np.zeros((y.shape[0], y.shape[1] + 1))
+    np.cumsum(weights[order], axis=1, out=below[:, 1:])
+    left = below[:, 1:-1] - np.take_along_axis(below, _rank(place, place[:, :-1] - 1.0), axis=1)
+    right = np.take_along_axis(below, _rank(place, place[:, 1:] + 1.0), axis=1) - below[:, 1:-1]
+    with np.errstate(divide="ignore", over="ignore"):
+        wave = 2.0 * np.exp(-2.0 * np.pi**2 / gap**2)
+    return np.asarray((0.5 * (left + right) * wave).sum(axis=1))
+
+
+def _rank(sorted_rows: Array, query: Array) -> Codes:
+    """How many entries of each row (N, J) lie under each query (N, G)."""
+    span = float(np.ptp(sorted_rows)) + 4.0
+    shift = span * np.arange(sorted_rows.shape[0])[:, None]
+    found = np.searchsorted((sorted_rows + shift).ravel(), (query + shift).ravel())
+    first = sorted_rows.shape[1] * np.arange(query.shape[0])[:, None]
+    rank: Codes = found.reshape(query.shape) - first
+    return rank
+
+
+@dataclass(frozen=True)
+class FittedConvolution:
+    """Convolutions of N experiments; methods as in `FittedDensity`.
+
+    `y` (N, J), `weights` (J,), `noise_sd`; `ripple` (N,) as the function; `none` (N,) tells where
+    there is no density. Where the nodes are too coarse, the normal density of the same mean and
+    variance stands in.
+    """
+
+    y: Array
+    weights: Array
+    noise_sd: float
+    ripple: Array
+    none: Mask
+
+    @property
+    def status(self) -> Codes:
+        """(N,) SOLVED, TOO_COARSE or DEGENERATE."""
+        coarse = np.where(self.ripple > LARGEST_RIPPLE, Status.TOO_COARSE, Status.SOLVED)
+        return np.where(self.none, Status.DEGENERATE, coarse).astype(np.int64)
+
+    @property
+    def order_used(self) -> Codes:
+        """(N,) number of nodes; 2 where the normal density stands in, 0 without a density."""
+        kept = np.where(self._coarse, 2, self.weights.size)
+        return np.where(self.none, 0, kept).astype(np.int64)
+
+    @property
+    def support(self) -> Array:
+        """(N, 2) the real line."""
+        return np.tile([-np.inf, np.inf], (self.ripple.size, 1))
+
+    @property
+    def residual(self) -> Array:
+        """(N,) the ripple: nothing else is approximated; inf where there is no density."""
+        return np.where(self.none, np.inf, self.ripple)
+
+    @property
+    def rises_at_edge(self) -> Mask:
+        """(N,) never: there is no edge."""
+        return np.zeros(self.ripple.shape, dtype=bool)
+
+    @property
+    def _coarse(self) -> Mask:
+        coarse: Mask = (self.ripple > LARGEST_RIPPLE) & ~self.none
+        return coarse
+
+    @property
+    def _moments(self) -> tuple[Array, Array]:
+        mean = self.y @ self.weights
+        variance = (self.y - mean[:, None]) ** 2 @ self.weights
+        return mean, np.sqrt(variance + self.noise_sd**2)
+
+    @property
+    def _sum(self) -> NormalSum:
+        """Where the nodes are too coarse, every node is the normal density that stands in."""
+        mean, total = self._moments
+        coarse = self._coarse[:, None]
+        return NormalSum(
+            np.broadcast_to(self.weights, self.y.shape),
+            np.where(coarse, mean[:, None], self.y),
+            np.broadcast_to(np.where(coarse, total[:, None], self.noise_sd), self.y.shape),
+        )
+
+    def log_pdf(self, y: ArrayLike) -> Array:
+        """Logarithm of the density at y (N,) or (N, G); -inf where there is none."""
+        value = self._sum.log_pdf(by_experiment(y, self.ripple.size, "the outcome"))
+        return np.where(self.none[:, None], -np.inf, value).reshape(np.shape(y))
+
+    def pdf(self, y: ArrayLike) -> Array:
+        """The density at y (N,) or (N, G)."""
+        return np.exp(self.log_pdf(y))
+
+    def cdf(self, y: ArrayLike) -> Array:
+        """Probability of an outcome not above y (N,) or (N, G)."""
+        return self._sum.cdf(by_experiment(y, self.ripple.size, "the outcome")).reshape(np.shape(y))
+
+    def quantile(self, p: ArrayLike) -> Array:
+        """Outcomes (N, P) that are not exceeded with probabilities p (P,)."""
+        return self._sum.quantile(probabilities(p))
+
+    def sample(self, rng: np.random.Generator, size: int) -> Array:
+        """Independent outcomes (N, size)."""
+        return self._sum.sample(rng, size)
+
+    def entropy(self) -> Array:
+        """Differential entropy (N,) in nats; -inf where there is no density."""
+        return np.where(self.none, -np.inf, self._sum.entropy())
+
+    def node_sensitivity(self, y: ArrayLike) -> NodeSensitivity:
+        """Value for the search at y (N,) with its partial derivatives, cost O(N J).
+
+        With s the noise's sd, z_j = (y - eta_j)/s and r_j = w_j Normal(y; eta_j, s^2)/f the share
+        of node j: d log f = sum_j r_j (z_j/s d eta_j + dw_j/w_j + (z_j^2 - 1)/s ds).
+        Too coarse nodes have the value of the normal density less FAILED_SOLVE_PENALTY; without a
+        density, or for an outcome that is not finite, it is DEGENERATE_VALUE.
+        """
+        outcome = one_per_experiment(y, self.ripple.size, "the outcome")
+        none, coarse = self.none | ~np.isfinite(outcome), self._coarse
+        outcome = np.where(none, 0.0, outcome)
+        value, d_y, d_weights, d_noise = self._own(outcome)
+        if coarse.any():
+            normal = self._normal(outcome)
+            value, d_noise = np.where(coarse, (normal[0], normal[3]), (value, d_noise))
+            d_y, d_weights = np.where(coarse[:, None], normal[1:3], (d_y, d_weights))
+        zero = np.zeros_like(value)
+        return NodeSensitivity(
+            value=np.where(none, DEGENERATE_VALUE, value),
+            d_y=np.where(none[:, None], 0.0, d_y),
+            d_weights=np.where(none[:, None], 0.0, d_weights),
+            d_noise=np.where(none, 0.0, d_noise),
+            d_lower=zero,
+            d_upper=zero.copy(),
+            status=np.where(none, Status.DEGENERATE, self.status).astype(np.int64),
+        )
+
+    def _own(self, outcome: Array) -> tuple[Array, Array, Array, Array]:
+        sd = self.noise_sd
+        with np.errstate(over="ignore", divide="ignore"):
+            parts = NormalSum(
+                np.broadcast_to(self.weights, self.y.shape), self.y, np.full(self.y.shape, sd)
+            ).parts(outcome)
+            exponent = parts + np.log(self.weights)
+            top = exponent.max(axis=1)
+            value = top + np.log(np.exp(exponent - top[:, None]).sum(axis=1))
+        share = np.exp(exponent - value[:, None])
+        by_weight = np.exp(np.minimum(parts - value[:, None], _LARGEST_EXPONENT))
+        z = np.clip((outcome[:, None] - self.y) / sd, -FARTHEST, FARTHEST)
+        d_noise = (share * (z**2 - 1.0)).sum(axis=1) / sd
+        return value, share * z / sd, by_weight, d_noise
+
+    def _normal(self, outcome: Array) -> tuple[Array, Array, Array, Array]:
+        """The same of the normal density, less the penalty: by its mean and its variance."""
+        mean, total = self._moments
+        u = np.clip((outcome - mean) / total, -FARTHEST, FARTHEST)
+        by_mean, by_variance = (u / total)[:, None], (0.5 * (u**2 - 1.0) / total**2)[:, None]
+        centered = self.y - mean[:, None]
+        value = -0.5 * u**2 - np.log(total) - 0.5 * np.log(2.0 * np.pi) - FAILED_SOLVE_PENALTY
+        d_y = self.weights * (by_mean + 2.0 * by_variance * centered)
+        d_weights = by_mean * self.y + by_variance * centered**2
+        return value, d_y, d_weights, 2.0 * by_variance[:, 0] * self.noise_sd
