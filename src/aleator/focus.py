@@ -44,7 +44,7 @@ def law_region(inputs: Inputs, alphas: list[Array]) -> Array:
     [[-5.2, 5.2], [2.0, 2.0]]
     """
     ends = np.array([[TAIL] * len(inputs.names), [1.0 - TAIL] * len(inputs.names)])
-    x = np.concatenate([inputs.sample(alpha, ends) for alpha in alphas])
+    x = np.concatenate([inputs.marginal(alpha, ends) for alpha in alphas])
     return np.stack([x.min(axis=0), x.max(axis=0)], axis=1)
 
 
@@ -85,13 +85,12 @@ def known_region(model: Model, alpha: Array) -> Array:
             moved = alpha.copy()
             moved[k] = min(max(value, h.lower), h.upper)
             wide.append(moved)
-    size = inputs.slices[-1].stop
-    return _padded(law_region(inputs, [a[:size] for a in wide]), inputs.box)
+    return _padded(law_region(inputs, wide), inputs.box)
 
 
 def own_region(inputs: Inputs, alpha: Array) -> Array:
     """The region of one law, for when alpha is not to be moved: a tenth wider on either side."""
-    return _padded(law_region(inputs, [alpha[: inputs.slices[-1].stop]]), inputs.box)
+    return _padded(law_region(inputs, [alpha]), inputs.box)
 
 
 def next_region(problem: Problem, alpha: Array) -> Array | None:
@@ -127,10 +126,10 @@ def interval_region(problem: Problem, alpha: Array, intervals: Array) -> Array |
     if problem.surface is None:
         return None
     inputs = problem.model.inputs
-    size, alphas = inputs.slices[-1].stop, [alpha[: inputs.slices[-1].stop]]
-    for k in range(size):
+    alphas = [alpha]
+    for k in range(inputs.size):
         for end in intervals[k][np.isfinite(intervals[k])]:
-            moved = alpha[:size].copy()
+            moved = alpha.copy()
             moved[k] = end
             alphas.append(moved)
     wanted = law_region(inputs, alphas)
@@ -152,15 +151,14 @@ def widened(region: Array, box: Array) -> Array:
 def _likely_region(problem: Problem, alpha: Array, errors: float = SURE) -> Array:
     """Region of the laws at alpha and at alpha moved by some standard errors, one at a time."""
     inputs, hyperparameters = problem.model.inputs, problem.likelihood.hyperparameters
-    size = inputs.slices[-1].stop
-    alphas = [alpha[:size]]
+    alphas = [alpha]
     if errors > 0.0:
         error = infer(problem.likelihood, alpha, hyperparameters).standard_error
-        for k in np.flatnonzero(np.isfinite(error[:size])):
+        for k in np.flatnonzero(np.isfinite(error[: inputs.size])):
             h = hyperparameters[k]
             reach = min(errors * error[k], 0.25 * (h.upper - h.lower))
             for sign in (-1.0, 1.0):
-                moved = alpha[:size].copy()
+                moved = alpha.copy()
                 moved[k] = min(max(alpha[k] + sign * reach, h.lower), h.upper)
                 alphas.append(moved)
     return law_region(inputs, alphas)

@@ -121,7 +121,7 @@ def _draw(
     """Outcomes (replicates, N) of independent parameters and noise."""
     inputs = model.inputs
     uniform = rng.random((replicates * count, len(inputs.names)))
-    x = inputs.sample(alpha[: inputs.slices[-1].stop], uniform)
+    x = inputs.sample(alpha, uniform)
     outcomes = runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)
     return outcomes + model.noise_sd(alpha) * rng.standard_normal(outcomes.shape)
 

@@ -138,7 +138,7 @@ def _points(inputs: Inputs, alpha: Array, count: int, points: int, seed: int) ->
     base = qmc.Sobol(n, rng=rng).random(points)
     uniform = (base + rng.random((count, REPLICATES, 1, n))) % 1.0
     inside = np.clip(uniform, 1e-12, 1.0 - 1e-12).reshape(-1, n)
-    x = inputs.sample(alpha[: inputs.slices[-1].stop], inside)
+    x = inputs.sample(alpha, inside)
     return x.reshape(count, REPLICATES, points, n)
 
 
