@@ -61,7 +61,7 @@ def test_every_command_and_option_is_documented() -> None:
     found = dict(commands(cli.main))
     assert set(found) == {
         "aleator", "aleator identify", "aleator predict", "aleator recover",
-        "aleator clutch", "aleator clutch bench",
+        "aleator clutch", "aleator clutch bench", "aleator reproduce", "aleator reproduce paper",
     }  # fmt: skip
     for name, command in found.items():
         assert command.help, name

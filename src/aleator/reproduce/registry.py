@@ -1,0 +1,57 @@
+"""Every figure and table of the paper that Aleator reproduces, in the paper's order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from aleator.errors import AleatorError, nearest
+from aleator.reproduce.coefficients import coefficients
+from aleator.reproduce.illustrative_moments import moments
+from aleator.reproduce.matching import matching
+from aleator.reproduce.reproduction import Figure
+from aleator.reproduce.transform import transform
+
+FIGURES = (
+    Figure(
+        "illustrative-transform",
+        "A normal parameter through the illustrative simulator",
+        "Fig. 4",
+        transform,
+    ),
+    Figure(
+        "illustrative-coefficients",
+        "Coefficients of the expansion for each quadrature order q",
+        "Fig. 5a",
+        coefficients,
+    ),
+    Figure(
+        "illustrative-moments",
+        "Discrepancy of the moments from the true ones",
+        "Fig. 5b",
+        moments,
+    ),
+    Figure(
+        "illustrative-densities",
+        "Densities that match the moments of the illustrative outcome",
+        "Fig. 6",
+        matching,
+    ),
+)
+
+
+def chosen(names: Sequence[str]) -> tuple[Figure, ...]:
+    """The figures of these names in the paper's order, all of them without a name.
+
+    Raises AleatorError for an unknown name.
+
+    >>> [figure.place for figure in chosen(["illustrative-coefficients"])]
+    ['Fig. 5a']
+    """
+    known = [figure.name for figure in FIGURES]
+    for name in names:
+        if name not in known:
+            raise AleatorError(
+                f"the paper has no figure '{name}' here{nearest(name, known)}",
+                f"choose from {', '.join(known)}",
+            )
+    return tuple(figure for figure in FIGURES if not names or figure.name in names)
