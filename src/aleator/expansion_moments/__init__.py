@@ -1,0 +1,34 @@
+"""Exact moments of a polynomial chaos expansion: one interface, one file for each way.
+
+`prepare(basis, order, way)` is the offline step; its result gives the moments of any coefficients.
+The ways, all exact to rounding: `PushFork` (the paper's), `TensorGauss`, `Galerkin`, and
+`Automatic`, which takes the cheaper of the last two.
+"""
+
+from aleator.expansion_moments.basis import Basis
+from aleator.expansion_moments.exact import (
+    ExpansionMoments,
+    central_moments,
+    prepare,
+    raw_moments,
+)
+from aleator.expansion_moments.galerkin import Galerkin
+from aleator.expansion_moments.interface import Powers, Way
+from aleator.expansion_moments.nonzero import NonzeroSet, Origin
+from aleator.expansion_moments.push_fork import PushFork
+from aleator.expansion_moments.tensor_gauss import TensorGauss
+
+__all__ = [
+    "Basis",
+    "ExpansionMoments",
+    "prepare",
+    "central_moments",
+    "raw_moments",
+    "Way",
+    "Powers",
+    "PushFork",
+    "NonzeroSet",
+    "Origin",
+    "TensorGauss",
+    "Galerkin",
+]
