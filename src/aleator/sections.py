@@ -148,6 +148,19 @@ LawSection = Annotated[
 ]
 
 
+CorrelationSection = dict[str, dict[str, Spec]]
+"""`[correlation]`: `a.b = {lower = -0.9, upper = 0.9}` ties the parameters a and b."""
+
+
+def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
+    """The correlations by pair of parameters, as the library takes them.
+
+    >>> pairs({"a": {"b": 0.5, "c": FreeSection()}})
+    {('a', 'b'): 0.5, ('a', 'c'): Free(lower=None, upper=None, start=None)}
+    """
+    return {(a, b): specification(s) for a, others in section.items() for b, s in others.items()}
+
+
 class ExperimentsSection(Section):
     """`[experiments]`: the table, and what its columns are."""
 
@@ -265,6 +278,7 @@ class StudyFile(Section):
     experiments: ExperimentsSection
     simulator: SimulatorSection
     parameters: Annotated[dict[str, LawSection], Field(min_length=1)]
+    correlation: CorrelationSection = Field(default_factory=dict)
     noise: NoiseSection | None = None
     propagation: PropagationSection = SurfaceSection()
     density: DensitySection = DensitySection()

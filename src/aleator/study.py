@@ -21,7 +21,7 @@ from aleator.problem import Model
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
 from aleator.search import GradientMultistart
-from aleator.sections import ExperimentsSection, StudyFile
+from aleator.sections import ExperimentsSection, StudyFile, pairs
 from aleator.simulate import FunctionSimulator, Runner, load_function
 from aleator.verification import MonteCarlo
 
@@ -125,6 +125,9 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     laws = {
         name: made(f"parameters.{name}", section.build) for name, section in file.parameters.items()
     }
+    inputs = made("parameters", lambda: Inputs(laws))
+    if file.correlation:
+        inputs = made("correlation", lambda: Inputs(laws, pairs(file.correlation)))
     return Study(
         file=path,
         sha256=sha256,
@@ -143,7 +146,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
             made("simulator.function", lambda: load_function(file.simulator.function, path.parent)),
             file.simulator.vectorized,
         ),
-        inputs=made("parameters", lambda: Inputs(laws)),
+        inputs=inputs,
         noise=None if file.noise is None else made("noise.sd", file.noise.build),
         propagation=made("propagation", file.propagation.build),
         density=made("density", file.density.build),
