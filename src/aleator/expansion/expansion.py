@@ -15,6 +15,9 @@ from aleator.indices import Indices
 
 Array = NDArray[np.float64]
 
+NOTHING = 1e-12
+"""Standard deviation over mean below which an outcome does not vary: what is left is rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
@@ -63,14 +66,14 @@ class Expansion:
 
     @property
     def unexplained(self) -> Array:
-        """Share (N,) of the outcome's variance that the expansion misses, 1 - Q^2.
+        """Share (N,) of the outcome's variance that the expansion misses, an estimate of 1 - R^2.
 
-        leave_one_out^2 over the variance; zero where the outcome does not vary at all.
+        leave_one_out^2 / (variance + leave_one_out^2); zero where the outcome does not vary.
         """
-        rough = np.spacing(np.abs(self.mean)) * 1e4
-        varies = self.variance + self.leave_one_out**2 > rough**2
-        missed = self.leave_one_out**2 / np.where(varies, self.variance, 1.0)
-        return np.where(varies, missed, 0.0 * self.leave_one_out)
+        missed = self.leave_one_out**2
+        whole = self.variance + missed
+        varies = np.sqrt(whole) > NOTHING * np.abs(self.mean)
+        return np.where(varies, missed / np.where(varies, whole, 1.0), 0.0)
 
 
 class Expanding(Protocol):

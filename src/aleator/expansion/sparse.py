@@ -21,8 +21,6 @@ Order = Callable[[Array, Array, int], NDArray[np.intp]]
 
 FULLEST = 0.6
 """Terms for each run that a path may reach."""
-PATIENCE = 2
-"""Degrees in a row that may fail to improve any experiment before the search for one stops."""
 
 
 @dataclass(frozen=True)
@@ -69,18 +67,14 @@ class Sparse:
         place = {tuple(row): k for k, row in enumerate(indices.tolist())}
         best = np.full(len(outcomes), np.inf)
         coefficients = np.zeros((len(outcomes), len(indices)))
-        failures = 0
         for degree in range(self.terms.degree + 1):
             lower = self.terms.lowered(degree).indices(basis.limits)
             among = np.array([place[tuple(row)] for row in lower.tolist()])
             found, error = _paths(psi[:, among], design.weights, outcomes, order)
             better = error < best
-            failures = 0 if np.any(better) else failures + 1
             best = np.where(better, error, best)
             coefficients[better] = 0.0
             coefficients[np.ix_(better, among)] = found[better]
-            if failures == PATIENCE:
-                break
         used = np.any(coefficients != 0.0, axis=0)
         used[0] = True
         return Expansion(basis, indices[used], coefficients[:, used], np.sqrt(best))
@@ -124,9 +118,10 @@ def _least_angles() -> Order:
         with warnings.catch_warnings():
             # it drops columns that depend on others and says so
             warnings.simplefilter("ignore", ConvergenceWarning)
+            # some of its steps take up no column: twice as many reach the longest path
             _, active, _ = lars_path_gram(
-                correlation, gram, n_samples=1, max_iter=longest, method="lar"
+                correlation, gram, n_samples=1, max_iter=2 * longest, method="lar"
             )
-        return np.array(active, dtype=np.intp)
+        return np.array(active[:longest], dtype=np.intp)
 
     return order

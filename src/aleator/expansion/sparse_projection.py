@@ -27,10 +27,11 @@ class SparseProjection:
     the polynomials k <= l; the expansion is sum_l s_l times the l-th of these, with the signs
     s_l = sum_z (-1)^|z| over z in {0, 1}^n with l + z in the set. Each grid projects only what it
     integrates exactly with its own polynomials, so that the expansion is exact for every
-    polynomial in the set, without the aliasing of a sparse grid's weights (Constantine, Eldred
-    and Phipps, CMAME 229 (2012); Conrad and Marzouk, SIAM J. Sci. Comput. 35 (2013)). There is no
-    leave-one-out error. Grows fast with the degree: 231 points for ten normal parameters of
-    total degree 2, 1,981 for degree 3 before coinciding nodes are merged.
+    polynomial in the set (Constantine, Eldred and Phipps, CMAME 229 (2012); Conrad and Marzouk,
+    SIAM J. Sci. Comput. 35 (2013)). The plain weights of the same sparse grid are as good for
+    `TotalDegree`, but alias for sets such as `Hyperbolic`, where the product of two terms is
+    beyond their exactness. There is no leave-one-out error. The points grow fast with the degree:
+    for ten symmetric laws 221 of degree 2 and 1,581 of degree 3.
 
     >>> from aleator.indices import TotalDegree
     >>> from aleator.laws import Normal
