@@ -94,7 +94,7 @@ def test_a_mixture_and_a_normal_by_thirty_digits() -> None:
 
 
 def test_a_large_sample_of_a_density_is_near_it() -> None:
-    """sqrt(R) W_1 tends to int |B(F)| (del Barrio et al.), of mean sqrt(2/pi) int sqrt(F(1 - F))."""
+    """sqrt(R) W_1 tends to int |B(F)|, of mean sqrt(2/pi) int sqrt(F (1 - F))."""
     density, size = normal(3.0, 2.0), 4000
     sample = density.sample(np.random.default_rng(3), size)
     y = np.linspace(-9, 9, 4001)
