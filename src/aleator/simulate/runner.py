@@ -156,6 +156,39 @@ class Runner:
         outcome[new] = self._run(at[first[new]], points[first[new]])
         return transformed(outcome[inverse], self.transform)
 
+    def attempt(self, index: ArrayLike, x: ArrayLike) -> Floats:
+        """Run as a call does, but a run that raises or is not finite is NaN and stops nothing.
+
+        Nothing is taken from the runs that are known. Raises SimulatorError for a wrong shape.
+        """
+        at, points = np.asarray(index, dtype=np.intp), np.asarray(x, dtype=np.float64)
+        outcome = np.empty(len(at))
+        for start in range(0, len(at), self.simulator.block):
+            part = slice(start, start + self.simulator.block)
+            outcome[part] = self._attempted(at[part], points[part])
+        self.runs += len(at)
+        return transformed(outcome, self.transform)
+
+    def _attempted(self, index: Ints, x: Floats) -> Floats:
+        """One block; what raises is found by halves, or by the function that told where it was."""
+        try:
+            return self._call(index, x)
+        except SimulatorError:
+            raise
+        except RunStopped as stop:
+            if not isinstance(stop.__cause__, Exception):
+                raise (stop.__cause__ or stop) from None  # Ctrl-C
+            done = len(stop.completed)
+            failed, rest = np.full(1, np.nan), slice(done + 1, None)
+            after = self._attempted(index[rest], x[rest]) if done + 1 < len(index) else failed[:0]
+            return np.concatenate([stop.completed, failed, after])
+        except Exception:
+            if len(index) == 1:
+                return np.full(1, np.nan)
+            half = len(index) // 2
+            parts = (slice(None, half), slice(half, None))
+            return np.concatenate([self._attempted(index[part], x[part]) for part in parts])
+
     def _keys(self, index: Ints, x: Floats) -> list[bytes]:
         rows = np.column_stack([self.group[index], x])
         return [row.tobytes() for row in rows]

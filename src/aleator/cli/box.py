@@ -1,0 +1,42 @@
+"""`aleator box`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from aleator.cli.program import FILE, SEED, main, shown
+from aleator.feasibility import feasible_box
+from aleator.report import box as report
+from aleator.report import documents
+from aleator.study import load_study
+
+
+@main.command()
+@click.argument("study", type=FILE, metavar="STUDY.toml")
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Write DIR/box.json.",
+)
+@SEED
+@click.option("--quiet", is_flag=True, help="Do not show progress.")
+def box(study: Path, output: Path | None, seed: int | None, quiet: bool) -> None:
+    """Find the largest box of the parameters in which every experiment has an outcome.
+
+    Looks within the boxes and limits that STUDY.toml states: make them as wide as physics allows.
+    Runs that raise or return no finite number are failures, not errors. Tells for every side of the
+    box which experiment limits it, and where it failed.
+    """
+    value = load_study(study).overridden(seed)
+    runner = value.runner()
+    with shown(quiet) as progress:
+        progress.stage("feasible box")
+        found = feasible_box(runner, value.inputs, seed=value.seed, progress=progress)
+    Console().print(report.render(found))
+    if output is not None:
+        documents.write_json(report.document(found), output / "box.json")
+        click.echo(f"Written: {output / 'box.json'}")
