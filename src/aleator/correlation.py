@@ -169,8 +169,6 @@ def _hyperparameter(
     )
     found = resolve(label, specification, (-WIDEST, WIDEST))
     if found.lower < -1.0 or found.upper > 1.0:
-        raise InputsError(
-            f"{label} reaches from {found.lower:g} to {found.upper:g}, beyond -1 or 1",
-            "give limits between -1 and 1",
-        )
+        limits = f"[{found.lower:g}, {found.upper:g}]" if found.free else f"{found.start:g}"
+        raise InputsError(f"{label}: {limits} is not within [-1, 1]", "keep between -1 and 1")
     return found

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Discriminator,
     Field,
@@ -148,7 +149,13 @@ LawSection = Annotated[
 ]
 
 
-CorrelationSection = dict[str, dict[str, Spec]]
+def _paired(value: Any) -> Any:
+    if not isinstance(value, Mapping):
+        raise _fault(f"{value!r} is not of a pair", "name both parameters: a.b = 0.5")
+    return value
+
+
+CorrelationSection = dict[str, Annotated[dict[str, Spec], BeforeValidator(_paired)]]
 """`[correlation]`: `a.b = {lower = -0.9, upper = 0.9}` ties the parameters a and b."""
 
 
