@@ -91,7 +91,7 @@ def least_squares(
 
 @dataclass(frozen=True)
 class _LinearPropagation:
-    """Mean and sd of eta_l(x0) + g_l (x - x0) for independent parameters."""
+    """Mean and sd of eta_l(x0) + g_l (x - x0)."""
 
     inputs: Inputs
     x0: Array
@@ -109,9 +109,14 @@ class _LinearPropagation:
             center[i], d_center[i, part] = own.mean, own.dmean
             spread[i], d_spread[i, part] = own.sd, own.dsd
         mean = self.value + self.slope @ (center - self.x0)
-        sd = np.sqrt(self.slope**2 @ spread**2)
+        scaled = self.slope * spread
+        mixed = scaled @ self.inputs.correlation_matrix(alpha)
+        sd = np.sqrt(np.maximum(np.sum(mixed * scaled, axis=1), 0.0))
         safe = np.where(sd > 0.0, sd, 1.0)
-        sd_jac = (self.slope**2 * spread) @ d_spread / safe[:, None]
+        by_correlation = self.inputs.correlation_slope(alpha)
+        sd_jac = (mixed * self.slope) @ d_spread / safe[:, None]
+        for k in np.flatnonzero(np.any(by_correlation, axis=(0, 1))):
+            sd_jac[:, k] += np.sum(scaled @ by_correlation[:, :, k] * scaled, axis=1) / (2.0 * safe)
         standardized = np.tile(np.array([1.0, 0.0, 1.0, 0.0, 3.0]), (mean.size, 1))
         jac = np.zeros((*standardized.shape, k_total))
         return Moments(mean, sd, standardized, self.slope @ d_center, sd_jac, jac)
@@ -131,7 +136,7 @@ def linear_gaussian(
 ) -> LinearGaussian:
     """Identify the law with the simulator replaced by its tangent at x0 (n,).
 
-    y_l ~ Normal(eta_l(x0) + g_l (mean - x0), g_l diag(sd^2) g_l' + sigma_e^2): the model of
+    y_l ~ Normal(eta_l(x0) + g_l (mean - x0), g_l S g_l' + sigma_e^2), S their covariance: that of
     CIRCE (de Crecy and Bazin), maximized here by the same search. Needs one evaluation with
     gradient at one point.
     """
