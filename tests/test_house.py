@@ -21,6 +21,7 @@ NUMERICS = {
     "quadrature",
     "indices",
     "cubature",
+    "germ_grid",
     "correlation",
     "expansion",
     "expansion_moments",
