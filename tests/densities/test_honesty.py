@@ -217,4 +217,4 @@ def test_the_farthest_outcome_is_finite() -> None:
     for density in (Gaussian(), MaximumEntropy(4)):
         fitted = density.fit(m, [-1e300], [1e300])
         assert_finite(fitted.sensitivity([1e300]))
-        assert fitted.cdf([1e300]).tolist() == [1.0]
+        np.testing.assert_allclose(fitted.cdf([1e300]), [1.0], rtol=1e-13)

@@ -31,15 +31,16 @@ from aleator.densities.solution import Solution
 class FittedMaximumEntropy:
     """Maximum-entropy densities of N experiments; methods as in `FittedDensity`.
 
-    `normal` stands in where neither the order asked for nor order 2 could be solved.
+    `normal` stands in where neither the order asked for nor a lower one could be solved.
     `lower_moves`, `upper_moves` (N,) tell the edges that the physical range has set; the others
-    lie at the reach.
+    lie at the reach, whose derivatives by the standardized moments are `reach_slope` (N, M+1).
     """
 
     normal: FittedGaussian
     solution: Solution
     lower_moves: Mask
     upper_moves: Mask
+    reach_slope: Array
 
     @property
     def status(self) -> Codes:
@@ -50,7 +51,7 @@ class FittedMaximumEntropy:
 
     @property
     def order_used(self) -> Codes:
-        """(N,) the order asked for, 2 where a fallback stands in, 0 for a point mass."""
+        """(N,) the order asked for, or that of the fallback, M-2, M-4, .. 2; 0 for a point mass."""
         return np.where(self._bounded, self.solution.order_used, self.normal.order_used)
 
     @property
@@ -139,11 +140,16 @@ class FittedMaximumEntropy:
         mean, sd = self.normal.safe()
         u = in_sds(np.where(none, mean, outcome), mean, sd)
         own = partials(self.solution, u)
+        by_reach = np.where(self.upper_moves, 0.0, own.d_b) - np.where(
+            self.lower_moves, 0.0, own.d_a
+        )
+        moved = own.d_standardized + by_reach[:, None] * self.reach_slope
+        moved[:, :3] = 0.0
         d_a = np.where(self.lower_moves, own.d_a, 0.0)
         d_b = np.where(self.upper_moves, own.d_b, 0.0)
         scaled = u * own.d_u + self.solution.a * d_a + self.solution.b * d_b
         columns = np.zeros_like(plain.d_standardized)
-        columns[:, : own.d_standardized.shape[1]] = own.d_standardized
+        columns[:, : moved.shape[1]] = moved
         bounded = self._bounded & ~none
         status = np.where(own.outside & bounded, Status.OUTSIDE_SUPPORT, Status.SOLVED)
         failed = self.solution.status != Status.SOLVED

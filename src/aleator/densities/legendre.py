@@ -164,14 +164,19 @@ def cholesky(matrices: Array) -> tuple[Array, Array]:
     return factor, smallest
 
 
-def substitute(factor: Array, right: Array) -> Array:
-    """Solutions (N, M) of L L^T x = right (N, M) for the factors L (M, M, N) of `cholesky`."""
-    x = np.ascontiguousarray(right.T)
-    size = x.shape[0]
-    for j in range(size):
+def forward(factor: Array, right: Array) -> Array:
+    """Solutions (N, M) of L x = right (N, M) for the factors L (M, M, N) of `cholesky`."""
+    x = np.array(right.T, order="C")
+    for j in range(x.shape[0]):
         x[j] /= factor[j, j]
         x[j + 1 :] -= factor[j + 1 :, j] * x[j]
-    for j in reversed(range(size)):
+    return x.T
+
+
+def substitute(factor: Array, right: Array) -> Array:
+    """Solutions (N, M) of L L^T x = right (N, M) for the factors L (M, M, N) of `cholesky`."""
+    x = forward(factor, right).T
+    for j in reversed(range(x.shape[0])):
         x[j] /= factor[j, j]
         x[:j] -= factor[j, :j] * x[j]
     return x.T

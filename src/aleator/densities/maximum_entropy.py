@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from aleator.densities.fitted import FittedMaximumEntropy
 from aleator.densities.gaussian import FittedGaussian
 from aleator.densities.interface import Array, check_moments, in_sds, range_end
+from aleator.densities.reach import reach_of
 from aleator.densities.solution import solve
 from aleator.errors import InputsError
 from aleator.moments import Moments
@@ -80,17 +81,19 @@ class MaximumEntropy:
         # a mean outside the range, or NaN, gets a support and moments of zero: not realizable
         usable = (lower < 0.0) & (upper > 0.0) & np.isfinite(standardized).all(axis=1)
         standardized = np.where(usable[:, None], standardized, _first(self.order))
-        lower_moves, upper_moves = usable & (lower > -self.reach), usable & (upper < self.reach)
+        reach = reach_of(standardized, self.reach)
+        lower_moves, upper_moves = usable & (lower > -reach.width), usable & (upper < reach.width)
         return FittedMaximumEntropy(
             normal=normal,
             solution=solve(
-                np.where(lower_moves, lower, -self.reach),
-                np.where(upper_moves, upper, self.reach),
+                np.where(lower_moves, lower, -reach.width),
+                np.where(upper_moves, upper, reach.width),
                 standardized,
                 self.nodes,
             ),
             lower_moves=lower_moves,
             upper_moves=upper_moves,
+            reach_slope=reach.slope,
         )
 
 

@@ -11,6 +11,9 @@ covariance of phi and f the density,
     dF/db = f(b) (phi(b) - E phi),  dF/da = -f(a) (phi(a) - E phi),  dF/dc = -C,
 
 hence dlambda/dc = H^-1 C, dlambda/db = -H^-1 f(b) (phi(b) - E phi), and for a the opposite sign.
+In the polynomials psi orthonormal under f, psi_k = sum_j T_kj (phi_j - E phi_j), k > 0, the inverse
+is H^-1 = T^T T, so that v.H^-1 v' = sum_k (T v)_k (T v')_k and T C are the coefficients of psi in
+the powers of u.
 Since log f(u) = lambda.phi(u) - log int exp(lambda.phi), and the logarithm of the integral changes
 by E phi.dlambda + f(b) db - f(a) da,
 
@@ -33,7 +36,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.densities.interface import Array, Mask
-from aleator.densities.legendre import cholesky, legendre, substitute
+from aleator.densities.legendre import legendre
 from aleator.densities.solution import Solution
 
 TOUCH = 1e-12
@@ -62,23 +65,21 @@ def partials(solution: Solution, u: Array) -> Partials:
     t = np.clip((edge - 0.5 * (s.a + s.b)) / half, -1.0, 1.0)
     beyond = u - edge
     phi, slope, curvature = (
-        legendre(t, order, derivative)[:, 1:] / half[:, None] ** derivative
-        for derivative in range(3)
+        legendre(t, order, derivative) / half[:, None] ** derivative for derivative in range(3)
     )
-    g = _dot(s.multipliers, slope)
+    g = _dot(s.multipliers, slope[:, 1:])
     inside = beyond == 0.0
     falls = np.where(g * beyond < 0.0, 1.0, 0.0)
-    log_f = _dot(s.multipliers, phi) - s.log_z - np.log(2.0 * half)
-    used = np.arange(1, order + 1) <= s.order_used[:, None]
-    v = np.where(used, phi - s.mean + (falls * beyond)[:, None] * slope, 0.0)
-    factor, _ = cholesky(s.covariance)
-    w = substitute(factor, v)
-    ends = legendre(np.array([-1.0, 1.0]), order)[:, 1:]
-    f_a, f_b = (np.exp(s.multipliers @ end - s.log_z) / (2.0 * half) for end in ends)
-    d_a = f_a * (1.0 + _dot(w, ends[0] - s.mean))
-    d_b = -f_b * (1.0 + _dot(w, ends[1] - s.mean))
-    by_edge = (1.0 - falls) * g + falls * beyond * _dot(s.multipliers, curvature) + beyond
-    powers = np.einsum("nk,nki->ni", w, s.powers[:, 1:, :])
+    log_f = _dot(s.multipliers, phi[:, 1:]) - s.log_z - np.log(2.0 * half)
+    # v in the orthonormal polynomials: those of degree 0 vanish in it
+    w = np.einsum("nkj,nj->nk", s.psi[:, 1:], phi + (falls * beyond)[:, None] * slope)
+    d_a, d_b = (
+        side * np.exp(s.multipliers @ end[1:] - s.log_z) / (2.0 * half)
+        * (1.0 + _dot(w, s.psi[:, 1:] @ end))
+        for side, end in zip((1.0, -1.0), legendre(np.array([-1.0, 1.0]), order), strict=True)
+    )  # fmt: skip
+    by_edge = (1.0 - falls) * g + falls * beyond * _dot(s.multipliers, curvature[:, 1:]) + beyond
+    powers = np.einsum("nk,nki->ni", w, s.powers[:, 1:])
     powers[:, :3] = 0.0
     return Partials(
         value=log_f + falls * g * beyond - 0.5 * beyond**2,

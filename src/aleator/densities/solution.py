@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from aleator.densities.dual import expectations, gaussian_start, minimize_dual, node_probabilities
-from aleator.densities.interface import Array, Codes, Mask, Status
+from aleator.densities.dual import Expectations, expectations, gaussian_start, minimize_dual
+from aleator.densities.interface import Array, Codes, Status
 from aleator.densities.legendre import (
     Rule,
+    cholesky,
+    forward,
     gauss_rule,
     legendre_in_powers,
     panel_rule,
     realizable,
 )
+from aleator.densities.whitened import density_at, orthonormal, outcomes_at, polish
 
 PANELS = 32
 """A power of two; the panels serve the check, the cdf and the quantile."""
@@ -23,10 +26,18 @@ PANELS = 32
 _PANEL_NODES = 10
 """At 200 nodes of the solve; more in proportion, so that the check never sees less."""
 
-_FINER = 4
-"""A solve that its check refutes is tried again with so many times the nodes."""
+_FINER = 3
+"""A solve that its check refutes is polished on so many times the nodes of the check, and checked
+on one time more."""
 
 LARGEST_RESIDUAL = 1e-6
+
+_LARGEST_UNPOLISHED = 1e-8
+"""Nodes too coarse for a narrow mode mislead the solve and its check alike, so that a residual
+which is not far below what is allowed is a reason to look with finer nodes."""
+
+_SMALLEST_PIVOT = 1e-8
+"""Pivot of the covariance of phi under which its factors have lost half their digits."""
 
 _BLOCK = 128
 """Experiments solved at once: their exponentials at the nodes fit the cache of one core."""
@@ -38,9 +49,10 @@ _NORMAL_MOMENTS = np.array([1.0, 0.0, 1.0, 0.0, 3.0, 0.0, 15.0, 0.0, 105.0])
 class Solution:
     """Densities f(u) = exp(multipliers.phi(t(u)) - log_z)/(b - a) on [a, b] of N experiments.
 
-    `mean` (N, M) is E phi and `covariance` (N, M, M) that of phi, with an identity for degrees that
-    are not used. `powers` (N, M+1, M+1) holds phi_k in the powers of u. `order_used` (N,) is M, 2
-    for the fallback on the same support, 0 where that fails too: then the row is a uniform law
+    `mean` (N, M) is E phi. `psi` and `powers` (N, M+1, M+1) hold the polynomials orthonormal under
+    f, in phi_0..phi_M and in the powers of u; rows of degrees that are not used are zero, so that
+    H^-1 = T^T T with T = psi without row and column 0. `order_used` (N,) is M or that of the
+    fallback on the same support, 0 where none could be solved: then the row is a uniform law
     that stands for nothing. `check` is the rule of the residual, independent of that of the solve.
     """
 
@@ -49,7 +61,7 @@ class Solution:
     multipliers: Array
     log_z: Array
     mean: Array
-    covariance: Array
+    psi: Array
     powers: Array
     residual: Array
     order_used: Codes
@@ -57,11 +69,33 @@ class Solution:
     check: Rule
 
 
+@dataclass(frozen=True)
+class _Rules:
+    """Quadrature of one order: of the solve, of its check, of the polish, and of its check."""
+
+    solve: Rule
+    check: Rule
+    polish: Rule
+    fine: Rule
+
+    @classmethod
+    def of(cls, order: int, nodes: int) -> _Rules:
+        """Rules for so many nodes of the solve."""
+        each = max(_PANEL_NODES, nodes // 20)
+        return cls(
+            gauss_rule(order, nodes),
+            panel_rule(order, PANELS, each),
+            panel_rule(order, PANELS, _FINER * each),
+            panel_rule(order, PANELS, (_FINER + 1) * each),
+        )
+
+
 def solve(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
     """Densities on [a, b] (N,) with the standardized moments (N, M+1), each with a status.
 
-    Where the check refutes a solve, finer nodes are tried; where that fails too, order 2 on the
-    same support takes its place and `status` keeps the failure. Cost O(N nodes M) a Newton step.
+    Where the check refutes a solve it is polished on finer nodes in a basis orthonormal under the
+    density itself; where that fails too, order M-2, M-4, .. 2 on the same support takes its place
+    and `status` keeps the failure. Cost O(N nodes M) a Newton step.
     """
     blocks = [
         _solve_block(a[block], b[block], standardized[block], nodes)
@@ -79,88 +113,102 @@ def solve(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
 
 
 def _solve_block(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
-    best = _attempt(a, b, standardized, nodes)
-    failed = np.flatnonzero(best.status == Status.NOT_CONVERGED)
-    if failed.size > 0:
-        # narrow modes that the nodes did not see
-        fine = _attempt(a[failed], b[failed], standardized[failed], _FINER * nodes)
-        _put(best, failed, fine, fine.status == Status.SOLVED)
-        best = replace(best, check=fine.check)
-    failed = np.flatnonzero(best.status)
-    if failed.size > 0:
-        _fall_back(best, failed, standardized[failed], nodes)
-    return best
-
-
-def _put(best: Solution, rows: Codes, other: Solution, works: Mask) -> None:
-    """Write the rows of another solution that work into these rows."""
-    for field in fields(Solution):
-        if field.name != "check":
-            getattr(best, field.name)[rows[works]] = getattr(other, field.name)[works]
-
-
-def _fall_back(best: Solution, failed: Codes, standardized: Array, nodes: int) -> None:
-    """Order 2 in the rows that failed, and a uniform law of order 0 where that fails too."""
     order = standardized.shape[1] - 1
-    second = _attempt(best.a[failed], best.b[failed], standardized[:, :3], nodes)
-    kept = np.flatnonzero(second.status == Status.SOLVED)
-    rows = failed[kept]
-    best.multipliers[failed], best.mean[failed], best.log_z[failed] = 0.0, 0.0, 0.0
-    best.covariance[failed] = np.eye(order)
-    best.order_used[failed] = 0
-    best.multipliers[rows, :2] = second.multipliers[kept]
-    best.mean[rows, :2] = second.mean[kept]
-    best.covariance[rows, :2, :2] = second.covariance[kept]
-    best.log_z[rows] = second.log_z[kept]
-    best.order_used[rows] = 2
-    best.residual[failed] = _relative(_NORMAL_MOMENTS[: order + 1], standardized)
-    best.residual[rows] = _residual(
-        node_probabilities(best.multipliers[rows], best.log_z[rows], best.check),
-        best.check.nodes,
-        best.a[rows],
-        best.b[rows],
-        standardized[kept],
-    )
+    rules = _Rules.of(order, nodes)
+    multipliers, status, polished = _attempt(a, b, standardized, rules)
+    used = np.where(status == Status.SOLVED, order, 0)
+    failed = np.flatnonzero(status)
+    for lower in _lower_orders(order):
+        if failed.size == 0:
+            break
+        found, codes, hard = _attempt(
+            a[failed], b[failed], standardized[failed, : lower + 1], _Rules.of(lower, nodes)
+        )
+        kept = codes == Status.SOLVED
+        rows, failed = failed[kept], failed[~kept]
+        multipliers[rows] = 0.0
+        multipliers[rows, :lower] = found[kept]
+        used[rows] = lower
+        polished |= hard
+    multipliers[failed] = 0.0
+    check = rules.fine if polished else rules.check
+    law = expectations(multipliers, check)
+    psi, powers = _orthonormal(a, b, multipliers, law, rules)
+    unused = np.arange(order + 1) > used[:, None]
+    psi[unused], powers[unused] = 0.0, 0.0
+    residual = _residual_of(multipliers, np.arange(a.size), check, a, b, standardized)
+    residual[failed] = _relative(_NORMAL_MOMENTS[: order + 1], standardized[failed])
+    return Solution(
+        a, b, multipliers, law.log_z, law.mean, psi, powers, residual, used, status, check
+    )  # fmt: skip
 
 
-def _attempt(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
-    """Solve one order; what cannot be solved keeps the multipliers of the start and a status."""
+def _lower_orders(order: int) -> list[int]:
+    """Orders of the fallback: two less at a time, which keeps an even order even, and last 2."""
+    return [*range(order - 2, 2, -2), 2] if order > 2 else []
+
+
+def _attempt(a: Array, b: Array, standardized: Array, rules: _Rules) -> tuple[Array, Codes, bool]:
+    """Multipliers (N, M) and status (N,) of one order, and whether a row had to be polished."""
     order = standardized.shape[1] - 1
-    check = panel_rule(order, PANELS, max(_PANEL_NODES, nodes // 20))
-    powers = legendre_in_powers(a, b, order)
-    target = (powers @ standardized[:, :, None])[:, :, 0]
-    possible = np.flatnonzero(realizable(target))
+    target = (legendre_in_powers(a, b, order) @ standardized[:, :, None])[:, :, 0]
+    rows = np.flatnonzero(realizable(target))
     status = np.full(a.size, int(Status.NOT_REALIZABLE))
     multipliers = gaussian_start(a, b, order)
-    multipliers[possible], converged = minimize_dual(
-        target[possible, 1:], multipliers[possible], gauss_rule(order, nodes)
-    )
-    law = expectations(multipliers, check)
-    probability = node_probabilities(multipliers, law.log_z, check)
-    residual = _residual(probability, check.nodes, a, b, standardized)
-    honest = converged & (residual[possible] <= LARGEST_RESIDUAL)
-    status[possible] = np.where(honest, Status.SOLVED, Status.NOT_CONVERGED)
-    return Solution(
-        a=a,
-        b=b,
-        multipliers=multipliers,
-        log_z=law.log_z,
-        mean=law.mean,
-        covariance=law.covariance,
-        powers=powers,
-        residual=residual,
-        order_used=np.full(a.size, order),
-        status=status,
-        check=check,
-    )
+    multipliers[rows], converged = minimize_dual(target[rows, 1:], multipliers[rows], rules.solve)
+    residual = _residual_of(multipliers, rows, rules.check, a, b, standardized)
+    honest = converged & (residual <= _LARGEST_UNPOLISHED)
+    status[rows[honest]] = Status.SOLVED
+    hard = rows[~honest]
+    if hard.size > 0:
+        multipliers[hard], converged = polish(
+            a[hard], b[hard], standardized[hard], multipliers[hard], rules.polish
+        )
+        residual = _residual_of(multipliers, hard, rules.fine, a, b, standardized)
+        honest = converged & (residual <= LARGEST_RESIDUAL)
+        status[hard] = np.where(honest, Status.SOLVED, Status.NOT_CONVERGED)
+    return multipliers, status, hard.size > 0
 
 
-def _residual(probability: Array, t: Array, a: Array, b: Array, standardized: Array) -> Array:
-    """Distance of the moments of u, summed at the nodes t of the check, from those asked for.
+def _residual_of(
+    multipliers: Array, rows: Codes, check: Rule, a: Array, b: Array, standardized: Array
+) -> Array:
+    """Residual of the densities of these rows, by a rule of other nodes."""
+    density = density_at(multipliers[rows], check)
+    return _residual(density, check, a[rows], b[rows], standardized[rows])
+
+
+def _orthonormal(
+    a: Array, b: Array, multipliers: Array, law: Expectations, rules: _Rules
+) -> tuple[Array, Array]:
+    """Coefficients (N, M+1, M+1) of the polynomials orthonormal under the densities, in phi and in
+    the powers of u: from the factors of the covariance, or by recurrence where these fail."""
+    count, order = multipliers.shape
+    factor, pivot = cholesky(law.covariance)
+    psi = np.zeros((count, order + 1, order + 1))
+    psi[:, 0, 0] = 1.0
+    for k in range(order):
+        unit = np.zeros((count, order))
+        unit[:, k] = 1.0
+        psi[:, 1:, k + 1] = forward(factor, unit)
+    psi[:, 1:, 0] = -np.einsum("nkj,nj->nk", psi[:, 1:, 1:], law.mean)
+    powers = psi @ legendre_in_powers(a, b, order)
+    lost = np.flatnonzero(pivot < _SMALLEST_PIVOT)
+    if lost.size > 0:
+        exact = orthonormal(
+            density_at(multipliers[lost], rules.fine),
+            outcomes_at(rules.fine, a[lost], b[lost]), a[lost], b[lost], order,
+        )  # fmt: skip
+        psi[lost], powers[lost] = exact.legendre, exact.powers
+    return psi, powers
+
+
+def _residual(probability: Array, check: Rule, a: Array, b: Array, standardized: Array) -> Array:
+    """Distance of the moments of u, summed at the nodes of the check, from those asked for.
 
     Powers of u itself are summed, so that a wrong conversion to Legendre moments shows as well.
     """
-    u = 0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * t
+    u = outcomes_at(check, a, b)
     found = np.empty_like(standardized)
     for m in range(standardized.shape[1]):
         found[:, m] = probability.sum(axis=1)
