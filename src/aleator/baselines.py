@@ -136,7 +136,7 @@ def linear_gaussian(
 ) -> LinearGaussian:
     """Identify the law with the simulator replaced by its tangent at x0 (n,).
 
-    y_l ~ Normal(eta_l(x0) + g_l (mean - x0), g_l S g_l' + sigma_e^2), S their covariance: that of
+    y_l ~ Normal(eta_l(x0) + g_l (mean - x0), g_l Cov(x) g_l' + sigma_e^2): the model of
     CIRCE (de Crecy and Bazin), maximized here by the same search. Needs one evaluation with
     gradient at one point.
     """

@@ -27,6 +27,19 @@ class Estimate:
 
 
 @dataclass(frozen=True)
+class ParameterCorrelation:
+    """Correlation of two parameters under the identified law, whatever it was identified by.
+
+    That of their normal germs, which is theirs where both laws are normal. `standard_error` by the
+    delta method; None where the correlation is known, or rests on an estimate without one.
+    """
+
+    between: tuple[str, str]
+    estimate: float
+    standard_error: float | None
+
+
+@dataclass(frozen=True)
 class Warning:
     """Something to know before the numbers are used: about what, and what to do."""
 
@@ -92,6 +105,7 @@ class Identification:
     seconds: Mapping[str, float]
     seed: int
     versions: Mapping[str, str] = field(default_factory=dict)
+    parameter_correlations: tuple[ParameterCorrelation, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The document identification.json as plain dictionaries, lists, numbers and texts."""
@@ -101,6 +115,9 @@ class Identification:
                 "names": list(self.correlation_names),
                 "matrix": [list(row) for row in self.correlation],
             },
+            "parameter_correlations": [
+                {**vars(c), "between": list(c.between)} for c in self.parameter_correlations
+            ],
             "log_likelihood": dict(vars(self.log_likelihood)),
             "accepted": self.accepted,
             "warnings": [dict(vars(warning)) for warning in self.warnings],

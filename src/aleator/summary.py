@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Mapping, Sequence
 from importlib import metadata
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,10 @@ from aleator.identification import (
     ExperimentReport,
     Identification,
     LogLikelihoodReport,
+    ParameterCorrelation,
 )
 from aleator.inference import Inference
+from aleator.inputs import Inputs
 from aleator.laws import Hyperparameter
 from aleator.likelihood import Likelihood
 from aleator.problem import Problem
@@ -73,6 +76,9 @@ def assemble(
         seconds={**seconds, "total": sum(seconds.values())},
         seed=seed,
         versions=_versions(),
+        parameter_correlations=_parameter_correlations(
+            problem.model.inputs, alpha, hyperparameters, inference
+        ),
     )
 
 
@@ -121,6 +127,33 @@ def _estimates(
             fixed=not h.free,
         )
     return estimates
+
+
+def _parameter_correlations(
+    inputs: Inputs, alpha: Array, hyperparameters: Sequence[Hyperparameter], inference: Inference
+) -> tuple[ParameterCorrelation, ...]:
+    """Every correlation of two parameters that is not zero by assumption."""
+    matrix, slope = inputs.correlation_matrix(alpha), inputs.correlation_slope(alpha)
+    uncertain = np.array([h.free for h in hyperparameters[: inputs.size]])
+    # column f of the covariance is hyperparameter free[f]; the noise's is none of the inputs'
+    estimated = inference.free < inputs.size
+    free = inference.free[estimated]
+    covariance = inference.covariance[np.ix_(estimated, estimated)]
+    found = []
+    for i, j in combinations(range(len(inputs.names)), 2):
+        if matrix[i, j] == 0.0 and not np.any(slope[i, j]):
+            continue
+        needed = np.flatnonzero((slope[i, j] != 0.0) & uncertain)
+        variance = slope[i, j, free] @ covariance @ slope[i, j, free]
+        known = needed.size > 0 and np.all(np.isin(needed, free)) and variance > 0.0
+        found.append(
+            ParameterCorrelation(
+                (inputs.names[i], inputs.names[j]),
+                float(matrix[i, j]),
+                float(np.sqrt(variance)) if known else None,
+            )
+        )
+    return tuple(found)
 
 
 def _search(

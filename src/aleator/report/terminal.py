@@ -142,8 +142,8 @@ def _alpha(result: Result) -> RenderableType:
             low, high = (with_error(e, error_of, estimate=True)[0] for e in entry["interval"])
             interval = f"{low} .. {high}"
         table.add_row(Text(name), estimate, error, interval, Text(_note(entry)))
-    strongest = _strongest(result.get("correlation") or {})
-    return Group(table, Text(strongest)) if strongest else table
+    lines = [_strongest(result.get("correlation") or {}), _correlations(result)]
+    return Group(table, *(Text(line) for line in lines if line))
 
 
 def _note(entry: Mapping[str, Any]) -> str:
@@ -170,6 +170,16 @@ def _strongest(correlation: Mapping[str, Any]) -> str:
         return ""
     _, i, j = max(pairs)
     return f"Correlation of the estimates of {names[j]} and {names[i]}: {matrix[i][j]:.3f}"
+
+
+def _correlations(result: Result) -> str:
+    """A line about the correlations of the parameters, beside the partial ones of alpha."""
+    entries = []
+    for entry in result.get("parameter_correlations") or []:
+        estimate, error = with_error(entry["estimate"], entry["standard_error"], estimate=True)
+        known = "" if entry["standard_error"] is None else f" +- {error}"
+        entries.append(f"{' and '.join(entry['between'])} {estimate}{known}")
+    return f"Correlation of the parameters: {', '.join(entries)}" if entries else ""
 
 
 def _log_likelihood(result: Result) -> RenderableType:
