@@ -29,6 +29,8 @@ class Constants:
     cell: Array  #: cells s/rad
     torque: Array  #: w_m^2 / J_1, cells / s per unit of T_1 / w_m^2
     hold: Array  #: R T_b0 / J_2, cells / s
+    spread: Array  #: R^2 J_1 / J_2, -
+    viscous: Array  #: b / J_2, 1 / s
     friction: Array  #: alpha / J_1, cells / (s Pa)
     drag: Array  #: gamma / (J_1 (z_M - x_2 z_p)), 1 / s
     slope: Array  #: 1 / (z_M - x_2 z_p), 1 / m
@@ -47,12 +49,15 @@ def constants(runs: Runs, signal: Index) -> Constants:
     cell = CELLS / runs.motor_speed
     contact = plates.z_contact * runs.zp_scale
     slope = 1.0 / (plates.z_max - contact)
+    inertia = shafts.inertia_2 * runs.inertia_factor
     return Constants(
         run=np.arange(len(signal)),
         signal=signal,
         cell=cell,
         torque=runs.motor_speed**2 / shafts.inertia_1 * cell,
-        hold=shafts.ratio * runs.brake_torque / shafts.inertia_2 * cell,
+        hold=shafts.ratio * runs.brake_torque / inertia * cell,
+        spread=shafts.ratio**2 * shafts.inertia_1 / inertia,
+        viscous=shafts.viscous * runs.viscous_factor / inertia,
         friction=plates.alpha * runs.friction_factor / shafts.inertia_1 * cell,
         drag=plates.gamma * runs.drag_factor / shafts.inertia_1 * slope,
         slope=slope,

@@ -13,12 +13,15 @@ from aleator.errors import SimulatorError
 
 Array = NDArray[np.float64]
 
-#: The bench's deviations from the model, as the model has them: none.
+#: Deviations from the model's parameters, and the bench's from the model, where nobody says: none.
 _AS_MODELED = {
-    "delay": 0.0,
     "frequency_factor": 1.0,
     "drag_factor": 1.0,
     "friction_factor": 1.0,
+    "brake_factor": 1.0,
+    "inertia_factor": 1.0,
+    "viscous_factor": 1.0,
+    "delay": 0.0,
     "fade": 0.0,
 }
 
@@ -27,7 +30,7 @@ _AS_MODELED = {
 class Runs:
     """R runs; every field has shape (R,).
 
-    From `delay` on, the fields are deviations that only the virtual test bench has.
+    `delay` and `fade` are deviations that only the virtual test bench has.
     """
 
     pulse_duration: Array  #: s, Delta t
@@ -37,10 +40,13 @@ class Runs:
     brake_torque: Array  #: N m, T_b0
     c2_scale: Array  #: -, x_1
     zp_scale: Array  #: -, x_2
-    delay: Array  #: s, of the valve
     frequency_factor: Array  #: -, on the natural frequency of the hydraulics
     drag_factor: Array  #: -, on gamma
     friction_factor: Array  #: -, on alpha
+    brake_factor: Array  #: -, on T_b0; the brake torque includes it
+    inertia_factor: Array  #: -, on J_2
+    viscous_factor: Array  #: -, on b
+    delay: Array  #: s, of the valve
     fade: Array  #: -, F = alpha (1 - fade exp(-slip / FADE_SPEED)) ...
 
     def take(self, index: NDArray[np.intp]) -> Runs:
@@ -70,7 +76,11 @@ def make_runs(**given: ArrayLike) -> Runs:
         )
     runs = Runs(*broadcast)
     _check(runs)
-    return replace(runs, motor_speed=runs.motor_speed * np.pi / 30.0)
+    return replace(
+        runs,
+        motor_speed=runs.motor_speed * np.pi / 30.0,
+        brake_torque=runs.brake_torque * runs.brake_factor,
+    )
 
 
 def _check(runs: Runs) -> None:
@@ -87,6 +97,9 @@ def _check(runs: Runs) -> None:
     for name, unit in (("motor_speed", "rpm"), ("brake_torque", "N m")):
         values = getattr(runs, name)
         _require(name, values, (values > 0.0) & (values < np.inf), f"use a value > 0 {unit}")
+    for name in [name for name in _AS_MODELED if name.endswith("_factor")]:
+        values = getattr(runs, name)
+        _require(name, values, (values > 0.0) & (values < np.inf), "use a scale > 0, about 1")
 
 
 def _require(name: str, values: Array, good: NDArray[np.bool_], remedy: str) -> None:

@@ -14,14 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.clutch.converter import capacity_table
-from aleator.clutch.parameters import CLUTCH
 from aleator.clutch.plates import Constants
 
 Array = NDArray[np.float64]
 
 FADE_SPEED = 25.0  #: rad/s, slip over which a fade of the friction dies out, virtual bench only (i)
-_SPREAD = CLUTCH.shafts.ratio**2 * CLUTCH.shafts.inertia_1 / CLUTCH.shafts.inertia_2
-_VISCOUS = CLUTCH.shafts.viscous / CLUTCH.shafts.inertia_2  # 1/s
 
 
 class Stepper:
@@ -35,7 +32,8 @@ class Stepper:
         size = len(c.run)
         self._torque = c.torque * step
         self._hold = c.hold * step
-        self._viscous = _VISCOUS * step
+        self._spread = _shared(c.spread)
+        self._viscous = _shared(c.viscous) * step
         self._fade = (c.fade, -1.0 / (c.cell * FADE_SPEED)) if c.fade.any() else None
         self._table = capacity_table()
         self._index = np.empty(size, dtype=np.intp)
@@ -62,7 +60,7 @@ class Stepper:
         np.add(dw, self._cells.real, out=dw)
         np.multiply(dw, self._torque, out=dw)
         np.subtract(dw, q, out=dw)
-        np.multiply(q, _SPREAD, out=dv)
+        np.multiply(q, self._spread, out=dv)
         np.subtract(dv, self._hold, out=dv)
         np.multiply(v, self._viscous, out=q)
         np.subtract(dv, q, out=dv)
@@ -101,6 +99,11 @@ class Stepper:
         np.add(state, total, out=out)
         if start is not None and end is not None:
             _release(state[1], start, end, out[1])
+
+
+def _shared(values: Array) -> Array | float:
+    """One number where all are the same: faster to multiply by."""
+    return float(values[0]) if values.size and np.all(values == values[0]) else values
 
 
 def _hold(rate: Array, v: Array) -> Array:

@@ -29,6 +29,12 @@ def shifting_time(
     brake_torque: ArrayLike,
     c2_scale: ArrayLike,
     zp_scale: ArrayLike,
+    alpha_scale: ArrayLike = 1.0,
+    gamma_scale: ArrayLike = 1.0,
+    omega_scale: ArrayLike = 1.0,
+    brake_scale: ArrayLike = 1.0,
+    j2_scale: ArrayLike = 1.0,
+    b_scale: ArrayLike = 1.0,
 ) -> Array:
     """Return the shifting time [s]: from the start of the current to equal speeds of both shafts.
 
@@ -51,6 +57,10 @@ def shifting_time(
         x_1 [-], scales the oil pressure bias c_2; the box of the benchmark is [0.5, 1.4].
     zp_scale
         x_2 [-], scales the contact position z_p; the box of the benchmark is [0.3, 1.2].
+    alpha_scale, gamma_scale, omega_scale, brake_scale, j2_scale, b_scale
+        [-], more than 0, scale friction alpha, drag gamma, the natural frequency of the hydraulics,
+        brake torque T_b0, the output's inertia J_2 and its viscous friction b: further lumped
+        parameters, from which a sensitivity study chooses. The result at 1 is that without them.
 
     Each argument is a number or an array (R,); numbers are broadcast.
 
@@ -69,9 +79,9 @@ def shifting_time(
     Notes
     -----
     In the box the error is below 1e-6 s, 99 % below 2e-7 s. Cost, on one core: 40 ms for a single
-    run, 50 ms for 100, 0.4 s for 10,000; fewer different currents are a little cheaper. Outside the
-    box (x_2 above 1.2) synchronization can be grazing; the outcome then jumps as a function of x,
-    and next to the jump no accuracy can be promised.
+    run, 50 ms for 100, 0.4 s for 10,000; fewer different currents and omega_scale
+    are a little cheaper. Outside the box (x_2 above 1.2) synchronization can be grazing; the
+    outcome then jumps as a function of x, and next to the jump no accuracy can be promised.
 
     Examples
     --------
@@ -89,6 +99,12 @@ def shifting_time(
         brake_torque=brake_torque,
         c2_scale=c2_scale,
         zp_scale=zp_scale,
+        friction_factor=alpha_scale,
+        drag_factor=gamma_scale,
+        frequency_factor=omega_scale,
+        brake_factor=brake_scale,
+        inertia_factor=j2_scale,
+        viscous_factor=b_scale,
     )
     return synchronization_time(runs)
 
