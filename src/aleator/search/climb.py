@@ -9,66 +9,111 @@ from scipy import optimize
 from aleator.likelihood import LogLikelihood
 from aleator.search.coordinates import Coordinates
 from aleator.search.interface import Ascent
+from aleator.search.limits import WIDE
 from aleator.search.watched import FLOOR, Watched
 
 Array = NDArray[np.float64]
+
+FLAT = 1e-4
+"""Slope, in log-likelihood a standard error of the leg's own start, at which a leg ends."""
+SETTLED = 0.05
+"""... of the leg's end, above which another leg follows: a millesimal gain is possible."""
+LITTLE = 1e-6
+"""A leg that gains less than this in log-likelihood is the last."""
 
 
 def climb(objective: Watched, coordinates: Coordinates, start: Array, evaluations: int) -> Ascent:
     """Climb from the alpha `start` (K,) with at most so many evaluations.
 
-    The variables are steps from the start in units of the standard errors there, as the outer
-    product of the scores estimates them. Where the log-likelihood is no number the line search
-    sees a value below all it has met, and comes back.
+    The variables are steps in units of the standard errors, as the outer product of the scores
+    estimates them. Far from the maximum that estimate is poor: where it no longer holds at the
+    end, another leg begins there in new units.
     """
-    first = objective(start)
-    if first.total <= FLOOR:
+    at = objective(start)
+    if at.total <= FLOOR:
         return Ascent(start, start, -np.inf, 1, converged=False)
-    scale = _scale(coordinates, first, start)
-    count, best = 1, (start, first.total)
-    least = first.total
+    alpha, count, settled = start, 1, False
+    while not settled:
+        leg = _Leg(objective, coordinates, alpha, at, evaluations - count)
+        arrived = leg.run()
+        gain, count = leg.best.total - at.total, count + leg.count
+        alpha, at = leg.highest, leg.best
+        settled = not arrived or gain < LITTLE or _settled(coordinates, alpha, at)
+    return Ascent(start, alpha, at.total, count, arrived)
 
-    def negative(v: Array) -> tuple[float, Array]:
-        nonlocal count, best, least
-        alpha = coordinates.moved(start, v * scale) if np.any(v) else start
-        if np.array_equal(alpha, start):
-            result = first
-        elif count < evaluations:
-            count += 1
-            result = objective(alpha)
-        else:
+
+class _Leg:
+    """A run of L-BFGS-B in the units of its start, which remembers its highest point."""
+
+    def __init__(
+        self,
+        objective: Watched,
+        coordinates: Coordinates,
+        start: Array,
+        at: LogLikelihood,
+        most: int,
+    ) -> None:
+        self._objective, self._coordinates, self._most = objective, coordinates, most
+        self._start, self._at, self._least = start, at, at.total
+        self._scale = _scale(coordinates, at, start)
+        self.highest, self.best, self.count = start, at, 0
+
+    def run(self) -> bool:
+        """Whether it came to its own end within the evaluations."""
+        unit = self._coordinates.to_unit(self._start)
+        try:
+            end = optimize.minimize(
+                self._negative,
+                np.zeros_like(unit),
+                jac=True,
+                method="L-BFGS-B",
+                bounds=list(zip(-unit / self._scale, (1.0 - unit) / self._scale, strict=True)),
+                options={"ftol": 1e-11, "gtol": FLAT, "maxcor": 20},
+            )
+        except _SpentError:
+            return False
+        return bool(end.success)
+
+    def _negative(self, v: Array) -> tuple[float, Array]:
+        moved = self._coordinates.moved(self._start, v * self._scale)
+        alpha = moved if np.any(v) else self._start
+        result = self._at if np.array_equal(alpha, self._start) else self._asked(alpha)
+        if result.total <= FLOOR:
+            # no number: the line search sees less than all it has met, and comes back
+            return 1.0 + self.best.total - 2.0 * self._least, np.zeros_like(v)
+        self._least = min(self._least, result.total)
+        if result.total > self.best.total:
+            self.highest, self.best = alpha, result
+        return -result.total, -self._coordinates.gradient(alpha, result.score) * self._scale
+
+    def _asked(self, alpha: Array) -> LogLikelihood:
+        if self.count >= self._most:
             # the method's own limit is not looked at within a line search
             raise _SpentError
-        if result.total <= FLOOR:
-            return 1.0 - least + (best[1] - least), np.zeros_like(v)
-        least = min(least, result.total)
-        if result.total > best[1]:
-            best = (alpha, result.total)
-        return -result.total, -coordinates.gradient(alpha, result.score) * scale
-
-    unit = coordinates.to_unit(start)
-    try:
-        end = optimize.minimize(
-            negative,
-            np.zeros_like(unit),
-            jac=True,
-            method="L-BFGS-B",
-            bounds=list(zip(-unit / scale, (1.0 - unit) / scale, strict=True)),
-            options={"ftol": 1e-11, "gtol": 1e-4, "maxcor": 20},
-        )
-    except _SpentError:
-        return Ascent(start, *best, count, converged=False)
-    return Ascent(start, *best, count, converged=bool(end.success))
+        self.count += 1
+        return self._objective(alpha)
 
 
-def _scale(coordinates: Coordinates, first: LogLikelihood, start: Array) -> Array:
-    """Standard errors (F,) in u, by the outer product of the scores at the start."""
-    assert first.scores is not None
+def _settled(coordinates: Coordinates, alpha: Array, at: LogLikelihood) -> bool:
+    """Whether no direction within the limits has a slope worth another leg."""
+    slope = coordinates.gradient(alpha, at.score) * _scale(coordinates, at, alpha)
+    unit = coordinates.to_unit(alpha)
+    outward = ((unit <= 0.0) & (slope < 0.0)) | ((unit >= 1.0) & (slope > 0.0))
+    return bool(np.all((np.abs(slope) < SETTLED) | outward))
+
+
+def _scale(coordinates: Coordinates, at: LogLikelihood, alpha: Array) -> Array:
+    """Standard errors (F,) in u, by the outer product of the scores at alpha."""
+    assert at.scores is not None
     with np.errstate(over="ignore"):
-        each = coordinates.gradient(start, first.scores)
+        each = coordinates.gradient(alpha, at.scores)
         information = np.sum(each**2, axis=0)
-    # no variable is scaled to more than its whole range, nor to nothing
-    return np.asarray(1.0 / np.clip(np.sqrt(information), 1.0, 1e6))
+    # no variable is scaled to more than its whole range, nor to nothing beside its own value
+    size = np.abs(alpha[coordinates.free])
+    width = coordinates.upper - coordinates.lower
+    wide = ~coordinates.log & (size > 0.0) & (width > WIDE * size)
+    finest = 1e6 * np.where(wide, width, 1.0) / np.where(wide, size, 1.0)
+    return np.asarray(1.0 / np.clip(np.sqrt(information), 1.0, finest))
 
 
 class _SpentError(Exception):

@@ -19,7 +19,7 @@ from aleator.search.interface import Ascent, Objective, Scored, SearchResult
 from aleator.search.optima import gathered, only_point
 from aleator.search.population import POLISH, Cube, at_least, optional
 from aleator.search.starts import starting_points
-from aleator.search.watched import Watched
+from aleator.search.watched import FLOOR, Watched
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ class CMAES:
         strategy = optional(
             lambda: self._strategy(coordinates.to_unit(start), rng), "cma", "the CMA-ES search"
         )
-        alpha, value, count = start, -np.inf, 0
+        alpha, value, count = start, FLOOR, 0
         while not (reasons := _quietly(strategy.stop)):
             u = np.array(_quietly(strategy.ask))
             cost = cube(u[:, :size])
@@ -111,6 +111,8 @@ class CMAES:
             text = f"run {before + 1} of {self.runs}, {watched.standing}"
             progress.update(text, before + min(count / self.evaluations, 1.0), self.runs)
         converged = bool(ARRIVED_BY & set(reasons))
+        if value <= FLOOR:
+            return Ascent(start, start, -np.inf, count, converged=False)
         if not self.polish:
             return Ascent(start, alpha, value, count, converged)
         end = climb(watched, coordinates, alpha, POLISH)
