@@ -1,0 +1,327 @@
+"""Every trial is a correlation matrix, and the nodes of correlated parameters have it."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import stats
+
+from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
+from aleator.correlation import Correlation, between
+from aleator.cubature import ProbabilityGrid, Smolyak, SobolPoints, TensorGauss
+from aleator.errors import InputsError
+from aleator.moments import weighted_moments
+
+Array = NDArray[np.float64]
+
+LETTERS = "abcdefghij"
+
+
+def all_pairs(n: int) -> Correlation:
+    """Every pair of n parameters, in the order of the vine."""
+    names = LETTERS[:n]
+    return between(names, dict.fromkeys(combinations(names, 2), Free(-1.0, 1.0)))
+
+
+def some_partials(limit: float) -> st.SearchStrategy[tuple[int, list[float]]]:
+    return st.integers(2, 10).flatmap(
+        lambda n: st.tuples(
+            st.just(n),
+            st.lists(
+                st.floats(-limit, limit, allow_subnormal=False),
+                min_size=n * (n - 1) // 2,
+                max_size=n * (n - 1) // 2,
+            ),
+        )
+    )
+
+
+# ------------------------------------------------------------------------------ the matrix
+
+
+@settings(max_examples=100, deadline=None)
+@given(some_partials(1.0))
+def test_every_trial_is_a_correlation_matrix(trial: tuple[int, list[float]]) -> None:
+    """Also with partial correlations of exactly -1 and 1; and no derivative is infinite."""
+    n, partial = trial
+    correlation = all_pairs(n)
+    factor, factor_slope = correlation.cholesky(np.array(partial))
+    matrix, matrix_slope = correlation.matrix(np.array(partial))
+    np.testing.assert_array_equal(matrix, matrix.T)
+    np.testing.assert_array_equal(np.diag(matrix), 1.0)
+    assert np.all(np.abs(matrix) <= 1.0 + 1e-12)
+    assert np.linalg.eigvalsh(matrix).min() > -1e-13 * n
+    np.testing.assert_array_equal(factor, np.tril(factor))
+    assert np.all(np.diag(factor) >= 0.0)
+    np.testing.assert_allclose(factor @ factor.T, matrix, atol=1e-14)
+    assert np.all(np.isfinite(factor_slope))
+    assert np.all(np.isfinite(matrix_slope))
+
+
+@settings(max_examples=50, deadline=None)
+@given(some_partials(0.8))
+def test_the_partial_correlations_of_the_matrix_are_those_given(
+    trial: tuple[int, list[float]],
+) -> None:
+    """By another way: r_ij given k.. is -P_ij/sqrt(P_ii P_jj), P the inverse of that part of R.
+
+    And det R = prod (1 - r^2) (Lewandowski, Kurowicka and Joe, 2009, eq. (3)).
+    """
+    n, partial = trial
+    correlation = all_pairs(n)
+    matrix, _ = correlation.matrix(np.array(partial))
+    for (i, j), value in zip(correlation.pairs, partial, strict=True):
+        part = [*range(j), j, i]
+        precision = np.linalg.inv(matrix[np.ix_(part, part)])[-2:, -2:]
+        found = -precision[0, 1] / np.sqrt(precision[0, 0] * precision[1, 1])
+        assert found == pytest.approx(value, abs=1e-9)
+    determinant = np.prod(1.0 - np.array(partial) ** 2)
+    assert np.linalg.det(matrix) == pytest.approx(determinant, rel=1e-9)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 7])
+def test_derivatives_against_differences(n: int) -> None:
+    correlation = all_pairs(n)
+    partial = np.random.default_rng(n).uniform(-0.9, 0.9, len(correlation.pairs))
+    factor_slope, matrix_slope = correlation.cholesky(partial)[1], correlation.matrix(partial)[1]
+    for k in range(partial.size):
+        step = np.zeros_like(partial)
+        step[k] = 1e-3
+        for way, slope in (
+            (correlation.cholesky, factor_slope),
+            (correlation.matrix, matrix_slope),
+        ):
+            ends = [way(partial + s * step)[0] for s in (-2, -1, 1, 2)]
+            expected = (8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / 12e-3
+            np.testing.assert_allclose(slope[:, :, k], expected, atol=1e-7)
+
+
+# ------------------------------------------------------------------------------ names
+
+
+@pytest.mark.parametrize(
+    ("pairs", "expected"),
+    [
+        (["ab"], ["a.b"]),
+        (["ba"], ["a.b"]),
+        (["ab", "ac", "bc"], ["a.b", "a.c", "b.c.given.a"]),
+        # a chain: its middle is first, so that both are plain correlations
+        (["ab", "bc"], ["a.b", "b.c"]),
+        # a star
+        (["ad", "bd", "cd"], ["a.d", "b.d", "c.d"]),
+        # two groups know nothing of each other
+        (["cd", "ab"], ["a.b", "c.d"]),
+        (
+            ["ab", "ac", "ad", "bc", "bd", "cd"],
+            ["a.b", "a.c", "a.d", "b.c.given.a", "b.d.given.a", "c.d.given.a.b"],
+        ),
+    ],
+)
+def test_names_say_what_is_held(pairs: list[str], expected: list[str]) -> None:
+    found = between("abcd", {(p[0], p[1]): Free() for p in pairs})
+    assert [h.name for h in found.hyperparameters] == [f"correlation.{name}" for name in expected]
+    first = found.hyperparameters[0]
+    assert (first.lower, first.start, first.upper, first.free) == (-0.99, 0.0, 0.99, True)
+
+
+def test_a_plain_name_is_the_plain_correlation() -> None:
+    """A chain a - b - c and a pair d - e: each value stands in R, a and c meet through b only."""
+    inputs = Inputs(
+        {name: Normal(0.0, 1.0) for name in "abcde"},
+        {("a", "b"): 0.5, ("c", "b"): -0.4, ("e", "d"): 0.3},
+    )
+    alpha = np.array([h.start for h in inputs.hyperparameters])
+    expected = np.eye(5)
+    for i, j, value in [(0, 1, 0.5), (1, 2, -0.4), (0, 2, -0.2), (3, 4, 0.3)]:
+        expected[i, j] = expected[j, i] = value
+    np.testing.assert_allclose(inputs.correlation_matrix(alpha), expected, atol=1e-15)
+    assert [h.free for h in inputs.hyperparameters[-3:]] == [False] * 3
+
+
+# ------------------------------------------------------------------------------ nodes
+
+
+def four() -> tuple[Inputs, Array, Array]:
+    """Four normal parameters about a constant, all correlated; alpha, and their covariance."""
+    names = ["a", "b", "k", "c", "d"]
+    laws = {n: Constant(2.0) if n == "k" else Normal(Free(-1, 1), Free(0.1, 3.0)) for n in names}
+    inputs = Inputs(laws, dict.fromkeys(combinations("abcd", 2), Free(-1.0, 1.0)))
+    rng = np.random.default_rng(8)
+    sd = np.array([0.5, 1.5, 0.0, 2.0, 1.0])
+    means = np.array([0.3, -0.2, 2.0, 0.1, 0.9])
+    own = [[m] if n == "k" else [m, s] for n, m, s in zip(names, means, sd, strict=True)]
+    alpha = np.array([*np.concatenate(own), *rng.uniform(-0.9, 0.9, 6)])
+    return inputs, alpha, np.outer(sd, sd) * inputs.correlation_matrix(alpha)
+
+
+@pytest.mark.parametrize("choice", [TensorGauss(2), TensorGauss(4), Smolyak(1), Smolyak(2)])
+def test_the_nodes_have_the_covariance(choice: TensorGauss | Smolyak) -> None:
+    inputs, alpha, covariance = four()
+    nodes = choice.nodes(inputs, alpha)
+    mean = nodes.weights @ nodes.x
+    np.testing.assert_allclose(mean, [0.3, -0.2, 2.0, 0.1, 0.9], atol=1e-13)
+    away = nodes.x - mean
+    np.testing.assert_allclose((away.T * nodes.weights) @ away, covariance, atol=1e-12)
+
+
+def test_fourth_moments_are_those_of_the_normal_law() -> None:
+    """Isserlis: E abcd = s_ab s_cd + s_ac s_bd + s_ad s_bc about the means."""
+    inputs, alpha, s = four()
+    nodes = Smolyak(3).nodes(inputs, alpha)
+    away = nodes.x - nodes.weights @ nodes.x
+    for i, j, k, l in [(0, 1, 3, 4), (0, 0, 1, 3), (1, 1, 1, 4), (3, 3, 4, 4)]:
+        found = nodes.weights @ (away[:, i] * away[:, j] * away[:, k] * away[:, l])
+        expected = s[i, j] * s[k, l] + s[i, k] * s[j, l] + s[i, l] * s[j, k]
+        assert found == pytest.approx(expected, abs=1e-11)
+
+
+def test_sobol_points_have_the_covariance_approximately() -> None:
+    inputs, alpha, covariance = four()
+    x = SobolPoints(4096, 1).nodes(inputs, alpha).x
+    np.testing.assert_allclose(np.cov(x.T), covariance, atol=0.02)
+
+
+def test_without_correlation_the_nodes_are_those_of_independent_laws() -> None:
+    laws = {"a": Normal(0.5, 0.3), "w": TruncatedNormal((-1.0, 1.0), 0.2, 0.5), "k": Constant(1.0)}
+    alpha = np.array([0.5, 0.3, 0.2, 0.5, 1.0])
+    for choice in (SobolPoints(64), ProbabilityGrid(5)):
+        tied = choice.nodes(Inputs(laws, {("a", "w"): Free()}), np.append(alpha, 0.0))
+        free = choice.nodes(Inputs(laws), alpha)
+        np.testing.assert_allclose(tied.x, free.x, atol=1e-14)
+        np.testing.assert_allclose(tied.dx[:, :, :5], free.dx, atol=1e-12)
+        assert np.any(tied.dx[:, 1, 5])
+
+
+@pytest.mark.parametrize("rho", [-1.0, 1.0])
+def test_perfect_correlation_is_no_accident(rho: float) -> None:
+    inputs = Inputs(
+        {"a": Normal(Free(0, 2), Free(0.1, 1)), "b": Normal(Free(0, 2), Free(0.1, 1))},
+        {("a", "b"): Free(-1.0, 1.0)},
+    )
+    alpha = np.array([1.0, 0.5, 0.0, 0.2, rho])
+    for choice in (TensorGauss(5), Smolyak(3), SobolPoints(64)):
+        nodes = choice.nodes(inputs, alpha)
+        np.testing.assert_allclose(nodes.x[:, 1], rho * 0.4 * (nodes.x[:, 0] - 1.0), atol=1e-14)
+        assert np.all(np.isfinite(nodes.dx))
+    x = inputs.sample(alpha, np.random.default_rng(0).random((10, 2)))
+    np.testing.assert_allclose(x[:, 1], rho * 0.4 * (x[:, 0] - 1.0), atol=1e-14)
+
+
+def test_moments_of_an_expansion_in_the_germs_are_exact() -> None:
+    """y = a b: mean mu_a mu_b + s_ab, variance from the moments of a normal pair."""
+    inputs = Inputs({"a": Normal(1.0, 0.5), "b": Normal(-0.5, 0.8)}, {("a", "b"): 0.6})
+    alpha = np.array([1.0, 0.5, -0.5, 0.8, 0.6])
+    nodes = inputs.nodes(alpha, 3)
+    matrix, weights = inputs.expansion_map(alpha, 3, 2, 4)
+    found = weighted_moments((nodes.x[:, 0] * nodes.x[:, 1])[None, :] @ matrix.T, weights, 4)
+    mu, nu, s, t, c = 1.0, -0.5, 0.5, 0.8, 0.6 * 0.5 * 0.8
+    variance = (nu * s) ** 2 + (mu * t) ** 2 + 2 * mu * nu * c + (s * t) ** 2 + c**2
+    assert found.mean[0] == pytest.approx(mu * nu + c, rel=1e-13)
+    assert found.sd[0] == pytest.approx(np.sqrt(variance), rel=1e-13)
+    # quadrature with enough nodes agrees on the higher moments
+    fine = inputs.nodes(alpha, 5)
+    plain = weighted_moments((fine.x[:, 0] * fine.x[:, 1])[None, :], fine.weights, 4)
+    np.testing.assert_allclose(found.standardized, plain.standardized, atol=1e-11)
+
+
+def test_independent_variables_join_to_the_nodes() -> None:
+    inputs, alpha, _ = four()
+    laws, values = inputs.independent(alpha)
+    own = np.stack([law.rule(v, 2).x[[-1]] for law, v in zip(laws, values, strict=True)], axis=1)
+    np.testing.assert_allclose(
+        inputs.joined(alpha, own), inputs.nodes(alpha, 2).x[[-1]], atol=1e-13
+    )
+
+
+# ------------------------------------------------------------------------------ copulas
+
+
+def test_ranks_of_a_sample_and_its_marginals() -> None:
+    """Spearman's rho of a Gaussian copula is 6/pi arcsin(R/2), Kendall's tau 2/pi arcsin(R)."""
+    laws = {
+        "u": TruncatedNormal((-1.0, 1.0), 0.8, 0.5),
+        "v": TruncatedNormal((0.0, float("inf")), 0.0, 1.0),
+        "n": Normal(3.0, 0.1),
+    }
+    inputs = Inputs(laws, {("u", "v"): 0.7, ("u", "n"): -0.3, ("v", "n"): 0.5})
+    alpha = np.array([h.start for h in inputs.hyperparameters])
+    count = 20_000
+    x = inputs.sample(alpha, np.random.default_rng(5).random((count, 3)))
+    matrix = inputs.correlation_matrix(alpha)
+    for i, j in combinations(range(3), 2):
+        expected = 6.0 / np.pi * np.arcsin(matrix[i, j] / 2.0)
+        # at most about 1/sqrt(count) for any correlation
+        assert stats.spearmanr(x[:, i], x[:, j])[0] == pytest.approx(expected, abs=4 / count**0.5)
+        tau = stats.kendalltau(x[:, i], x[:, j])[0]
+        assert tau == pytest.approx(2.0 / np.pi * np.arcsin(matrix[i, j]), abs=4 / count**0.5)
+    exact = [
+        stats.truncnorm(-1.8 / 0.5, 0.2 / 0.5, 0.8, 0.5),
+        stats.halfnorm(),
+        stats.norm(3.0, 0.1),
+    ]
+    for i, law in enumerate(exact):
+        assert stats.kstest(x[:, i], law.cdf).pvalue > 1e-3
+        edges = np.array([[0.1] * 3, [0.9] * 3])
+        found = inputs.marginal(alpha, edges)[:, i]
+        np.testing.assert_allclose(found, law.ppf([0.1, 0.9]), rtol=1e-9)
+
+
+def test_pearson_of_a_copula_by_nodes_and_by_integration() -> None:
+    """E[u v] of two truncated laws against a double integral over the bivariate normal density."""
+    laws = {name: TruncatedNormal((-1.0, 1.0), m, 0.5) for name, m in (("u", 0.8), ("v", -0.3))}
+    inputs = Inputs(laws, {("u", "v"): 0.7})
+    alpha = np.array([h.start for h in inputs.hyperparameters])
+    z = np.linspace(-8.0, 8.0, 801)
+    u, v = (
+        stats.truncnorm((-1 - m) / 0.5, (1 - m) / 0.5, m, 0.5).ppf(stats.norm.cdf(z))
+        for m in (0.8, -0.3)
+    )
+    joint = stats.multivariate_normal(cov=[[1.0, 0.7], [0.7, 1.0]])
+    density = joint.pdf(np.stack(np.meshgrid(z, z, indexing="ij"), axis=-1))
+    expected = (z[1] - z[0]) ** 2 * u @ density @ v
+    nodes = inputs.nodes(alpha, 40)
+    assert nodes.weights @ (nodes.x[:, 0] * nodes.x[:, 1]) == pytest.approx(expected, abs=1e-7)
+    points = SobolPoints(2**14, 0).nodes(inputs, alpha)
+    found = points.weights @ (points.x[:, 0] * points.x[:, 1])
+    assert found == pytest.approx(expected, abs=2e-4)
+
+
+def test_certain_and_impossible_probabilities_have_a_sample() -> None:
+    inputs = Inputs(
+        {"a": TruncatedNormal((-1.0, 1.0), 0.0, 0.5), "b": Normal(0.0, 1.0)}, {("a", "b"): 0.5}
+    )
+    alpha = np.array([0.0, 0.5, 0.0, 1.0, 0.5])
+    x = inputs.sample(alpha, np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5]]))
+    assert np.all(np.isfinite(x))
+    assert np.all(np.abs(x[:, 0]) <= 1.0)
+    np.testing.assert_allclose(x[3], 0.0, atol=1e-15)
+
+
+# ------------------------------------------------------------------------------ misuse
+
+
+@pytest.mark.parametrize(
+    ("correlation", "named"),
+    [
+        ({("a", "x"): 0.5}, "'x' that scatters"),
+        ({("a", "k"): 0.5}, "'k' that scatters"),
+        ({("a", "a"): 0.5}, "with itself"),
+        ({("a", "b"): 0.5, ("b", "a"): Free()}, "given twice"),
+        ({("a", "b", "c"): 0.5}, "not a pair"),
+        ({("a", "b"): 1.5}, r"correlation\.a\.b: 1.5 is not within"),
+        ({("a", "b"): Free(-1.5, 0.5)}, r"\[-1.5, 0.5\] is not within"),
+        ({("a", "b"): Free(0.5, -0.5)}, "lower 0.5 >= upper -0.5"),
+        ({("a", "b"): Free(0.1, 0.5, start=0.0)}, "start 0.0 is outside"),
+        ({("a", "b"): "strong"}, "neither a number nor Free"),
+    ],
+)
+def test_misuse_is_named(correlation, named: str) -> None:
+    laws = {"a": Normal(0.0, 1.0), "b": Normal(0.0, 1.0), "c": Normal(0.0, 1.0)}
+    with pytest.raises(InputsError, match=named) as caught:
+        Inputs({**laws, "k": Constant(1.0)}, correlation)
+    assert caught.value.remedy
