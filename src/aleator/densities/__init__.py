@@ -7,6 +7,7 @@ A choice (`Gaussian()`, `MaximumEntropy(order=4)`) is a `Density`; its `fit` ret
 from aleator.densities.convolution import Convolution, FittedConvolution
 from aleator.densities.fitted import FittedMaximumEntropy
 from aleator.densities.gaussian import FittedGaussian, Gaussian
+from aleator.densities.gaussian_mixture import FittedGaussianMixture, GaussianMixture
 from aleator.densities.interface import (
     DEGENERATE_VALUE,
     FAILED_SOLVE_PENALTY,
@@ -32,6 +33,8 @@ __all__ = [
     "MaximumEntropy",
     "Convolution",
     "FittedConvolution",
+    "GaussianMixture",
+    "FittedGaussianMixture",
     "FittedGaussian",
     "FittedMaximumEntropy",
     "Sensitivity",
