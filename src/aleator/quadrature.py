@@ -23,15 +23,46 @@ def gauss(a: Array, b: Array) -> tuple[Array, Array]:
     >>> t.round(6).tolist(), w.round(6).tolist()
     ([-1.732051, -0.0, 1.732051], [0.166667, 0.666667, 0.166667])
     """
-    q = a.shape[-1]
-    jacobi = np.zeros((*a.shape, q))
-    rows = np.arange(q)
-    jacobi[..., rows, rows] = a
-    off = np.sqrt(b[..., 1:])
-    jacobi[..., rows[1:], rows[:-1]] = off
-    jacobi[..., rows[:-1], rows[1:]] = off
-    nodes, vectors = np.linalg.eigh(jacobi)
+    nodes, vectors = np.linalg.eigh(_tridiagonal(a, np.sqrt(b[..., 1:])))
     return nodes, vectors[..., 0, :] ** 2
+
+
+def gauss_with_gradient(
+    a: Array, b: Array, da: Array, db: Array
+) -> tuple[Array, Array, Array, Array]:
+    """The q-point Gauss rule and its exact derivatives: nodes, weights (q,), and both (q, k).
+
+    `da` and `db` (q, k) are the derivatives of the recurrence coefficients. For a symmetric
+    matrix J with eigenvectors v_i and simple eigenvalues t_i,
+    dt_i = v_i' dJ v_i and dv_i = sum_(j != i) v_j (v_j' dJ v_i)/(t_i - t_j); a Jacobi matrix has
+    simple eigenvalues (Golub and Welsch, 1969). Cost O(k q^3).
+
+    >>> a, b = hermite_recurrence(2)                   # scaled by c: nodes c and -c, weights stay
+    >>> parts = gauss_with_gradient(a, b, np.zeros((2, 1)), np.array([[0.0], [2.0]]))
+    >>> parts[2].round(6).ravel().tolist(), (parts[3] + 0.0).round(6).ravel().tolist()
+    ([-1.0, 1.0], [0.0, 0.0])
+    """
+    nodes, vectors = np.linalg.eigh(_tridiagonal(a, np.sqrt(b[1:])))
+    off = 0.5 * db[1:] / np.sqrt(b[1:, None])
+    change = np.stack([_tridiagonal(d, o) for d, o in zip(da.T, off.T, strict=True)])
+    coupled = vectors.T @ change @ vectors
+    gaps = nodes[None, :] - nodes[:, None]
+    np.fill_diagonal(gaps, np.inf)
+    first = vectors[0]
+    dfirst = np.einsum("j,kji->ik", first, coupled / gaps)
+    dnodes = np.diagonal(coupled, axis1=1, axis2=2).T
+    return nodes, first**2, dnodes, 2.0 * first[:, None] * dfirst
+
+
+def _tridiagonal(diagonal: Array, off: Array) -> Array:
+    """The symmetric matrices (..., q, q) of a diagonal (..., q) and the one beside it."""
+    q = diagonal.shape[-1]
+    matrix = np.zeros((*diagonal.shape, q))
+    rows = np.arange(q)
+    matrix[..., rows, rows] = diagonal
+    matrix[..., rows[1:], rows[:-1]] = off
+    matrix[..., rows[:-1], rows[1:]] = off
+    return matrix
 
 
 @lru_cache(maxsize=64)

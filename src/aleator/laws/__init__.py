@@ -1,6 +1,8 @@
 """Marginal laws of the parameters: one file a law, one interface."""
 
+from aleator.laws.beta import Beta
 from aleator.laws.constant import Constant
+from aleator.laws.gamma import Gamma
 from aleator.laws.hyperparameter import (
     OPEN,
     Free,
@@ -10,21 +12,29 @@ from aleator.laws.hyperparameter import (
     within,
 )
 from aleator.laws.law import Law, MeanSd, Rule, Standard
+from aleator.laws.lognormal import LogNormal
 from aleator.laws.normal import Normal
+from aleator.laws.scipy_law import ScipyLaw
 from aleator.laws.truncated_normal import TruncatedNormal
+from aleator.laws.uniform import Uniform
 
 __all__ = [
+    "Beta",
     "Constant",
     "OPEN",
     "Free",
+    "Gamma",
     "Hyperparameter",
     "Law",
+    "LogNormal",
     "MeanSd",
     "Normal",
     "Rule",
+    "ScipyLaw",
     "Specification",
     "Standard",
     "TruncatedNormal",
+    "Uniform",
     "resolve",
     "within",
 ]

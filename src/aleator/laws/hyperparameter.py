@@ -105,6 +105,40 @@ def resolve(
     return Hyperparameter(name, lower, upper, start, free=True, log=positive)
 
 
+def location_and_scale(
+    mean: Specification, sd: Specification
+) -> tuple[Hyperparameter, Hyperparameter]:
+    """`mean` and `sd` of a law without a box: the mean needs limits of its own.
+
+    An sd limit left open becomes a thousandth and a half of the width of the mean's limits.
+    """
+    center = resolve("mean", mean, (None, None))
+    width = center.upper - center.lower
+    limits = (1e-3 * width, 0.5 * width) if width > 0.0 else (None, None)
+    return center, resolve("sd", sd, limits, positive=True)
+
+
+def require_above(
+    end: float, pair: tuple[Hyperparameter, Hyperparameter]
+) -> tuple[Hyperparameter, Hyperparameter]:
+    """The same mean and sd; raises InputsError where the mean may reach the law's lower end."""
+    _require(math.isfinite(end), f"lower = {end} is not finite", "give a finite lower end")
+    _require(
+        pair[0].lower > end,
+        f"mean: {pair[0].lower} is not above the lower end {end} of the law",
+        f"let the mean stay above it, or give the law another end: lower=..., now {end}",
+    )
+    return pair
+
+
+def about(
+    hyperparameters: Sequence[Hyperparameter], center: float, sd: float | None
+) -> NDArray[np.float64]:
+    """`center` and `sd` as the values of a mean and an sd, or the sd's start where it is None."""
+    spread = hyperparameters[1].start if sd is None else sd
+    return within(hyperparameters, [center, spread])
+
+
 def within(
     hyperparameters: Sequence[Hyperparameter], wanted: Sequence[float]
 ) -> NDArray[np.float64]:

@@ -8,7 +8,13 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve, within
+from aleator.laws.hyperparameter import (
+    OPEN,
+    Hyperparameter,
+    Specification,
+    about,
+    location_and_scale,
+)
 from aleator.laws.law import Array, MeanSd, Rule, Standard
 from aleator.polynomials import evaluate, hermite_recurrence
 from aleator.quadrature import gauss_hermite
@@ -44,10 +50,7 @@ class Normal:
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """`mean` and `sd`."""
-        mean = resolve("mean", self.mean, (None, None))
-        width = mean.upper - mean.lower
-        limits = (1e-3 * width, 0.5 * width) if width > 0.0 else (None, None)
-        return mean, resolve("sd", self.sd, limits, positive=True)
+        return location_and_scale(self.mean, self.sd)
 
     @property
     def box(self) -> tuple[float, float]:
@@ -92,5 +95,4 @@ class Normal:
 
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The center and the sd, within their limits."""
-        spread = self.hyperparameters[1].start if sd is None else sd
-        return within(self.hyperparameters, [center, spread])
+        return about(self.hyperparameters, center, sd)

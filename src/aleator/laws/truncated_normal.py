@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from aleator.errors import InputsError
-from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve, within
+from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, about, resolve
 from aleator.laws.law import Array, MeanSd, Rule, Standard
 from aleator.polynomials import evaluate, hermite_recurrence, stieltjes
 from aleator.quadrature import gauss, gauss_hermite, gauss_legendre
@@ -132,8 +132,7 @@ class TruncatedNormal:
 
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The center and the sd as those of the normal law before truncation."""
-        spread = self.hyperparameters[1].start if sd is None else sd
-        return within(self.hyperparameters, [center, spread])
+        return about(self.hyperparameters, center, sd)
 
     def _own_rule(self, values: Array, nodes: int) -> Rule:
         t, weights, by_end = _own_rule(*self._standard_limits(values), nodes)

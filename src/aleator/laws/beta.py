@@ -1,0 +1,162 @@
+"""The beta law on a box, with Jacobi polynomials."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import special
+
+from aleator.errors import InputsError
+from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, about, resolve
+from aleator.laws.image import Tail, difference, from_probability, from_tails, slope
+from aleator.laws.law import Array, MeanSd, Rule, Standard
+from aleator.polynomials import evaluate, jacobi_recurrence, recurrence_with_gradient
+from aleator.quadrature import gauss_with_gradient
+
+WIDEST = 0.99
+"""Largest sd over that of the law which has all its mass on the two ends of the box."""
+
+
+@dataclass(frozen=True)
+class Beta:
+    """Beta law on `box`, by its own mean and sd, with Jacobi polynomials.
+
+    With m = (mean - lower)/w, v = (sd/w)^2 for the box's width w and s = m (1 - m)/v - 1, the
+    shapes are p = m s and q = (1 - m) s (Wiener-Askey table of Xiu and Karniadakis, 2002):
+    p = q = 1 is uniform, p, q > 1 has one peak, a shape below 1 is infinite at its end of the
+    box. Each of `mean` and `sd` is a number (known) or `Free` (identified).
+
+    A beta law exists where sd < sqrt((mean - lower)(upper - mean)). All laws within the limits
+    must exist, so the largest sd must be below 0.99 of that at both limits of the mean; InputsError
+    says how large it may be. Limits left open are: mean within the inner 80 % of the box, sd from
+    w/1000 to 0.95 of the largest. A mean close to an end leaves little sd: state both limits, with
+    the mean in a narrow range.
+
+    >>> law = Beta(box=(0.0, 2.0), mean=1.0, sd=3.0**-0.5)                      # uniform
+    >>> law.rule(np.array([1.0, 3.0**-0.5]), 2).x.round(6).tolist()
+    [0.42265, 1.57735]
+    """
+
+    box: tuple[float, float]
+    mean: Specification = OPEN
+    sd: Specification = OPEN
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        lower, upper = float(self.box[0]), float(self.box[1])
+        if not (math.isfinite(lower) and math.isfinite(upper) and lower < upper):
+            raise InputsError(
+                f"box: {lower} to {upper} is no finite interval", "give two numbers in order"
+            )
+        object.__setattr__(self, "box", (lower, upper))
+        _ = self.hyperparameters
+
+    @cached_property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """`mean` and `sd` of the law."""
+        lower, upper = self.box
+        width = upper - lower
+        mean = resolve("mean", self.mean, (lower + 0.1 * width, upper - 0.1 * width))
+        if not lower < mean.lower <= mean.upper < upper:
+            raise InputsError(
+                f"mean: {mean.lower} to {mean.upper} is not inside the box ({lower}, {upper})",
+                "a beta law has its mean strictly inside its box",
+            )
+        widest = min(math.sqrt((m - lower) * (upper - m)) for m in (mean.lower, mean.upper))
+        limits = (min(1e-3 * width, 0.1 * widest), 0.95 * widest)
+        sd = resolve("sd", self.sd, limits, positive=True)
+        if sd.upper > WIDEST * widest:
+            raise InputsError(
+                f"sd: no beta law on ({lower:g}, {upper:g}) has mean {mean.lower:g} to "
+                f"{mean.upper:g} and sd {sd.upper:g}",
+                f"lower the largest sd to {WIDEST * widest:.4g}, or narrow the limits of the mean",
+            )
+        return mean, sd
+
+    @property
+    def bounded(self) -> bool:
+        """The box is the user's."""
+        return True
+
+    @property
+    def scatters(self) -> bool:
+        """A beta parameter varies between experiments."""
+        return True
+
+    def rule(self, values: Array, nodes: int) -> Rule:
+        """Gauss-Jacobi nodes mean + sd t_j(p, q)."""
+        p, q, jac = self._shapes(values)
+        t, weights, by_t, by_weight = gauss_with_gradient(
+            *recurrence_with_gradient(jacobi_recurrence, nodes, [p, q])
+        )
+        dx = np.stack([np.ones(nodes), t], axis=1) + values[1] * by_t @ jac
+        # rounding must not push a node out of the box
+        x = np.clip(values[0] + values[1] * t, *self.box)
+        return Rule(x, weights, t, dx, by_weight @ jac)
+
+    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:
+        """Orthonormal Jacobi polynomials of the germ (x - mean)/sd."""
+        p, q, _ = self._shapes(values)
+        a, b = jacobi_recurrence(degree + 1, p, q)
+        return evaluate(np.real(a), np.real(b), germ, degree)
+
+    def quantile(self, values: Array, probability: Array) -> Array:
+        """lower + w I^-1(p, q, probability), I the regularized incomplete beta function."""
+        p, q, _ = self._shapes(values)
+        lower, upper = self.box
+        width = upper - lower
+        x = from_probability(
+            probability,
+            lambda u: lower + width * special.betaincinv(p, q, u),
+            lambda v: upper - width * special.betaincinv(q, p, v),
+        )
+        return np.clip(x, lower, upper)
+
+    def standard(self, values: Array, theta: Array) -> Standard:
+        """The quantile at Phi(theta); its derivatives by the shapes are differences (1e-8)."""
+        p, q, jac = self._shapes(values)
+        lower, upper = self.box
+        width = upper - lower
+        z = from_tails(theta, *_tails(p, q))
+        rest = from_tails(-theta, *_tails(q, p))
+        with np.errstate(divide="ignore"):
+            log_density = (
+                special.xlogy(p - 1.0, z)
+                + special.xlogy(q - 1.0, rest)
+                - special.betaln(p, q)
+                - math.log(width)
+            )
+        by_p = difference(lambda v: from_tails(theta, *_tails(v, q)), p)
+        by_q = difference(lambda v: from_tails(theta, *_tails(p, v)), q)
+        x = np.where(theta < 0.0, lower + width * z, upper - width * rest)
+        dvalues = width * np.stack([by_p, by_q], axis=1) @ jac
+        return Standard(np.clip(x, lower, upper), slope(theta, log_density), dvalues)
+
+    def mean_and_sd(self, values: Array) -> MeanSd:
+        """The two hyperparameters."""
+        return MeanSd(float(values[0]), float(values[1]), np.eye(2)[0], np.eye(2)[1])
+
+    def filling(self, center: float, sd: float | None = None) -> Array:
+        """The center and the sd, within their limits."""
+        return about(self.hyperparameters, center, sd)
+
+    def _shapes(self, values: Array) -> tuple[float, float, Array]:
+        """p, q and their derivatives (2, 2) by mean and sd."""
+        lower, upper = self.box
+        width = upper - lower
+        m, v = (float(values[0]) - lower) / width, (float(values[1]) / width) ** 2
+        s = m * (1.0 - m) / v - 1.0
+        ds = np.array([(1.0 - 2.0 * m) / (v * width), -2.0 * (s + 1.0) / float(values[1])])
+        dm = np.array([1.0 / width, 0.0])
+        return m * s, (1.0 - m) * s, np.stack([m * ds + s * dm, (1.0 - m) * ds - s * dm])
+
+
+def _tails(p: float, q: float) -> tuple[Tail, Tail]:
+    """z at the probability below it, and at the probability above it."""
+    return (
+        lambda u: special.betaincinv(p, q, u),
+        lambda v: special.betainccinv(p, q, v),
+    )
