@@ -18,10 +18,10 @@ from scipy import stats
 from scipy.special import log_ndtr
 
 from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal
-from aleator.densities import Density, MaximumEntropy
+from aleator.densities import Density, MaximumEntropy, NodeDensity
 from aleator.laws import Hyperparameter
 from aleator.likelihood import Likelihood
-from aleator.propagation import QuadraturePropagation, default_nodes
+from aleator.propagation import QuadraturePropagation, as_cubature, default_cubature
 
 Array = NDArray[np.float64]
 INFINITE = float("inf")
@@ -90,18 +90,22 @@ class Problem:
     def likelihood(
         self,
         outcomes: Array,
-        density: Density | None = None,
+        density: Density | NodeDensity | None = None,
         *,
         nodes: int | None = None,
         degree: int | None = None,
     ) -> Likelihood:
         """The package's likelihood of the outcomes, propagated without error in the response."""
         lower, upper = self.limits(self.z)
+        density = density or MaximumEntropy(4)
         return Likelihood(
             QuadraturePropagation(
-                self.inputs, Exact(self), default_nodes(self.inputs, nodes), degree
+                self.inputs,
+                Exact(self),
+                as_cubature(nodes) if nodes else default_cubature(self.inputs, density, runs=False),
+                degree,
             ),
-            density or MaximumEntropy(4),
+            density,
             outcomes,
             np.arange(self.z.size),
             lower,

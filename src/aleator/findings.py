@@ -17,7 +17,7 @@ from aleator.laws import Hyperparameter
 from aleator.likelihood import NOISE_REACH, Likelihood, LogLikelihood
 from aleator.problem import Problem
 from aleator.profile import Profile
-from aleator.propagation import QuadraturePropagation
+from aleator.propagation import QuadraturePropagation, finer
 from aleator.response import Surface
 from aleator.search import SearchResult
 from aleator.verification import Verification
@@ -111,8 +111,10 @@ def quadrature_gap(problem: Problem, alpha: Array) -> float:
     way = problem.likelihood.propagation
     if problem.surface is None or not isinstance(way, QuadraturePropagation):
         return 0.0
-    finer = replace(way, nodes=way.nodes + way.nodes // 2)
-    likelihood = replace(problem.likelihood, propagation=finer)
+    more = finer(way.cubature)
+    if more is None:
+        return 0.0
+    likelihood = replace(problem.likelihood, propagation=replace(way, cubature=more))
     return likelihood.evaluate(alpha).total - problem.likelihood.evaluate(alpha).total
 
 

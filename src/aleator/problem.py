@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.cubature import Cubature, TensorGauss
 from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.inputs import Inputs
@@ -19,10 +20,13 @@ from aleator.propagation import (
     Collocation,
     Confined,
     DirectResponse,
+    ExpandedPropagation,
+    NodePropagation,
     QuadraturePropagation,
     Response,
     Run,
-    default_nodes,
+    as_cubature,
+    default_cubature,
     moving_parameters,
 )
 from aleator.response import ResponseSurface, Surface, build_surface
@@ -96,25 +100,23 @@ def prepare(
         return runner(first[index], x)
 
     chosen = model.propagation
-    nodes = default_nodes(inputs, chosen.nodes)
     surface: Surface | None
+    propagation: NodePropagation
     if isinstance(chosen, ResponseSurface):
         surface = _built(run, region, count, chosen, progress)
         # the surface's own error must not shut an outcome out of the reachable range
         margin = 3.0 * surface.error
         lower, upper = surface.lower - margin, surface.upper + margin
         response: Response = Confined(surface, region)
-        degree, name = None, "response_surface"
-        if chosen.nodes is None:
-            nodes = _enough_nodes(inputs, response, region, nodes, _order(model.density))
+        name = "response_surface"
+        propagation = _surface_propagation(model, response, region, chosen.nodes)
     else:
-        surface = None
+        surface, name = None, chosen.name
         response = DirectResponse(run, count, inputs.box, chosen.difference_step)
         lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
-        expand = chosen.moments == "expansion"
-        degree, name = (chosen.degree or nodes - 1) if expand else None, chosen.name
+        propagation = _direct_propagation(model, response, chosen)
     likelihood = Likelihood(
-        QuadraturePropagation(inputs, response, nodes, degree),
+        propagation,
         model.density,
         outcomes,
         condition,
@@ -124,6 +126,37 @@ def prepare(
         bool(model.noise),
     )
     return Problem(model, likelihood, response, surface, region, condition, name)
+
+
+def _surface_propagation(
+    model: Model, response: Response, region: Array, chosen: int | Cubature | None
+) -> QuadraturePropagation:
+    """Nodes cost no run here: as many as are of use."""
+    inputs = model.inputs
+    if chosen is not None:
+        return QuadraturePropagation(inputs, response, as_cubature(chosen))
+    cubature = default_cubature(inputs, model.density, runs=False)
+    way = QuadraturePropagation(inputs, response, cubature)
+    if isinstance(cubature, TensorGauss):
+        return _enough_nodes(way, cubature.per_dimension, region, _order(model.density))
+    return way
+
+
+def _direct_propagation(
+    model: Model, response: Response, chosen: Collocation
+) -> QuadraturePropagation | ExpandedPropagation:
+    inputs = model.inputs
+    if chosen.fit is not None:
+        return ExpandedPropagation(inputs, response, chosen.fit, _order(model.density))
+    if chosen.nodes is None:
+        cubature = default_cubature(inputs, model.density, runs=True)
+    else:
+        cubature = as_cubature(chosen.nodes)
+    if chosen.moments == "quadrature":
+        return QuadraturePropagation(inputs, response, cubature)
+    assert isinstance(cubature, TensorGauss)
+    degree = chosen.degree or cubature.per_dimension - 1
+    return QuadraturePropagation(inputs, response, cubature, degree)
 
 
 def _order(density: Density | NodeDensity) -> int:
@@ -150,22 +183,23 @@ def _built(
     return build_surface(partly, region[moving], count, choice, _told(progress))
 
 
-def _enough_nodes(inputs: Inputs, response: Response, region: Array, most: int, order: int) -> int:
+def _enough_nodes(
+    best: QuadraturePropagation, most: int, region: Array, order: int
+) -> QuadraturePropagation:
     """The fewest nodes a dimension whose moments to `order` agree with those of `most` to ALIKE.
 
     Compared at laws in the middle of the region (n, 2) that span a sixth and a
     twelfth of it with one standard deviation on either side: smooth surfaces need few nodes,
     fronts need many. Every node saved is saved in each of the search's evaluations.
     """
-    alphas = [_filling(inputs, region, share) for share in (12.0, 24.0)]
-    best = QuadraturePropagation(inputs, response, most)
+    alphas = [_filling(best.inputs, region, share) for share in (12.0, 24.0)]
     wanted = [_compared(best, a, order) for a in alphas]
     for nodes in range(4, most):
-        way = QuadraturePropagation(inputs, response, nodes)
+        way = replace(best, cubature=TensorGauss(nodes))
         gaps = (_compared(way, a, order) - w for a, w in zip(alphas, wanted, strict=True))
         if max(np.sqrt(np.mean(np.max(np.abs(gap), axis=1) ** 2)) for gap in gaps) < ALIKE:
-            return nodes
-    return most
+            return way
+    return best
 
 
 def _filling(inputs: Inputs, region: Array, share: float) -> Array:

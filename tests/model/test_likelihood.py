@@ -22,6 +22,7 @@ from problems import (
 )
 
 from aleator import Free, Gaussian, Inputs, MaximumEntropy, Normal
+from aleator.cubature import TensorGauss
 from aleator.densities import DEGENERATE_VALUE, FAILED_SOLVE_PENALTY, Density, Status
 from aleator.likelihood import Likelihood, LogLikelihood
 from aleator.propagation import DirectResponse, QuadraturePropagation
@@ -126,7 +127,7 @@ def test_the_score_through_collocation_is_that_of_differences(problem, degree) -
     exact = problem.likelihood(y, nodes=5, degree=degree)
     response = DirectResponse(problem.run, problem.z.size, problem.inputs.box)
     likelihood = replace(
-        exact, propagation=QuadraturePropagation(problem.inputs, response, 5, degree)
+        exact, propagation=QuadraturePropagation(problem.inputs, response, TensorGauss(5), degree)
     )
     found = likelihood(problem.alpha)
     assert found.scores is not None
@@ -299,7 +300,7 @@ def test_a_failed_solve_costs_more_than_its_fallback_gains() -> None:
     response = DirectResponse(lambda _, x: np.sign(x[:, 0]), 1, inputs.box)
     zero = np.zeros(1, dtype=np.intp)
     likelihood = Likelihood(
-        QuadraturePropagation(inputs, response, 8),
+        QuadraturePropagation(inputs, response, TensorGauss(8)),
         MaximumEntropy(4),
         np.array([0.2]),
         zero,

@@ -10,13 +10,19 @@ from numpy.typing import NDArray
 from problems import BINDING, GROWTH, PROBLEMS, PRODUCT, REGRESSION, SQUARE, Exact, Problem, title
 
 from aleator import Collocation, Constant, Free, Inputs, Normal, ResponseSurface, TruncatedNormal
+from aleator.cubature import Smolyak, SobolPoints, TensorGauss
+from aleator.densities import Convolution, MaximumEntropy
 from aleator.errors import InputsError
+from aleator.expansion import Regression, Sparse
+from aleator.germ_grid import GermGrid
+from aleator.indices import TotalDegree
 from aleator.moments import Moments, weighted_moments
 from aleator.propagation import (
     DirectResponse,
     QuadraturePropagation,
     check_nodes,
-    default_nodes,
+    default_cubature,
+    finer,
 )
 from aleator.response import build_surface
 
@@ -61,7 +67,7 @@ def assert_same(found: Moments, expected: Moments, rtol: float) -> None:
 @pytest.mark.parametrize("problem", PROBLEMS, ids=title)
 def test_jacobians_are_those_of_differences(problem, degree) -> None:
     """With few nodes: what is differentiated is the sum that is computed, not its limit."""
-    propagation = QuadraturePropagation(problem.inputs, Exact(problem), 5, degree)
+    propagation = QuadraturePropagation(problem.inputs, Exact(problem), TensorGauss(5), degree)
     alpha = law_of(problem)
     found = propagation.moments(alpha, 6, gradient=True)
     plain = propagation.moments(alpha, 6, gradient=False)
@@ -115,7 +121,7 @@ def test_simulator_differences_survive_nodes_beyond_the_box_of_an_open_law() -> 
     """40 nodes reach 11.7 standard deviations, the box of a law without one ends at 8."""
     inputs = Inputs({"x": Normal(mean=0.0, sd=Free(0.1, 0.5))})
     response = DirectResponse(lambda _, x: np.exp(0.1 * x[:, 0]), 1, inputs.box)
-    found = QuadraturePropagation(inputs, response, 40).moments(
+    found = QuadraturePropagation(inputs, response, TensorGauss(40)).moments(
         np.array([0.0, 0.5]), 4, gradient=True
     )
     # d E[exp(0.1 x)]/d sd = 0.01 sd exp(0.005 sd^2)
@@ -126,7 +132,7 @@ def test_simulator_differences_survive_nodes_beyond_the_box_of_an_open_law() -> 
 def test_a_parameter_without_width_is_not_moved() -> None:
     inputs = Inputs({"x": Normal(Free(0.0, 1.0), 0.1), "k": Constant(3.0)})
     response = DirectResponse(lambda _, x: x[:, 0] * x[:, 1], 2, inputs.box)
-    found = QuadraturePropagation(inputs, response, 4).moments(
+    found = QuadraturePropagation(inputs, response, TensorGauss(4)).moments(
         np.array([0.5, 0.1, 3.0]), 4, gradient=True
     )
     assert found.mean_jac is not None
@@ -142,8 +148,10 @@ def test_collocation_and_surface_agree(problem) -> None:
     surface = build_surface(problem.run, problem.inputs.box, problem.z.size, choice)
     assert surface.converged.all()
     alpha = law_of(problem)
-    by_surface = QuadraturePropagation(problem.inputs, surface, 12).moments(alpha, 4, gradient=True)
-    by_runs = QuadraturePropagation(problem.inputs, direct(problem), 12).moments(
+    by_surface = QuadraturePropagation(problem.inputs, surface, TensorGauss(12)).moments(
+        alpha, 4, gradient=True
+    )
+    by_runs = QuadraturePropagation(problem.inputs, direct(problem), TensorGauss(12)).moments(
         alpha, 4, gradient=True
     )
     # the surface's error is 1e-5 of the scatter on the whole box, of which the law may be a tenth
@@ -159,8 +167,8 @@ def test_collocation_and_surface_agree(problem) -> None:
 @pytest.mark.parametrize("problem", PROBLEMS, ids=title)
 def test_plain_quadrature_and_expansion_agree_where_both_have_converged(problem) -> None:
     alpha = law_of(problem)
-    plain = QuadraturePropagation(problem.inputs, Exact(problem), 16)
-    expanded = QuadraturePropagation(problem.inputs, Exact(problem), 16, 14)
+    plain = QuadraturePropagation(problem.inputs, Exact(problem), TensorGauss(16))
+    expanded = QuadraturePropagation(problem.inputs, Exact(problem), TensorGauss(16), 14)
     one = plain.moments(alpha, 4, gradient=False)
     other = expanded.moments(alpha, 4, gradient=False)
     # coefficients of exp(0.4 theta) beyond degree 14 are below 1e-12
@@ -170,8 +178,8 @@ def test_plain_quadrature_and_expansion_agree_where_both_have_converged(problem)
 def test_an_expansion_is_exact_where_plain_quadrature_with_its_nodes_is_not() -> None:
     """y = (x + z)^2 through 3 nodes: degree 2 is exact, order 4 of it needs degree 8."""
     truth = SQUARE.exact_moments(8)
-    plain = QuadraturePropagation(SQUARE.inputs, Exact(SQUARE), 3)
-    expanded = QuadraturePropagation(SQUARE.inputs, Exact(SQUARE), 3, 2)
+    plain = QuadraturePropagation(SQUARE.inputs, Exact(SQUARE), TensorGauss(3))
+    expanded = QuadraturePropagation(SQUARE.inputs, Exact(SQUARE), TensorGauss(3), 2)
     exact = expanded.moments(SQUARE.alpha, 8, gradient=False)
     np.testing.assert_allclose(exact.standardized, truth[2], rtol=1e-9, atol=1e-9)
     coarse = plain.moments(SQUARE.alpha, 8, gradient=False)
@@ -195,7 +203,7 @@ def test_neither_plain_quadrature_nor_expansion_is_always_better(outcome, plain_
     dense = weighted_moments(outcome(0.3 + theta)[None, :], weights / weights.sum(), 4)
     plain, expanded = (
         abs(
-            QuadraturePropagation(inputs, response, 8, degree)
+            QuadraturePropagation(inputs, response, TensorGauss(8), degree)
             .moments(np.array([0.3, 1.0]), 4, gradient=False)
             .standardized[0, 4]
             / dense.standardized[0, 4]
@@ -213,7 +221,7 @@ def test_the_error_of_the_mean_falls_as_theory_says(s) -> None:
     inputs = Inputs({"x": Normal(mean=Free(-1.0, 1.0), sd=Free(0.1, 2.0))})
     response = DirectResponse(lambda _, x: np.exp(x[:, 0]), 1, inputs.box)
     for q in (2, 3, 4, 5):
-        found = QuadraturePropagation(inputs, response, q).moments(
+        found = QuadraturePropagation(inputs, response, TensorGauss(q)).moments(
             np.array([0.0, s]), 2, gradient=False
         )
         error = math.exp(0.5 * s**2) - found.mean[0]
@@ -226,12 +234,23 @@ def test_the_error_of_the_mean_falls_as_theory_says(s) -> None:
 
 
 def test_default_nodes_follow_the_number_of_scattering_parameters() -> None:
-    assert default_nodes(REGRESSION.inputs, None) == 20
-    assert default_nodes(REGRESSION.inputs, 7) == 7
-    assert default_nodes(Inputs({"k": Constant(Free(0.0, 1.0))}), None) == 1
+    four, over = MaximumEntropy(4), Convolution()
+    constant = Inputs({"k": Constant(Free(0.0, 1.0))})
     five = Inputs({name: TruncatedNormal((0.0, 1.0)) for name in "abcde"})
+    assert default_cubature(REGRESSION.inputs, four, runs=True) == TensorGauss(20)
+    assert default_cubature(constant, four, runs=False) == TensorGauss(1)
+    assert default_cubature(five, four, runs=False) == SobolPoints(2048)
+    assert default_cubature(REGRESSION.inputs, over, runs=False) == GermGrid(61)
+    assert default_cubature(five, over, runs=False) == SobolPoints(8192)
     with pytest.raises(InputsError, match="5 scattering"):
-        default_nodes(five, None)
+        default_cubature(five, four, runs=True)
+
+
+def test_a_finer_rule_has_more_nodes_where_that_is_known() -> None:
+    assert finer(TensorGauss(20)) == TensorGauss(30)
+    assert finer(GermGrid(61)) == GermGrid(91)
+    assert finer(SobolPoints(1024)) == SobolPoints(2048)
+    assert finer(TensorGauss(100)) is finer(Smolyak(2)) is None
 
 
 @pytest.mark.parametrize(
@@ -244,6 +263,9 @@ def test_default_nodes_follow_the_number_of_scattering_parameters() -> None:
         lambda: Collocation(degree=0),
         lambda: Collocation(difference_step=0.0),
         lambda: check_nodes(1),
+        lambda: Collocation(nodes=SobolPoints(64), moments="expansion"),
+        lambda: Collocation(fit=Sparse(TotalDegree(2), runs=50)),  # type: ignore[arg-type]
+        lambda: Collocation(nodes=5, fit=Regression(TotalDegree(2))),
     ],
 )
 def test_misuse_has_a_remedy(make) -> None:
@@ -261,7 +283,7 @@ def test_collocation_runs_q_to_the_n_and_two_more_a_parameter_for_the_gradient()
         return REGRESSION.run(index, x)
 
     response = DirectResponse(run, REGRESSION.z.size, REGRESSION.inputs.box)
-    propagation = QuadraturePropagation(REGRESSION.inputs, response, 5)
+    propagation = QuadraturePropagation(REGRESSION.inputs, response, TensorGauss(5))
     propagation.moments(REGRESSION.alpha, 4, gradient=False)
     assert count == 7 * 25
     propagation.moments(REGRESSION.alpha, 4, gradient=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.cubature import Cubature
 from aleator.errors import InputsError, SimulatorError
 from aleator.response.assembly import Piece, degrees_of, merged, outcome_range
 from aleator.response.basis import products
@@ -44,7 +45,8 @@ class ResponseSurface:
     accuracy: relative accuracy of the simulator, in [0, 1); an error below accuracy times the size
     of the outcome counts as converged.
     seed: of the validation points.
-    nodes: quadrature nodes a parameter when the surfaces are propagated; None leaves it open.
+    nodes: Gauss nodes a parameter, or a cubature, when the surfaces are propagated; None leaves it
+    open.
 
     Raises InputsError for a value outside these ranges.
 
@@ -57,7 +59,7 @@ class ResponseSurface:
     validation: int = 12
     accuracy: float = 1e-6
     seed: int = 0
-    nodes: int | None = None
+    nodes: int | Cubature | None = None
 
     def __post_init__(self) -> None:
         checks = (
@@ -70,7 +72,7 @@ class ResponseSurface:
             ),
             ("accuracy", 0.0 <= self.accuracy < 1.0, "choose one in [0, 1), e.g. 1e-6"),
             ("seed", self.seed >= 0, "choose a seed >= 0"),
-            ("nodes", self.nodes is None or self.nodes >= 1, "choose at least 1, or None"),
+            ("nodes", not isinstance(self.nodes, int) or self.nodes >= 1, "choose at least 1, or None"),
         )
         for name, good, remedy in checks:
             if not good:

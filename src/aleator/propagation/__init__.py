@@ -1,0 +1,36 @@
+"""alpha -> moments of every experiment: the seam that the likelihood sees.
+
+The ways are one computation, averages of a response over the law; they differ in who answers for
+the response: the simulator itself (collocation, the paper's way, runs for every alpha) or surfaces
+built once on the box (no run at all); and in how the average is taken: at the nodes of a cubature,
+or exactly from an expansion.
+"""
+
+from aleator.propagation.choice import (
+    Collocation,
+    as_cubature,
+    check_nodes,
+    default_cubature,
+    finer,
+)
+from aleator.propagation.expanded import ExpandedPropagation
+from aleator.propagation.interface import NodePropagation, Propagation, Response, Run
+from aleator.propagation.quadrature import QuadraturePropagation
+from aleator.propagation.responses import Confined, DirectResponse, moving_parameters
+
+__all__ = [
+    "Collocation",
+    "Confined",
+    "DirectResponse",
+    "ExpandedPropagation",
+    "NodePropagation",
+    "Propagation",
+    "QuadraturePropagation",
+    "Response",
+    "Run",
+    "as_cubature",
+    "check_nodes",
+    "default_cubature",
+    "finer",
+    "moving_parameters",
+]
