@@ -11,7 +11,13 @@ from aleator.noise import Noise
 from aleator.prediction import predict
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
-from aleator.search import GradientMultistart
+from aleator.search import (
+    CMAES,
+    CustomSearch,
+    DifferentialEvolution,
+    GeneticAlgorithm,
+    GradientMultistart,
+)
 from aleator.verification import MonteCarlo
 
 __all__ = [
@@ -30,6 +36,10 @@ __all__ = [
     "Gaussian",
     "MaximumEntropy",
     "GradientMultistart",
+    "GeneticAlgorithm",
+    "DifferentialEvolution",
+    "CMAES",
+    "CustomSearch",
     "MonteCarlo",
     "AleatorError",
 ]

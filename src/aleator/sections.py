@@ -24,7 +24,13 @@ from aleator.laws import Constant, Free, Law, Normal, Specification, TruncatedNo
 from aleator.noise import Noise
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
-from aleator.search import GradientMultistart
+from aleator.search import (
+    CMAES,
+    DifferentialEvolution,
+    GeneticAlgorithm,
+    GradientMultistart,
+    Search,
+)
 from aleator.verification import MonteCarlo
 
 
@@ -256,15 +262,72 @@ class DensitySection(Section):
         return Gaussian() if self.kind == "gaussian" else MaximumEntropy(self.order)
 
 
-class SearchSection(Section):
-    """`[search]`: how often the search starts, and how long each start may climb."""
+class GradientSection(Section):
+    """`method = "gradient"`: how often the search starts, and how long each start may climb."""
 
+    method: Literal["gradient"] = "gradient"
     starts: int = 10
     evaluations: int = 60
 
-    def build(self) -> GradientMultistart:
+    def build(self) -> Search:
         """The library's choice."""
-        return GradientMultistart(**self.given())
+        return GradientMultistart(**self.given("method"))
+
+
+class GeneticSection(Section):
+    """`method = "genetic"`: the paper's genetic algorithm."""
+
+    method: Literal["genetic"]
+    population: int = 50
+    generations: int = 100
+    patience: int = 20
+    polish: bool = True
+
+    def build(self) -> Search:
+        """The library's choice."""
+        return GeneticAlgorithm(**self.given("method"))
+
+
+class DifferentialSection(Section):
+    """`method = "differential_evolution"`."""
+
+    method: Literal["differential_evolution"]
+    population: int = 50
+    generations: int = 100
+    polish: bool = True
+
+    def build(self) -> Search:
+        """The library's choice."""
+        return DifferentialEvolution(**self.given("method"))
+
+
+class CMAESSection(Section):
+    """`method = "cmaes"`: covariance matrix adaptation."""
+
+    method: Literal["cmaes"]
+    runs: int = 3
+    evaluations: int = 1000
+    population: int | None = None
+    step: float = 0.2
+    polish: bool = True
+
+    def build(self) -> Search:
+        """The library's choice."""
+        return CMAES(**self.given("method"))
+
+
+def _search_method(value: Any) -> str:
+    chosen = value if isinstance(value, Mapping) else {"method": getattr(value, "method", None)}
+    return str(chosen.get("method") or "gradient")
+
+
+SearchSection = Annotated[
+    Annotated[GradientSection, Tag("gradient")]
+    | Annotated[GeneticSection, Tag("genetic")]
+    | Annotated[DifferentialSection, Tag("differential_evolution")]
+    | Annotated[CMAESSection, Tag("cmaes")],
+    Discriminator(_search_method),
+]
 
 
 class VerificationSection(Section):
@@ -289,5 +352,5 @@ class StudyFile(Section):
     noise: NoiseSection | None = None
     propagation: PropagationSection = SurfaceSection()
     density: DensitySection = DensitySection()
-    search: SearchSection = SearchSection()
+    search: SearchSection = GradientSection()
     verification: VerificationSection = VerificationSection()

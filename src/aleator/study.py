@@ -13,14 +13,14 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from aleator.densities import Density, NodeDensity
-from aleator.errors import AleatorError, SimulatorError, StudyError, nearest
+from aleator.errors import AleatorError, InputsError, SimulatorError, StudyError, nearest
 from aleator.experiments import Conditions, Experiments
 from aleator.inputs import Inputs
 from aleator.noise import Noise
 from aleator.problem import Model
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
-from aleator.search import GradientMultistart
+from aleator.search import GradientMultistart, Search
 from aleator.sections import ExperimentsSection, StudyFile, pairs
 from aleator.simulate import FunctionSimulator, Runner, load_function
 from aleator.verification import MonteCarlo
@@ -45,7 +45,7 @@ class Study:
     noise: Noise | None
     propagation: ResponseSurface | Collocation
     density: Density | NodeDensity
-    search: GradientMultistart
+    search: Search
     verification: MonteCarlo
     table: ExperimentsSection
 
@@ -59,12 +59,12 @@ class Study:
     ) -> Study:
         """The study with another seed or number of starts, or without its verification.
 
-        Raises InputsError for fewer than one start.
+        Raises InputsError for fewer than one start, and for starts of a search that has none.
         """
         return replace(
             self,
             seed=self.seed if seed is None else seed,
-            search=self.search if starts is None else replace(self.search, starts=starts),
+            search=self.search if starts is None else _started(self.search, starts),
             verification=self.verification if verified else MonteCarlo(0),
         )
 
@@ -154,6 +154,15 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         verification=made("verification", file.verification.build),
         table=table,
     )
+
+
+def _started(search: Search, starts: int) -> Search:
+    if not isinstance(search, GradientMultistart):
+        raise InputsError(
+            f"--starts {starts}: the study's search is {search.name}, which has no starts",
+            'leave the option out, or write [search] method = "gradient"',
+        )
+    return replace(search, starts=starts)
 
 
 def _read(path: Path) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import sys
 
 import numpy as np
 import pytest
@@ -323,15 +324,13 @@ def test_a_guess_in_wide_limits_is_climbed_from(width) -> None:
 # ------------------------------------------------------------------------------ extras
 
 
-@pytest.mark.parametrize(("search", "package"), [(GENETIC, "pymoo"), (CMA, "cma")])
-def test_a_missing_package_is_named_with_its_remedy(search, package, monkeypatch) -> None:
-    import sys
-
+@pytest.mark.parametrize(("make", "package"), [(GeneticAlgorithm, "pymoo"), (CMAES, "cma")])
+def test_a_missing_package_is_named_with_its_remedy(make, package, monkeypatch) -> None:
     for name in [n for n in sys.modules if n.split(".")[0] == package]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(AleatorError, match=package) as caught:
-        search.maximize(ridge, box(), seed=0)
+        make()
     assert "pip install 'aleator[evolution]'" in caught.value.remedy
     # the others do without
     assert DIFFERENTIAL.maximize(ridge, box(), seed=0).converged

@@ -29,7 +29,9 @@ IDENTIFICATION = "identification.json"
 )
 @SEED
 @click.option(
-    "--starts", type=click.IntRange(min=1), help="Starts of the search [default: the study's]."
+    "--starts",
+    type=click.IntRange(min=1),
+    help="Starts of the gradient search [default: the study's].",
 )
 @click.option("--no-verify", is_flag=True, help="Leave out the Monte Carlo check on the simulator.")
 @click.option("--keep-runs", is_flag=True, help=f"Write DIR/{RUNS} also when all goes well.")
@@ -81,7 +83,8 @@ def identify(
       [propagation] method = "response_surface" (tolerance = 0.005, max_runs = 1000, nodes)
                     or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
       [density]     kind = "maximum_entropy" (order = 4) or "gaussian"
-      [search]      starts = 10
+      [search]      method = "gradient" (starts = 10, evaluations = 60), "genetic",
+                    "differential_evolution" or "cmaes"
       [verification] samples = 1000 simulator runs an experiment; 0 = off
     """
     value = load_study(study).overridden(seed, starts, verified=not no_verify)

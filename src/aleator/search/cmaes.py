@@ -17,7 +17,7 @@ from aleator.search.climb import climb
 from aleator.search.coordinates import Coordinates
 from aleator.search.interface import Ascent, Objective, Scored, SearchResult
 from aleator.search.optima import gathered, only_point
-from aleator.search.population import POLISH, Cube, at_least, optional
+from aleator.search.population import POLISH, Cube, at_least, needs
 from aleator.search.starts import starting_points
 from aleator.search.watched import FLOOR, Watched
 
@@ -54,6 +54,7 @@ class CMAES:
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
+        needs("cma", "the CMA-ES search")
         at_least(
             "CMA-ES", runs=(self.runs, 1), evaluations=(self.evaluations, 1),
             population=(4 if self.population is None else self.population, 4),
@@ -96,9 +97,7 @@ class CMAES:
         before: int,
     ) -> Ascent:
         cube, size = Cube(watched, coordinates), coordinates.free.size
-        strategy = optional(
-            lambda: self._strategy(coordinates.to_unit(start), rng), "cma", "the CMA-ES search"
-        )
+        strategy = self._strategy(coordinates.to_unit(start), rng)
         alpha, value, count = start, FLOOR, 0
         while not (reasons := _quietly(strategy.stop)):
             u = np.array(_quietly(strategy.ask))

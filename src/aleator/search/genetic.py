@@ -20,7 +20,7 @@ from aleator.search.population import (
     at_least,
     finished,
     first_population,
-    optional,
+    needs,
 )
 from aleator.search.watched import Watched
 
@@ -52,6 +52,7 @@ class GeneticAlgorithm:
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
+        needs("pymoo", "the genetic search")
         at_least(
             "genetic search", population=(self.population, 4),
             generations=(self.generations, 1), patience=(self.patience, 1),
@@ -78,7 +79,7 @@ class GeneticAlgorithm:
             return only_point(watched, coordinates, hyperparameters)
         cube = Cube(watched, coordinates)
         first = first_population(coordinates, guesses, self.population, seed)
-        evolution = optional(lambda: _evolution(first, seed), "pymoo", "the genetic search")
+        evolution = _evolution(first, seed)
         best: list[float] = []
         converged = False
         while len(best) < self.generations and not converged:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+import importlib.util
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from aleator.search.starts import evenly
 from aleator.search.watched import Watched
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
 
 POLISH = 100
 """Evaluations with score that the final ascent may take."""
@@ -81,12 +80,10 @@ def at_least(search: str, **least: tuple[int, int]) -> None:
             raise InputsError(f"{search}: {key} {value}", f"{key} must be at least {smallest}")
 
 
-def optional(load: Callable[[], T], package: str, search: str) -> T:
-    """What `load` makes of an optional package; AleatorError with the remedy if it is missing."""
-    try:
-        return load()
-    except ImportError as error:
+def needs(package: str, search: str) -> None:
+    """Raise AleatorError, with what to install, where an optional package is missing."""
+    if importlib.util.find_spec(package) is None:
         raise AleatorError(
             f"{search} needs the package {package}, which is not installed",
-            "pip install 'aleator[evolution]', or use the gradient search",
-        ) from error
+            "pip install 'aleator[evolution]', or choose the gradient search",
+        )
