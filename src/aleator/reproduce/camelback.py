@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from aleator.densities import FittedDensity
 from aleator.inputs import Inputs
 from aleator.laws import TruncatedNormal
 from aleator.moments import Moments, weighted_moments
@@ -25,6 +26,9 @@ Polynomials = Literal["own", "hermite"]
 
 PANELS = 200
 """Panels of the fine rule, which narrow towards the poles."""
+
+NEWTON = 3
+"""Steps from the nearest of the fine points: to rounding."""
 
 POLE = 2.0 * np.pi
 """Where tan(x/4) is infinite."""
@@ -74,6 +78,11 @@ class Camelback:
         pdf = np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi) / mass
         cdf = (ndtr(x) - ndtr(-self.limit)) / mass
         return Fine(x, np.zeros_like(x), self.outcome(x), pdf / self.slope(x), cdf)
+
+    @property
+    def exact(self) -> FittedDensity:
+        """The law of Y as a density that `earth_movers_distance` takes: its cdf and quantiles."""
+        return cast(FittedDensity, Exact(self))
 
     @cached_property
     def fine(self) -> Fine:
@@ -126,6 +135,25 @@ class Camelback:
         weights = 12.0 * w * np.exp(-0.5 * germ**2) / np.sqrt(2.0 * np.pi)
         outcomes = self.outcome(law.standard(ALPHA, germ).x)
         return np.asarray(law.polynomials(ALPHA, germ, degree).T @ (weights * outcomes))
+
+
+@dataclass(frozen=True)
+class Exact:
+    """The law of Y, one experiment."""
+
+    camelback: Camelback
+
+    def cdf(self, y: Array) -> Array:
+        """Probability of an outcome not above y (1, G), by Newton's method on y(x)."""
+        c = self.camelback
+        x = np.interp(y, c.fine.y, c.fine.x)
+        for _ in range(NEWTON):
+            x = np.clip(x - (c.outcome(x) - y) / c.slope(x), -c.limit, c.limit)
+        return c.at(x).cdf
+
+    def quantile(self, p: Array) -> Array:
+        """Outcomes (1, P) that are not exceeded with probabilities p (P,)."""
+        return self.camelback.outcome(self.camelback.law().quantile(ALPHA, p))[None]
 
 
 def raw(y: Array, weights: Array, order: int) -> Array:

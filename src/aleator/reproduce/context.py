@@ -7,6 +7,7 @@ from functools import cached_property
 
 from aleator.progress import Progress, Silent
 from aleator.reproduce.camelback import Camelback
+from aleator.reproduce.clutch_study import ClutchStudy
 
 
 @dataclass(frozen=True)
@@ -24,3 +25,8 @@ class Context:
     def camelback(self) -> Camelback:
         """The illustrative outcome."""
         return Camelback()
+
+    @cached_property
+    def clutch(self) -> ClutchStudy:
+        """The wet clutch and its synthetic measurements."""
+        return ClutchStudy()

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from aleator.densities import Density, Gaussian, MaximumEntropy, Status
+from aleator.distances import earth_movers_distance
 from aleator.moments import Moments, weighted_moments
 from aleator.reproduce.camelback import Camelback
 from aleator.reproduce.canvas import (
@@ -24,7 +25,6 @@ from aleator.reproduce.canvas import (
     explain,
 )
 from aleator.reproduce.context import Context
-from aleator.reproduce.distance import from_reference
 from aleator.reproduce.reproduction import Claim, Reproduction, Verdict
 
 if TYPE_CHECKING:
@@ -77,12 +77,12 @@ def moments_of(camelback: Camelback) -> dict[str, Moments]:
 
 def distances(camelback: Camelback) -> pd.DataFrame:
     """EMD and status of each density from each source of moments."""
-    fine, rows = camelback.fine, []
+    rows = []
     for name, density in CHOICES.items():
         for origin, moments in moments_of(camelback).items():
             fitted = density.fit(moments, *_ends(camelback))
             status = Status(int(fitted.status[0]))
-            distance = from_reference(fitted, fine.y[None], fine.cdf[None])[0]
+            distance = earth_movers_distance(fitted, camelback.exact)[0]
             rows.append(
                 {
                     "density": name,

@@ -5,13 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from aleator.errors import AleatorError, nearest
+from aleator.reproduce.clutch_measured import measured
+from aleator.reproduce.clutch_response import clipped, response
 from aleator.reproduce.coefficients import coefficients
+from aleator.reproduce.engagement import feedforward, position, pressure, speed, torque
 from aleator.reproduce.illustrative_moments import moments
+from aleator.reproduce.index_sets import offline, sets
 from aleator.reproduce.matching import matching
 from aleator.reproduce.reproduction import Figure
 from aleator.reproduce.transform import transform
 
 FIGURES = (
+    Figure("sets", "Multi-indices of the exact moments of an expansion", "Fig. 2", sets),
+    Figure("offline-time", "Time of the offline step for each (n, d, m)", "Fig. 3", offline),
     Figure(
         "illustrative-transform",
         "A normal parameter through the illustrative simulator",
@@ -36,6 +42,29 @@ FIGURES = (
         "Fig. 6",
         matching,
     ),
+    Figure(
+        "clutch-feedforward",
+        "Feed-forward current of the valve, experiment 16",
+        "Fig. 8",
+        feedforward,
+    ),
+    Figure("clutch-pressure", "Overpressure in an engagement, experiment 16", "Fig. 10a", pressure),
+    Figure("clutch-position", "Position of the piston, experiment 16", "Fig. 10b", position),
+    Figure("clutch-torque", "Torques of an engagement, experiment 16", "Fig. 11a", torque),
+    Figure("clutch-speed", "Speeds of an engagement, experiment 16", "Fig. 11b", speed),
+    Figure(
+        "clutch-measured",
+        "SYNTHETIC measurements against the deterministic simulation",
+        "Fig. 13",
+        measured,
+    ),
+    Figure(
+        "clutch-response-16",
+        "Simulated shifting time of experiment 16",
+        "Fig. 14, top left",
+        response,
+    ),
+    Figure("clutch-clipped", "Clipped joint law of both parameters", "Fig. 14, top right", clipped),
 )
 
 
