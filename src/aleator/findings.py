@@ -19,7 +19,7 @@ from aleator.problem import Problem
 from aleator.profile import Profile
 from aleator.propagation import QuadraturePropagation, finer
 from aleator.response import Surface
-from aleator.search import SearchResult
+from aleator.search import SearchResult, wide_limits
 from aleator.verification import Verification
 
 Array = NDArray[np.float64]
@@ -132,7 +132,7 @@ def review(
     hyperparameters = problem.likelihood.hyperparameters
     refusals = [
         *_density_warnings(honest, ids),
-        *_search_refusals(inference),
+        *_search_refusals(inference, hyperparameters),
         *_verification_refusals(honest, checked, ids),
     ]
     notes = [
@@ -171,15 +171,20 @@ def _density_warnings(honest: LogLikelihood, ids: Sequence[str]) -> list[Warning
     return warnings
 
 
-def _search_refusals(inference: Inference) -> list[Warning]:
+def _search_refusals(
+    inference: Inference, hyperparameters: Sequence[Hyperparameter]
+) -> list[Warning]:
     warnings = []
+    wide = wide_limits(hyperparameters)
+    narrow = f"; narrow the limits of {', '.join(wide)}, many orders of magnitude wide"
+    also = narrow if wide else ""
     if not inference.positive:
         warnings.append(
             Warning(
                 "search",
                 "the information matrix at the answer is not positive definite: it is no maximum, "
                 "or a hyperparameter has no effect",
-                "fix a hyperparameter, or search from more starts",
+                f"fix a hyperparameter, or search from more starts{also}",
             )
         )
     elif not inference.edm < LARGEST_EDM:
@@ -188,7 +193,7 @@ def _search_refusals(inference: Inference) -> list[Warning]:
                 "search",
                 f"the search stopped an estimated {inference.edm:.2g} in log-likelihood "
                 "below the maximum",
-                "allow more evaluations a start, or search from more starts",
+                f"allow more evaluations a start, search from more starts, or polish{also}",
             )
         )
     return warnings

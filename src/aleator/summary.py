@@ -160,6 +160,7 @@ def _search(
     found: SearchResult, inference: Inference, hyperparameters: Sequence[Hyperparameter]
 ) -> dict[str, Any]:
     return {
+        "method": found.method,
         "starts": len(found.ascents),
         "evaluations": found.evaluations,
         "distinct_optima": len(found.optima),

@@ -91,7 +91,7 @@ def _opening(result: Result) -> RenderableType:
     alpha = result["alpha"]
     free = sum(not entry.get("fixed") for entry in alpha.values())
     search = result.get("search") or {}
-    starts = f", best of {search['starts']} starts" if search.get("starts") else ""
+    starts = f", best of {search['starts']} starts" if search.get("starts", 0) > 1 else ""
     title = Text(result.get("title") or "Identification", style="bold")
     return Group(
         title,
@@ -264,7 +264,8 @@ def _efforts(result: Result) -> Iterator[tuple[str, str]]:
             f"{_fixed(optimum.get('log_likelihood'))} ({_count(optimum.get('starts', 0), 'start')})"
             for optimum in search.get("optima", [])[:4]
         ]
-        text = f"{search.get('evaluations', NONE)} evaluations"
+        text = f"{_words(search.get('method'))}, " if search.get("method") else ""
+        text += f"{search.get('evaluations', NONE)} evaluations"
         distinct = search.get("distinct_optima", len(optima))
         text += f", {distinct} distinct optim{'um' if distinct == 1 else 'a'}"
         yield "search", f"{text}: {', '.join(optima)}" if optima else text

@@ -78,7 +78,7 @@ class CMAES:
     ) -> SearchResult:
         """Run from every start, polish each end, and gather the distinct optima."""
         progress = progress or Silent()
-        coordinates, watched = Coordinates(hyperparameters), Watched(objective)
+        coordinates, watched = Coordinates(hyperparameters), Watched(objective, self.name)
         if coordinates.free.size == 0:
             return only_point(watched, coordinates, hyperparameters)
         rng = np.random.default_rng(seed)

@@ -64,7 +64,7 @@ class CustomSearch:
     ) -> SearchResult:
         """Let the function search, and polish the best that it met."""
         progress = progress or Silent()
-        coordinates, watched = Coordinates(hyperparameters), Watched(objective)
+        coordinates, watched = Coordinates(hyperparameters), Watched(objective, self.name)
         if coordinates.free.size == 0:
             return only_point(watched, coordinates, hyperparameters)
 

@@ -64,7 +64,7 @@ class DifferentialEvolution:
     ) -> SearchResult:
         """Let the population evolve, and polish its best."""
         told = progress or Silent()
-        coordinates, watched = Coordinates(hyperparameters), Watched(objective)
+        coordinates, watched = Coordinates(hyperparameters), Watched(objective, self.name)
         if coordinates.free.size == 0:
             return only_point(watched, coordinates, hyperparameters)
         cube = Cube(watched, coordinates)

@@ -74,7 +74,7 @@ class GeneticAlgorithm:
     ) -> SearchResult:
         """Let the population evolve, and polish its best."""
         progress = progress or Silent()
-        coordinates, watched = Coordinates(hyperparameters), Watched(objective)
+        coordinates, watched = Coordinates(hyperparameters), Watched(objective, self.name)
         if coordinates.free.size == 0:
             return only_point(watched, coordinates, hyperparameters)
         cube = Cube(watched, coordinates)

@@ -62,7 +62,7 @@ class GradientMultistart:
     ) -> SearchResult:
         """Climb from every start and gather the distinct optima, best first."""
         progress = progress or Silent()
-        coordinates, watched = Coordinates(hyperparameters), Watched(objective)
+        coordinates, watched = Coordinates(hyperparameters), Watched(objective, self.name)
         if coordinates.free.size == 0:
             return only_point(watched, coordinates, hyperparameters)
         ascents: list[Ascent] = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -87,6 +87,7 @@ class SearchResult:
     """The best alpha (K,), all starts, and the distinct optima, best first.
 
     `trace` has a Step for every improvement; its seconds are all that a seed does not reproduce.
+    `method` is the name of the search.
     """
 
     alpha: Array
@@ -94,6 +95,7 @@ class SearchResult:
     ascents: tuple[Ascent, ...]
     optima: tuple[Optimum, ...]
     trace: tuple[Step, ...] = ()
+    method: str = ""
 
     @property
     def evaluations(self) -> int:
@@ -109,8 +111,9 @@ class SearchResult:
     def improved(self, alpha: Array, log_likelihood: float) -> SearchResult:
         """The result with a better optimum in front, met after the starts had ended."""
         optimum = Optimum(alpha, log_likelihood, starts=0)
-        optima = (optimum, *self.optima)
-        return SearchResult(alpha, log_likelihood, self.ascents, optima, self.trace)
+        return replace(
+            self, alpha=alpha, log_likelihood=log_likelihood, optima=(optimum, *self.optima)
+        )
 
 
 class Search(Protocol):

@@ -46,7 +46,9 @@ def gathered(
             groups.append((ascent, _information(ascent, objective), 1))
     optima = tuple(Optimum(a.alpha, a.log_likelihood, count) for a, _, count in groups)
     best = optima[0]
-    return SearchResult(best.alpha, best.log_likelihood, tuple(ascents), optima, objective.trace)
+    return SearchResult(
+        best.alpha, best.log_likelihood, tuple(ascents), optima, objective.trace, objective.method
+    )
 
 
 def only_point(
@@ -58,7 +60,8 @@ def only_point(
     if value <= FLOOR:
         raise nowhere_finite(hyperparameters, 1)
     ascent = Ascent(alpha, alpha, value, 1, converged=True)
-    return SearchResult(alpha, value, (ascent,), (Optimum(alpha, value, 1),), objective.trace)
+    optima = (Optimum(alpha, value, 1),)
+    return SearchResult(alpha, value, (ascent,), optima, objective.trace, objective.method)
 
 
 def _information(ascent: Ascent, objective: Watched) -> Array:

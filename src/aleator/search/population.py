@@ -67,7 +67,8 @@ def finished(
         if end.log_likelihood >= value:
             alpha, value, converged = end.alpha, end.log_likelihood, end.converged
     only = Ascent(coordinates.start, alpha, value, watched.evaluations, converged)
-    return SearchResult(alpha, value, (only,), (Optimum(alpha, value, 1),), watched.trace)
+    optima = (Optimum(alpha, value, 1),)
+    return SearchResult(alpha, value, (only,), optima, watched.trace, watched.method)
 
 
 def at_least(search: str, **least: tuple[int, int]) -> None:

@@ -17,13 +17,14 @@ FLOOR = -1e100
 
 
 class Watched:
-    """An objective that remembers the best alpha it was asked for, and what that took.
+    """The objective of one search, the `method`: the best alpha it asked for, and what that took.
 
     Floating-point warnings of the objective are contained, because a search asks for absurd alpha
     on purpose; a value, or a score, that is not finite counts as FLOOR with a score of zero.
     """
 
-    def __init__(self, objective: Objective | Scored) -> None:
+    def __init__(self, objective: Objective | Scored, method: str = "") -> None:
+        self.method = method
         self._objective = objective_of(objective)
         self._began = time.perf_counter()
         self._steps: list[Step] = []
