@@ -5,6 +5,7 @@ The ways, all exact to rounding: `PushFork` (the paper's), `TensorGauss`, `Galer
 `Automatic`, which takes the cheaper of the last two.
 """
 
+from aleator.expansion_moments.automatic import Automatic, cheapest
 from aleator.expansion_moments.basis import Basis
 from aleator.expansion_moments.exact import (
     ExpansionMoments,
@@ -15,7 +16,7 @@ from aleator.expansion_moments.exact import (
 from aleator.expansion_moments.galerkin import Galerkin
 from aleator.expansion_moments.interface import Powers, Way
 from aleator.expansion_moments.nonzero import NonzeroSet, Origin
-from aleator.expansion_moments.push_fork import PushFork
+from aleator.expansion_moments.push_fork import PushFork, raw_moment
 from aleator.expansion_moments.tensor_gauss import TensorGauss
 
 __all__ = [
@@ -31,4 +32,7 @@ __all__ = [
     "Origin",
     "TensorGauss",
     "Galerkin",
+    "Automatic",
+    "cheapest",
+    "raw_moment",
 ]

@@ -44,9 +44,7 @@ class Basis:
                 "give an array (P, n) and one pair (a, b) for each of the n parameters",
             )
         if np.any(indices != given) or indices.min() < 0:
-            raise InputsError(
-                "a multi-index is negative or not whole", "give degrees 0, 1, 2, ..."
-            )
+            raise InputsError("a multi-index is negative or not whole", "give degrees 0, 1, 2, ...")
         if len(np.unique(indices, axis=0)) < len(indices):
             raise InputsError("a multi-index occurs twice", "give each once")
         if np.all(indices.any(axis=1)):
@@ -55,9 +53,7 @@ class Basis:
             )
         indices.setflags(write=False)
         object.__setattr__(self, "indices", indices)
-        object.__setattr__(
-            self, "recurrences", tuple(_frozen(a, b) for a, b in self.recurrences)
-        )
+        object.__setattr__(self, "recurrences", tuple(_frozen(a, b) for a, b in self.recurrences))
 
     @property
     def size(self) -> int:

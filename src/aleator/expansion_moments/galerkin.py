@@ -19,7 +19,7 @@ Indices = NDArray[np.int64]
 MOST_ENTRIES = 100_000_000
 """Entries of the product tensors that fill 1.2 GB."""
 
-VALUES_AT_ONCE = 4_000_000
+VALUES_AT_ONCE = 1_000_000
 """Coefficients of a power that are held at once: experiments are taken in parts."""
 
 
@@ -31,9 +31,9 @@ class Galerkin:
     linearization coefficients <psi_i psi_j psi_l> = prod_k <p_(i_k) p_(j_k) p_(l_k)>, of which
     few are not zero. Powers to floor(M/2) are enough; the basis of Z^k has degree k d. Even moments
     are sums of squares: no cancellation at all. Cost: offline and, for each experiment, online
-    O(number of entries), about P |D_k| 2^d where |D_k| functions occur in Z^k, k = floor((M-1)/2):
-    up to ten parameters at degree 2 or 3 for M = 4. Raises InputsError where there may be more than 1e8
-    entries.
+    O(number of entries), for degree d at most P |D_k| 2^d where |D_k| functions occur in Z^k,
+    k = floor((M - 1)/2). Ten parameters: degree 2 to M = 8, degree 3 to M = 4. Raises InputsError
+    where there may be more than 1e8 entries.
     """
 
     def powers(self, basis: Basis, order: int) -> GalerkinPowers:
@@ -81,13 +81,15 @@ def entry_bound(basis: Basis, order: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Product:
-    """Multiplication of Z^k by every psi_i: `matrices` (L, J) map coefficients to coefficients.
+    """Multiplication of Z^k by every psi_i: coefficients (J,) to coefficients (L,).
 
     `keys` (L,) name the functions of the result; `places` (J,) are the functions of Z^k in it.
+    Multiplication by psi_i reaches only the functions `rows[i]` (R_i,), by `matrices[i]` (R_i, J).
     """
 
     keys: Indices
     places: NDArray[np.intp]
+    rows: tuple[NDArray[np.intp], ...]
     matrices: tuple[sparse.csr_array, ...]
 
 
@@ -102,13 +104,15 @@ def _product(
     entries = [multiply(factor, indices, strides, tables) for factor in basis.indices]
     if within is None:
         within = np.unique(np.concatenate([np.unique(found) for _, found, _ in entries]))
-    matrices = []
-    for rows, found, values in entries:
+    reached, matrices = [], []
+    for columns, found, values in entries:
         places = np.minimum(np.searchsorted(within, found), within.size - 1)
         kept = within[places] == found
-        triplets = (values[kept], (places[kept], rows[kept]))
-        matrices.append(sparse.csr_array(triplets, shape=(within.size, keys.size)))
-    return Product(within, np.searchsorted(within, keys), tuple(matrices))
+        rows, row = np.unique(places[kept], return_inverse=True)
+        triplets = (values[kept], (row, columns[kept]))
+        reached.append(rows)
+        matrices.append(sparse.csr_array(triplets, shape=(rows.size, keys.size)))
+    return Product(within, np.searchsorted(within, keys), tuple(reached), tuple(matrices))
 
 
 def _strides(basis: Basis, order: int) -> Indices | None:
@@ -129,7 +133,7 @@ def _decoded(keys: Indices, strides: Indices) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class GalerkinPowers:
-    """`places` (P,) of the basis among the functions of Z, and the products that give Z^2, Z^3, .."""
+    """The products that give Z^2, Z^3, ..; `places` (P,) of the basis among the functions of Z."""
 
     order: int
     constant: int
@@ -160,12 +164,16 @@ class GalerkinPowers:
             power = self._expanded(z[part])
             for level, product in enumerate(self.products, 1):
                 following = self._multiplied(product, power, z[part])
-                for i, matrix in enumerate(product.matrices):
-                    # once more instead of kept: P images would be P times the memory
+                embedded = np.zeros_like(following)
+                embedded[product.places] = power
+                for i, (rows, matrix) in enumerate(
+                    zip(product.rows, product.matrices, strict=True)
+                ):
+                    # once more instead of kept: the images of all functions fill the memory
                     image = matrix @ power
-                    found[part, 2 * level, i] = np.sum(image[product.places] * power, axis=0)
+                    found[part, 2 * level, i] = np.sum(image * embedded[rows], axis=0)
                     if 2 * level + 1 < self.order:
-                        found[part, 2 * level + 1, i] = np.sum(image * following, axis=0)
+                        found[part, 2 * level + 1, i] = np.sum(image * following[rows], axis=0)
                 power = following
         return found
 
@@ -176,9 +184,9 @@ class GalerkinPowers:
 
     def _multiplied(self, product: Product, power: Array, z: Array) -> Array:
         following = np.zeros((product.keys.size, z.shape[0]))
-        for i, matrix in enumerate(product.matrices):
+        for i, (rows, matrix) in enumerate(zip(product.rows, product.matrices, strict=True)):
             if i != self.constant:
-                following += (matrix @ power) * z[:, i]
+                following[rows] += (matrix @ power) * z[:, i]
         return following
 
     def _parts(self, count: int) -> list[slice]:

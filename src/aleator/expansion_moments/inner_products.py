@@ -49,7 +49,8 @@ def inner_products(basis: Basis, k: int, m: int) -> InnerProducts:
     degree = basis.degrees[k]
     # in push and fork's order, the distance from the last location is the degree
     multisets = stacks(0, count(m, degree + 1), m, degree + 1)
-    _, weights, polynomials = basis.rule(k, m * degree)
+    # order 1 is exact with fewer nodes than there are polynomials to evaluate
+    _, weights, polynomials = basis.rule(k, max(m, 2) * degree)
     product = np.ones((multisets.shape[0], weights.size))
     for column in multisets.T:
         product *= polynomials.T[column]

@@ -1,8 +1,8 @@
 """The multi-indices of the multinomial theorem, in the order of push and fork.
 
-I_(m,p) holds the ways to lay m items on p locations (paper, sec. "Estimation of high-order moments").
-A multi-index is here either its exponents (p,), or its m locations in decreasing distance from the
-last one: `stack` (m,), where s_1 >= s_2 >= ... counts how far each item lies from the last location.
+I_(m,p) holds the ways to lay m items on p locations (paper, "Estimation of high-order moments").
+A multi-index is here either its exponents (p,), or its `stack` (m,): how far each item lies from
+the last location, s_1 >= s_2 >= ... .
 Push and fork visit the stacks in lexicographic order, so that the position of a stack is known in
 closed form (the combinatorial number system) and any part of the set can be made on its own.
 """

@@ -16,8 +16,8 @@ Array = NDArray[np.float64]
 MOST_NODES = 50_000_000
 """Nodes of a rule whose values fill 400 MB."""
 
-VALUES_AT_ONCE = 4_000_000
-"""Values of the polynomial that are held at once: experiments are taken in parts."""
+VALUES_AT_ONCE = 100_000
+"""Values of the polynomial that are held at once, so that they stay in the cache."""
 
 
 @dataclass(frozen=True)

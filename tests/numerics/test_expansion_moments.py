@@ -1,0 +1,444 @@
+"""Exact moments of an expansion: three ways, against exact arithmetic and closed forms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from itertools import product
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+from problems import from_raw
+
+from aleator.errors import InputsError
+from aleator.expansion_moments import (
+    Automatic,
+    Basis,
+    Galerkin,
+    PushFork,
+    TensorGauss,
+    central_moments,
+    cheapest,
+    prepare,
+    raw_moment,
+    raw_moments,
+)
+from aleator.expansion_moments.automatic import estimated_seconds
+from aleator.expansion_moments.rules import polished_rule, symmetric
+from aleator.polynomials import evaluate, hermite_recurrence
+
+Array = NDArray[np.float64]
+Recurrence = tuple[Array, Array]
+
+WAYS = [PushFork(), TensorGauss(), Galerkin(), Automatic()]
+
+
+# ------------------------------------------------- four families, and their moments of monomials
+
+
+def legendre(count: int) -> Recurrence:
+    k = np.arange(1.0, count)
+    return np.zeros(count), np.concatenate([[1.0], k**2 / (4.0 * k**2 - 1.0)])
+
+
+def laguerre(count: int, shape: float = 1.5) -> Recurrence:
+    """Weight of the gamma law, whose moments are E[t^m] = shape (shape + 1) .. (shape + m - 1)."""
+    k = np.arange(float(count))
+    return 2.0 * k + shape, np.where(k > 0.0, k * (k + shape - 1.0), 1.0)
+
+
+def jacobi(count: int, p: float = 1.0, q: float = 2.5) -> Recurrence:
+    """Weight (1 - t)^p (1 + t)^q on [-1, 1]: (1 + t)/2 is Beta(q + 1, p + 1)."""
+    k = np.arange(float(count))
+    s = 2.0 * k + p + q
+    b = 4.0 * k * (k + p) * (k + q) * (k + p + q) / (s**2 * (s + 1.0) * (s - 1.0))
+    b[0] = 1.0
+    return (q**2 - p**2) / (s * (s + 2.0)), b
+
+
+@cache
+def beta_moment(m: int) -> mpmath.mpf:
+    # rf is the rising factorial: E[u^j] = rf(3.5, j)/rf(5.5, j), t = 2 u - 1
+    return mpmath.fsum(
+        mpmath.binomial(m, j) * 2**j * (-1) ** (m - j) * mpmath.rf(3.5, j) / mpmath.rf(5.5, j)
+        for j in range(m + 1)
+    )
+
+
+FAMILIES: dict[str, tuple[Callable[[int], Recurrence], Callable[[int], mpmath.mpf]]] = {
+    "hermite": (hermite_recurrence, lambda m: mpmath.mpf(0 if m % 2 else mpmath.fac2(m - 1))),
+    "legendre": (legendre, lambda m: mpmath.mpf(1 - m % 2) / (m + 1)),
+    "laguerre": (laguerre, lambda m: mpmath.rf(mpmath.mpf("1.5"), m)),
+    "jacobi": (jacobi, beta_moment),
+}
+MIXED = ("hermite", "laguerre", "jacobi")
+
+TOTAL = {n: np.array([k for k in product(range(4), repeat=n) if sum(k) <= 3]) for n in (1, 2, 3)}
+# neither downward closed nor in any order, the constant not first
+SCATTERED = np.array([[0, 2], [3, 0], [0, 0], [1, 1], [4, 1], [1, 0], [2, 2]])
+SETS = {"total": TOTAL[2], "scattered": SCATTERED}
+
+
+def basis_of(names: tuple[str, ...], indices: NDArray[np.int64], order: int) -> Basis:
+    counts = order * indices.max(axis=0) // 2 + 1
+    recurrences = [FAMILIES[f][0](int(c)) for f, c in zip(names, counts, strict=True)]
+    return Basis(tuple(recurrences), indices)
+
+
+@cache
+def exact_polynomials(name: str, degree: int) -> list[list[mpmath.mpf]]:
+    """Coefficients of the orthonormal polynomials by Gram and Schmidt, from the moments alone."""
+    moment = FAMILIES[name][1]
+
+    def inner(u: list[mpmath.mpf], v: list[mpmath.mpf]) -> mpmath.mpf:
+        return mpmath.fsum(
+            a * b * moment(i + j) for i, a in enumerate(u) for j, b in enumerate(v) if a * b
+        )
+
+    found: list[list[mpmath.mpf]] = []
+    for k in range(degree + 1):
+        monomial = [mpmath.mpf(i == k) for i in range(degree + 1)]
+        rest = monomial
+        for known in found:
+            share = inner(monomial, known)
+            rest = [r - share * u for r, u in zip(rest, known, strict=True)]
+        norm = mpmath.sqrt(inner(rest, rest))
+        found.append([r / norm for r in rest])
+    return found
+
+
+def exact_moments(
+    names: tuple[str, ...], indices: NDArray[np.int64], c: Array, order: int
+) -> tuple[float, float, list[float]]:
+    """Mean, sd and standardized moments by expanding Y^m in monomials with 60 digits."""
+    with mpmath.workdps(60):
+        families = [exact_polynomials(name, 4) for name in names]
+        y: dict[tuple[int, ...], mpmath.mpf] = {}
+        for index, value in zip(indices.tolist(), c.tolist(), strict=True):
+            for powers in product(*(range(k + 1) for k in index)):
+                part = mpmath.mpf(value)
+                for family, k, power in zip(families, index, powers, strict=True):
+                    part *= family[k][power]
+                y[powers] = y.get(powers, mpmath.mpf(0)) + part
+        power, raw = {(0,) * len(names): mpmath.mpf(1)}, []
+        for _ in range(order + 1):
+            raw.append(
+                mpmath.fsum(
+                    v * mpmath.fprod(FAMILIES[f][1](m) for f, m in zip(names, k, strict=True))
+                    for k, v in power.items()
+                )
+            )
+            following: dict[tuple[int, ...], mpmath.mpf] = {}
+            for (k1, v1), (k2, v2) in product(power.items(), y.items()):
+                k = tuple(a + b for a, b in zip(k1, k2, strict=True))
+                following[k] = following.get(k, mpmath.mpf(0)) + v1 * v2
+            power = following
+        return from_raw(raw)
+
+
+@cache
+def drawn_with_truth(
+    names: tuple[str, ...], key: str
+) -> tuple[Array, list[tuple[float, float, list[float]]]]:
+    c = np.random.default_rng(1).standard_normal((2, len(SETS[key])))
+    return c, [exact_moments(names, SETS[key], row, 8) for row in c]
+
+
+def assert_same(found: Array, truth: Array, digits: float) -> None:
+    """Equal to `digits` relative to E[|z|^m], which an odd moment may be far below."""
+    even = truth.shape[1] - 1 - (truth.shape[1] - 1) % 2
+    size = np.maximum(np.abs(truth), 1.0)
+    size[:, 3:even:2] = np.sqrt(truth[:, 2:even:2] * truth[:, 4 : even + 1 : 2])
+    assert np.max(np.abs(found - truth) / size) < digits
+
+
+# ------------------------------------------------------------------------------ truths
+
+
+@pytest.mark.parametrize("way", WAYS, ids=repr)
+@pytest.mark.parametrize("indices", SETS.values(), ids=SETS)
+@pytest.mark.parametrize("name", FAMILIES)
+def test_moments_are_those_of_exact_arithmetic(way, indices, name) -> None:
+    names = (name, name)
+    c, truth = drawn_with_truth(names, next(key for key in SETS if SETS[key] is indices))
+    found = prepare(basis_of(names, indices, 8), 8, way).moments(c)
+    mean, sd, standardized = (np.array(part) for part in zip(*truth, strict=True))
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-13)
+    np.testing.assert_allclose(found.sd, sd, rtol=1e-13)
+    assert_same(found.standardized, standardized, 1e-12)
+
+
+@pytest.mark.parametrize("order", range(2, 10))
+@pytest.mark.parametrize("names", [("hermite",), ("laguerre", "legendre"), MIXED], ids=str)
+def test_the_ways_agree_to_rounding(names, order) -> None:
+    indices = TOTAL[len(names)]
+    if len(names) == 3:
+        order = min(order, 6)  # push and fork tries 3.1 million terms at order 9
+    basis = basis_of(names, indices, order)
+    c = np.random.default_rng(order).standard_normal((4, len(indices)))
+    truth = prepare(basis, order, Galerkin()).moments_with_gradient(c)
+    for way in WAYS:
+        for found in (
+            prepare(basis, order, way).moments(c),
+            prepare(basis, order, way).moments_with_gradient(c),
+        ):
+            assert_same(found.standardized, truth.standardized, 1e-12)
+            assert found.order == order
+        for m in range(3, order + 1):
+            scale = np.abs(truth.standardized_jac[:, m]).max()
+            difference = found.standardized_jac[:, m] - truth.standardized_jac[:, m]
+            assert np.abs(difference).max() < 1e-12 * max(scale, 1.0)
+
+
+@pytest.mark.parametrize("order", [4, 7])
+def test_a_quadratic_form_of_ten_normals_has_its_closed_cumulants(order) -> None:
+    """kappa_r = 2^(r-1) (r-1)! tr(A^r) + 2^(r-3) r! b' A^(r-2) b for Y = x'Ax + b'x."""
+    n, rng = 10, np.random.default_rng(3)
+    indices = np.array([k for k in product(range(3), repeat=n) if sum(k) <= 2])
+    a = rng.standard_normal((n, n))
+    a, b = (a + a.T) / 8.0, rng.standard_normal(n)
+    c = np.zeros(len(indices))
+    for position, index in enumerate(indices):
+        where = np.flatnonzero(index)
+        if index.sum() == 0:
+            c[position] = np.trace(a)
+        elif index.sum() == 1:
+            c[position] = b[where[0]]
+        else:  # x_i^2 - 1 = sqrt(2) psi, x_i x_j twice
+            c[position] = np.sqrt(2.0) * a[where[0], where[0]] if where.size == 1 else (
+                2.0 * a[where[0], where[1]]
+            )  # fmt: skip
+    power, kappa = np.eye(n), [0.0, np.trace(a)]
+    for r in range(2, order + 1):
+        factorial = float(mpmath.factorial(r - 1))
+        kappa.append(
+            2.0 ** (r - 1) * factorial * np.trace(power @ a @ a)
+            + 2.0 ** (r - 3) * r * factorial * (b @ power @ b)
+        )
+        power = power @ a
+    raw = [mpmath.mpf(1)]
+    for m in range(1, order + 1):
+        raw.append(mpmath.fsum(mpmath.binomial(m - 1, j - 1) * kappa[j] * raw[m - j]
+                               for j in range(1, m + 1)))  # fmt: skip
+    mean, sd, standardized = from_raw(raw)
+    basis = basis_of(("hermite",) * n, indices, order)
+    found = prepare(basis, order, Galerkin()).moments(c[None])
+    assert found.mean[0] == pytest.approx(mean, rel=1e-13)
+    assert found.sd[0] == pytest.approx(sd, rel=1e-13)
+    np.testing.assert_allclose(found.standardized[0], standardized, rtol=1e-11, atol=1e-12)
+
+
+def test_a_sample_has_the_moments_within_its_standard_error() -> None:
+    rng = np.random.default_rng(7)
+    indices = TOTAL[3]
+    basis = basis_of(MIXED, indices, 6)
+    c = rng.standard_normal((1, len(indices))) * 0.5 ** indices.sum(axis=1)
+    exact = prepare(basis, 6, Automatic()).moments(c)
+    size = 400_000
+    theta = (
+        rng.standard_normal(size),
+        rng.gamma(1.5, size=size),
+        2.0 * rng.beta(3.5, 2.0, size) - 1.0,
+    )
+    y = np.zeros(size)
+    tables = [evaluate(*FAMILIES[f][0](5), t, 3) for f, t in zip(MIXED, theta, strict=True)]
+    for index, value in zip(indices, c[0], strict=True):
+        y += value * np.prod([table[:, k] for table, k in zip(tables, index, strict=True)], axis=0)
+    z = (y - exact.mean[0]) / exact.sd[0]
+    for m in range(1, 5):
+        error = np.std(z**m) / np.sqrt(size)
+        assert abs(np.mean(z**m) - exact.standardized[0, m]) < 4.0 * error
+
+
+@pytest.mark.parametrize("way", WAYS, ids=repr)
+def test_derivatives_are_those_of_the_moments(way) -> None:
+    basis = basis_of(("hermite", "laguerre"), SCATTERED, 6)
+    ready = prepare(basis, 6, way)
+    c = np.random.default_rng(5).standard_normal((3, basis.size))
+    exact = ready.moments_with_gradient(c)
+    step = 1e-5
+    for i in range(basis.size):
+        change = np.zeros_like(c)
+        change[:, i] = step
+        up, down = ready.moments(c + change), ready.moments(c - change)
+        for name in ("mean", "sd", "standardized"):
+            slope = (getattr(up, name) - getattr(down, name)) / (2.0 * step)
+            jac = getattr(exact, f"{name}_jac")[..., i]
+            np.testing.assert_allclose(slope, jac, rtol=1e-6, atol=1e-6 * np.abs(jac).max() + 1e-9)
+
+
+def test_raw_and_central_moments_are_the_paper_s_sum() -> None:
+    basis = basis_of(("hermite", "hermite"), TOTAL[2], 5)
+    c = np.random.default_rng(2).standard_normal((3, basis.size))
+    found = prepare(basis, 5, TensorGauss()).moments(c)
+    for m in range(1, 6):
+        paper = raw_moment(PushFork().terms(basis, m), c)
+        np.testing.assert_allclose(raw_moments(found)[:, m], paper, rtol=1e-12)
+    np.testing.assert_allclose(central_moments(found)[:, 2], found.sd**2, rtol=1e-15)
+
+
+# ------------------------------------------------------------------------------ properties
+
+
+@settings(max_examples=25)
+@given(
+    c=arrays(np.float64, (2, 10), elements=st.floats(-3.0, 3.0).filter(lambda v: abs(v) > 1e-3)),
+    scale=st.floats(1e-6, 1e6),
+    shift=st.floats(-5.0, 5.0),
+)
+def test_an_affine_change_of_the_outcome_changes_mean_and_sd_only(c, scale, shift) -> None:
+    basis = basis_of(("hermite", "jacobi"), TOTAL[2], 6)
+    moved = -scale * c
+    moved[:, basis.constant] += scale * shift
+    for way in (PushFork(), TensorGauss(), Galerkin()):
+        ready = prepare(basis, 6, way)
+        one, other = ready.moments(c), ready.moments(moved)
+        sign = (-1.0) ** np.arange(7)
+        assert_same(sign * other.standardized, one.standardized, 1e-11)
+        np.testing.assert_allclose(other.sd, scale * one.sd, rtol=1e-13)
+        np.testing.assert_allclose(other.mean, scale * (shift - one.mean), atol=1e-14 * scale)
+
+
+def test_no_digit_is_lost_for_a_small_scatter_about_a_large_outcome() -> None:
+    basis = basis_of(("hermite",), TOTAL[1], 8)
+    c = np.array([[0.0, 1.0, 0.3, 0.1]])
+    truth = prepare(basis, 8, Galerkin()).moments(c).standardized
+    small = 1e-9 * c + np.array([[0.8, 0.0, 0.0, 0.0]])
+    for way in WAYS:
+        assert_same(prepare(basis, 8, way).moments(small).standardized, truth, 1e-12)
+
+
+def test_order_of_functions_and_of_experiments_does_not_matter() -> None:
+    rng = np.random.default_rng(11)
+    order, rows = rng.permutation(len(TOTAL[2])), rng.permutation(5)
+    c = rng.standard_normal((5, len(TOTAL[2])))
+    for way in WAYS:
+        straight = prepare(basis_of(("legendre",) * 2, TOTAL[2], 5), 5, way).moments(c)
+        basis = basis_of(("legendre",) * 2, TOTAL[2][order], 5)
+        mixed = prepare(basis, 5, way).moments(c[rows][:, order])
+        assert_same(mixed.standardized, straight.standardized[rows], 1e-13)
+
+
+@pytest.mark.parametrize("way", WAYS, ids=repr)
+def test_parts_of_the_experiments_give_what_all_of_them_give(way) -> None:
+    basis = basis_of(("hermite", "laguerre"), TOTAL[2], 6)
+    c = np.random.default_rng(0).standard_normal((7, basis.size))
+    ready, many = prepare(basis, 6, way), 600
+    whole, parts = (
+        ready.moments_with_gradient(c),
+        ready.moments_with_gradient(np.tile(c, (many, 1))),
+    )
+    scale = np.abs(whole.standardized_jac).max()
+    for start in (0, 7 * (many // 2), 7 * (many - 1)):
+        part = parts.take(np.arange(start, start + 7))
+        np.testing.assert_allclose(part.standardized, whole.standardized, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(
+            part.standardized_jac, whole.standardized_jac, rtol=0, atol=1e-13 * scale
+        )
+    again = ready.moments(np.tile(c, (many, 1))).standardized
+    assert_same(again, parts.standardized, 1e-12)
+
+
+@pytest.mark.parametrize("way", WAYS, ids=repr)
+def test_an_expansion_without_scatter_has_none(way) -> None:
+    basis = basis_of(("hermite",), TOTAL[1], 4)
+    c = np.array([[2.0, 0.0, 0.0, 0.0], [2.0, 1e-17, 0.0, 0.0]])
+    found = prepare(basis, 4, way).moments_with_gradient(c)
+    assert (found.mean.tolist(), found.sd.tolist()) == ([2.0, 2.0], [0.0, 0.0])
+    assert found.standardized.tolist() == [[1.0, 0.0, 1.0, 0.0, 0.0]] * 2
+    assert np.all(found.standardized_jac == 0.0)
+
+
+# ------------------------------------------------------------------------------ rules
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_rule_is_exact_to_its_degree_and_not_beyond(name) -> None:
+    """E[p_4^8] with 17 nodes to many digits; with 16 it must be wrong."""
+    recurrence, moment = FAMILIES[name][0](17), FAMILIES[name][1]
+    with mpmath.workdps(60):
+        p4 = exact_polynomials(name, 4)[4]
+        power = [mpmath.mpf(1)]
+        for _ in range(8):
+            power = [
+                mpmath.fsum(p4[j] * power[k - j] for j in range(5) if 0 <= k - j < len(power))
+                for k in range(len(power) + 4)
+            ]
+        truth = float(mpmath.fsum(v * moment(k) for k, v in enumerate(power)))
+    _, weights, p = polished_rule(*recurrence, 32)
+    assert weights @ p[:, 4] ** 8 == pytest.approx(truth, rel=1e-12)
+    _, weights, p = polished_rule(*recurrence, 30)
+    assert abs(weights @ p[:, 4] ** 8 / truth - 1.0) > 1e-8
+
+
+def test_symmetry_is_seen_about_any_center_and_through_rounding() -> None:
+    a, b = hermite_recurrence(9)
+    assert symmetric(a, b)
+    assert symmetric(a + 3.0 + 1e-15 * np.arange(9), b)
+    assert not symmetric(*laguerre(9))
+    assert not symmetric(a + 1e-9 * np.arange(9), b)
+
+
+# ------------------------------------------------------------------------------ choice and misuse
+
+
+def hermite_basis(n: int, d: int, order: int) -> Basis:
+    indices = np.array([k for k in product(range(d + 1), repeat=n) if sum(k) <= d])
+    return basis_of(("hermite",) * n, indices, order)
+
+
+def test_few_parameters_take_the_tensor_rule_and_many_take_galerkin() -> None:
+    assert cheapest(hermite_basis(1, 8, 8), 8, 1_000) == TensorGauss()
+    assert cheapest(hermite_basis(3, 3, 5), 5, 1_000) == TensorGauss()
+    assert cheapest(hermite_basis(7, 2, 4), 4, 1_000) == Galerkin()
+    # one evaluation does not pay for a longer preparation
+    assert cheapest(hermite_basis(4, 3, 5), 5, 1) == TensorGauss()
+
+
+def test_the_model_of_the_cost_knows_what_a_way_refuses() -> None:
+    big = Basis((hermite_recurrence(9),) * 16, np.vstack([np.zeros(16), np.eye(16)]))
+    tensor, galerkin = estimated_seconds(big, 8, 1)
+    assert tensor == np.inf > galerkin
+    with pytest.raises(InputsError, match=r"3.*nodes.*\n.*Galerkin"):
+        prepare(big, 8, TensorGauss())
+    hopeless = Basis((hermite_recurrence(21),) * 12, np.vstack([np.zeros(12), 5 * np.eye(12)]))
+    with pytest.raises(InputsError, match=r"Galerkin products to order 8.*\n.*lower the degree"):
+        prepare(hopeless, 8, Automatic())
+
+
+@pytest.mark.parametrize(
+    ("indices", "message"),
+    [
+        ([[0, 0]], "shape"),
+        ([[0], [-1]], "negative"),
+        ([[0], [0.5]], "not whole"),
+        ([[0], [1], [1]], "twice"),
+        ([[1], [2]], "lack the constant"),
+    ],
+)
+def test_wrong_multi_indices_are_named(indices, message) -> None:
+    with pytest.raises(InputsError, match=message):
+        Basis((hermite_recurrence(4),), np.array(indices))
+
+
+def test_wrong_recurrences_orders_and_coefficients_are_named() -> None:
+    with pytest.raises(InputsError, match="same count"):
+        Basis(((np.zeros(3), np.ones(2)),), np.array([[0]]))
+    with pytest.raises(InputsError, match="not positive"):
+        Basis(((np.zeros(3), np.zeros(3)),), np.array([[0]]))
+    basis = Basis((hermite_recurrence(6),), np.array([[0], [3]]))
+    with pytest.raises(InputsError, match=r"parameter 0: 6 .* need 7\n.*count=7"):
+        prepare(basis, 4, Galerkin())
+    with pytest.raises(InputsError, match="order 1"):
+        prepare(basis, 1, Galerkin())
+    with pytest.raises(InputsError, match=r"shape \(3,\) for a basis of 2"):
+        prepare(basis, 3, Galerkin()).moments(np.ones(3))
+    with pytest.raises(InputsError, match="expansions"):
+        Automatic(0)
+    with pytest.raises(InputsError, match="workers"):
+        PushFork(workers=0)
