@@ -6,7 +6,17 @@ from aleator.experiments import Experiments
 from aleator.identification import Identification
 from aleator.identify import identify
 from aleator.inputs import Inputs
-from aleator.laws import Constant, Free, Normal, TruncatedNormal
+from aleator.laws import (
+    Beta,
+    Constant,
+    Free,
+    Gamma,
+    LogNormal,
+    Normal,
+    ScipyLaw,
+    TruncatedNormal,
+    Uniform,
+)
 from aleator.noise import Noise
 from aleator.prediction import predict
 from aleator.propagation import Collocation
@@ -28,6 +38,11 @@ __all__ = [
     "Inputs",
     "Normal",
     "TruncatedNormal",
+    "Uniform",
+    "Beta",
+    "Gamma",
+    "LogNormal",
+    "ScipyLaw",
     "Constant",
     "Free",
     "Noise",

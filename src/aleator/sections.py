@@ -5,22 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Discriminator,
-    Field,
-    FiniteFloat,
-    Tag,
-    model_validator,
-)
-from pydantic_core import PydanticCustomError
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from aleator.densities import Density, Gaussian, MaximumEntropy, NodeDensity
-from aleator.errors import nearest
 from aleator.experiments import Transform
-from aleator.laws import Constant, Free, Law, Normal, Specification, TruncatedNormal
+from aleator.law_sections import LawSection
+from aleator.laws import Specification
 from aleator.noise import Noise
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
@@ -31,133 +21,13 @@ from aleator.search import (
     GradientMultistart,
     Search,
 )
+from aleator.study_keys import Section, Spec, fault, specification
 from aleator.verification import MonteCarlo
-
-
-class Section(BaseModel):
-    """A table of the file: known keys only, values of the right type, numbers not as text."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _known_keys(cls, value: Any) -> Any:
-        for key in value if isinstance(value, Mapping) else ():
-            if key not in cls.model_fields:
-                raise PydanticCustomError(
-                    "unknown_key",
-                    "{problem}",
-                    {
-                        "key": key,
-                        "problem": f"there is no such key{nearest(key, cls.model_fields)}",
-                        "remedy": f"the keys here are {', '.join(cls.model_fields)}",
-                    },
-                )
-        return value
-
-    def given(self, *leave_out: str) -> dict[str, Any]:
-        """The keys that the file gives; the library's defaults stand for the others."""
-        return {key: getattr(self, key) for key in self.model_fields_set if key not in leave_out}
-
-
-class FreeSection(Section):
-    """A hyperparameter to be identified: `{lower = 0.5, upper = 1.4, start = 1.0}`."""
-
-    lower: FiniteFloat | None = None
-    upper: FiniteFloat | None = None
-    start: FiniteFloat | None = None
-
-    @model_validator(mode="after")
-    def _in_order(self) -> Self:
-        low, high, start = self.lower, self.upper, self.start
-        if low is not None and high is not None and not low < high:
-            raise _fault(f"lower {low:g} >= upper {high:g}", "swap or correct the two numbers")
-        for bad, side, bound in (
-            (low is not None and start is not None and start < low, "below lower", low),
-            (high is not None and start is not None and start > high, "above upper", high),
-        ):
-            if bad:
-                raise _fault(f"start {start:g} is {side} {bound:g}", "move it between them")
-        return self
-
-
-def _fault(problem: str, remedy: str) -> PydanticCustomError:
-    return PydanticCustomError("inadmissible", "{problem}", {"problem": problem, "remedy": remedy})
-
-
-def _kind(value: Any) -> str:
-    return "table" if isinstance(value, (Mapping, FreeSection)) else "number"
-
-
-Spec = Annotated[
-    Annotated[FiniteFloat, Tag("number")] | Annotated[FreeSection, Tag("table")],
-    Discriminator(_kind),
-]
-
-
-def specification(spec: FiniteFloat | FreeSection) -> Specification:
-    """A number fixes a hyperparameter, a table frees it within its limits.
-
-    >>> specification(FreeSection(lower=0.0, upper=1.0))
-    Free(lower=0.0, upper=1.0, start=None)
-    """
-    return Free(spec.lower, spec.upper, spec.start) if isinstance(spec, FreeSection) else spec
-
-
-class TruncatedNormalSection(Section):
-    """`law = "truncated_normal"`: a normal law cut at the ends of a box."""
-
-    law: Literal["truncated_normal"]
-    box: Annotated[list[float], Field(min_length=2, max_length=2)]
-    mean: Spec = FreeSection()
-    sd: Spec = FreeSection()
-    polynomials: Literal["own", "hermite"] = "own"
-
-    @model_validator(mode="after")
-    def _box_in_order(self) -> Self:
-        low, high = self.box
-        if not low < high:
-            raise _fault(f"box: lower {low:g} >= upper {high:g}", "swap or correct the two numbers")
-        return self
-
-    def build(self) -> Law:
-        """The library's law."""
-        mean, sd = specification(self.mean), specification(self.sd)
-        return TruncatedNormal((self.box[0], self.box[1]), mean, sd, self.polynomials)
-
-
-class NormalSection(Section):
-    """`law = "normal"`: a normal law on the whole line."""
-
-    law: Literal["normal"]
-    mean: Spec = FreeSection()
-    sd: Spec = FreeSection()
-
-    def build(self) -> Law:
-        """The library's law."""
-        return Normal(specification(self.mean), specification(self.sd))
-
-
-class ConstantSection(Section):
-    """`law = "constant"`: one value in every experiment."""
-
-    law: Literal["constant"]
-    value: Spec
-
-    def build(self) -> Law:
-        """The library's law."""
-        return Constant(specification(self.value))
-
-
-# The registry of laws: a further law is one more section here.
-LawSection = Annotated[
-    TruncatedNormalSection | NormalSection | ConstantSection, Field(discriminator="law")
-]
 
 
 def _paired(value: Any) -> Any:
     if not isinstance(value, Mapping):
-        raise _fault(f"{value!r} is not of a pair", "name both parameters: a.b = 0.5")
+        raise fault(f"{value!r} is not of a pair", "name both parameters: a.b = 0.5")
     return value
 
 
@@ -168,6 +38,7 @@ CorrelationSection = dict[str, Annotated[dict[str, Spec], BeforeValidator(_paire
 def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
     """The correlations by pair of parameters, as the library takes them.
 
+    >>> from aleator.study_keys import FreeSection
     >>> pairs({"a": {"b": 0.5, "c": FreeSection()}})
     {('a', 'b'): 0.5, ('a', 'c'): Free(lower=None, upper=None, start=None)}
     """
@@ -251,7 +122,7 @@ class DensitySection(Section):
     @model_validator(mode="after")
     def _order_is_used(self) -> Self:
         if self.kind == "gaussian" and "order" in self.model_fields_set:
-            raise _fault(
+            raise fault(
                 'order has no meaning for kind = "gaussian", which has two moments',
                 'delete the key, or write kind = "maximum_entropy"',
             )
