@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,14 +20,14 @@ from aleator.baselines import (
     linear_gaussian,
     start_point,
 )
-from aleator.densities import Density, MaximumEntropy, NodeDensity
+from aleator.densities import Density, MaximumEntropy, NodeDensity, Status
 from aleator.errors import InputsError
 from aleator.experiments import Experiments
 from aleator.identification import Identification
 from aleator.inference import Inference, infer
 from aleator.inputs import Inputs
 from aleator.noise import Noise
-from aleator.problem import Model, Problem, prepare
+from aleator.problem import Model, Problem, default_density, prepare
 from aleator.profile import Profile, profile_intervals
 from aleator.progress import Progress, Silent
 from aleator.propagation import Collocation
@@ -44,7 +45,6 @@ WIDER = 3
 """Times that the region may be widened so that it holds the intervals."""
 
 DEFAULT_PROPAGATION = ResponseSurface()
-DEFAULT_DENSITY = MaximumEntropy(order=4)
 DEFAULT_SEARCH = GradientMultistart()
 DEFAULT_VERIFICATION = MonteCarlo()
 
@@ -58,7 +58,7 @@ def identify(
     vectorized: bool = False,
     noise: Noise | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
-    density: Density | NodeDensity = DEFAULT_DENSITY,
+    density: Density | NodeDensity | None = None,
     search: Search = DEFAULT_SEARCH,
     verification: MonteCarlo = DEFAULT_VERIFICATION,
     seed: int = 0,
@@ -71,7 +71,9 @@ def identify(
     `simulator` takes conditions and parameters by keyword and returns the outcome: once a run
     with floats, or with arrays of R runs if `vectorized`. `experiments` is an `Experiments`, or a
     data frame whose column `outcome` is the measured outcome and whose other columns are
-    conditions. Raises AleatorError for input that cannot be used; failures of numerics are
+    conditions. `density` None is the exact convolution with the noise where there is noise (and
+    response surfaces), unless the noise turns out too small for the nodes; else maximum entropy of
+    four moments. Raises AleatorError for input that cannot be used; failures of numerics are
     statuses and warnings on the result. Cost: the runs of the surfaces and of the verification,
     and some milliseconds for each of some hundred evaluations of the likelihood.
 
@@ -86,9 +88,42 @@ def identify(
     """
     table = _experiments(experiments, outcome)
     runner = as_runner(simulator, table, inputs.names, vectorized)
-    model = Model(inputs, noise, propagation, density)
+    chosen = density or default_density(noise, propagation)
+    model = Model(inputs, noise, propagation, chosen)
     _check_count(table, model)
     ledger = Ledger(runner, progress or Silent())
+    answer = _answered(runner, table, model, search, seed, ledger)
+    if density is None and _too_coarse(answer):
+        # the nodes cannot resolve a noise as small as this; moments can
+        runner.know(runner.completed)
+        answer = _answered(
+            runner, table, replace(model, density=MaximumEntropy(order=4)), search, seed, ledger
+        )
+    checked = None
+    if verification.samples:
+        with ledger.stage("verification"):
+            checked = _verify(answer.problem, runner, answer.found, verification, seed, ledger)
+    return summary.assemble(
+        table.ids, answer.problem, answer.found, answer.inference, answer.profile, checked,
+        answer.baselines, seconds=ledger.seconds, runs_by_stage=ledger.runs, seed=seed,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """A maximum that was found, and how sure it is."""
+
+    problem: Problem
+    found: SearchResult
+    inference: Inference
+    profile: Profile
+    baselines: tuple[LeastSquares, LinearGaussian]
+
+
+def _answered(
+    runner: Runner, table: Experiments, model: Model, search: Search, seed: int, ledger: Ledger
+) -> _Answer:
+    """Search on surfaces that fit the answer, and widen them until they hold its intervals."""
     problem, baselines, found = _focused_search(runner, table, model, search, seed, ledger)
     with ledger.stage("inference"):
         found, inference, profile = infer_at(problem, found)
@@ -102,14 +137,12 @@ def identify(
             found = _search(problem, search, baselines, [found.alpha], seed, ledger)
         with ledger.stage("inference"):
             found, inference, profile = infer_at(problem, found)
-    checked = None
-    if verification.samples:
-        with ledger.stage("verification"):
-            checked = _verify(problem, runner, found, verification, seed, ledger)
-    return summary.assemble(
-        table.ids, problem, found, inference, profile, checked, baselines,
-        seconds=ledger.seconds, runs_by_stage=ledger.runs, seed=seed,
-    )  # fmt: skip
+    return _Answer(problem, found, inference, profile, baselines)
+
+
+def _too_coarse(answer: _Answer) -> bool:
+    status = answer.problem.likelihood.fit(answer.found.alpha).status
+    return bool(np.any(status == Status.TOO_COARSE))
 
 
 class Ledger:

@@ -14,10 +14,10 @@ from aleator.errors import InputsError, nearest
 from aleator.experiments import Conditions
 from aleator.focus import own_region
 from aleator.identification import QUANTILES, Estimate
-from aleator.identify import DEFAULT_DENSITY, DEFAULT_PROPAGATION
+from aleator.identify import DEFAULT_PROPAGATION
 from aleator.inputs import Inputs
 from aleator.noise import Noise
-from aleator.problem import Model, prepare
+from aleator.problem import Model, default_density, prepare
 from aleator.progress import Progress
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
@@ -35,7 +35,7 @@ def predict(
     vectorized: bool = False,
     noise: Noise | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
-    density: Density | NodeDensity = DEFAULT_DENSITY,
+    density: Density | NodeDensity | None = None,
     quantiles: tuple[float, ...] = QUANTILES,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
@@ -55,7 +55,7 @@ def predict(
     [[10.0, 1.0, 10.0]]
     """
     table = conditions if isinstance(conditions, Conditions) else Conditions.from_frame(conditions)
-    model = Model(inputs, noise, propagation, density)
+    model = Model(inputs, noise, propagation, density or default_density(noise, propagation))
     values = _in_order(model, alpha)
     runner = as_runner(simulator, table, inputs.names, vectorized)
     # there is no outcome to look at: any finite number will do where the likelihood wants one

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.cubature import Cubature, TensorGauss
-from aleator.densities import Density, NodeDensity
+from aleator.densities import Convolution, Density, MaximumEntropy, NodeDensity
 from aleator.errors import InputsError
 from aleator.inputs import Inputs
 from aleator.laws import Hyperparameter
@@ -58,6 +58,23 @@ class Model:
     def noise_sd(self, alpha: Array) -> float:
         """The noise's standard deviation in alpha (K,); zero without noise."""
         return float(alpha[-1]) if self.noise else 0.0
+
+
+def default_density(
+    noise: Noise | None, propagation: ResponseSurface | Collocation
+) -> Density | NodeDensity:
+    """The density where the user does not choose one.
+
+    The convolution where there is noise and nodes cost no run: it is exact. Else maximum entropy
+    of four moments.
+
+    >>> default_density(None, ResponseSurface()).name, default_density(
+    ...     Noise(0.1), ResponseSurface()).name
+    ('maximum_entropy(4)', 'convolution')
+    """
+    if noise is not None and isinstance(propagation, ResponseSurface):
+        return Convolution()
+    return MaximumEntropy(order=4)
 
 
 @dataclass(frozen=True)

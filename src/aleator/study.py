@@ -17,7 +17,7 @@ from aleator.errors import AleatorError, InputsError, SimulatorError, StudyError
 from aleator.experiments import Conditions, Experiments
 from aleator.inputs import Inputs
 from aleator.noise import Noise
-from aleator.problem import Model
+from aleator.problem import Model, default_density
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
 from aleator.search import GradientMultistart, Search
@@ -44,7 +44,7 @@ class Study:
     inputs: Inputs
     noise: Noise | None
     propagation: ResponseSurface | Collocation
-    density: Density | NodeDensity
+    density: Density | NodeDensity | None
     search: Search
     verification: MonteCarlo
     table: ExperimentsSection
@@ -52,7 +52,8 @@ class Study:
     @property
     def model(self) -> Model:
         """The choices that, with a simulator and a table, make a likelihood."""
-        return Model(self.inputs, self.noise, self.propagation, self.density)
+        density = self.density or default_density(self.noise, self.propagation)
+        return Model(self.inputs, self.noise, self.propagation, density)
 
     def overridden(
         self, seed: int | None = None, starts: int | None = None, verified: bool = True
