@@ -15,6 +15,7 @@ from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
 from aleator.correlation import Correlation, between
 from aleator.cubature import ProbabilityGrid, Smolyak, SobolPoints, TensorGauss
 from aleator.errors import InputsError
+from aleator.laws import Beta, Gamma, LogNormal, Uniform
 from aleator.moments import weighted_moments
 
 Array = NDArray[np.float64]
@@ -289,6 +290,62 @@ def test_pearson_of_a_copula_by_nodes_and_by_integration() -> None:
     points = SobolPoints(2**14, 0).nodes(inputs, alpha)
     found = points.weights @ (points.x[:, 0] * points.x[:, 1])
     assert found == pytest.approx(expected, abs=2e-4)
+
+
+def test_pearson_of_two_lognormal_parameters() -> None:
+    """(exp(r s t) - 1)/sqrt((exp(s^2) - 1)(exp(t^2) - 1)), in closed form."""
+    s, t, r = 0.4, 0.7, -0.6
+    laws = {
+        name: LogNormal(mean=np.exp(0.5 * d * d), sd=np.exp(0.5 * d * d) * np.sqrt(np.expm1(d * d)))
+        for name, d in (("a", s), ("b", t))
+    }
+    inputs = Inputs(laws, {("a", "b"): r})
+    alpha = np.array([h.start for h in inputs.hyperparameters])
+    nodes = inputs.nodes(alpha, 20)
+    mean = nodes.weights @ nodes.x
+    covariance = ((nodes.x - mean).T * nodes.weights) @ (nodes.x - mean)
+    expected = np.expm1(r * s * t) / np.sqrt(np.expm1(s * s) * np.expm1(t * t))
+    found = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
+    assert found == pytest.approx(expected, rel=1e-8)
+
+
+LAWS = {
+    "uniform": (Uniform(Free(0.0, 1.0), Free(0.1, 1.0)), [0.4, 0.3]),
+    "beta": (Beta((0.0, 2.0), Free(0.2, 1.5), Free(0.1, 0.5)), [0.8, 0.3]),
+    "gamma": (Gamma(Free(0.5, 3.0), Free(0.1, 1.0)), [1.5, 0.6]),
+    "lognormal": (LogNormal(Free(0.5, 3.0), Free(0.1, 1.0)), [1.5, 0.6]),
+    "truncated": (TruncatedNormal((-1.0, 1.0), sd=Free(0.05, 2.0)), [0.8, 0.5]),
+    "normal": (Normal(Free(-1.0, 1.0), Free(0.05, 1.0)), [0.4, 0.3]),
+}
+
+
+@pytest.mark.parametrize(
+    "choice", [TensorGauss(3), SobolPoints(32)], ids=lambda c: type(c).__name__
+)
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_can_be_correlated(name: str, choice: TensorGauss | SobolPoints) -> None:
+    """The derivative of E exp(0.5 a b), b of that law, by all of alpha against differences."""
+    law, values = LAWS[name]
+    inputs = Inputs(
+        {"a": Normal(Free(-1.0, 1.0), Free(0.1, 1.0)), "b": law}, {("a", "b"): Free(-0.9, 0.9)}
+    )
+    alpha = np.array([0.2, 0.5, *values, 0.6])
+
+    def total(at: Array) -> float:
+        nodes = choice.nodes(inputs, at)
+        return float(nodes.weights @ np.exp(0.5 * nodes.x[:, 0] * nodes.x[:, 1]))
+
+    nodes = choice.nodes(inputs, alpha)
+    y = np.exp(0.5 * nodes.x[:, 0] * nodes.x[:, 1])
+    slope = 0.5 * y[:, None] * nodes.x[:, ::-1]
+    found = y @ nodes.dweights + np.einsum("j,jn,jnk->k", nodes.weights, slope, nodes.dx)
+    for k in range(alpha.size):
+        step = np.zeros_like(alpha)
+        step[k] = 1e-3
+        ends = [total(alpha + s * step) for s in (-2, -1, 1, 2)]
+        expected = (8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / 12e-3
+        assert found[k] == pytest.approx(expected, rel=1e-6, abs=1e-8)
+    assert found[-1] > 0.0
 
 
 def test_certain_and_impossible_probabilities_have_a_sample() -> None:

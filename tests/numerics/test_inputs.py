@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from problems import from_raw, raw_normal, raw_truncated
+from scipy import special
 
 from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
 from aleator.errors import InputsError
@@ -49,6 +50,8 @@ def test_the_order_of_alpha_is_that_of_the_laws() -> None:
     assert inputs().slices == (slice(0, 2), slice(2, 3), slice(3, 5))
     assert inputs().scattering == 2
     assert inputs().names == ("x", "c", "w")
+    assert inputs().size == 5
+    assert inputs().scattered == (0, 2)
 
 
 @pytest.mark.parametrize("basis", ["own", "hermite"])
@@ -173,6 +176,26 @@ def test_a_sample_has_the_moments_of_the_rule() -> None:
         terms = np.prod(x ** np.array(order), axis=1)
         # four standard errors of the Monte Carlo mean
         assert np.mean(terms) == pytest.approx(raw(order), abs=4.0 * np.std(terms) / 200.0 + 1e-12)
+
+
+def test_noise_at_the_end_of_alpha_is_not_of_the_law() -> None:
+    noisy = np.append(ALPHA, 0.7)
+    u = np.random.default_rng(1).random((5, 3))
+    np.testing.assert_array_equal(inputs().sample(noisy, u), inputs().sample(ALPHA, u))
+    np.testing.assert_array_equal(inputs().nodes(noisy, 3).dx, inputs().nodes(ALPHA, 3).dx)
+
+
+def test_the_image_of_a_germ_is_the_quantile_of_its_probability() -> None:
+    germ = np.random.default_rng(2).standard_normal((50, 2))
+    u = special.ndtr(np.insert(germ, 1, 0.0, axis=1))
+    x, dx = inputs().image(ALPHA, germ)
+    np.testing.assert_allclose(x, inputs().marginal(ALPHA, u), atol=1e-12)
+    # x_i moves with the hyperparameters of its own law only
+    assert [np.flatnonzero(np.any(dx[:, i], axis=0)).tolist() for i in range(3)] == [
+        [0, 1],
+        [2],
+        [3, 4],
+    ]
 
 
 @pytest.mark.parametrize(
