@@ -62,6 +62,7 @@ def test_every_command_and_option_is_documented() -> None:
     assert set(found) == {
         "aleator", "aleator identify", "aleator predict", "aleator recover",
         "aleator clutch", "aleator clutch bench", "aleator reproduce", "aleator reproduce paper",
+        "aleator sensitivity", "aleator box",
     }  # fmt: skip
     for name, command in found.items():
         assert command.help, name

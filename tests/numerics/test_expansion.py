@@ -28,8 +28,7 @@ from aleator.expansion.projection import project
 from aleator.expansion.sparse_projection import combination
 from aleator.indices import Anisotropic, Hyperbolic, TotalDegree
 from aleator.inputs import Inputs
-from aleator.laws import Constant, Free, Law, Normal, TruncatedNormal
-from aleator.laws.uniform import Uniform
+from aleator.laws import Constant, Free, Law, Normal, TruncatedNormal, Uniform
 
 Array = NDArray[np.float64]
 
@@ -91,6 +90,9 @@ def test_the_basis_of_inputs_is_that_of_its_laws() -> None:
     assert basis.limits == (None, 0)
     assert basis.rule(0, 1).x.tolist() == [0.3]
     assert basis.rule(1, 5).x.tolist() == [2.0]
+    tied = Inputs({"a": Normal(0.0, 1.0), "b": Normal(0.0, 1.0)}, {("a", "b"): 0.5})
+    with pytest.raises(InputsError, match="a, b are correlated"):
+        Basis.of(tied, np.array([0.0, 1.0, 0.0, 1.0, 0.5]))
 
 
 # ------------------------------------------------------------------------------ every way

@@ -14,8 +14,7 @@ from scipy import stats
 from aleator.errors import InputsError
 from aleator.expansion import Basis, Regression, SparseProjection
 from aleator.indices import TotalDegree
-from aleator.laws import Normal, TruncatedNormal
-from aleator.laws.uniform import Uniform
+from aleator.laws import Normal, TruncatedNormal, Uniform
 from aleator.sobol import SobolIndices, sobol_indices
 
 Array = NDArray[np.float64]

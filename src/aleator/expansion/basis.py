@@ -41,7 +41,17 @@ class Basis:
 
     @classmethod
     def of(cls, inputs: Inputs, alpha: Array) -> Basis:
-        """The basis of the joint law of the inputs at alpha (K,)."""
+        """The basis of the joint law of the inputs at alpha (K,).
+
+        Raises InputsError where parameters are correlated: products of polynomials of the marginal
+        laws are then not orthogonal.
+        """
+        if inputs.correlated:
+            names = ", ".join(inputs.names[i] for i in inputs.correlated)
+            raise InputsError(
+                f"{names} are correlated, and an expansion needs independent parameters",
+                "expand in the independent germ, or leave out the correlation",
+            )
         return cls(tuple(inputs.laws.values()), tuple(alpha[part] for part in inputs.slices))
 
     @property

@@ -1,0 +1,85 @@
+"""`aleator sensitivity`."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from aleator.cli.program import FILE, SEED, main, name_of, outcome_of, say, shown
+from aleator.plot_sensitivity import save_sensitivity
+from aleator.report import documents
+from aleator.report import sensitivity as report
+from aleator.screening import screen
+from aleator.study import load_study
+
+
+@main.command()
+@click.argument("study", type=FILE, metavar="STUDY.toml")
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Folder of the results [default: out/ and the name of the study].",
+)
+@SEED
+@click.option(
+    "--runs",
+    type=click.IntRange(min=4),
+    help="Runs an experiment [default: ten a parameter, and more until the expansions are good].",
+)
+@click.option(
+    "--experiments",
+    metavar="ID,ID,...",
+    help="Only these experiments [default: all].",
+)
+@click.option("--no-figures", is_flag=True, help="Draw no figure.")
+@click.option("--quiet", is_flag=True, help="Print neither progress nor tables, only errors.")
+def sensitivity(
+    study: Path,
+    output: Path | None,
+    seed: int | None,
+    runs: int | None,
+    experiments: str | None,
+    no_figures: bool,
+    quiet: bool,
+) -> None:
+    """Tell which parameters deserve a law: whose scatter moves the outcome, and whose acts alike.
+
+    Expands the outcome of every experiment in the parameters and takes Sobol' indices from the
+    coefficients. A parameter is varied by its law where STUDY.toml states all of it, uniformly
+    over its limits or box where something is to be identified. To screen a parameter, make it a
+    constant with limits.
+
+    Writes DIR/sensitivity.json (all), DIR/sensitivity.csv (a row for each experiment and
+    parameter) and DIR/sensitivity.png if matplotlib is installed.
+    """
+    value = load_study(study).overridden(seed)
+    folder = output or Path("out") / name_of(study)
+    documents.make_folder(folder)
+    ids = None if experiments is None else [name.strip() for name in experiments.split(",")]
+    with shown(quiet) as progress:
+        progress.stage("sensitivity")
+        runner = value.runner()
+        runner.progress = progress
+        found = screen(
+            runner, value.inputs, experiments=ids, runs=runs, seed=value.seed, progress=progress
+        )
+    result = documents.plain(
+        documents.linked(
+            {**report.document(found), "runs": runner.runs, "seed": value.seed},
+            value.title, study, value.sha256, outcome_of(value), folder,
+        )
+    )  # fmt: skip
+    files = [folder / "sensitivity.json", folder / "sensitivity.csv"]
+    documents.write_json(result, files[0])
+    documents.write_text(found.table().to_csv(index=False, lineterminator="\n"), files[1])
+    if not no_figures:
+        if importlib.util.find_spec("matplotlib") is None:
+            say("no figure is drawn: it needs matplotlib, pip install 'aleator[plot]'")
+        else:
+            files.append(save_sensitivity(result, folder))
+    if not quiet:
+        Console().print(report.render(result, [str(file) for file in files]))
