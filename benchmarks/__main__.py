@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,19 +22,11 @@ from aleator.recovery import recover
 from aleator.search import GradientMultistart
 from aleator.simulate import Runner
 from aleator.study import Study, load_study
+from benchmarks.offline import offline_rows
+from benchmarks.row import Row
 
 CLUTCH = Path(__file__).parent.parent / "examples" / "wet_clutch" / "study.toml"
 TRUTH = {"c2_scale.mean": 0.91, "c2_scale.sd": 0.081, "zp_scale.mean": 0.55, "zp_scale.sd": 0.046}
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of the table: what, Aleator's number, the peer's or the target's, their ratio."""
-
-    what: str
-    ours: str
-    theirs: str
-    ratio: float
 
 
 def median_seconds(work: Callable[[], object], repeats: int) -> float:
@@ -72,9 +63,7 @@ def search_rows(problem: Problem) -> list[Row]:
     likelihood, rows = problem.likelihood, []
     for starts, target in ((1, 1.5), (10, 10.0)):
         began = time.perf_counter()
-        found = GradientMultistart(starts).maximize(
-            likelihood, likelihood.hyperparameters, seed=0
-        )
+        found = GradientMultistart(starts).maximize(likelihood, likelihood.hyperparameters, seed=0)
         seconds = time.perf_counter() - began
         rows.append(
             Row(f"search, {starts} starts", f"{seconds:.2f} s", f"target {target} s",
@@ -198,6 +187,7 @@ def main() -> None:
         *simulator_rows(),
         Row("response surfaces", f"{built:.1f} s", "target 20 s", built / 20.0),
         *whole_rows(study, problem, runner, whole),
+        *offline_rows(),
     ]
     print_table(console, rows)
     if options.replicates:

@@ -25,8 +25,14 @@ from aleator.expansion_moments.multi_indices import (
     push_and_fork,
     stacks,
 )
-from aleator.expansion_moments.timing import counts, hermite_basis, paper_grid, terms
+from aleator.indices import TotalDegree
 from aleator.polynomials import hermite_recurrence
+
+
+def hermite_basis(n: int, d: int, order: int) -> Basis:
+    recurrence = hermite_recurrence(order * d // 2 + 1)
+    return Basis((recurrence,) * n, TotalDegree(d).indices((None,) * n))
+
 
 # ------------------------------------------------------------------------------ I_(m,p)
 
@@ -146,10 +152,11 @@ def test_the_nonzero_set_is_that_of_exact_fractions(name, n, d, m) -> None:
 
 
 def test_the_counts_are_the_paper_s() -> None:
-    assert counts(4, 3, 5) == (35, 575_757)
-    assert counts(2, 3, 5) == (10, 2_002)
-    assert [terms(4, 3, m) for m in (2, 3, 4, 5)] == [35, 205, 2_315, 18_415]
-    assert len(paper_grid()) == 63  # of 64: (4, 4, 5) has 16 million candidates
+    basis = hermite_basis(4, 3, 5)
+    found = [PushFork().terms(basis, m) for m in (2, 3, 4, 5)]
+    assert basis.size == 35
+    assert [terms.candidates for terms in found] == [630, 7_770, 73_815, 575_757]
+    assert [terms.coefficients.size for terms in found] == [35, 205, 2_315, 18_415]
     # order 2 is orthonormality: one term for each function, with coefficient one
     square = PushFork().terms(hermite_basis(3, 3, 2), 2)
     np.testing.assert_allclose(square.coefficients, 1.0, rtol=1e-14)
