@@ -40,6 +40,22 @@ class ParameterCorrelation:
 
 
 @dataclass(frozen=True)
+class DensityDistance:
+    """A density fitted to moments against the exact one of the noisy outcome, at the answer.
+
+    `log_likelihood` is the difference of the log-likelihoods, `mean` and `worst` the earth mover's
+    distance over the outcome's standard deviation, averaged over experiments and the largest;
+    `failed` the number of experiments whose density could not be fitted.
+    """
+
+    density: str
+    log_likelihood: float
+    mean: float
+    worst: float
+    failed: int
+
+
+@dataclass(frozen=True)
 class Warning:
     """Something to know before the numbers are used: about what, and what to do."""
 
@@ -106,6 +122,7 @@ class Identification:
     seed: int
     versions: Mapping[str, str] = field(default_factory=dict)
     parameter_correlations: tuple[ParameterCorrelation, ...] = ()
+    density_distances: tuple[DensityDistance, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The document identification.json as plain dictionaries, lists, numbers and texts."""
@@ -122,6 +139,7 @@ class Identification:
             "accepted": self.accepted,
             "warnings": [dict(vars(warning)) for warning in self.warnings],
             "density": self.density,
+            "density_distances": [dict(vars(row)) for row in self.density_distances],
             "propagation": self.propagation,
             "runs": self.runs,
             "runs_by_stage": dict(self.runs_by_stage),

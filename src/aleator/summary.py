@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from aleator import findings
 from aleator.baselines import LeastSquares, LinearGaussian
+from aleator.comparison import density_distances
 from aleator.identification import (
     QUANTILES,
     Estimate,
@@ -76,6 +77,7 @@ def assemble(
         seconds={**seconds, "total": sum(seconds.values())},
         seed=seed,
         versions=_versions(),
+        density_distances=density_distances(problem, alpha),
         parameter_correlations=_parameter_correlations(
             problem.model.inputs, alpha, hyperparameters, inference
         ),

@@ -25,6 +25,7 @@ def render(result: Result, files: Sequence[str] = ()) -> RenderableType:
         _opening(result),
         _alpha(result),
         _log_likelihood(result),
+        _densities(result),
         _worst(result),
         _effort(result),
         *_warnings(result),
@@ -210,6 +211,25 @@ def _log_likelihood(result: Result) -> RenderableType:
             Text(f"CIRCE-like, from the linearized model: {where}"),
         )
     return table
+
+
+def _densities(result: Result) -> RenderableType | None:
+    rows = result.get("density_distances")
+    if not rows:
+        return None
+    table = table_of(
+        ("moment density", "left"), ("log-likelihood", "right"), ("EMD", "right"), ("", "fold")
+    )
+    for row in rows:
+        failed = row["failed"]
+        table.add_row(
+            row["density"],
+            f"{row['log_likelihood']:+.3f}",
+            f"{row['mean']:.2g}",
+            f"no solution for {failed} experiments, a stand-in there" if failed else "",
+        )
+    head = "Against the exact density of the noisy outcome; distances in standard deviations:"
+    return Group(Text(head), table)
 
 
 def _fixed(value: float | None) -> str:

@@ -1,0 +1,47 @@
+"""How far moment densities are from the exact one of a noisy outcome."""
+
+import numpy as np
+import pytest
+from problems import GROWTH, NOISY, Problem
+from scipy import integrate, stats
+
+from aleator import MaximumEntropy, ResponseSurface
+from aleator.comparison import density_distances
+from aleator.densities import Convolution
+from aleator.experiments import Experiments
+from aleator.problem import Model, prepare
+from aleator.problem import Problem as Prepared
+from aleator.simulate import Runner, as_simulator
+
+
+def prepared(problem: Problem, density) -> Prepared:
+    table = Experiments.from_frame(problem.table(problem.draw(0)), outcome="y")
+    runner = Runner(as_simulator(problem.simulator, True), table, problem.inputs.names)
+    model = Model(problem.inputs, problem.noise, ResponseSurface(tolerance=1e-3), density)
+    return prepare(runner, table.outcomes, model, problem.inputs.box)
+
+
+def test_distances_fall_with_the_moments_and_agree_with_integration() -> None:
+    ready = prepared(NOISY, Convolution())
+    rows = {row.density: row for row in density_distances(ready, NOISY.alpha)}
+    assert rows["gaussian"].mean > rows["maximum_entropy(4)"].mean > 0.0
+    assert rows["maximum_entropy(4)"].mean > rows["maximum_entropy(6)"].mean
+    assert abs(rows["maximum_entropy(6)"].log_likelihood) < abs(rows["gaussian"].log_likelihood)
+    # the Gaussian's distance, integrated for the first experiment by an adaptive rule
+    likelihood = ready.likelihood
+    fitted, moments = likelihood.fit(NOISY.alpha), likelihood.moments(NOISY.alpha)
+    mean, sd = moments.mean[0], moments.sd[0]
+    count = moments.mean.size
+
+    def gap(u: float) -> float:
+        exact = fitted.cdf(np.full(count, mean + sd * u))[0]
+        return abs(float(exact) - float(stats.norm.cdf(u)))
+
+    distance = integrate.quad(gap, -8.0, 8.0, limit=200, points=[0.0])[0]
+    assert rows["gaussian"].worst >= distance - 2e-3
+    assert rows["gaussian"].mean <= rows["gaussian"].worst
+
+
+@pytest.mark.parametrize("problem", [GROWTH])
+def test_without_noise_nothing_is_known_exactly(problem: Problem) -> None:
+    assert density_distances(prepared(problem, MaximumEntropy(4)), problem.alpha) == ()
