@@ -25,6 +25,7 @@ from aleator.expansion_moments.multi_indices import (
     push_and_fork,
     stacks,
 )
+from aleator.expansion_moments.nonzero import CANDIDATES_AT_ONCE
 from aleator.indices import TotalDegree
 from aleator.polynomials import hermite_recurrence
 
@@ -172,8 +173,9 @@ def test_both_sets_of_the_paper_s_figure() -> None:
 
 
 def test_workers_do_not_change_the_set() -> None:
-    basis = hermite_basis(4, 3, 5)
-    one, two = PushFork().terms(basis, 5), PushFork(workers=2).terms(basis, 5)
+    basis = hermite_basis(3, 4, 4)  # 73,815 candidates: two blocks
+    one, two = PushFork().terms(basis, 4), PushFork(workers=2).terms(basis, 4)
+    assert one.candidates > CANDIDATES_AT_ONCE
     assert np.array_equal(one.factors, two.factors)
     assert np.array_equal(one.coefficients, two.coefficients)
 
