@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from aleator.errors import AleatorError, nearest
+from aleator.reproduce.clutch_density import density_16
 from aleator.reproduce.clutch_measured import measured
 from aleator.reproduce.clutch_response import clipped, response
 from aleator.reproduce.coefficients import coefficients
@@ -65,6 +66,12 @@ FIGURES = (
         response,
     ),
     Figure("clutch-clipped", "Clipped joint law of both parameters", "Fig. 14, top right", clipped),
+    Figure(
+        "clutch-density-16",
+        "Densities of experiment 16 at alpha = (1, 1, 0.07, 0.02)",
+        "Fig. 15",
+        density_16,
+    ),
 )
 
 

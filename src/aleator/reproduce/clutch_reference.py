@@ -1,0 +1,136 @@
+"""Reference distributions of the wet clutch's outcomes, and the densities that are judged by them.
+
+The reference is the paper's: 200,000 samples of the law for each of the 108 experiments, and a
+spline through the histogram. 21.6 million runs would take a quarter of an hour, so the samples are
+evaluated on response surfaces that are built where the law is; their error is measured on the
+simulator at points of the same law and told with every figure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.densities import (
+    Density,
+    FittedDensity,
+    Gaussian,
+    GaussianMixture,
+    MaximumEntropy,
+    Status,
+)
+from aleator.densities.histogram import FittedHistogram, HistogramSpline
+from aleator.distances import earth_movers_distance
+from aleator.moments import Moments, joined, weighted_moments
+from aleator.outcomes import Outcomes
+from aleator.progress import Progress
+from aleator.reproduce.clutch_study import ClutchStudy
+from aleator.response import ResponseSurface, Surface, build_surface
+
+Array = NDArray[np.float64]
+
+SAMPLES = 200_000
+REACH = 5.0  # standard deviations of the parameters within which surfaces are built
+TOLERANCE = 0.005  # of the surfaces, on their region
+CHECKED = 200  # runs an experiment at points of the law, to measure the surfaces' error
+GRID = 1000  # quantiles that stand for the samples where distances are measured
+ORDER = 6
+NODES, DEGREE = 5, 4  # the paper's expansion: 25 runs an experiment
+
+DENSITIES: dict[str, Density] = {
+    "Gaussian": Gaussian(),
+    "mixture": GaussianMixture(),
+    "maximum entropy": MaximumEntropy(order=4),
+}
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What 200,000 samples say of the outcomes of N experiments under alpha (K,).
+
+    `quantiles` (N, GRID) are at the probabilities (k + 1/2)/GRID, `lower` and `upper` (N,) the
+    range of the outcome, `error` (N,) that of the surfaces, root mean square under the law over
+    the outcome's standard deviation.
+    """
+
+    alpha: Array
+    moments: Moments
+    quantiles: Array
+    histogram: FittedHistogram
+    lower: Array
+    upper: Array
+    error: Array
+
+    def distance(self, fitted: FittedDensity) -> Array:
+        """EMD (N,) of fitted densities to the samples, NaN where the fit failed."""
+        found = earth_movers_distance(fitted, self.quantiles)
+        return np.where(fitted.status == Status.SOLVED, found, np.nan)
+
+    @cached_property
+    def scale(self) -> Array:
+        """Standard deviations (N,) of the outcomes."""
+        return self.moments.sd
+
+
+def reference(
+    study: ClutchStudy, alpha: Array, seed: int, progress: Progress, title: str
+) -> Reference:
+    """Sample the law alpha on surfaces built around it."""
+    rng = np.random.default_rng(seed)
+    count = len(study.outcomes)
+    x = study.law().sample(alpha, rng.random((SAMPLES, 2)))
+    surface = _surface(study, alpha, progress, title)
+    progress.update(f"{title}: {SAMPLES:,} samples of {count} experiments")
+    y = surface.evaluate(x)
+    some = x[:CHECKED]
+    index = np.repeat(np.arange(count), CHECKED)
+    truth = study.run(index, np.tile(some, (count, 1))).reshape(count, CHECKED)
+    error = np.sqrt(np.mean((y[:, :CHECKED] - truth) ** 2, axis=1)) / y.std(axis=1)
+    return of_sample(alpha, y, surface.lower, surface.upper, error)
+
+
+def of_sample(alpha: Array, y: Array, lower: Array, upper: Array, error: Array) -> Reference:
+    """The reference from outcomes (N, S); experiment by experiment, for they are many."""
+    weights = np.full(y.shape[1], 1.0 / y.shape[1])
+    levels = (np.arange(GRID) + 0.5) / GRID
+    ends = [(row.min(), row.max()) for row in y]
+    return Reference(
+        alpha=alpha,
+        moments=joined([weighted_moments(row[None], weights, ORDER) for row in y]),
+        quantiles=np.stack([np.quantile(row, levels) for row in y]),
+        histogram=HistogramSpline().fit_sample(Outcomes(y, weights)),
+        lower=np.minimum(lower, [low for low, _ in ends]),
+        upper=np.maximum(upper, [high for _, high in ends]),
+        error=error,
+    )
+
+
+def expansion_moments(study: ClutchStudy, alpha: Array, experiments: NDArray[np.intp]) -> Moments:
+    """Moments as the paper takes them: the clip, Hermite polynomials, d = 4, q = 5, 25 runs."""
+    law = study.law("hermite")
+    matrix, weights = law.expansion_map(alpha, NODES, DEGREE, ORDER)
+    return weighted_moments(node_outcomes(study, alpha, experiments) @ matrix.T, weights, ORDER)
+
+
+def node_outcomes(study: ClutchStudy, alpha: Array, experiments: NDArray[np.intp]) -> Array:
+    """Outcomes (N, 25) at the nodes of the paper's quadrature."""
+    nodes = study.law("hermite").nodes(alpha, NODES)
+    index = np.repeat(experiments, len(nodes.x))
+    return study.run(index, np.tile(nodes.x, (len(experiments), 1))).reshape(len(experiments), -1)
+
+
+def _surface(study: ClutchStudy, alpha: Array, progress: Progress, title: str) -> Surface:
+    mean, sd = alpha[::2], alpha[1::2]
+    low = np.maximum(study.box[:, 0], mean - REACH * sd)
+    high = np.minimum(study.box[:, 1], mean + REACH * sd)
+
+    def tell(runs: int, converged: int, total: int) -> None:
+        text = f"{title}: {runs:,} runs, {converged} of {total} surfaces"
+        progress.update(text, converged, total)
+
+    choice = ResponseSurface(tolerance=TOLERANCE)
+    region = np.stack([low, high], axis=1)
+    return build_surface(study.run, region, len(study.outcomes), choice, tell)
