@@ -151,7 +151,32 @@ def test_three_correlated_coefficients_and_their_delta_method() -> None:
     assert found.alpha["correlation.b.c.given.a"].estimate != pytest.approx(estimates[2], abs=0.01)
 
 
-def test_a_known_correlation_has_no_error_and_changes_the_prediction() -> None:
+def test_a_known_correlation_and_what_follows_from_known_ones_have_no_error() -> None:
+    regressors = conditions(3, 60)
+    y = outcomes(np.array([1.0, 2.0, 0.5]), 0.2 * np.eye(3), regressors, 5)
+    laws = {name: Normal(Free(-2.0, 4.0), 0.45) for name in COEFFICIENTS}
+    found = identify(
+        simulator(3),
+        pd.DataFrame({"z": regressors[:, 1], "t": regressors[:, 2], "y": y}),
+        Inputs(laws, {("a", "b"): 0.3, ("a", "c"): Free(-0.9, 0.9)}),
+        outcome="y",
+        vectorized=True,
+        propagation=Collocation(nodes=2),
+        density=Gaussian(),
+        search=GradientMultistart(2),
+        verification=MonteCarlo(0),
+    )
+    ab, ac, bc = found.parameter_correlations
+    own = found.alpha["correlation.a.c"]
+    assert (ab.estimate, ab.standard_error) == (0.3, None)
+    assert (ac.estimate, ac.standard_error) == pytest.approx((own.estimate, own.standard_error))
+    # independent given a: r_bc = r_ab r_ac, and so is its error
+    assert (bc.estimate, bc.standard_error) == pytest.approx(
+        (0.3 * own.estimate, 0.3 * (own.standard_error or 0.0))
+    )
+
+
+def test_a_known_correlation_changes_the_prediction() -> None:
     """Var(a + b z) = sa^2 + 2 rho sa sb z + sb^2 z^2."""
     alpha = {"a.mean": 0.0, "a.sd": 1.0, "b.mean": 0.0, "b.sd": 0.5}
     for rho in (-0.8, 0.0, 0.8):
