@@ -32,15 +32,10 @@ class FittedMaximumEntropy:
     """Maximum-entropy densities of N experiments; methods as in `FittedDensity`.
 
     `normal` stands in where neither the order asked for nor a lower one could be solved.
-    `lower_moves`, `upper_moves` (N,) tell the edges that the physical range has set; the others
-    lie at the reach, whose derivatives by the standardized moments are `reach_slope` (N, M+1).
     """
 
     normal: FittedGaussian
     solution: Solution
-    lower_moves: Mask
-    upper_moves: Mask
-    reach_slope: Array
 
     @property
     def status(self) -> Codes:
@@ -85,7 +80,8 @@ class FittedMaximumEntropy:
         """
         slopes = legendre(np.array([-1.0, 1.0]), self.solution.multipliers.shape[1], 1)[:, 1:]
         left, right = (self.solution.multipliers @ slope for slope in slopes)
-        rises: Mask = ((left < 0.0) & ~self.lower_moves) | ((right > 0.0) & ~self.upper_moves)
+        lower, upper = self.solution.lower_moves, self.solution.upper_moves
+        rises: Mask = ((left < 0.0) & ~lower) | ((right > 0.0) & ~upper)
         return rises & self._bounded
 
     def log_pdf(self, y: ArrayLike) -> Array:
@@ -128,10 +124,10 @@ class FittedMaximumEntropy:
     def sensitivity(self, y: ArrayLike) -> Sensitivity:
         """Value for the search at y (N,) with its partial derivatives, cost O(N M^2).
 
-        With u = (y - mean)/sd: log f_Y(y) = value(u, a, b, c) - log sd, and an edge of the
-        physical range is a = (lower - mean)/sd; an edge at the reach is fixed in u. Outside the
-        support a concave continuation, derived in `partials`, takes the place of -inf. A failed
-        solve has the value of its fallback less FAILED_SOLVE_PENALTY; no density at all has
+        With u = (y - mean)/sd: log f_Y(y) = value(u, a, b, c) - log sd. An edge of the physical
+        range is a = (lower - mean)/sd, an edge at the reach a function of c. Outside the support a
+        concave continuation, derived in `partials`, takes the place of -inf. A failed solve has
+        the value of its fallback less FAILED_SOLVE_PENALTY; no density at all has
         DEGENERATE_VALUE and zero derivatives.
         """
         outcome = one_per_experiment(y, self.normal.mean.size, "the outcome")
@@ -140,13 +136,12 @@ class FittedMaximumEntropy:
         mean, sd = self.normal.safe()
         u = in_sds(np.where(none, mean, outcome), mean, sd)
         own = partials(self.solution, u)
-        by_reach = np.where(self.upper_moves, 0.0, own.d_b) - np.where(
-            self.lower_moves, 0.0, own.d_a
-        )
-        moved = own.d_standardized + by_reach[:, None] * self.reach_slope
+        d_a = np.where(self.solution.lower_moves, own.d_a, 0.0)
+        d_b = np.where(self.solution.upper_moves, own.d_b, 0.0)
+        # what does not move with the range moves with the reach
+        by_reach = (own.d_b - d_b) - (own.d_a - d_a)
+        moved = own.d_standardized + by_reach[:, None] * self.solution.reach_slope
         moved[:, :3] = 0.0
-        d_a = np.where(self.lower_moves, own.d_a, 0.0)
-        d_b = np.where(self.upper_moves, own.d_b, 0.0)
         scaled = u * own.d_u + self.solution.a * d_a + self.solution.b * d_b
         columns = np.zeros_like(plain.d_standardized)
         columns[:, : moved.shape[1]] = moved

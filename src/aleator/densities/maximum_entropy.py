@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from aleator.densities.fitted import FittedMaximumEntropy
 from aleator.densities.gaussian import FittedGaussian
 from aleator.densities.interface import Array, check_moments, in_sds, range_end
-from aleator.densities.reach import reach_of
 from aleator.densities.solution import solve
 from aleator.errors import InputsError
 from aleator.moments import Moments
@@ -78,22 +77,12 @@ class MaximumEntropy:
         lower = in_sds(range_end(lower, mean.size, "lower"), mean, sd)
         upper = in_sds(range_end(upper, mean.size, "upper"), mean, sd)
         standardized = moments.standardized[:, : self.order + 1]
-        # a mean outside the range, or NaN, gets a support and moments of zero: not realizable
+        # a mean outside the range, or NaN, gets moments that no density has: not realizable
         usable = (lower < 0.0) & (upper > 0.0) & np.isfinite(standardized).all(axis=1)
         standardized = np.where(usable[:, None], standardized, _first(self.order))
-        reach = reach_of(standardized, self.reach)
-        lower_moves, upper_moves = usable & (lower > -reach.width), usable & (upper < reach.width)
+        lower, upper = np.where(usable, lower, -np.inf), np.where(usable, upper, np.inf)
         return FittedMaximumEntropy(
-            normal=normal,
-            solution=solve(
-                np.where(lower_moves, lower, -reach.width),
-                np.where(upper_moves, upper, reach.width),
-                standardized,
-                self.nodes,
-            ),
-            lower_moves=lower_moves,
-            upper_moves=upper_moves,
-            reach_slope=reach.slope,
+            normal, solve(lower, upper, standardized, self.reach, self.nodes)
         )
 
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.densities.interface import Array
+from aleator.densities.interface import Array, Codes, Mask
 from aleator.densities.legendre import SMALLEST_PIVOT, cholesky, substitute
 
 _WIDENING = 2.0
@@ -34,6 +34,44 @@ class Reach:
 
     width: Array
     slope: Array
+
+
+@dataclass(frozen=True)
+class Support:
+    """Edges a, b (N,) in standard deviations from the mean.
+
+    `lower_moves`, `upper_moves` (N,) tell the edges that the physical range has set; the others
+    lie at the reach, whose derivatives by the standardized moments are `slope` (N, M+1).
+    """
+
+    a: Array
+    b: Array
+    lower_moves: Mask
+    upper_moves: Mask
+    slope: Array
+
+    def replaced(self, rows: Codes, other: Support, kept: Mask) -> Support:
+        """The support with the kept rows of another, of lower order, in these rows."""
+        a, b, slope = self.a.copy(), self.b.copy(), self.slope.copy()
+        lower_moves, upper_moves = self.lower_moves.copy(), self.upper_moves.copy()
+        a[rows], b[rows] = other.a[kept], other.b[kept]
+        lower_moves[rows], upper_moves[rows] = other.lower_moves[kept], other.upper_moves[kept]
+        slope[rows] = 0.0
+        slope[rows, : other.slope.shape[1]] = other.slope[kept]
+        return Support(a, b, lower_moves, upper_moves, slope)
+
+
+def support_of(lower: Array, upper: Array, standardized: Array, least: float) -> Support:
+    """The physical range lower < 0 < upper (N,) in standard deviations, cut at the reach."""
+    reach = reach_of(standardized, least)
+    lower_moves, upper_moves = lower > -reach.width, upper < reach.width
+    return Support(
+        np.where(lower_moves, lower, -reach.width),
+        np.where(upper_moves, upper, reach.width),
+        lower_moves,
+        upper_moves,
+        reach.slope,
+    )
 
 
 def reach_of(standardized: Array, least: float) -> Reach:

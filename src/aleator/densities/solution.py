@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from aleator.densities.dual import Expectations, expectations, gaussian_start, minimize_dual
-from aleator.densities.interface import Array, Codes, Status
+from aleator.densities.interface import Array, Codes, Mask, Status
 from aleator.densities.legendre import (
     Rule,
     cholesky,
@@ -18,6 +18,7 @@ from aleator.densities.legendre import (
     panel_rule,
     realizable,
 )
+from aleator.densities.reach import Support, support_of
 from aleator.densities.whitened import density_at, orthonormal, outcomes_at, polish
 
 PANELS = 32
@@ -26,9 +27,9 @@ PANELS = 32
 _PANEL_NODES = 10
 """At 200 nodes of the solve; more in proportion, so that the check never sees less."""
 
-_FINER = 3
+_FINER = ((3, 4), (8, 10))
 """A solve that its check refutes is polished on so many times the nodes of the check, and checked
-on one time more."""
+on the second multiple: first for digits, then for modes narrower than those nodes lie apart."""
 
 LARGEST_RESIDUAL = 1e-6
 
@@ -58,6 +59,9 @@ class Solution:
 
     a: Array
     b: Array
+    lower_moves: Mask
+    upper_moves: Mask
+    reach_slope: Array
     multipliers: Array
     log_z: Array
     mean: Array
@@ -69,37 +73,17 @@ class Solution:
     check: Rule
 
 
-@dataclass(frozen=True)
-class _Rules:
-    """Quadrature of one order: of the solve, of its check, of the polish, and of its check."""
+def solve(lower: Array, upper: Array, standardized: Array, least: float, nodes: int) -> Solution:
+    """Densities with the standardized moments (N, M+1) on lower, upper (N,), each with a status.
 
-    solve: Rule
-    check: Rule
-    polish: Rule
-    fine: Rule
-
-    @classmethod
-    def of(cls, order: int, nodes: int) -> _Rules:
-        """Rules for so many nodes of the solve."""
-        each = max(_PANEL_NODES, nodes // 20)
-        return cls(
-            gauss_rule(order, nodes),
-            panel_rule(order, PANELS, each),
-            panel_rule(order, PANELS, _FINER * each),
-            panel_rule(order, PANELS, (_FINER + 1) * each),
-        )
-
-
-def solve(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
-    """Densities on [a, b] (N,) with the standardized moments (N, M+1), each with a status.
-
-    Where the check refutes a solve it is polished on finer nodes in a basis orthonormal under the
-    density itself; where that fails too, order M-2, M-4, .. 2 on the same support takes its place
+    The range, in standard deviations from the mean, is cut at the reach, at least `least`. Where
+    the check refutes a solve it is polished on finer nodes in a basis orthonormal under the
+    density itself; where that fails too, order M-2, M-4, .. 2 within its own reach takes its place
     and `status` keeps the failure. Cost O(N nodes M) a Newton step.
     """
     blocks = [
-        _solve_block(a[block], b[block], standardized[block], nodes)
-        for block in (slice(i, i + _BLOCK) for i in range(0, max(a.size, 1), _BLOCK))
+        _solve_block(lower[block], upper[block], standardized[block], least, nodes)
+        for block in (slice(i, i + _BLOCK) for i in range(0, max(lower.size, 1), _BLOCK))
     ]
     if len(blocks) == 1:
         return blocks[0]
@@ -112,34 +96,38 @@ def solve(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
     return Solution(**joined, check=max((block.check for block in blocks), key=_size))
 
 
-def _solve_block(a: Array, b: Array, standardized: Array, nodes: int) -> Solution:
+def _solve_block(
+    lower: Array, upper: Array, standardized: Array, least: float, nodes: int
+) -> Solution:
+    best = _attempt(lower, upper, standardized, least, nodes)
     order = standardized.shape[1] - 1
-    rules = _Rules.of(order, nodes)
-    multipliers, status, polished = _attempt(a, b, standardized, rules)
-    used = np.where(status == Status.SOLVED, order, 0)
-    failed = np.flatnonzero(status)
-    for lower in _lower_orders(order):
+    multipliers, finest = best.multipliers, best.check
+    used = np.where(best.status == Status.SOLVED, order, 0)
+    support = best.support
+    failed = np.flatnonzero(best.status)
+    multipliers[failed] = 0.0
+    for fewer in _lower_orders(order):
         if failed.size == 0:
             break
-        found, codes, hard = _attempt(
-            a[failed], b[failed], standardized[failed, : lower + 1], _Rules.of(lower, nodes)
+        second = _attempt(
+            lower[failed], upper[failed], standardized[failed, : fewer + 1], least, nodes
         )
-        kept = codes == Status.SOLVED
+        kept = second.status == Status.SOLVED
         rows, failed = failed[kept], failed[~kept]
-        multipliers[rows] = 0.0
-        multipliers[rows, :lower] = found[kept]
-        used[rows] = lower
-        polished |= hard
-    multipliers[failed] = 0.0
-    check = rules.fine if polished else rules.check
+        multipliers[rows, :fewer] = second.multipliers[kept]
+        used[rows] = fewer
+        support = support.replaced(rows, second.support, kept)
+        finest = max(finest, second.check)
+    check = panel_rule(order, PANELS, finest)
     law = expectations(multipliers, check)
-    psi, powers = _orthonormal(a, b, multipliers, law, rules)
+    psi, powers = _orthonormal(support, multipliers, law, check)
     unused = np.arange(order + 1) > used[:, None]
     psi[unused], powers[unused] = 0.0, 0.0
-    residual = _residual_of(multipliers, np.arange(a.size), check, a, b, standardized)
+    residual = _residual(multipliers, check, support.a, support.b, standardized)
     residual[failed] = _relative(_NORMAL_MOMENTS[: order + 1], standardized[failed])
     return Solution(
-        a, b, multipliers, law.log_z, law.mean, psi, powers, residual, used, status, check
+        support.a, support.b, support.lower_moves, support.upper_moves, support.slope,
+        multipliers, law.log_z, law.mean, psi, powers, residual, used, best.status, check,
     )  # fmt: skip
 
 
@@ -148,38 +136,49 @@ def _lower_orders(order: int) -> list[int]:
     return [*range(order - 2, 2, -2), 2] if order > 2 else []
 
 
-def _attempt(a: Array, b: Array, standardized: Array, rules: _Rules) -> tuple[Array, Codes, bool]:
-    """Multipliers (N, M) and status (N,) of one order, and whether a row had to be polished."""
-    order = standardized.shape[1] - 1
+@dataclass(frozen=True)
+class _Attempt:
+    """Multipliers (N, M) of one order on its support, their status (N,), and the nodes in a panel
+    of the finest check that was needed."""
+
+    support: Support
+    multipliers: Array
+    status: Codes
+    check: int
+
+
+def _attempt(lower: Array, upper: Array, standardized: Array, least: float, nodes: int) -> _Attempt:
+    """Solve one order, polish what its check refutes, and polish again on finer nodes."""
+    order, each = standardized.shape[1] - 1, max(_PANEL_NODES, nodes // 20)
+    support = support_of(lower, upper, standardized, least)
+    a, b = support.a, support.b
     target = (legendre_in_powers(a, b, order) @ standardized[:, :, None])[:, :, 0]
-    rows = np.flatnonzero(realizable(target))
+    hard = np.flatnonzero(realizable(target))
     status = np.full(a.size, int(Status.NOT_REALIZABLE))
+    status[hard] = Status.NOT_CONVERGED
     multipliers = gaussian_start(a, b, order)
-    multipliers[rows], converged = minimize_dual(target[rows, 1:], multipliers[rows], rules.solve)
-    residual = _residual_of(multipliers, rows, rules.check, a, b, standardized)
-    honest = converged & (residual <= _LARGEST_UNPOLISHED)
-    status[rows[honest]] = Status.SOLVED
-    hard = rows[~honest]
-    if hard.size > 0:
+    multipliers[hard], converged = minimize_dual(
+        target[hard, 1:], multipliers[hard], gauss_rule(order, nodes)
+    )
+    check, allowed = each, _LARGEST_UNPOLISHED
+    for polished_on, checked_on in (*_FINER, (0, 0)):
+        rule = panel_rule(order, PANELS, check)
+        residual = _residual(multipliers[hard], rule, a[hard], b[hard], standardized[hard])
+        honest = converged & (residual <= allowed)
+        status[hard[honest]] = Status.SOLVED
+        hard = hard[~honest]
+        if hard.size == 0 or polished_on == 0:
+            break
+        check, allowed = checked_on * each, LARGEST_RESIDUAL
         multipliers[hard], converged = polish(
-            a[hard], b[hard], standardized[hard], multipliers[hard], rules.polish
-        )
-        residual = _residual_of(multipliers, hard, rules.fine, a, b, standardized)
-        honest = converged & (residual <= LARGEST_RESIDUAL)
-        status[hard] = np.where(honest, Status.SOLVED, Status.NOT_CONVERGED)
-    return multipliers, status, hard.size > 0
-
-
-def _residual_of(
-    multipliers: Array, rows: Codes, check: Rule, a: Array, b: Array, standardized: Array
-) -> Array:
-    """Residual of the densities of these rows, by a rule of other nodes."""
-    density = density_at(multipliers[rows], check)
-    return _residual(density, check, a[rows], b[rows], standardized[rows])
+            a[hard], b[hard], standardized[hard], multipliers[hard],
+            panel_rule(order, PANELS, polished_on * each),
+        )  # fmt: skip
+    return _Attempt(support, multipliers, status, check)
 
 
 def _orthonormal(
-    a: Array, b: Array, multipliers: Array, law: Expectations, rules: _Rules
+    support: Support, multipliers: Array, law: Expectations, check: Rule
 ) -> tuple[Array, Array]:
     """Coefficients (N, M+1, M+1) of the polynomials orthonormal under the densities, in phi and in
     the powers of u: from the factors of the covariance, or by recurrence where these fail."""
@@ -192,23 +191,22 @@ def _orthonormal(
         unit[:, k] = 1.0
         psi[:, 1:, k + 1] = forward(factor, unit)
     psi[:, 1:, 0] = -np.einsum("nkj,nj->nk", psi[:, 1:, 1:], law.mean)
-    powers = psi @ legendre_in_powers(a, b, order)
+    powers = psi @ legendre_in_powers(support.a, support.b, order)
     lost = np.flatnonzero(pivot < _SMALLEST_PIVOT)
     if lost.size > 0:
-        exact = orthonormal(
-            density_at(multipliers[lost], rules.fine),
-            outcomes_at(rules.fine, a[lost], b[lost]), a[lost], b[lost], order,
-        )  # fmt: skip
+        a, b = support.a[lost], support.b[lost]
+        density = density_at(multipliers[lost], check)
+        exact = orthonormal(density, outcomes_at(check, a, b), a, b, order)
         psi[lost], powers[lost] = exact.legendre, exact.powers
     return psi, powers
 
 
-def _residual(probability: Array, check: Rule, a: Array, b: Array, standardized: Array) -> Array:
+def _residual(multipliers: Array, check: Rule, a: Array, b: Array, standardized: Array) -> Array:
     """Distance of the moments of u, summed at the nodes of the check, from those asked for.
 
     Powers of u itself are summed, so that a wrong conversion to Legendre moments shows as well.
     """
-    u = outcomes_at(check, a, b)
+    u, probability = outcomes_at(check, a, b), density_at(multipliers, check)
     found = np.empty_like(standardized)
     for m in range(standardized.shape[1]):
         found[:, m] = probability.sum(axis=1)

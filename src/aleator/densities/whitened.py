@@ -22,10 +22,14 @@ import numpy as np
 from aleator.densities.interface import Array, Mask
 from aleator.densities.legendre import Rule
 
-_PASSES = 200
+_PASSES = 150
+_FIRST_DAMPING = 0.01
+
 _CLOSE = 1e-16
-_FIRST_DAMPING = 1.0
+"""Promised fall of the dual, half the squared distance in its own metric, that is none."""
+
 _UNDAMPED = 1e-6
+"""Damping under which a promise is that of Newton's own step."""
 
 
 @dataclass(frozen=True)
