@@ -24,6 +24,7 @@ from aleator.simulate import Runner
 from aleator.study import Study, load_study
 from benchmarks.offline import offline_rows
 from benchmarks.row import Row
+from benchmarks.searches import print_searches
 
 CLUTCH = Path(__file__).parent.parent / "examples" / "wet_clutch" / "study.toml"
 TRUTH = {"c2_scale.mean": 0.91, "c2_scale.sd": 0.081, "zp_scale.mean": 0.55, "zp_scale.sd": 0.046}
@@ -190,6 +191,7 @@ def main() -> None:
         *offline_rows(),
     ]
     print_table(console, rows)
+    print_searches(console)
     if options.replicates:
         recovery_table(console, study, options.replicates, options.workers)
 
