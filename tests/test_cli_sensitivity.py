@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator import cli
+from aleator.plot_sensitivity import sensitivity_figure
 
 STUDY = """\
 title = "Springs"
@@ -69,6 +70,23 @@ def test_it_prints_tables_and_writes_files(study: Path) -> None:
     assert Path("out/springs/sensitivity.png").stat().st_size > 10_000
     for file in ("json", "csv", "png"):
         assert f"sensitivity.{file}" in done.stdout
+
+
+def test_the_figure_shows_what_the_document_says(study: Path) -> None:
+    run("sensitivity", study, "--quiet")
+    result = json.loads(Path("out/springs/sensitivity.json").read_text())
+    left, right = sensitivity_figure(result).axes
+    widths = sorted(bar.get_width() for bars in left.containers for bar in bars)
+    shares = [row[key] for row in result["parameters"] for key in ("mean_first", "mean_total")]
+    assert widths == pytest.approx(sorted(shares))
+    assert [label.get_text() for label in left.get_yticklabels()] == ["slack", "softness", "twist"]
+    matrix = right.images[0].get_array()
+    assert matrix is not None
+    assert matrix[1, 2] == pytest.approx(1.0)  # softness and twist
+    assert matrix[0, 1] == pytest.approx(7.0 / (3.0 * 21.0) ** 0.5)  # 1, 1, 1 and 1, 2, 4
+    first = Path("out/springs/sensitivity.png").read_bytes()
+    run("sensitivity", study, "--quiet")
+    assert Path("out/springs/sensitivity.png").read_bytes() == first
 
 
 def test_a_seed_and_options_are_obeyed(study: Path) -> None:

@@ -68,11 +68,12 @@ class Expansion:
     def unexplained(self) -> Array:
         """Share (N,) of the outcome's variance that the expansion misses, an estimate of 1 - R^2.
 
-        leave_one_out^2 / (variance + leave_one_out^2); zero where the outcome does not vary.
+        leave_one_out^2 / (variance + leave_one_out^2); zero where the outcome does not vary, NaN
+        without a leave-one-out error.
         """
         missed = self.leave_one_out**2
         whole = self.variance + missed
-        varies = np.sqrt(whole) > NOTHING * np.abs(self.mean)
+        varies = ~(np.sqrt(whole) <= NOTHING * np.abs(self.mean))
         return np.where(varies, missed / np.where(varies, whole, 1.0), 0.0)
 
 

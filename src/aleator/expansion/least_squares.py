@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from aleator.threads import single_threaded
+
 Array = NDArray[np.float64]
 
 SMALLEST = 1e-10
@@ -40,6 +42,7 @@ class NestedFits:
         return np.asarray(linalg.solve_triangular(self.upper[:end, :end], part))
 
 
+@single_threaded
 def nested_fits(psi: Array, weights: Array, outcomes: Array, ends: tuple[int, ...]) -> NestedFits:
     """Fit outcomes (N, J) by the first k columns of psi (J, P) for every k in `ends`, increasing.
 
