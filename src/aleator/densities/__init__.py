@@ -20,6 +20,8 @@ from aleator.densities.interface import (
     Sensitivity,
     Status,
 )
+from aleator.densities.logspline import LogSpline
+from aleator.densities.logspline_fitted import FittedLogSpline
 from aleator.densities.maximum_entropy import MaximumEntropy
 
 __all__ = [
@@ -35,6 +37,8 @@ __all__ = [
     "FittedConvolution",
     "GaussianMixture",
     "FittedGaussianMixture",
+    "LogSpline",
+    "FittedLogSpline",
     "FittedGaussian",
     "FittedMaximumEntropy",
     "Sensitivity",

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from aleator.densities.interface import (
     DEGENERATE_VALUE,
-    FAILED_SOLVE_PENALTY,
     FARTHEST,
     SMALLEST_SD,
     Array,
@@ -22,6 +21,7 @@ from aleator.densities.interface import (
     probabilities,
 )
 from aleator.densities.normal_sum import NormalSum
+from aleator.densities.stand_in import NodeNormal, check_noise, check_weights
 from aleator.errors import InputsError
 from aleator.outcomes import Outcomes
 
@@ -95,36 +95,20 @@ class Convolution:
         return FittedConvolution(y, outcomes.weights, sd, ripple(y, outcomes.weights, sd), ~usable)
 
 
-def check_weights(weights: Array, name: str) -> None:
-    """Raise InputsError where a weight is negative."""
-    if not np.all(weights >= 0.0):
-        raise InputsError(
-            f"density {name} needs weights that are not negative, one is {weights.min():g}",
-            "take nodes of a tensor rule or a sample, not a sparse grid, or maximum entropy",
-        )
-
-
-def check_noise(noise_sd: float) -> None:
-    """Raise InputsError where the noise is negative or not finite."""
-    if not (np.isfinite(noise_sd) and noise_sd >= 0.0):
-        raise InputsError(
-            f"standard deviation {noise_sd} of the noise: negative or not finite",
-            "give a number that is not negative",
-        )
-
-
-def ripple(y: Array, weights: Array, noise_sd: float) -> Array:
+def ripple(y: Array, weights: Array, noise_sd: float | Array) -> Array:
     """Estimate (N,) of the mean relative error of f that the distance of the nodes makes.
 
     Equal nodes at distance h make f oscillate by 2 exp(-2 pi^2 sigma_e^2/h^2) (Poisson's sum). Each
     gap between neighbors counts with the weights within one sigma_e of its ends, so that a
-    cluster counts as what it is to the noise: one node. Between 0 and 2; cost O(N J log J).
+    cluster counts as what it is to the noise: one node. `noise_sd` is one number or (N,). Between
+    0 and 2; cost O(N J log J).
 
     >>> ripple(np.array([[0.0, 1.0, 2.0, 3.0]]), np.full(4, 0.25), 0.5).round(3).tolist()
     [0.011]
     """
     order = np.argsort(y, axis=1)
-    gap = np.diff(np.take_along_axis(y, order, axis=1), axis=1) / noise_sd
+    gap = np.diff(np.take_along_axis(y, order, axis=1), axis=1)
+    gap = gap / np.reshape(noise_sd, (-1, 1))
     if not (gap > 1.0).any():
         return np.zeros(y.shape[0])
     # a gap beyond 10 says no more than one of 10
@@ -197,15 +181,13 @@ class FittedConvolution:
         return coarse
 
     @property
-    def _moments(self) -> tuple[Array, Array]:
-        mean = self.y @ self.weights
-        variance = (self.y - mean[:, None]) ** 2 @ self.weights
-        return mean, np.sqrt(variance + self.noise_sd**2)
+    def _normal(self) -> NodeNormal:
+        return NodeNormal(self.y, self.weights, self.noise_sd)
 
     @property
     def _sum(self) -> NormalSum:
         """Where the nodes are too coarse, every node is the normal density that stands in."""
-        mean, total = self._moments
+        mean, total = self._normal.mean, self._normal.sd
         coarse = self._coarse[:, None]
         return NormalSum(
             np.broadcast_to(self.weights, self.y.shape),
@@ -251,7 +233,7 @@ class FittedConvolution:
         outcome = np.where(none, 0.0, outcome)
         value, d_y, d_weights, d_noise = self._own(outcome)
         if coarse.any():
-            normal = self._normal(outcome)
+            normal = self._normal.sensitivity(outcome)
             value, d_noise = np.where(coarse, (normal[0], normal[3]), (value, d_noise))
             d_y, d_weights = np.where(coarse[:, None], normal[1:3], (d_y, d_weights))
         zero = np.zeros_like(value)
@@ -279,14 +261,3 @@ class FittedConvolution:
         z = np.clip((outcome[:, None] - self.y) / sd, -FARTHEST, FARTHEST)
         d_noise = (share * (z**2 - 1.0)).sum(axis=1) / sd
         return value, share * z / sd, by_weight, d_noise
-
-    def _normal(self, outcome: Array) -> tuple[Array, Array, Array, Array]:
-        """The same of the normal density, less the penalty: by its mean and its variance."""
-        mean, total = self._moments
-        u = np.clip((outcome - mean) / total, -FARTHEST, FARTHEST)
-        by_mean, by_variance = (u / total)[:, None], (0.5 * (u**2 - 1.0) / total**2)[:, None]
-        centered = self.y - mean[:, None]
-        value = -0.5 * u**2 - np.log(total) - 0.5 * np.log(2.0 * np.pi) - FAILED_SOLVE_PENALTY
-        d_y = self.weights * (by_mean + 2.0 * by_variance * centered)
-        d_weights = by_mean * self.y + by_variance * centered**2
-        return value, d_y, d_weights, 2.0 * by_variance[:, 0] * self.noise_sd

@@ -1,0 +1,71 @@
+"""The normal density that stands in where a density of the nodes cannot be had."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from aleator.densities.interface import FAILED_SOLVE_PENALTY, FARTHEST, SMALLEST_SD, Array
+from aleator.errors import InputsError
+
+
+@dataclass(frozen=True)
+class NodeNormal:
+    """Mean and standard deviation of outcome plus noise: y (N, J), weights (J,), noise_sd > 0 or 0.
+
+    mean = sum_j w_j y_j, sd^2 = sum_j w_j (y_j - mean)^2 + noise_sd^2.
+
+    >>> n = NodeNormal(np.array([[1.0, 3.0]]), np.array([0.5, 0.5]), 3.0**0.5)
+    >>> n.mean.tolist(), n.sd.round(9).tolist()
+    ([2.0], [2.0])
+    """
+
+    y: Array
+    weights: Array
+    noise_sd: float
+
+    @cached_property
+    def mean(self) -> Array:
+        """(N,)"""
+        return np.asarray(self.y @ self.weights)
+
+    @cached_property
+    def sd(self) -> Array:
+        """(N,), noise included; SMALLEST_SD where there is no scatter but that of rounding."""
+        scatter = np.sqrt((self.y - self.mean[:, None]) ** 2 @ self.weights)
+        scatter = np.where(scatter > 1e-14 * np.abs(self.y).max(axis=1), scatter, 0.0)
+        return np.maximum(np.hypot(scatter, self.noise_sd), SMALLEST_SD)
+
+    def chain(self, by_mean: Array, by_sd: Array) -> tuple[Array, Array, Array]:
+        """Partials by y (N, J), weights (N, J), noise_sd (N,) of what has these by mean and sd."""
+        centered = self.y - self.mean[:, None]
+        by_variance = (0.5 * by_sd / self.sd)[:, None]
+        d_y = self.weights * (by_mean[:, None] + 2.0 * by_variance * centered)
+        d_weights = by_mean[:, None] * self.y + by_variance * centered**2
+        return d_y, d_weights, 2.0 * by_variance[:, 0] * self.noise_sd
+
+    def sensitivity(self, outcome: Array) -> tuple[Array, Array, Array, Array]:
+        """Log-density (N,) at the outcome (N,) less FAILED_SOLVE_PENALTY, with its partials."""
+        u = np.clip((outcome - self.mean) / self.sd, -FARTHEST, FARTHEST)
+        value = -0.5 * u**2 - np.log(self.sd) - 0.5 * np.log(2.0 * np.pi) - FAILED_SOLVE_PENALTY
+        return value, *self.chain(u / self.sd, (u**2 - 1.0) / self.sd)
+
+
+def check_weights(weights: Array, name: str) -> None:
+    """Raise InputsError where a weight is negative."""
+    if not np.all(weights >= 0.0):
+        raise InputsError(
+            f"density {name} needs weights that are not negative, one is {weights.min():g}",
+            "take nodes of a tensor rule or a sample, not a sparse grid, or maximum entropy",
+        )
+
+
+def check_noise(noise_sd: float) -> None:
+    """Raise InputsError where the noise is negative or not finite."""
+    if not (np.isfinite(noise_sd) and noise_sd >= 0.0):
+        raise InputsError(
+            f"standard deviation {noise_sd} of the noise: negative or not finite",
+            "give a number that is not negative",
+        )
