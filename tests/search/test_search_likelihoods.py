@@ -1,0 +1,98 @@
+"""All searches on likelihoods of the library: one maximum, known by another route."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import GROWTH, REGRESSION, SAMPLE
+from scipy import optimize, stats
+
+from aleator import (
+    CMAES,
+    Constant,
+    CustomSearch,
+    DifferentialEvolution,
+    Free,
+    Gaussian,
+    GeneticAlgorithm,
+    GradientMultistart,
+    Inputs,
+    Normal,
+)
+from aleator.search import compare, wide_limits
+
+
+def simplex(value, lower, upper, start, rng) -> np.ndarray:  # noqa: ARG001
+    bounds = optimize.Bounds(lower, upper)
+    return optimize.minimize(
+        lambda a: -value(a), start, method="Nelder-Mead", bounds=bounds,
+        options={"maxfev": 300, "maxiter": 300},
+    ).x  # fmt: skip
+
+
+SEARCHES = [
+    GradientMultistart(4),
+    GeneticAlgorithm(population=16, generations=12, patience=6),
+    DifferentialEvolution(population=16, generations=12),
+    CMAES(runs=1, evaluations=150),
+    CustomSearch(simplex),
+]
+
+
+def test_all_searches_agree_on_a_normal_sample_with_its_closed_form() -> None:
+    problem = replace(SAMPLE, z=np.zeros(30))
+    y = problem.draw(1)
+    exact = stats.norm.logpdf(y, y.mean(), y.std()).sum()
+    likelihood = problem.likelihood(y, Gaussian())
+    for trial in compare(SEARCHES, likelihood, problem.hyperparameters, seed=0):
+        assert trial.log_likelihood == pytest.approx(exact, abs=1e-6), trial.name
+        assert trial.result.alpha == pytest.approx([y.mean(), y.std()], abs=1e-4), trial.name
+        assert trial.result.converged
+        assert trial.result.method == trial.name
+
+
+@pytest.mark.parametrize("problem", [REGRESSION, GROWTH], ids=lambda p: p.name)
+def test_all_searches_agree_to_a_hundredth_on_small_identifications(problem) -> None:
+    problem = replace(problem, z=np.linspace(0.5, 2.0, 30))
+    likelihood = problem.likelihood(problem.draw(2), Gaussian(), nodes=6)
+    trials = compare(SEARCHES, likelihood, problem.hyperparameters, seed=0)
+    values = {trial.name: trial.log_likelihood for trial in trials}
+    assert max(values.values()) - min(values.values()) < 0.01, values
+
+
+def test_values_are_the_totals_of_the_calls() -> None:
+    """A population and an ascent must climb the same hill."""
+    problem = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 12))
+    likelihood = problem.likelihood(problem.draw(3))
+    rng = np.random.default_rng(0)
+    low, high = np.array([[h.lower, h.upper] for h in problem.hyperparameters]).T
+    alphas = low + (high - low) * rng.random((6, low.size))
+    totals = [likelihood(alpha).total for alpha in alphas]
+    np.testing.assert_allclose(likelihood.values(alphas), totals, rtol=1e-7)
+
+
+def test_a_plain_genetic_search_stays_below_the_maximum_by_less_than_a_tenth() -> None:
+    problem = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 30))
+    likelihood = problem.likelihood(problem.draw(2), Gaussian(), nodes=6)
+    plain, best = compare(
+        [GeneticAlgorithm(50, 30, 30, polish=False), GradientMultistart(4)],
+        likelihood, problem.hyperparameters, seed=0,
+    )  # fmt: skip
+    assert 0.0 < best.log_likelihood - plain.log_likelihood < 0.1
+    assert plain.scored == 0
+
+
+def test_wide_limits_are_those_of_many_orders() -> None:
+    inputs = Inputs(
+        {
+            "modulus": Normal(mean=Free(1e9, 3e11), sd=Free(1e7, 1e10)),
+            "far": Constant(Free(-1e9, 1e9)),
+            "started": Constant(Free(0.0, 1e9, start=3.0)),
+            "near": Normal(mean=Free(-50.0, 50.0), sd=Free(1e-9, 1.0)),
+            "known": Constant(1e12),
+        }
+    )
+    names = wide_limits(inputs.hyperparameters)
+    assert names == ("far.value", "started.value", "near.sd")
