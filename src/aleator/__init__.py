@@ -1,6 +1,7 @@
 """Aleator identifies the probability law of uncertain parameters from experiments."""
 
-from aleator.densities import Gaussian, MaximumEntropy
+from aleator.densities import Convolution, Gaussian, GaussianMixture, LogSpline, MaximumEntropy
+from aleator.distances import earth_movers_distance
 from aleator.errors import AleatorError
 from aleator.experiments import Experiments
 from aleator.identification import Identification
@@ -50,6 +51,10 @@ __all__ = [
     "Collocation",
     "Gaussian",
     "MaximumEntropy",
+    "GaussianMixture",
+    "Convolution",
+    "LogSpline",
+    "earth_movers_distance",
     "GradientMultistart",
     "GeneticAlgorithm",
     "DifferentialEvolution",

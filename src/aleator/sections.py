@@ -7,7 +7,15 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from aleator.densities import Density, Gaussian, MaximumEntropy, NodeDensity
+from aleator.densities import (
+    Convolution,
+    Density,
+    Gaussian,
+    GaussianMixture,
+    LogSpline,
+    MaximumEntropy,
+    NodeDensity,
+)
 from aleator.experiments import Transform
 from aleator.law_sections import LawSection
 from aleator.laws import Specification
@@ -113,24 +121,40 @@ PropagationSection = Annotated[
 ]
 
 
+_DENSITIES: dict[str, tuple[type[Density | NodeDensity], tuple[str, ...]]] = {
+    "maximum_entropy": (MaximumEntropy, ("order",)),
+    "gaussian": (Gaussian, ()),
+    "gaussian_mixture": (GaussianMixture, ()),
+    "convolution": (Convolution, ("points",)),
+    "logspline": (LogSpline, ("knots", "smoothing")),
+}
+
+
 class DensitySection(Section):
     """`[density]`: the model of the outcome's density."""
 
-    kind: Literal["maximum_entropy", "gaussian"] = "maximum_entropy"
+    kind: Literal["maximum_entropy", "gaussian", "gaussian_mixture", "convolution", "logspline"] = (
+        "maximum_entropy"
+    )
     order: int = 4
+    points: int = 400
+    knots: int = 32
+    smoothing: float = 1e-5
 
     @model_validator(mode="after")
-    def _order_is_used(self) -> Self:
-        if self.kind == "gaussian" and "order" in self.model_fields_set:
+    def _keys_are_used(self) -> Self:
+        own = _DENSITIES[self.kind][1]
+        for key in sorted(self.model_fields_set - {"kind", *own}):
+            owner = next(kind for kind, (_, keys) in _DENSITIES.items() if key in keys)
             raise fault(
-                'order has no meaning for kind = "gaussian", which has two moments',
-                'delete the key, or write kind = "maximum_entropy"',
+                f'{key} has no meaning for kind = "{self.kind}"',
+                f'delete the key, or write kind = "{owner}"',
             )
         return self
 
     def build(self) -> Density | NodeDensity:
         """The library's choice."""
-        return Gaussian() if self.kind == "gaussian" else MaximumEntropy(self.order)
+        return _DENSITIES[self.kind][0](**self.given("kind"))
 
 
 class GradientSection(Section):
