@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from problems import GROWTH, REGRESSION, SAMPLE
 from scipy import optimize, stats
 
 from aleator import (
     CMAES,
+    Collocation,
     Constant,
     CustomSearch,
     DifferentialEvolution,
@@ -19,7 +21,10 @@ from aleator import (
     GeneticAlgorithm,
     GradientMultistart,
     Inputs,
+    MonteCarlo,
+    Noise,
     Normal,
+    identify,
 )
 from aleator.search import compare, wide_limits
 
@@ -96,3 +101,29 @@ def test_wide_limits_are_those_of_many_orders() -> None:
     )
     names = wide_limits(inputs.hyperparameters)
     assert names == ("far.value", "started.value", "near.sd")
+
+
+def saturating(z: np.ndarray, v: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return v * z + np.tanh(b - 1.0)
+
+
+def test_an_answer_that_is_no_maximum_names_the_wide_limits() -> None:
+    """Beyond a few units b has no effect; nothing leads back from there."""
+    z = np.linspace(0.5, 3.0, 20)
+    x = np.random.default_rng(0).normal(2.0, 0.2, 20)
+    found = identify(
+        saturating,
+        pd.DataFrame({"z": z, "y": x * z + 1.0}),
+        Inputs({"v": Normal(Free(0.0, 4.0), Free(0.01, 1.0)), "b": Constant(Free(1e3, 1e10))}),
+        outcome="y",
+        vectorized=True,
+        noise=Noise(0.05),
+        propagation=Collocation(nodes=5),
+        density=Gaussian(),
+        search=GradientMultistart(2),
+        verification=MonteCarlo(0),
+    )
+    assert not found.accepted
+    remedies = [w.remedy for w in found.warnings if w.about == "search"]
+    assert len(remedies) == 1
+    assert "narrow the limits of b.value" in remedies[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import random
 import sys
 
@@ -412,6 +413,11 @@ def test_a_comparison_counts_what_was_asked() -> None:
         assert close.evaluations <= closer.evaluations <= trial.evaluations
         assert close.seconds <= closer.seconds <= trial.seconds
         assert trial.reached(1.0) is None
+
+
+def test_choices_travel_to_other_processes() -> None:
+    for search in (GradientMultistart(3), *POPULATIONS):
+        assert pickle.loads(pickle.dumps(search)) == search
 
 
 def test_a_plain_function_is_an_objective() -> None:

@@ -9,7 +9,7 @@ from scipy import optimize
 from aleator.likelihood import LogLikelihood
 from aleator.search.coordinates import Coordinates
 from aleator.search.interface import Ascent
-from aleator.search.limits import WIDE
+from aleator.search.limits import outsized
 from aleator.search.watched import FLOOR, Watched
 
 Array = NDArray[np.float64]
@@ -111,7 +111,7 @@ def _scale(coordinates: Coordinates, at: LogLikelihood, alpha: Array) -> Array:
     # no variable is scaled to more than its whole range, nor to nothing beside its own value
     size = np.abs(alpha[coordinates.free])
     width = coordinates.upper - coordinates.lower
-    wide = ~coordinates.log & (size > 0.0) & (width > WIDE * size)
+    wide = ~coordinates.log & outsized(width, size)
     finest = 1e6 * np.where(wide, width, 1.0) / np.where(wide, size, 1.0)
     return np.asarray(1.0 / np.clip(np.sqrt(information), 1.0, finest))
 

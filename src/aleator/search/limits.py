@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 WIDE = 1e6
 """Limits farther apart than this many times what is known of the value's size are wide."""
+NOTHING = 1e-30
+"""A value below this share of the distance between its limits says nothing of its size."""
 
 
 def wide_limits(hyperparameters: Sequence[Hyperparameter]) -> tuple[str, ...]:
@@ -28,6 +30,15 @@ def wide_limits(hyperparameters: Sequence[Hyperparameter]) -> tuple[str, ...]:
     ('b.value',)
     """
     return tuple(h.name for h in hyperparameters if h.free and _spans(h) >= WIDE)
+
+
+def outsized(width: Array, size: Array) -> NDArray[np.bool_]:
+    """Where limits this far apart (F,) are wide for values of this size (F,).
+
+    >>> outsized(np.array([1e9, 1e9, 1e9]), np.array([1.0, 1e8, 0.0])).tolist()
+    [True, False, False]
+    """
+    return (size > NOTHING * width) & (width > WIDE * size)
 
 
 def _spans(h: Hyperparameter) -> float:

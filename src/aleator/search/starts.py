@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from aleator.search.coordinates import Coordinates
-from aleator.search.limits import WIDE
+from aleator.search.limits import outsized
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def _around(
     free, middle = points[:, coordinates.free], centers[:, coordinates.free]
     width = coordinates.upper - coordinates.lower
     size = np.max(np.abs(guesses[:, coordinates.free]), axis=0)
-    wide = ~coordinates.log & (size > 0.0) & (width > WIDE * size)
+    wide = ~coordinates.log & outsized(width, size)
     nearest = 0.01 * np.where(wide, size, width)
     share = np.abs(2.0 * spread - 1.0)
     distance = nearest * (width / nearest) ** share * np.sign(spread - 0.5)
