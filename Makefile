@@ -24,15 +24,18 @@ PYTHON ?= python3
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test bench lint lock clean .venv create-venv FORCE
+.PHONY: help demo reproduce test bench lint lock clean .venv create-venv FORCE
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-6s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 demo: $(addprefix demo-,$(EXAMPLES)) ## Identify the laws of both examples into out/
 
 demo-%: $(STAMP)
 	$(BIN)/aleator identify examples/$*/study.toml --output out/$*
+
+reproduce: $(STAMP) ## Compute the paper's figures and judge its claims, into out/paper
+	$(BIN)/aleator reproduce paper --output out/paper
 
 test: $(STAMP) ## Run the tests, the doctests of the source and the README
 	$(BIN)/pytest

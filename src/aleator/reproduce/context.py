@@ -5,9 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.densities import Gaussian, MaximumEntropy
+from aleator.identification import Identification
 from aleator.progress import Progress, Silent
 from aleator.reproduce.camelback import Camelback
-from aleator.reproduce.clutch_study import ClutchStudy
+from aleator.reproduce.clutch_laws import (
+    PAPER_ENTROPY,
+    PAPER_GAUSSIAN,
+    Judged,
+    identified,
+    judged,
+    values,
+)
+from aleator.reproduce.clutch_study import GIVEN, ClutchStudy
 
 
 @dataclass(frozen=True)
@@ -30,3 +43,41 @@ class Context:
     def clutch(self) -> ClutchStudy:
         """The wet clutch and its synthetic measurements."""
         return ClutchStudy()
+
+    @cached_property
+    def gaussian(self) -> Identification:
+        """The law identified with Gaussian densities."""
+        return identified(self.clutch, Gaussian(), self.seed, self.progress)
+
+    @cached_property
+    def entropy(self) -> Identification:
+        """The law identified with maximum-entropy densities of four moments."""
+        return identified(self.clutch, MaximumEntropy(order=4), self.seed, self.progress)
+
+    @cached_property
+    def at_given(self) -> Judged:
+        """The paper's alpha = (1, 1, 0.07, 0.02)."""
+        return self._judged("given", GIVEN)
+
+    @cached_property
+    def at_gaussian(self) -> Judged:
+        """Our answer with Gaussian densities."""
+        return self._judged("Gaussian", values(self.gaussian))
+
+    @cached_property
+    def at_entropy(self) -> Judged:
+        """Our answer with maximum-entropy densities."""
+        return self._judged("maximum entropy", values(self.entropy))
+
+    @cached_property
+    def at_paper_gaussian(self) -> Judged:
+        """The paper's answer with Gaussian densities, on our clutch."""
+        return self._judged("paper's Gaussian", PAPER_GAUSSIAN)
+
+    @cached_property
+    def at_paper_entropy(self) -> Judged:
+        """The paper's answer with maximum-entropy densities, on our clutch."""
+        return self._judged("paper's maximum entropy", PAPER_ENTROPY)
+
+    def _judged(self, name: str, alpha: NDArray[np.float64]) -> Judged:
+        return judged(self.clutch, name, alpha, self.seed, self.progress)

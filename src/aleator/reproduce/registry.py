@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from aleator.errors import AleatorError, nearest
+from aleator.reproduce.clutch_accuracy import distances, likelihoods
 from aleator.reproduce.clutch_density import density_16
+from aleator.reproduce.clutch_distributions import distributions, identification
 from aleator.reproduce.clutch_measured import measured
 from aleator.reproduce.clutch_response import clipped, response
 from aleator.reproduce.coefficients import coefficients
@@ -67,11 +69,30 @@ FIGURES = (
     ),
     Figure("clutch-clipped", "Clipped joint law of both parameters", "Fig. 14, top right", clipped),
     Figure(
+        "clutch-distributions",
+        "Distributions of all experiments at alpha = (1, 1, 0.07, 0.02)",
+        "Fig. 14, bottom",
+        distributions,
+    ),
+    Figure(
         "clutch-density-16",
         "Densities of experiment 16 at alpha = (1, 1, 0.07, 0.02)",
         "Fig. 15",
         density_16,
     ),
+    Figure(
+        "clutch-identification",
+        "The law identified with Gaussian and with maximum-entropy densities",
+        "Figs. 16, 17",
+        identification,
+    ),
+    Figure(
+        "clutch-likelihoods",
+        "Log-likelihood of each experiment, estimated and reference",
+        "Fig. 18",
+        likelihoods,
+    ),
+    Figure("clutch-emd", "Earth mover's distance to the reference", "Fig. 19", distances),
 )
 
 
