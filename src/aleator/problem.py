@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from aleator.cubature import Cubature, TensorGauss
 from aleator.densities import Convolution, Density, MaximumEntropy, NodeDensity
 from aleator.errors import InputsError
+from aleator.expansion import Regression
+from aleator.indices import TotalDegree
 from aleator.inputs import Inputs
 from aleator.laws import Hyperparameter
 from aleator.likelihood import Likelihood
@@ -22,6 +25,7 @@ from aleator.propagation import (
     DirectResponse,
     ExpandedPropagation,
     NodePropagation,
+    Propagation,
     QuadraturePropagation,
     Response,
     Run,
@@ -35,6 +39,11 @@ from aleator.simulate import Runner
 ALIKE = 1e-3
 """Moments, in standard deviations, that agree to this (rms over experiments) are the same to a
 likelihood."""
+
+SHARES = (12.0, 24.0)
+"""Width of the region over the standard deviation of the laws at which nodes are compared."""
+DEGREES = (2, 3, 4)
+"""Degrees of the expansions that are tried in many parameters, with one more to compare."""
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -147,16 +156,19 @@ def prepare(
 
 def _surface_propagation(
     model: Model, response: Response, region: Array, chosen: int | Cubature | None
-) -> QuadraturePropagation:
+) -> QuadraturePropagation | ExpandedPropagation:
     """Nodes cost no run here: as many as are of use."""
     inputs = model.inputs
     if chosen is not None:
         return QuadraturePropagation(inputs, response, as_cubature(chosen))
     cubature = default_cubature(inputs, model.density, runs=False)
     way = QuadraturePropagation(inputs, response, cubature)
+    order = _order(model.density)
     if isinstance(cubature, TensorGauss):
-        return _enough_nodes(way, cubature.per_dimension, region, _order(model.density))
-    return way
+        return _enough_nodes(way, cubature.per_dimension, region, order)
+    if isinstance(model.density, NodeDensity):
+        return way
+    return _enough_degrees(way, region, order)
 
 
 def _direct_propagation(
@@ -209,14 +221,43 @@ def _enough_nodes(
     twelfth of it with one standard deviation on either side: smooth surfaces need few nodes,
     fronts need many. Every node saved is saved in each of the search's evaluations.
     """
-    alphas = [_filling(best.inputs, region, share) for share in (12.0, 24.0)]
+    alphas = [_filling(best.inputs, region, share) for share in SHARES]
     wanted = [_compared(best, a, order) for a in alphas]
     for nodes in range(4, most):
         way = replace(best, cubature=TensorGauss(nodes))
-        gaps = (_compared(way, a, order) - w for a, w in zip(alphas, wanted, strict=True))
-        if max(np.sqrt(np.mean(np.max(np.abs(gap), axis=1) ** 2)) for gap in gaps) < ALIKE:
+        if _alike([_compared(way, a, order) for a in alphas], wanted):
             return way
     return best
+
+
+def _enough_degrees(
+    sampled: QuadraturePropagation, region: Array, order: int
+) -> QuadraturePropagation | ExpandedPropagation:
+    """The expansion of degree 2 or 3 where one more degree changes nothing, else the samples.
+
+    In many parameters the moments of an expansion are exact where samples are not; a surface that
+    bends more than its own degree tells is left to the samples.
+    """
+    inputs, response = sampled.inputs, sampled.response
+    alphas = [_filling(inputs, region, share) for share in SHARES]
+    ways = [
+        ExpandedPropagation(
+            inputs, response, Regression(TotalDegree(degree), adaptive=False), order
+        )
+        for degree in DEGREES
+    ]
+    lower = [_compared(ways[0], a, order) for a in alphas]
+    for way, other in pairwise(ways):
+        higher = [_compared(other, a, order) for a in alphas]
+        if _alike(lower, higher):
+            return way
+        lower = higher
+    return sampled
+
+
+def _alike(some: list[Array], others: list[Array]) -> bool:
+    gaps = (one - other for one, other in zip(some, others, strict=True))
+    return all(np.mean(np.max(np.abs(gap), axis=1) ** 2) < ALIKE**2 for gap in gaps)
 
 
 def _filling(inputs: Inputs, region: Array, share: float) -> Array:
@@ -227,7 +268,7 @@ def _filling(inputs: Inputs, region: Array, share: float) -> Array:
     return alpha
 
 
-def _compared(way: QuadraturePropagation, alpha: Array, order: int) -> Array:
+def _compared(way: Propagation, alpha: Array, order: int) -> Array:
     """Moments on a common scale: mean and sd in sds, standardized moments damped if large."""
     m = way.moments(alpha, order + order % 2, gradient=False)
     sd = np.where(m.sd > 0.0, m.sd, 1.0)

@@ -141,7 +141,9 @@ def finer(cubature: Cubature) -> Cubature | None:
     if isinstance(cubature, GermGrid):
         more = cubature.per_dimension + cubature.per_dimension // 2
         return GermGrid(more) if more <= 4001 else None
-    return SobolPoints(2 * cubature.points) if isinstance(cubature, SobolPoints) else None
+    if isinstance(cubature, SobolPoints) and cubature.points < 2**20:
+        return SobolPoints(2 * cubature.points, cubature.seed)
+    return None
 
 
 def check_nodes(nodes: int | Cubature | None) -> None:

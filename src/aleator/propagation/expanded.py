@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from aleator.expansion import Basis, Design
+from aleator.expansion_moments import Automatic, ExpansionMoments, prepare
 from aleator.expansion_moments import Basis as Recurrences
-from aleator.expansion_moments import ExpansionMoments, Galerkin, TensorGauss, prepare
 from aleator.inputs import Inputs
 from aleator.laws import Normal
 from aleator.moments import Moments
@@ -19,8 +19,8 @@ from aleator.propagation.choice import Fit
 from aleator.propagation.interface import Array, Response
 from aleator.propagation.quadrature import along_alpha
 
-FEW = 4
-"""Parameters up to which tensor Gauss rules give the moments of an expansion cheapest."""
+EVALUATIONS = 50_000
+"""Expansions that a search asks the moments of: some hundred evaluations, some hundred outcomes."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,8 @@ class ExpandedPropagation:
         expansion = self.fit.fit(self._basis, self.design, np.zeros((1, len(self.design))))
         degree = int(expansion.indices.max())
         family = hermite_recurrence(self.order * degree // 2 + 1)
-        way = TensorGauss() if self.inputs.scattering <= FEW else Galerkin()
         basis = Recurrences((family,) * self.inputs.scattering, expansion.indices)
-        return prepare(basis, self.order, way)
+        return prepare(basis, self.order, Automatic(EVALUATIONS))
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
         """Moments of the expansions of the N outcomes, with derivatives if asked for."""
