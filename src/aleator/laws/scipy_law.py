@@ -47,7 +47,8 @@ class ScipyLaw:
     (some 10 ms), for they are those of T. Raises InputsError for what is not a frozen continuous
     distribution, for shapes without mean and variance, for tails so heavy that the moments do not
     determine the law (Krein's condition: slower than exp(-|x|) on both sides, or than exp(-sqrt(x))
-    on one), and where the density does not integrate to one.
+    on one), and where the density does not integrate to one. Samples cost what SciPy's `ppf` costs,
+    which for some distributions is a search for each number.
 
     >>> from scipy import stats
     >>> law = ScipyLaw(stats.expon())
@@ -62,7 +63,7 @@ class ScipyLaw:
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
         _require_frozen(self.distribution)
-        _ = self.hyperparameters
+        _ = self._own, self.hyperparameters
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
