@@ -12,9 +12,7 @@ from rich.table import Table
 from aleator import reproduce as paper_of
 from aleator.cli.program import main, say, shown
 
-_NAMES = "\n".join(
-    f"  {figure.name:<27} {figure.place:<16} {figure.title}" for figure in paper_of.FIGURES
-)
+_NAMES = "\n".join(f"  {figure.name:<27} {figure.place}" for figure in paper_of.FIGURES)
 
 
 @main.group()

@@ -97,7 +97,7 @@ def distances(context: Context) -> Reproduction:
         Claim(
             "Moments by expansion are as good as sampled ones: the EMD differs little.",
             "minor difference",
-            "maximum entropy, from 25 runs and from 200,000 samples: "
+            "maximum entropy, from 25 runs and from many samples: "
             + ", ".join(
                 f"{name} {emd[name, COMPARED[1], EXPANSION]:.2f} and "
                 f"{emd[name, COMPARED[1], SAMPLED]:.2f} ms"

@@ -13,6 +13,7 @@ from aleator.densities import FittedDensity
 from aleator.identification import Identification
 from aleator.reproduce.canvas import VERMILION
 from aleator.reproduce.clutch_laws import EXPANSION, PAPER_ENTROPY, PAPER_GAUSSIAN, Judged
+from aleator.reproduce.clutch_reference import SAMPLES
 from aleator.reproduce.context import Context
 from aleator.reproduce.reproduction import Claim, Reproduction, Verdict
 
@@ -40,7 +41,7 @@ def distributions(context: Context) -> Reproduction:
         Claim(
             "Log-likelihood of the experiments under this law.",
             "given in the figure",
-            f"{told} all 200,000 samples" if never else told,
+            f"{told} all {SAMPLES:,} samples" if never else told,
             Verdict.NOT_COMPARABLE,
             "synthetic measurements of another clutch; this law was not identified from them",
         ),
@@ -69,7 +70,7 @@ def identification(context: Context) -> Reproduction:
     likelihoods = pd.DataFrame([_likelihoods(name, answers[name], laws[name]) for name in answers])
     panels = {}
     for name, at in laws.items():
-        panels[f"{name}: reference, 200,000 samples"] = _table(at, at.reference.histogram)
+        panels[f"{name}: reference, {SAMPLES:,} samples"] = _table(at, at.reference.histogram)
         panels[f"{name}: density from 25 runs"] = _table(at, at.fit(name))
     quantiles = pd.concat(
         [table.assign(panel=name) for name, table in panels.items()], ignore_index=True
@@ -160,7 +161,7 @@ def _claims(rows: pd.DataFrame, answers: dict[str, Identification]) -> tuple[Cla
             f"{entropy['verified_standard_error']:.2f}",
             Verdict.of(smaller > 0.0),
             "synthetic measurements; searched on response surfaces, estimated from the expansion "
-            f"by 25 runs, verified by 200,000 samples (surface error at most "
+            f"by 25 runs, verified by {SAMPLES:,} samples (surface error at most "
             f"{max(rows['largest_surface_error']):.1%} of the outcome's sd)",
         ),
         Claim(

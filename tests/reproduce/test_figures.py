@@ -1,0 +1,136 @@
+"""Figures of the paper that take little time, and the parts of those that take long."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from aleator.densities import Gaussian
+from aleator.reproduce import Context, Verdict, chosen
+from aleator.reproduce.canvas import drawn
+from aleator.reproduce.clutch_reference import (
+    expansion_moments,
+    node_outcomes,
+    of_sample,
+)
+from aleator.reproduce.clutch_response import density, grid, masses
+from aleator.reproduce.clutch_study import GIVEN, SHOWN, ClutchStudy
+from aleator.reproduce.transform import modes
+
+QUICK = (
+    "sets",
+    "illustrative-transform",
+    "illustrative-coefficients",
+    "clutch-pressure",
+    "clutch-position",
+    "clutch-speed",
+    "clutch-clipped",
+)
+
+
+@pytest.fixture(scope="module")
+def context() -> Context:
+    return Context(seed=0)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_a_figure_has_tables_claims_and_a_drawing(name: str, context: Context) -> None:
+    (figure,) = chosen([name])
+    result = figure.make(context)
+    assert len(result.tables[""]) > 0
+    assert result.claims
+    assert all(claim.statement and claim.paper and claim.ours for claim in result.claims)
+    assert drawn(result, figure.title, "png").startswith(b"\x89PNG")
+
+
+def test_the_sets_have_the_numbers_of_the_paper(context: Context) -> None:
+    result = chosen(["sets"])[0].make(context)
+    table, walk = result.tables[""], result.tables["push-fork"]
+    indices = table.drop(columns="nonzero").to_numpy()
+    assert indices.shape == (2002, 10)
+    assert set(indices.sum(axis=1)) == {5}
+    assert len(np.unique(indices, axis=0)) == 2002
+    assert len(walk) == 56  # C(8, 5)
+    assert walk["made_by"].value_counts().sum() == 56
+
+
+def test_the_transition_and_the_plates_follow_the_papers_equations(context: Context) -> None:
+    course = chosen(["clutch-position"])[0].make(context).tables[""]
+    z = course["piston_mm"]
+    assert (course["transition"][z <= 1.32] == 0.0).all()
+    assert (course["transition"][z >= 2.0] == 1.0).all()
+    pressure = chosen(["clutch-pressure"])[0].make(context).tables[""]
+    share = ((z - 1.32) / (2.0 - 1.32)).clip(0.0, 1.0)
+    np.testing.assert_allclose(
+        pressure["plate_pressure_bar"], share * pressure["pressure_bar"], atol=1e-9
+    )
+
+
+def test_speeds_meet_at_the_shifting_time_and_stay_together(context: Context) -> None:
+    course = chosen(["clutch-speed"])[0].make(context).tables[""]
+    late = course["synchronous"]
+    first = course[late].iloc[0]
+    assert first["time"] == pytest.approx(0.8715967, abs=1e-6)
+    np.testing.assert_allclose(
+        course[late]["input_speed"], course[late]["ratio_times_output_speed"], rtol=1e-9
+    )
+    before = course[~late]
+    assert (before["input_speed"] > before["ratio_times_output_speed"]).all()
+
+
+def test_the_clipped_density_integrates_to_one_and_ends_at_the_box() -> None:
+    study, alpha = ClutchStudy(), np.array([1.0, 0.25, 0.9, 0.25])
+    x = grid(study.box, 401)
+    cell = np.prod(np.diff(study.box, axis=1)) / 400**2
+    assert density(study, alpha, x).sum() * cell == pytest.approx(1.0, abs=0.01)
+    assert density(study, alpha, np.array([[1.0, 1.21]]))[0] == 0.0
+    expected = norm.cdf(1.4, 1.0, 0.25) - norm.cdf(0.5, 1.0, 0.25)
+    assert masses(study.box, alpha)[0] == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_measurements_are_those_of_the_example() -> None:
+    study = ClutchStudy()
+    assert study.outcomes[:3].tolist() == [0.91, 1.037, 0.783]
+    index = np.array([0, SHOWN - 1])
+    found = study.run(index, np.ones((2, 2)))
+    np.testing.assert_allclose(found, [1.1445475, 0.8715967], atol=2e-6)
+
+
+def test_the_papers_expansion_takes_25_runs_and_agrees_with_its_coefficients() -> None:
+    study, one = ClutchStudy(), np.array([SHOWN - 1])
+    y = node_outcomes(study, GIVEN, one)
+    assert y.shape == (1, 25)
+    nodes = study.law("hermite").nodes(GIVEN, 5)
+    found = expansion_moments(study, GIVEN, one)
+    assert found.mean[0] == pytest.approx(float(y[0] @ nodes.weights), rel=1e-12)
+    # projection: the variance of the expansion is at most that of the quadrature
+    variance = float((y[0] - found.mean[0]) ** 2 @ nodes.weights)
+    assert 0.9 * variance < found.sd[0] ** 2 <= variance
+
+
+def test_a_reference_of_a_normal_sample_knows_the_normal_law() -> None:
+    p = (np.arange(20_000) + 0.5) / 20_000
+    y = np.stack([norm.ppf(p, 0.8, 0.02), norm.ppf(p, 1.0, 0.1)])
+    found = of_sample(GIVEN, y, y.min(axis=1), y.max(axis=1), np.zeros(2))
+    np.testing.assert_allclose(found.moments.sd, [0.02, 0.1], rtol=1e-3)
+    fitted = Gaussian().fit(found.moments, -np.inf, np.inf)
+    assert np.all(found.distance(fitted) < 1e-3 * found.scale)
+    moved = Gaussian().fit(
+        of_sample(GIVEN, y + 0.01, y[:, 0], y[:, -1], np.zeros(2)).moments, -np.inf, np.inf
+    )
+    np.testing.assert_allclose(found.distance(moved), 0.01, rtol=1e-2)
+    at = np.array([0.8, 1.05])
+    np.testing.assert_allclose(
+        found.histogram.log_pdf(at), norm.logpdf(at, [0.8, 1.0], [0.02, 0.1]), atol=0.02
+    )
+
+
+def test_modes_are_inner_maxima() -> None:
+    x = np.linspace(-3.0, 3.0, 601)
+    two = norm.pdf(x, -1.0, 0.4) + norm.pdf(x, 1.0, 0.4)
+    np.testing.assert_allclose(modes(x, two), [-1.0, 1.0], atol=0.02)
+    assert modes(x, norm.pdf(x)).size == 1
+    assert modes(x, x).size == 0
+
+
+def test_a_verdict_says_what_was_found() -> None:
+    assert [Verdict.of(True), Verdict.of(False)] == [Verdict.HOLDS, Verdict.FAILS]

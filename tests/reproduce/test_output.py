@@ -1,0 +1,127 @@
+"""What a reproduction writes, also where it is interrupted or cannot draw."""
+
+import importlib.util
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from aleator import cli
+from aleator.errors import AleatorError
+from aleator.reproduce import FIGURES, Claim, Context, Figure, Reproduction, Verdict, chosen
+from aleator.reproduce.output import counts, page, reproduce
+
+CLAIM = Claim("Two is more than one.", "1", "2 | exactly", Verdict.HOLDS, "by counting")
+
+
+def line(_: Context) -> Reproduction:
+    table = pd.DataFrame({"x": [0.0, 1.0], "y": [0.0, 2.0]})
+
+    def draw(canvas) -> None:
+        canvas.subplots().plot(table["x"], table["y"])
+
+    return Reproduction({"": table, "more": table}, draw, (CLAIM,))
+
+
+def stopped(_: Context) -> Reproduction:
+    raise KeyboardInterrupt
+
+
+LINE = Figure("line", "A line", "Fig. 0", line)
+
+
+def test_each_figure_has_its_tables_its_drawings_and_its_claims(tmp_path: Path) -> None:
+    (made,) = reproduce([LINE], Context(), tmp_path)
+    expected = {"line.csv", "line-more.csv", "line.png", "line.svg", "claims.csv", "index.md"}
+    assert {path.name for path in tmp_path.iterdir()} == expected
+    assert set(made.files) == expected - {"claims.csv", "index.md"}
+    assert (tmp_path / "line.csv").read_text() == "x,y\n0,0\n1,2\n"
+    claims = pd.read_csv(tmp_path / "claims.csv", keep_default_na=False, dtype=str)
+    assert claims.loc[0, ["figure", "paper", "ours", "verdict"]].tolist() == [
+        "line", "1", "2 | exactly", "holds",
+    ]  # fmt: skip
+
+
+def test_the_same_figure_has_the_same_bytes(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        reproduce([LINE], Context(), tmp_path / folder)
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
+
+
+def test_the_page_shows_the_figure_and_keeps_the_columns_of_the_table(tmp_path: Path) -> None:
+    text = page(reproduce([LINE], Context(), tmp_path))
+    assert "![A line](line.png)" in text
+    row = next(row for row in text.splitlines() if row.startswith("| Two"))
+    assert row.count("|") == 5
+    assert "**holds**" in row
+
+
+def test_what_is_done_is_kept_when_ctrl_c_comes(tmp_path: Path) -> None:
+    figures = [LINE, Figure("stopped", "Stopped", "Fig. 1", stopped)]
+    with pytest.raises(KeyboardInterrupt):
+        reproduce(figures, Context(), tmp_path)
+    assert (tmp_path / "line.csv").exists()
+    assert len(pd.read_csv(tmp_path / "claims.csv")) == 1
+
+
+def test_without_matplotlib_there_are_tables_and_claims(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "matplotlib" else found(name)
+    )
+    reproduce([LINE], Context(), tmp_path)
+    assert (tmp_path / "line.csv").exists()
+    assert not (tmp_path / "line.png").exists()
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(AleatorError, match="the folder cannot be made"):
+        reproduce([LINE], Context(), tmp_path / "file" / "out")
+
+
+def test_claims_are_counted(tmp_path: Path) -> None:
+    assert counts(reproduce([LINE], Context(), tmp_path)) == (
+        "1 claims: 1 hold, 0 do not hold, 0 not comparable."
+    )
+
+
+def test_names_are_unique_and_say_no_path() -> None:
+    names = [figure.name for figure in FIGURES]
+    assert len(set(names)) == len(names)
+    assert all(name.replace("-", "").isalnum() for name in names)
+
+
+def test_figures_are_chosen_by_name_in_the_order_of_the_paper() -> None:
+    assert chosen([]) == FIGURES
+    backwards = [FIGURES[3].name, FIGURES[1].name]
+    assert chosen(backwards) == (FIGURES[1], FIGURES[3])
+
+
+def test_an_unknown_figure_is_told_with_the_nearest_name() -> None:
+    done = CliRunner().invoke(cli.main, ["reproduce", "paper", "clutch-presure"])
+    assert done.exit_code == 2
+    assert "no figure 'clutch-presure'" in done.stderr
+    assert "did you mean 'clutch-pressure'?" in done.stderr
+
+
+def test_the_command_writes_and_prints_the_claims(tmp_path: Path) -> None:
+    command = ["reproduce", "paper", "clutch-feedforward", "--output", str(tmp_path / "out")]
+    done = CliRunner().invoke(cli.main, command)
+    assert done.exit_code == 0, done.output
+    assert "2 claims: 2 hold" in done.stdout
+    assert (tmp_path / "out" / "clutch-feedforward.svg").exists()
+    quiet = CliRunner().invoke(cli.main, [*command, "--quiet"])
+    assert (quiet.exit_code, quiet.output) == (0, "")
+
+
+def test_every_figure_is_in_the_help_and_in_the_documents() -> None:
+    shown = CliRunner().invoke(cli.main, ["reproduce", "paper", "--help"]).output
+    document = (Path(__file__).parents[2] / "docs" / "paper.md").read_text(encoding="utf-8")
+    for figure in FIGURES:
+        assert f"  {figure.name} " in shown
+        assert figure.name in document
