@@ -148,8 +148,8 @@ class ScipyLaw:
     @cached_property
     def _own(self) -> Support:
         """Ends, mean and sd of T."""
+        lower, upper = _ends(self.distribution)
         standard = _support(self._shape)
-        lower, upper = (float(end) for end in self.distribution.support())
         scale = float(self.distribution.std()) / float(self._shape.std())
         loc = float(self.distribution.mean()) - scale * float(self._shape.mean())
         return Support(lower, upper, loc + scale * standard.mean, scale * standard.sd)
@@ -185,13 +185,21 @@ def _require_frozen(distribution: Any) -> None:
         )
 
 
+def _ends(distribution: Any) -> tuple[float, float]:
+    lower, upper = (float(end) for end in distribution.support())
+    if math.isnan(lower) or math.isnan(upper):
+        raise InputsError(
+            f"'{distribution.dist.name}' has no such shape or scale",
+            "correct the numbers given to SciPy",
+        )
+    return lower, upper
+
+
 @lru_cache(maxsize=64)
 def _support(shape: Any) -> Support:
     """Ends, mean and sd; raises InputsError where there are none, or a tail is too heavy."""
     name = shape.dist.name
-    lower, upper = (float(end) for end in shape.support())
-    if math.isnan(lower) or math.isnan(upper):
-        raise InputsError(f"'{name}' has no such shape", "correct the numbers given to SciPy")
+    lower, upper = _ends(shape)
     mean, sd = float(shape.mean()), float(shape.std())
     if not (math.isfinite(mean) and math.isfinite(sd) and sd > 0.0):
         raise InputsError(
