@@ -4,8 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from aleator.cubature import Smolyak, SobolPoints
 from aleator.densities import Gaussian, MaximumEntropy
 from aleator.errors import AleatorError, ExperimentsError, SimulatorError, StudyError
+from aleator.expansion import Regression, SparseProjection
+from aleator.germ_grid import GermGrid
+from aleator.indices import Hyperbolic, TotalDegree
 from aleator.laws import Constant, Free, Normal, TruncatedNormal
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
@@ -96,7 +100,8 @@ def test_the_least_study_has_defaults_for_the_rest(folder: Path) -> None:
     study = loaded(folder, text)
     assert (study.title, study.seed, study.noise) == ("", 0, None)
     assert study.inputs.laws["offset"] == Constant(0.0)
-    assert study.density == MaximumEntropy(4)
+    assert study.density is None
+    assert study.model.density == MaximumEntropy(4)
     assert study.search.starts == 10
     assert study.verification.samples == 1000
 
@@ -191,6 +196,49 @@ def test_mistakes_are_told_with_file_key_and_remedy(
         assert words in message
     assert "\n\n" not in message
     assert "pydantic" not in message.lower()
+
+
+PROPAGATIONS = {
+    'method = "collocation"\nnodes = {rule = "sobol", points = 64, seed = 3}': Collocation(
+        nodes=SobolPoints(64, 3)
+    ),
+    'method = "collocation"\nnodes = {rule = "smolyak", level = 2}': Collocation(nodes=Smolyak(2)),
+    'method = "collocation"\nfit = "regression"\ndegree = 2': Collocation(
+        fit=Regression(TotalDegree(2), adaptive=False)
+    ),
+    'method = "collocation"\nfit = "sparse_grid"\ndegree = 3\nterms = "hyperbolic"': Collocation(
+        fit=SparseProjection(Hyperbolic(3))
+    ),
+    'nodes = {rule = "germ_grid", per_dimension = 51}': ResponseSurface(nodes=GermGrid(51)),
+    "nodes = 7": ResponseSurface(nodes=7),
+}
+
+
+@pytest.mark.parametrize("keys", PROPAGATIONS)
+def test_the_study_chooses_nodes_and_expansions(folder: Path, keys: str) -> None:
+    text = STUDY.replace("[search]", f"[propagation]\n{keys}\n[search]")
+    (folder / "study.toml").write_text(text)
+    assert load_study(folder / "study.toml").propagation == PROPAGATIONS[keys]
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ('nodes = {rule = "sobol", level = 2}', "level has no meaning"),
+        ('nodes = {rule = "sobol"}', "lacks points"),
+        ('nodes = {rule = "sobol", points = 100}', "powers of two"),
+        ('method = "collocation"\nfit = "regression"', "lacks degree"),
+        ('method = "collocation"\nterms = "hyperbolic"', "no meaning without fit"),
+        ('method = "collocation"\nnodes = 5\nfit = "regression"\ndegree = 2', "of its own"),
+    ],
+)
+def test_nodes_and_expansions_that_do_not_fit_are_one_message(
+    folder: Path, keys: str, words: str
+) -> None:
+    text = STUDY.replace("[search]", f"[propagation]\n{keys}\n[search]")
+    (folder / "study.toml").write_text(text)
+    with pytest.raises(StudyError, match=words):
+        load_study(folder / "study.toml")
 
 
 @pytest.mark.parametrize("line", ["noise = 0.1", "parameters = 3", "propagation = [1]"])

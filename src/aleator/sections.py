@@ -20,8 +20,7 @@ from aleator.experiments import Transform
 from aleator.law_sections import LawSection
 from aleator.laws import Specification
 from aleator.noise import Noise
-from aleator.propagation import Collocation
-from aleator.response import ResponseSurface
+from aleator.propagation_sections import PropagationSection, SurfaceSection
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -82,45 +81,6 @@ class NoiseSection(Section):
         return Noise(specification(self.sd))
 
 
-class SurfaceSection(Section):
-    """`method = "response_surface"`: one surface an experiment on the box, built once."""
-
-    method: Literal["response_surface"] = "response_surface"
-    tolerance: float = 0.005
-    max_runs: int = 1000
-    nodes: int | None = None
-
-    def build(self) -> ResponseSurface | Collocation:
-        """The library's choice."""
-        return ResponseSurface(**self.given("method"))
-
-
-class CollocationSection(Section):
-    """`method = "collocation"`: the simulator runs at the nodes of the law for every alpha."""
-
-    method: Literal["collocation"]
-    nodes: int | None = None
-    moments: Literal["quadrature", "expansion"] = "quadrature"
-    degree: int | None = None
-
-    def build(self) -> ResponseSurface | Collocation:
-        """The library's choice."""
-        return Collocation(**self.given("method"))
-
-
-def _method(value: Any) -> str:
-    # Whatever is neither is refused by the section.
-    chosen = value if isinstance(value, Mapping) else {"method": getattr(value, "method", None)}
-    return str(chosen.get("method") or "response_surface")
-
-
-PropagationSection = Annotated[
-    Annotated[SurfaceSection, Tag("response_surface")]
-    | Annotated[CollocationSection, Tag("collocation")],
-    Discriminator(_method),
-]
-
-
 _DENSITIES: dict[str, tuple[type[Density | NodeDensity], tuple[str, ...]]] = {
     "maximum_entropy": (MaximumEntropy, ("order",)),
     "gaussian": (Gaussian, ()),
@@ -133,9 +93,9 @@ _DENSITIES: dict[str, tuple[type[Density | NodeDensity], tuple[str, ...]]] = {
 class DensitySection(Section):
     """`[density]`: the model of the outcome's density."""
 
-    kind: Literal["maximum_entropy", "gaussian", "gaussian_mixture", "convolution", "logspline"] = (
-        "maximum_entropy"
-    )
+    kind: Literal[
+        "automatic", "maximum_entropy", "gaussian", "gaussian_mixture", "convolution", "logspline"
+    ] = "automatic"
     order: int = 4
     points: int = 400
     knots: int = 32
@@ -143,7 +103,7 @@ class DensitySection(Section):
 
     @model_validator(mode="after")
     def _keys_are_used(self) -> Self:
-        own = _DENSITIES[self.kind][1]
+        own = () if self.kind == "automatic" else _DENSITIES[self.kind][1]
         for key in sorted(self.model_fields_set - {"kind", *own}):
             owner = next(kind for kind, (_, keys) in _DENSITIES.items() if key in keys)
             raise fault(
@@ -152,8 +112,10 @@ class DensitySection(Section):
             )
         return self
 
-    def build(self) -> Density | NodeDensity:
-        """The library's choice."""
+    def build(self) -> Density | NodeDensity | None:
+        """The library's choice; None leaves it to the noise."""
+        if self.kind == "automatic":
+            return None
         return _DENSITIES[self.kind][0](**self.given("kind"))
 
 
