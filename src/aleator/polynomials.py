@@ -82,7 +82,9 @@ def jacobi_recurrence(count: int, p: Value, q: Value) -> tuple[Coefficients, Coe
 
 
 def recurrence_with_gradient(
-    family: Callable[..., tuple[Coefficients, Coefficients]], count: int, parameters: Sequence[float]
+    family: Callable[..., tuple[Coefficients, Coefficients]],
+    count: int,
+    parameters: Sequence[float],
 ) -> tuple[Array, Array, Array, Array]:
     """A family's coefficients (count,), (count,) and derivatives (count, k) by its k parameters.
 
