@@ -63,3 +63,55 @@ def _law(kind: int, rng: np.random.Generator) -> tuple[Callable[[Array], Array],
         shape = rng.uniform(1, 8)
         return stats.gamma(shape).pdf, 0.0, shape + 6 * np.sqrt(shape)
     return stats.norm().pdf, rng.uniform(-3, -0.5), rng.uniform(0.5, 3)
+
+
+def varied(count: int, order: int, seed: int) -> tuple[Moments, Array, Array]:
+    """Normal mixtures, betas, gammas and truncated normals in turn, over wide parameters.
+
+    Betas and truncated normals on their range, gammas from zero, mixtures without a range.
+    """
+    rng = np.random.default_rng(seed)
+    rows, lower, upper = [], np.full(count, -np.inf), np.full(count, np.inf)
+    for i in range(count):
+        pdf, a, b, bounded = _wide_law(i % 4, rng)
+        rows.append(standardized_of(pdf, a, b, order))
+        if bounded[0]:
+            lower[i] = a
+        if bounded[1]:
+            upper[i] = b
+    return stacked(rows), lower, upper
+
+
+def _wide_law(
+    kind: int, rng: np.random.Generator
+) -> tuple[Callable[[Array], Array], float, float, tuple[bool, bool]]:
+    if kind == 0:
+        pdf, _, _ = _law(0, rng)
+        return pdf, -10.0, 10.0, (False, False)
+    if kind == 1:
+        p, q = rng.uniform(1.0, 8.0, 2)
+        return stats.beta(p, q).pdf, 0.0, 1.0, (True, True)
+    if kind == 2:
+        shape = rng.uniform(1.0, 10.0)
+        return stats.gamma(shape).pdf, 0.0, float(stats.gamma(shape).isf(1e-14)), (True, False)
+    return stats.norm().pdf, rng.uniform(-4.0, -0.2), rng.uniform(0.2, 4.0), (True, True)
+
+
+def cubics(count: int, order: int, seed: int, decay: float) -> Moments:
+    """Moments of a + b X + c X^2 + d X^3, X standard normal, by exact Gauss-Hermite quadrature.
+
+    Coefficients are normal with standard deviations 1, 1, decay, decay^2.
+    """
+    x, w = np.polynomial.hermite_e.hermegauss(40)
+    w = w / w.sum()
+    scales = np.array([1.0, 1.0, decay, decay**2])
+    coefficients = scales * np.random.default_rng(seed).standard_normal((count, 4))
+    y = coefficients @ x ** np.arange(4)[:, None]
+    rows = []
+    for values in y:
+        mean = float(w @ values)
+        sd = float(np.sqrt(w @ (values - mean) ** 2))
+        rows.append(
+            (mean, sd, np.array([w @ ((values - mean) / sd) ** m for m in range(order + 1)]))
+        )
+    return stacked(rows)

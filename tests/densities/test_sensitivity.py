@@ -9,7 +9,7 @@ from densities.targets import mixed
 from numpy.typing import NDArray
 
 from aleator.densities import Gaussian, MaximumEntropy, Sensitivity, Status
-from aleator.moments import Moments
+from aleator.moments import Moments, weighted_moments, weighted_moments_with_gradient
 
 Array = NDArray[np.float64]
 Change = Callable[[float], tuple[Moments, Array, Array]]
@@ -75,10 +75,53 @@ def test_outside_the_support(side: float, range_known: bool, order: int) -> None
     assert (found.status == Status.OUTSIDE_SUPPORT).all()
 
 
-def test_sixth_order() -> None:
-    m, low, high = mixed(4, 6, seed=9)
+@pytest.mark.parametrize("order", [6, 7, 8])
+def test_high_orders(order: int) -> None:
+    m, low, high = mixed(4, order, seed=9)
     m, low, high = Moments(m.mean[1::2], m.sd[1::2], m.standardized[1::2]), low[1::2], high[1::2]
-    check_all(MaximumEntropy(6), m, low, high, m.mean + 0.3 * m.sd)
+    check_all(MaximumEntropy(order), m, low, high, m.mean + 0.3 * m.sd)
+
+
+@pytest.mark.parametrize("order", range(2, 9))
+@pytest.mark.parametrize("place", [1.5, 60.0])
+def test_along_a_law_with_heavy_tails(order: int, place: float) -> None:
+    """A scaled lognormal outcome: mean, sd, moments and with them the reach move with its sigma.
+
+    At 1.5 the outcome lies inside the density, at 60 outside its reach.
+    """
+    x, w = np.polynomial.hermite_e.hermegauss(50)
+
+    def moments(sigma: float) -> Moments:
+        return weighted_moments(np.exp(sigma * x)[None], w / w.sum(), order)
+
+    sigma, h = 0.35, 1e-5
+    m = moments(sigma)
+    y = m.mean + place * m.sd
+    density = MaximumEntropy(order)
+    found = density.fit(m, 0.0, np.inf).sensitivity(y)
+    values = [
+        density.fit(moments(sigma + k * h), 0.0, np.inf).sensitivity(y).value
+        for k in (-2, -1, 1, 2)
+    ]
+    slope = (8.0 * (values[2] - values[1]) - (values[3] - values[0])) / (12.0 * h)
+    moved = weighted_moments_with_gradient(
+        np.exp(sigma * x)[None],
+        w / w.sum(),
+        order,
+        (x * np.exp(sigma * x))[None, :, None],
+        np.zeros((x.size, 1)),
+    )
+    assert moved.mean_jac is not None
+    assert moved.sd_jac is not None
+    assert moved.standardized_jac is not None
+    exact = (
+        found.d_mean * moved.mean_jac[:, 0]
+        + found.d_sd * moved.sd_jac[:, 0]
+        + (found.d_standardized * moved.standardized_jac[:, :, 0]).sum(axis=1)
+    )
+    outside = Status.OUTSIDE_SUPPORT if place > 10.0 else Status.SOLVED
+    assert found.status.tolist() == [outside]
+    np.testing.assert_allclose(exact, slope, rtol=2e-5)
 
 
 @pytest.mark.parametrize("place", [0.3, 3.9])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -24,18 +24,20 @@ from aleator.densities.whitened import density_at, orthonormal, outcomes_at, pol
 PANELS = 32
 """A power of two; the panels serve the check, the cdf and the quantile."""
 
-_PANEL_NODES = 10
+_PANEL_NODES = 14
 """At 200 nodes of the solve; more in proportion, so that the check never sees less."""
 
-_FINER = ((3, 4), (8, 10))
-"""A solve that its check refutes is polished on so many times the nodes of the check, and checked
-on the second multiple: first for digits, then for modes narrower than those nodes lie apart."""
+_FINER = 4
+"""Times the nodes of the solve, where its check refutes it: for modes that are narrow."""
 
-LARGEST_RESIDUAL = 1e-6
+_POLISHED = ((2, 3, 1e-7), (6, 8, 1e-6))
+"""What is refuted again is polished on so many times the nodes of the check, and checked on the
+second multiple: first for digits, then for modes narrower than those nodes lie apart. Nodes too
+coarse for a mode mislead a solve and its check alike, so that only the last may leave as much as
+the largest residual that counts as solved, 1e-6."""
 
-_LARGEST_UNPOLISHED = 1e-8
-"""Nodes too coarse for a narrow mode mislead the solve and its check alike, so that a residual
-which is not far below what is allowed is a reason to look with finer nodes."""
+_UNPOLISHED = 1e-8
+"""Largest residual that stands without a finer look."""
 
 _SMALLEST_PIVOT = 1e-8
 """Pivot of the covariance of phi under which its factors have lost half their digits."""
@@ -148,33 +150,61 @@ class _Attempt:
 
 
 def _attempt(lower: Array, upper: Array, standardized: Array, least: float, nodes: int) -> _Attempt:
-    """Solve one order, polish what its check refutes, and polish again on finer nodes."""
-    order, each = standardized.shape[1] - 1, max(_PANEL_NODES, nodes // 20)
+    """Solve one order; solve again on finer nodes, then polish, what the check refutes."""
+    order, check = standardized.shape[1] - 1, max(_PANEL_NODES, nodes // 15)
     support = support_of(lower, upper, standardized, least)
     a, b = support.a, support.b
     target = (legendre_in_powers(a, b, order) @ standardized[:, :, None])[:, :, 0]
-    hard = np.flatnonzero(realizable(target))
-    status = np.full(a.size, int(Status.NOT_REALIZABLE))
-    status[hard] = Status.NOT_CONVERGED
-    multipliers = gaussian_start(a, b, order)
-    multipliers[hard], converged = minimize_dual(
-        target[hard, 1:], multipliers[hard], gauss_rule(order, nodes)
-    )
-    check, allowed = each, _LARGEST_UNPOLISHED
-    for polished_on, checked_on in (*_FINER, (0, 0)):
-        rule = panel_rule(order, PANELS, check)
-        residual = _residual(multipliers[hard], rule, a[hard], b[hard], standardized[hard])
+    possible = realizable(target)
+    start = gaussian_start(a, b, order)
+    trial = _Trial(
+        a, b, standardized, start, np.full(a.size, np.inf), np.flatnonzero(possible)
+    )  # fmt: skip
+
+    first = check
+    for finer, allowed in ((1, _UNPOLISHED), (_FINER, _POLISHED[0][2])):
+        if trial.hard.size > 0:
+            check = first if finer == 1 else _POLISHED[0][1] * first
+            rule = gauss_rule(order, finer * nodes)
+            found = minimize_dual(target[trial.hard, 1:], start[trial.hard], rule)
+            trial = trial.after(*found, check, allowed)
+    for polished_on, checked_on, allowed in _POLISHED:
+        if trial.hard.size > 0:
+            check = checked_on * first
+            rule = panel_rule(order, PANELS, polished_on * first)
+            trial = trial.after(*polish(*trial.rows(), rule), check, allowed)
+    status = np.where(possible, Status.SOLVED, Status.NOT_REALIZABLE).astype(np.int64)
+    status[trial.hard] = Status.NOT_CONVERGED
+    return _Attempt(support, trial.multipliers, status, check)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Multipliers (N, M) so far, their residuals, and the rows `hard` that are not solved yet."""
+
+    a: Array
+    b: Array
+    standardized: Array
+    multipliers: Array
+    residual: Array
+    hard: Codes
+
+    def rows(self) -> tuple[Array, Array, Array, Array]:
+        """The edges, moments and multipliers of the hard rows."""
+        hard = self.hard
+        return self.a[hard], self.b[hard], self.standardized[hard], self.multipliers[hard]
+
+    def after(self, found: Array, converged: Mask, check: int, allowed: float) -> _Trial:
+        """With what was found for the hard rows, where that is nearer to the moments; those whose
+        check holds are hard no more."""
+        a, b, standardized, _ = self.rows()
+        residual = _residual(found, panel_rule(found.shape[1], PANELS, check), a, b, standardized)
         honest = converged & (residual <= allowed)
-        status[hard[honest]] = Status.SOLVED
-        hard = hard[~honest]
-        if hard.size == 0 or polished_on == 0:
-            break
-        check, allowed = checked_on * each, LARGEST_RESIDUAL
-        multipliers[hard], converged = polish(
-            a[hard], b[hard], standardized[hard], multipliers[hard],
-            panel_rule(order, PANELS, polished_on * each),
-        )  # fmt: skip
-    return _Attempt(support, multipliers, status, check)
+        taken = honest | (residual < self.residual[self.hard])
+        multipliers, smallest = self.multipliers.copy(), self.residual.copy()
+        multipliers[self.hard[taken]] = found[taken]
+        smallest[self.hard[taken]] = residual[taken]
+        return replace(self, multipliers=multipliers, residual=smallest, hard=self.hard[~honest])
 
 
 def _orthonormal(

@@ -28,6 +28,12 @@ _FIRST_DAMPING = 0.01
 _CLOSE = 1e-16
 """Promised fall of the dual, half the squared distance in its own metric, that is none."""
 
+_ROUNDING = 1e-14
+"""Of the fall of the dual, a sum over the nodes."""
+
+_NEGLIGIBLE = -500.0
+"""Logarithm of a density over its top under which it only costs time, as denormal numbers do."""
+
 _UNDAMPED = 1e-6
 """Damping under which a promise is that of Newton's own step."""
 
@@ -85,6 +91,7 @@ def density_at(multipliers: Array, rule: Rule) -> Array:
     """Probabilities (N, Q) of the nodes, normalized on them."""
     exponent = multipliers @ rule.basis
     exponent -= exponent.max(axis=1)[:, None]
+    np.maximum(exponent, _NEGLIGIBLE, out=exponent)
     probability = rule.weights * np.exp(exponent)
     probability /= probability.sum(axis=1)[:, None]
     return np.asarray(probability)
@@ -134,8 +141,7 @@ def _trial(
     log_z = np.log(_mean(density, np.exp(change - top[:, None]))) + top
     fall = np.einsum("nk,nk->n", delta, asked) - log_z
     predicted = 0.5 * (1.0 + damping) * np.einsum("nk,nk->n", delta, delta)
-    slack = 1e-15
-    ratio = (fall + slack) / (predicted + slack)
+    ratio = (fall + _ROUNDING) / (predicted + _ROUNDING)
     step = np.einsum("nk,nkj->nj", delta, psi.legendre[:, 1:, 1:])
     return step, predicted, ratio
 
