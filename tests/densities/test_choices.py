@@ -10,7 +10,7 @@ from aleator.sections import DensitySection
 @pytest.mark.parametrize(
     ("section", "choice"),
     [
-        (DensitySection(), MaximumEntropy()),
+        (DensitySection(kind="maximum_entropy"), MaximumEntropy()),
         (DensitySection(kind="maximum_entropy", order=6), MaximumEntropy(6)),
         (DensitySection(kind="gaussian"), Gaussian()),
         (DensitySection(kind="gaussian_mixture"), GaussianMixture()),

@@ -48,8 +48,8 @@ class GaussianMixture:
     take the mixture of one mean with two variances; moments within 1e-6 of a normal law's are
     the normal law.
 
-    Where no mixture has the moments (many bounded laws), or only one with a normal narrower than a
-    hundredth of the outcome's sd, the status is NO_MIXTURE and the normal density stands in. The
+    Where no mixture has the moments (a lognormal law, some bounded ones), or only one with a normal
+    narrower than a hundredth of the outcome's sd, the status is NO_MIXTURE and the normal density stands in. The
     choice between two mixtures, and their end, are jumps of the likelihood: a search by gradient
     may stop there. Cost: some 0.1 ms an experiment. Raises InputsError for too few moments.
 

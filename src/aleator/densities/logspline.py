@@ -47,7 +47,8 @@ class LogSpline:
     probability end before it does, and call for fewer knots or a `smoothing` of 1e-4 to 1e-3.
     The nodes must be closer than the knots (`points` asks for 20 an interval); too coarse ones
     have status TOO_COARSE, and the normal density stands in. Raises InputsError for an inadmissible
-    choice, a negative weight or noise. Cost O(N J K) and some ten Newton steps of O(N K^3).
+    choice, a negative weight or noise. Cost O(N J K) and some ten to thirty Newton steps of
+    O(N K^3): some twenty times that of `MaximumEntropy(4)`.
 
     >>> t, w = np.polynomial.legendre.leggauss(200)
     >>> uniform = Outcomes(t[None], w / 2.0)

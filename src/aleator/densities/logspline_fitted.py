@@ -86,7 +86,7 @@ class FittedLogSpline:
 
     @property
     def _solved(self) -> Mask:
-        return self.status == int(Status.SOLVED)
+        return np.asarray(self.status == int(Status.SOLVED))
 
     @property
     def order_used(self) -> Codes:
@@ -175,7 +175,7 @@ class FittedLogSpline:
         t = np.clip((edge - a) / width, 0.0, 1.0)[:, None]
         splined = splines(t[:, 0], self.coefficients.shape[1] - 3)
         g = np.linalg.solve(self.hessian, (splined - self.mean)[:, :, None])[:, :, 0]
-        nodes, s = self.range.inside(self.nodes.y), self.nodes.noise_sd / width
+        nodes, s = self.range.inside(self.nodes.y), np.asarray(self.nodes.noise_sd / width)
         value, d_t, d_s = self._of_nodes(g, nodes, s)
         # the weights sum to one, so that a constant is without meaning
         value -= (value @ self.nodes.weights)[:, None]
@@ -265,9 +265,13 @@ class FittedLogSpline:
 
 def _put(own: NodeSensitivity, other: NodeSensitivity, kept: Mask) -> NodeSensitivity:
     """`own` in the rows that are kept, `other` in the rest."""
-
-    def choose(name: str) -> Array:
-        mine, theirs = getattr(own, name), getattr(other, name)
-        return np.where(kept.reshape(-1, *[1] * (mine.ndim - 1)), mine, theirs)
-
-    return NodeSensitivity(*(choose(name) for name in NodeSensitivity.__dataclass_fields__))
+    column = kept[:, None]
+    return NodeSensitivity(
+        value=np.where(kept, own.value, other.value),
+        d_y=np.where(column, own.d_y, other.d_y),
+        d_weights=np.where(column, own.d_weights, other.d_weights),
+        d_noise=np.where(kept, own.d_noise, other.d_noise),
+        d_lower=np.where(kept, own.d_lower, other.d_lower),
+        d_upper=np.where(kept, own.d_upper, other.d_upper),
+        status=own.status,
+    )

@@ -41,7 +41,7 @@ class NormalSum:
         with np.errstate(over="ignore"):
             z = (y[:, :, None] - self.centers[:, None]) / self.sds[:, None]
         z = np.clip(z, -FARTHEST, FARTHEST)
-        return -0.5 * z**2 - np.log(self.sds)[:, None] - _LOG_SQRT_2PI
+        return np.asarray(-0.5 * z**2 - np.log(self.sds)[:, None] - _LOG_SQRT_2PI)
 
     def log_pdf(self, y: Array) -> Array:
         """Logarithm of the density, finite as long as y is."""
