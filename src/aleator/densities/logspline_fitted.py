@@ -175,7 +175,8 @@ class FittedLogSpline:
         t = np.clip((edge - a) / width, 0.0, 1.0)[:, None]
         splined = splines(t[:, 0], self.coefficients.shape[1] - 3)
         g = np.linalg.solve(self.hessian, (splined - self.mean)[:, :, None])[:, :, 0]
-        nodes, s = self.range.inside(self.nodes.y), np.asarray(self.nodes.noise_sd / width)
+        nodes = self.range.inside(self.nodes.y)
+        s: Array = self.nodes.noise_sd / width
         value, d_t, d_s = self._of_nodes(g, nodes, s)
         # the weights sum to one, so that a constant is without meaning
         value -= (value @ self.nodes.weights)[:, None]
