@@ -19,6 +19,9 @@ from aleator.search import Search
 
 Array = NDArray[np.float64]
 
+HUGE = 1e100
+"""A residual whose square is still finite."""
+
 
 @dataclass(frozen=True)
 class LeastSquares:
@@ -74,8 +77,14 @@ def least_squares(
     def at(u: Array) -> tuple[Array, Array]:
         x = start.copy()
         x[moving] = np.clip(box[moving, 0] + u * width, box[moving, 0], box[moving, 1])
-        value, slope = response.evaluate_with_gradient(x[None, :])
-        return value[condition, 0] - outcomes, slope[condition, 0][:, moving] * width
+        # limits many orders too wide let a simulator overflow; the fit must only move away
+        with np.errstate(all="ignore"):
+            value, slope = response.evaluate_with_gradient(x[None, :])
+            residual = value[condition, 0] - outcomes
+            slopes = slope[condition, 0][:, moving] * width
+        return np.clip(np.nan_to_num(residual, nan=HUGE), -HUGE, HUGE), np.clip(
+            np.nan_to_num(slopes), -HUGE, HUGE
+        )
 
     u0 = np.clip((start[moving] - box[moving, 0]) / width, 0.01, 0.99)
     fit = optimize.least_squares(

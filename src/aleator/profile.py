@@ -58,7 +58,7 @@ def profile_intervals(
         information = _positive(inference.information[np.ix_(others, others)])
         coupling = inference.information[others, row]
         # along the profile the others follow the one by -I_oo^-1 I_ok
-        follow = -np.linalg.solve(information, coupling) if others.size else coupling
+        follow = -np.linalg.pinv(information, hermitian=True) @ coupling
         for side, sign in enumerate((-1.0, 1.0)):
             trace = _Trace(objective, hyperparameters, k, moving, information, follow, top)
             end, better = trace.end(alpha, sign, inference)

@@ -129,7 +129,7 @@ def _draw(
 def _identified(
     problem: Problem, search: Search, data: Array, seed: int, workers: int
 ) -> Iterator[tuple[int, Replicate]]:
-    if workers > 1 and _can_travel(problem):
+    if workers > 1 and _can_travel(problem, search):
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(workers, mp_context=context) as pool:
             jobs = {
@@ -146,10 +146,10 @@ def _identified(
             yield k, _one(problem, search, outcomes, seed + k)
 
 
-def _can_travel(problem: Problem) -> bool:
-    """Whether the problem can be sent to another process; a function of a script cannot."""
+def _can_travel(problem: Problem, search: Search) -> bool:
+    """Whether both can be sent to another process; a function of a script cannot."""
     try:
-        pickle.dumps(problem)
+        pickle.dumps((problem, search))
     except (pickle.PicklingError, AttributeError, TypeError):
         return False
     return True
