@@ -51,7 +51,8 @@ class GaussianMixture:
     Where no mixture has the moments (a lognormal law, some bounded ones), or only one with a normal
     narrower than a hundredth of the outcome's sd, the status is NO_MIXTURE and the normal density
     stands in. The choice between two mixtures, and their end, are jumps of the likelihood: a search
-    by gradient may stop there. Cost: some 0.1 ms an experiment. Raises InputsError for too few moments.
+    by gradient may stop there. Cost: some 0.1 ms an experiment. Raises InputsError for too few
+    moments.
 
     >>> nine = np.array([1.0, 0.0, 1.0, 0.0, 2.5, 0.0, 8.5])  # 1/2 N(-c, 1/2) + 1/2 N(c, 1/2)
     >>> m = Moments(np.array([0.0]), np.array([1.0]), nine[None])

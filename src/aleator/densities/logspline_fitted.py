@@ -177,7 +177,7 @@ class FittedLogSpline:
         g = np.linalg.solve(self.hessian, (splined - self.mean)[:, :, None])[:, :, 0]
         nodes = self.range.inside(self.nodes.y)
         s: Array = self.nodes.noise_sd / width
-        value, d_t, d_s = self._of_nodes(g, nodes, s)
+        value, d_t, d_s = self._of_nodes(np.asarray(g), nodes, s)
         # the weights sum to one, so that a constant is without meaning
         value -= (value @ self.nodes.weights)[:, None]
         # the edge itself keeps its t
