@@ -59,7 +59,7 @@ def response(context: Context) -> Reproduction:
             "The box is the largest of feasible solutions.",
             "maximized",
             f"{outside.mean():.1%} of a grid on the map, 2.4 times the box's area, is feasible too",
-            Verdict.of(bool(not outside.all())),
+            Verdict.NOT_COMPARABLE,
             "here the box is smaller on purpose: beyond it the outcome of some experiments jumps",
         ),
     )
