@@ -200,7 +200,10 @@ def _draw_distances(axes: Axes, table: pd.DataFrame) -> None:
         for at, value in zip(place, values, strict=True):
             if np.isnan(value):
                 axes.plot(at, 0.002, "x", color=hue, ms=3.5, mew=1.0)
-    short = [name.replace(", ", "\n").replace("-component ", "-component\n") for name in BARS]
+    short = [
+        name.replace("maximum entropy, ", "max. entropy\n").replace("-component ", "-component\n")
+        for name in BARS
+    ]
     axes.set_xticks(x, short)
     axes.set(ylabel="EMD", title="earth mover's distance to the outcome (x: not solved)")
     axes.set_ylim(0.0, 1.4 * np.nanmax(table["emd"]))
