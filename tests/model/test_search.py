@@ -57,7 +57,7 @@ def test_the_maximum_of_a_normal_sample_is_its_mean_and_sd(density) -> None:
     problem = replace(SAMPLE, z=np.zeros(30))
     y = problem.draw(1)
     found = GradientMultistart(3).maximize(
-        problem.likelihood(y, density).search, problem.hyperparameters, seed=0
+        problem.likelihood(y, density), problem.hyperparameters, seed=0
     )
     # gtol 1e-4 in variables of unit information is 1e-4 standard errors, here 1e-5
     assert found.alpha == pytest.approx([y.mean(), y.std()], abs=1e-5)
@@ -70,9 +70,7 @@ def test_the_maximum_of_a_normal_sample_is_its_mean_and_sd(density) -> None:
 def test_the_maximum_of_random_coefficients_is_that_of_another_method() -> None:
     problem = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 80))
     y = problem.draw(2)
-    found = GradientMultistart(5).maximize(
-        problem.likelihood(y).search, problem.hyperparameters, seed=0
-    )
+    found = GradientMultistart(5).maximize(problem.likelihood(y), problem.hyperparameters, seed=0)
     alpha, value = regression_by_simplex(problem.z, y)
     assert found.log_likelihood == pytest.approx(value, abs=1e-6)
     # within a thousandth of a standard error, which is about 0.05 here
@@ -84,7 +82,7 @@ def test_generalized_least_squares_holds_at_the_maximum() -> None:
     problem = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 50))
     y = problem.draw(3)
     found = GradientMultistart(4).maximize(
-        problem.likelihood(y, Gaussian()).search, problem.hyperparameters, seed=0
+        problem.likelihood(y, Gaussian()), problem.hyperparameters, seed=0
     )
     variance = found.alpha[1] ** 2 + (found.alpha[3] * problem.z) ** 2
     design = np.stack([np.ones_like(y), problem.z], axis=1)
@@ -97,9 +95,7 @@ def test_the_maximum_on_a_binding_box_is_that_of_the_exact_likelihood() -> None:
     """On its own support the density is exact, so that the searches must agree."""
     problem = replace(BINDING, z=np.linspace(0.5, 2.0, 60))
     y = problem.draw(4)
-    found = GradientMultistart(5).maximize(
-        problem.likelihood(y).search, problem.hyperparameters, seed=0
-    )
+    found = GradientMultistart(5).maximize(problem.likelihood(y), problem.hyperparameters, seed=0)
 
     def negative(p: Array) -> float:
         return -float(problem.log_density(np.array([p[0], np.exp(p[1])]), problem.z, y).sum())
@@ -125,44 +121,26 @@ def lognormal_with_outlier(theta: float) -> tuple[Problem, Array]:
 
 @pytest.mark.parametrize(
     ("theta", "order"),
-    [
-        (3.0, 4),
-        (3.0, 6),
-        (6.0, 4),
-        pytest.param(
-            6.0,
-            6,
-            marks=pytest.mark.xfail(reason="beyond the reach the search sees the bump at its edge"),
-        ),
-    ],
+    [(3.0, 4), (3.0, 6), (6.0, 4), (6.0, 6)],
 )
 def test_an_outlier_does_not_lift_the_maximum_above_the_exact_one(theta, order) -> None:
     problem, y = lognormal_with_outlier(theta)
     found = GradientMultistart(3).maximize(
-        problem.likelihood(y, MaximumEntropy(order)).search, problem.hyperparameters, seed=0
+        problem.likelihood(y, MaximumEntropy(order)), problem.hyperparameters, seed=0
     )
     exact = stats.norm.logpdf(np.log(y), np.log(y).mean(), np.log(y).std()).sum() - np.log(y).sum()
     # a density of a few moments may exceed the true one by chance, by tenths for sixty outcomes
     assert found.log_likelihood < exact + 0.5
 
 
-@pytest.mark.parametrize(
-    "order",
-    [
-        4,
-        6,
-        pytest.param(
-            8,
-            marks=pytest.mark.xfail(reason="the penalty of failed solves pushes the estimate"),
-        ),
-    ],
-)
+@pytest.mark.parametrize("order", [4, 6, 8])
 def test_failed_solves_do_not_push_the_maximum_aside(order) -> None:
-    """exp(z x) up to a kurtosis of 6, whose order 8 no density within 8 standard deviations has."""
+    """exp(z x) up to a kurtosis of 6, whose order 8 no density within 8 standard deviations has:
+    the reach follows the moments."""
     problem = replace(GROWTH, z=np.linspace(0.5, 2.0, 60))
     y = problem.draw(1)
     found = GradientMultistart(2).maximize(
-        problem.likelihood(y, MaximumEntropy(order)).search, problem.hyperparameters, seed=0
+        problem.likelihood(y, MaximumEntropy(order)), problem.hyperparameters, seed=0
     )
     scaled = np.log(y) / problem.z
     # log y/z is normal: mean and sd, the latter known to 1/sqrt(120) of itself
@@ -180,7 +158,7 @@ def test_limits_are_respected_and_a_maximum_beyond_ends_on_them() -> None:
         inputs=Inputs({"x": Normal(mean=Free(-2.0, 0.5), sd=Free(0.05, 3.0))}),
     )
     y = problem.draw(5, np.array([1.0, 0.6]))
-    objective = Counted(problem.likelihood(y).search)
+    objective = Counted(problem.likelihood(y))
     found = GradientMultistart(4).maximize(objective, problem.hyperparameters, seed=3)
     asked = np.array(objective.asked)
     assert asked[:, 0].min() >= -2.0
@@ -194,7 +172,7 @@ def test_limits_are_respected_and_a_maximum_beyond_ends_on_them() -> None:
 
 def test_fixed_hyperparameters_stay() -> None:
     y = FRONTIER.draw(6)
-    objective = Counted(FRONTIER.likelihood(y).search)
+    objective = Counted(FRONTIER.likelihood(y))
     GradientMultistart(2).maximize(objective, FRONTIER.hyperparameters, seed=0)
     assert np.all(np.array(objective.asked)[:, 2] == 0.0)
 
@@ -202,9 +180,7 @@ def test_fixed_hyperparameters_stay() -> None:
 def test_nothing_to_search_is_one_evaluation() -> None:
     problem = replace(SAMPLE, inputs=Inputs({"x": Normal(mean=1.0, sd=0.6)}))
     y = problem.draw(7)
-    found = GradientMultistart(5).maximize(
-        problem.likelihood(y).search, problem.hyperparameters, seed=0
-    )
+    found = GradientMultistart(5).maximize(problem.likelihood(y), problem.hyperparameters, seed=0)
     assert found.alpha.tolist() == [1.0, 0.6]
     assert found.evaluations == 1
     assert found.log_likelihood == pytest.approx(
@@ -215,7 +191,7 @@ def test_nothing_to_search_is_one_evaluation() -> None:
 @pytest.mark.parametrize("limit", [3, 8, 60])
 def test_no_start_takes_more_evaluations_than_allowed(limit) -> None:
     problem = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 20))
-    objective = Counted(problem.likelihood(problem.draw(8)).search)
+    objective = Counted(problem.likelihood(problem.draw(8)))
     found = GradientMultistart(4, evaluations=limit).maximize(
         objective, problem.hyperparameters, seed=0
     )
@@ -231,7 +207,7 @@ def test_the_same_seed_finds_the_same_and_another_seed_starts_elsewhere() -> Non
     search = GradientMultistart(4)
 
     def found(seed: int):
-        return search.maximize(FRONTIER.likelihood(y).search, FRONTIER.hyperparameters, seed=seed)
+        return search.maximize(FRONTIER.likelihood(y), FRONTIER.hyperparameters, seed=seed)
 
     one, two, other = found(1), found(1), found(2)
     for a, b in zip(one.ascents, two.ascents, strict=True):
@@ -245,7 +221,7 @@ def test_guesses_are_starts() -> None:
     y = SAMPLE.draw(10)
     guess = np.array([0.25, 0.125])
     found = GradientMultistart(3).maximize(
-        SAMPLE.likelihood(y).search, SAMPLE.hyperparameters, seed=0, guesses=[guess]
+        SAMPLE.likelihood(y), SAMPLE.hyperparameters, seed=0, guesses=[guess]
     )
     np.testing.assert_allclose(found.ascents[1].start, guess, rtol=1e-12)
     assert len(found.ascents) == 3
@@ -258,9 +234,7 @@ def test_two_optima_of_equal_height_are_counted_as_two() -> None:
     """y = x^2 does not tell the sign of the mean."""
     problem = replace(SQUARE, z=np.zeros(40))
     y = problem.draw(11)
-    found = GradientMultistart(10).maximize(
-        problem.likelihood(y).search, problem.hyperparameters, seed=0
-    )
+    found = GradientMultistart(10).maximize(problem.likelihood(y), problem.hyperparameters, seed=0)
     best = found.optima[0]
     mirrored = [
         o for o in found.optima if abs(o.alpha[0] + best.alpha[0]) < 1e-3 * abs(best.alpha[0])
@@ -275,7 +249,7 @@ def test_two_optima_of_equal_height_are_counted_as_two() -> None:
 def test_ends_of_the_same_optimum_are_one() -> None:
     problem = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 40))
     found = GradientMultistart(8).maximize(
-        problem.likelihood(problem.draw(12)).search, problem.hyperparameters, seed=0
+        problem.likelihood(problem.draw(12)), problem.hyperparameters, seed=0
     )
     assert found.optima[0].starts >= 6
     assert len(found.optima) <= 2
@@ -283,9 +257,7 @@ def test_ends_of_the_same_optimum_are_one() -> None:
 
 def test_an_improvement_goes_in_front() -> None:
     y = SAMPLE.draw(13)
-    found = GradientMultistart(1).maximize(
-        SAMPLE.likelihood(y).search, SAMPLE.hyperparameters, seed=0
-    )
+    found = GradientMultistart(1).maximize(SAMPLE.likelihood(y), SAMPLE.hyperparameters, seed=0)
     better = found.improved(np.array([0.1, 0.2]), found.log_likelihood + 1.0)
     assert better.optima[0].log_likelihood == better.log_likelihood
     assert better.optima[1:] == found.optima
