@@ -1,11 +1,21 @@
 """Aleator identifies the probability law of uncertain parameters from experiments."""
 
+from aleator.cubature import (
+    MonteCarloPoints,
+    ProbabilityGrid,
+    Smolyak,
+    SobolPoints,
+    TensorGauss,
+)
 from aleator.densities import Convolution, Gaussian, GaussianMixture, LogSpline, MaximumEntropy
 from aleator.distances import earth_movers_distance
 from aleator.errors import AleatorError
+from aleator.expansion import Projection, Regression, Sparse, SparseProjection
 from aleator.experiments import Experiments
+from aleator.germ_grid import GermGrid
 from aleator.identification import Identification
 from aleator.identify import identify
+from aleator.indices import Anisotropic, Hyperbolic, TotalDegree
 from aleator.inputs import Inputs
 from aleator.laws import (
     Beta,
@@ -29,6 +39,7 @@ from aleator.search import (
     GeneticAlgorithm,
     GradientMultistart,
 )
+from aleator.sobol import sobol_indices
 from aleator.verification import MonteCarlo
 
 __all__ = [
@@ -49,6 +60,20 @@ __all__ = [
     "Noise",
     "ResponseSurface",
     "Collocation",
+    "TensorGauss",
+    "Smolyak",
+    "SobolPoints",
+    "MonteCarloPoints",
+    "ProbabilityGrid",
+    "GermGrid",
+    "Projection",
+    "SparseProjection",
+    "Regression",
+    "Sparse",
+    "TotalDegree",
+    "Hyperbolic",
+    "Anisotropic",
+    "sobol_indices",
     "Gaussian",
     "MaximumEntropy",
     "GaussianMixture",

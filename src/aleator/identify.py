@@ -20,7 +20,7 @@ from aleator.baselines import (
     linear_gaussian,
     start_point,
 )
-from aleator.densities import Density, MaximumEntropy, NodeDensity, Status
+from aleator.densities import Convolution, Density, MaximumEntropy, NodeDensity, Status
 from aleator.errors import InputsError
 from aleator.experiments import Experiments
 from aleator.identification import Identification
@@ -286,6 +286,11 @@ def _check_count(table: Experiments, model: Model) -> None:
         raise InputsError(
             f"{len(table.ids)} experiments cannot identify {free} hyperparameters",
             "fix some hyperparameters, or add experiments (ten for each is a start)",
+        )
+    if isinstance(model.density, Convolution) and model.noise is None:
+        raise InputsError(
+            "the convolution is a density of outcome plus noise, and there is no noise",
+            "add noise ([noise] sd, or noise=Noise(...)), or take MaximumEntropy or LogSpline",
         )
     if model.inputs.scattering == 0 and model.noise is None:
         raise InputsError(
