@@ -22,6 +22,7 @@ from aleator.recovery import recover
 from aleator.search import GradientMultistart
 from aleator.simulate import Runner
 from aleator.study import Study, load_study
+from benchmarks.densities import density_rows, failure_table
 from benchmarks.offline import offline_rows
 from benchmarks.row import Row
 from benchmarks.searches import print_searches
@@ -189,8 +190,10 @@ def main() -> None:
         Row("response surfaces", f"{built:.1f} s", "target 20 s", built / 20.0),
         *whole_rows(study, problem, runner, whole),
         *offline_rows(),
+        *density_rows(),
     ]
     print_table(console, rows)
+    failure_table(console)
     print_searches(console)
     if options.replicates:
         recovery_table(console, study, options.replicates, options.workers)
