@@ -32,9 +32,9 @@ class MaximumEntropy:
     `FittedDensity.rises_at_edge` reports. Raises InputsError for an inadmissible choice. Cost:
     some 7 Newton steps of O(N nodes M), for hard targets at M of 6 and more some 100 times that.
     It fails, with a status and M-2 moments in its place, where the moments are not realizable, so
-    close to that boundary that the density is a set of spikes, or where eight moments of heavy tails
-    leave no digits (a third of cubics of a normal variable with a kurtosis of 10 to 20): orders
-    above 8 are not offered for that reason.
+    close to that boundary that the density is a set of spikes, or where eight moments of heavy
+    tails leave no digits (a third of the cubics of a normal variable with a kurtosis of 10 to
+    20): orders above 8 are not offered for that reason.
 
     >>> m = Moments(np.array([1.0]), np.array([3.0**-0.5]), np.array([[1.0, 0.0, 1.0, 0.0, 1.8]]))
     >>> fitted = MaximumEntropy(order=4).fit(m, [0.0], [2.0])  # the moments of the uniform law
