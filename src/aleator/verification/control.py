@@ -1,0 +1,175 @@
+"""The emulator as a control: its density is known exactly, so that samples only correct it.
+
+f(y) = f_emulator(y) + E[K(y - Y) - K(y - Y_emulator)], both outcomes at the same parameters. Where
+the emulator is good the difference is small, and with it the error of its mean and the bias of a
+smoothing kernel K; where it is not, its own scatter says so.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.inputs import Inputs
+from aleator.verification.choice import REPLICATES, Score
+from aleator.verification.emulator import Emulator
+from aleator.verification.kernel import Kernel, Noise, larger
+from aleator.verification.lines import Lines, densities, drawn
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+SCORE_POINTS = 32
+"""Points of each copy that correct the score, whose error is a small part of it."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of m experiments: `germ` (m, S, d), `weight`, `outcomes` (m, S), `x` (m, S, n).
+
+    `index` (m,) are the experiments, `kernel` what makes densities of the outcomes. Of the S
+    samples each of the eight copies has S/8 in one piece.
+    """
+
+    index: Indices
+    germ: Array
+    weight: Array
+    x: Array
+    outcomes: Array
+    kernel: Kernel
+
+    def guess(self, emulator: Emulator, x: Array) -> Array:
+        """The emulator's outcomes (m, S) at x (m, S, n)."""
+        count, samples, n = x.shape
+        return emulator.at(np.repeat(self.index, samples), x.reshape(-1, n)).reshape(count, samples)
+
+    def few(self) -> Samples:
+        """The first points of each copy."""
+        each = self.weight.shape[1] // REPLICATES
+        kept = np.flatnonzero(np.arange(each * REPLICATES) % each < SCORE_POINTS)
+        return Samples(
+            self.index, self.germ[:, kept], self.weight[:, kept], self.x[:, kept],
+            self.outcomes[:, kept], self.kernel,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Controlled:
+    """Densities by control: `known` (N, C') of the emulator, `correction` (N, C), C' copies or one.
+
+    `bias` (N,) bounds what smoothing does to the correction, as in `kernel.chosen`.
+    """
+
+    known: Array
+    correction: Array
+    bias: Array
+
+    @property
+    def density(self) -> Array:
+        """(N,) the estimate."""
+        return np.asarray(self.known.mean(axis=1) + self.correction.mean(axis=1))
+
+    @property
+    def error(self) -> Array:
+        """(N,) its standard error, without the bias."""
+        return np.hypot(error_of(self.known), error_of(self.correction))
+
+
+class Control:
+    """An emulator, with the lines on which its densities are integrated at one alpha."""
+
+    def __init__(
+        self, emulator: Emulator, inputs: Inputs, alpha: Array, y: Array, along: Indices, seed: int
+    ) -> None:
+        self.emulator, self.inputs, self.alpha, self.y = emulator, inputs, alpha, y
+        rng = np.random.default_rng([seed, 1])
+        self.lines: list[tuple[Indices, Lines]] = [
+            (np.flatnonzero(along == k), drawn(inputs, alpha, int(k), rng))
+            for k in np.unique(along)
+        ]
+
+    def known(self, sd: float, k: int = 0, step: float = 0.0) -> Array:
+        """The emulator's densities (N, C), with hyperparameter k moved by a step."""
+        copies = self.lines[0][1].x.shape[0]
+        found = np.empty((self.y.size, copies))
+        for rows, lines in self.lines:
+            x = lines.x + step * lines.dx[..., k] if step else lines.x
+            found[rows] = densities(self.emulator, lines, x, self.y[rows], sd, rows)
+        return found
+
+    def correct(self, parts: list[Samples], sd: float) -> Controlled:
+        """All densities; each experiment is in one of the parts."""
+        correction, bias = np.empty((self.y.size, REPLICATES)), np.zeros(self.y.size)
+        for part in parts:
+            guess = part.guess(self.emulator, part.x)
+            gaps = _gaps(part, part.kernel, guess)
+            correction[part.index] = copies_of(gaps[-1])
+            if len(gaps) > 1:
+                mean, lower = (gap.mean(axis=1) for gap in (gaps[-1], gaps[-2]))
+                narrow = _gaps(part, part.kernel.narrower, guess)[-1].mean(axis=1)
+                bias[part.index] = larger(0.5 * (mean - lower), mean - narrow)
+        return Controlled(self.known(sd), correction, bias)
+
+    def score(self, parts: list[Samples], density: Array, noise_sd: float, steps: Array) -> Score:
+        """Derivative of sum log f by central differences of `steps` (K,), the germs held."""
+        few = [part.few() for part in parts]
+        of_known = np.zeros((steps.size, self.known(noise_sd).shape[1]))
+        of_samples = np.zeros((steps.size, self.y.size, REPLICATES))
+        dx = [self._image(part) for part in few]
+        for k in np.flatnonzero(steps > 0.0):
+            scale = 1.0 / (2.0 * steps[k] * density[:, None])
+            noise = steps[k] if k == self.inputs.size else 0.0
+            for sign in (1.0, -1.0):
+                sd, step = noise_sd + sign * noise, 0.0 if noise else sign * steps[k]
+                at = 0 if noise else int(k)
+                of_known[k] += sign * np.sum(scale * self.known(sd, at, step), axis=0)
+                for part, slope in zip(few, dx, strict=True):
+                    gap = self._gap(part, part.x + step * slope[..., at], sd if noise else None)
+                    of_samples[k, part.index] += sign * scale[part.index] * gap
+        return _score(of_known, of_samples)
+
+    def _image(self, part: Samples) -> Array:
+        _, dx = self.inputs.image(self.alpha, part.germ.reshape(-1, part.germ.shape[-1]))
+        return np.asarray(dx.reshape(*part.x.shape, -1))
+
+    def _gap(self, part: Samples, x: Array, sd: float | None) -> Array:
+        """Copies (m, C) of the correction at moved parameters; the simulator moves as guessed."""
+        kernel = part.kernel if sd is None else Noise(self.y[part.index], sd)
+        here, there = part.guess(self.emulator, part.x), part.guess(self.emulator, x)
+        true = kernel.orders(part.outcomes + there - here)[-1]
+        return copies_of(part.weight * (true - kernel.orders(there)[-1]))
+
+
+def _gaps(part: Samples, kernel: Kernel, guess: Array) -> list[Array]:
+    """Weighted differences (m, S) of the kernels at true and at guessed outcomes, by order."""
+    pairs = zip(kernel.orders(part.outcomes), kernel.orders(guess), strict=True)
+    return [part.weight * (true - guessed) for true, guessed in pairs]
+
+
+def copies_of(terms: Array) -> Array:
+    """Means (m, C) of terms (m, S) over each copy."""
+    return np.asarray(terms.reshape(terms.shape[0], REPLICATES, -1).mean(axis=2))
+
+
+def error_of(copies: Array) -> Array:
+    """Standard error (...,) of the mean of copies (..., C); zero for a single one."""
+    count = copies.shape[-1]
+    if count == 1:
+        return np.zeros(copies.shape[:-1])
+    return np.asarray(copies.std(axis=-1, ddof=1) / math.sqrt(count))
+
+
+def _score(of_known: Array, of_samples: Array) -> Score:
+    """Value and covariance: lines are shared by the experiments, samples are not."""
+    value = of_known.mean(axis=1) + of_samples.mean(axis=2).sum(axis=1)
+    away = of_samples - of_samples.mean(axis=2, keepdims=True)
+    count = of_samples.shape[2]
+    covariance = np.einsum("knc,jnc->kj", away, away) / (count * (count - 1))
+    copies = of_known.shape[1]
+    if copies > 1:
+        shared = of_known - of_known.mean(axis=1, keepdims=True)
+        covariance += shared @ shared.T / (copies * (copies - 1))
+    return Score(value, covariance)

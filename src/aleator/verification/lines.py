@@ -1,0 +1,121 @@
+"""The density of an emulator's outcome, exact along lines through the germ's space.
+
+f(y) = E[ sum over segments (P_b - P_a)/(eta_b - eta_a) (F((y - eta_a)/s) - F((y - eta_b)/s)) ]:
+all germs but one are drawn, the one left is integrated out along its line, on which the outcome is
+taken as linear in probability between neighboring points; F is the normal distribution of the
+noise, a step where there is none. This is conditional Monte Carlo (Asmussen and Glynn, 2007,
+sec. V.4): nothing is smoothed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+from scipy.stats import qmc
+
+from aleator.inputs import Inputs
+from aleator.verification.choice import REPLICATES
+from aleator.verification.emulator import Emulator
+from aleator.verification.kernel import normal_pdf
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+REACH = 7.5
+"""End of a line in standard deviations of its germ."""
+ALONE = 1024
+"""Segments of the line of an only germ, in each of the copies."""
+LINES, SEGMENTS = 32, 128
+"""Lines of each of the copies, and their segments, where there are several germs."""
+NARROW = 0.3
+"""A segment below this many standard deviations of noise is one point to the noise."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Points on lines along one germ: `x` (C, J, n) and `dx` (C, J, n, K), C copies of J points.
+
+    `mass` (C, L, T) is the probability of each segment of the L lines, J = L (T + 1).
+    """
+
+    x: Array
+    dx: Array
+    mass: Array
+
+
+def drawn(inputs: Inputs, alpha: Array, along: int, rng: np.random.Generator) -> Lines:
+    """Lines along germ number `along` of the law alpha; without any germ a single point.
+
+    The points of a line are shifted at random, so that their distance averages out, and the scatter
+    of the copies tells what is left of it.
+    """
+    d = inputs.scattering
+    if d == 0:
+        x, dx = inputs.image(alpha, np.zeros((2, 0)))
+        return Lines(x[None], dx[None], np.ones((1, 1, 1)))
+    lines, segments = (LINES, SEGMENTS) if d > 1 else (1, ALONE)
+    base = qmc.Sobol(d, rng=rng).random(lines)
+    uniform = (base + rng.random((REPLICATES, 1, d))) % 1.0
+    germ = np.zeros((REPLICATES, lines, segments + 1, d))
+    germ += special.ndtri(np.clip(uniform, 1e-12, 1.0 - 1e-12))[:, :, None, :]
+    t = np.linspace(-REACH, REACH, segments + 1)
+    germ[..., along] = t + (uniform[:, :, along, None] - 0.5) * (t[1] - t[0])
+    x, dx = inputs.image(alpha, germ.reshape(-1, d))
+    shape = (REPLICATES, lines * (segments + 1), x.shape[1])
+    mass = _between(germ[..., along])
+    return Lines(x.reshape(shape), dx.reshape(*shape, -1), mass)
+
+
+def densities(
+    emulator: Emulator, lines: Lines, x: Array, y: Array, sd: float, rows: Indices
+) -> Array:
+    """The density (N', C) of experiments `rows` (N',) at y (N',), noise of `sd` included.
+
+    `x` (C, J, n) are the points of the lines, moved or not.
+    """
+    return np.stack(
+        [
+            _averaged(emulator.evaluate(copy)[rows], mass, y, sd)
+            for copy, mass in zip(x, lines.mass, strict=True)
+        ],
+        axis=1,
+    )
+
+
+def _between(t: Array) -> Array:
+    """Normal probability between neighboring points, kept in the tail that has its digits."""
+    below = np.minimum(t, 0.0)
+    above = np.maximum(t, 0.0)
+    return np.asarray(np.diff(special.ndtr(below)) - np.diff(special.ndtr(-above)))
+
+
+def _averaged(outcomes: Array, mass: Array, y: Array, sd: float) -> Array:
+    """Mean over the lines of one copy: outcomes (N', J), mass (L, T)."""
+    lines, segments = mass.shape
+    path = outcomes.reshape(outcomes.shape[0], lines, segments + 1)
+    a, b = path[..., :-1], path[..., 1:]
+    density = _crossed(a, b, y[:, None, None]) if sd == 0.0 else _blurred(a, b, y, sd)
+    return np.asarray(np.sum(density * mass, axis=(1, 2)) / lines)
+
+
+def _crossed(a: Array, b: Array, y: Array) -> Array:
+    inside = (np.minimum(a, b) <= y) & (y < np.maximum(a, b))
+    width = np.abs(b - a)
+    return np.asarray(np.where(inside, 1.0 / np.where(inside, width, 1.0), 0.0))
+
+
+def _blurred(a: Array, b: Array, y: Array, sd: float) -> Array:
+    """Mean of Normal(y; Y, sd^2) for Y uniform between a and b."""
+    middle, width = 0.5 * (a + b), np.abs(b - a) / sd
+    u = (y[:, None, None] - middle) / sd
+    density = normal_pdf(u)
+    wide = width > NARROW
+    # the far tail of a segment keeps its digits on the lower side
+    low, half = -np.abs(u[wide]), 0.5 * width[wide]
+    density[wide] = (special.ndtr(low + half) - special.ndtr(low - half)) / width[wide]
+    narrow = ~wide
+    density[narrow] *= 1.0 + (u[narrow] ** 2 - 1.0) * width[narrow] ** 2 / 24.0
+    return np.asarray(density / sd)
