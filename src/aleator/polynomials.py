@@ -51,10 +51,11 @@ def laguerre_recurrence(count: int, variation: Value) -> tuple[Coefficients, Coe
     >>> laguerre_recurrence(3, 1.0)[0].tolist()      # exponential law: 2 n + 1, less its mean 1
     [0.0, 2.0, 4.0]
     """
-    n = np.arange(count)
-    b = n * (1.0 + (n - 1) * variation**2)
+    n = np.arange(count, dtype=float)
+    a: Coefficients = 2.0 * n * variation
+    b: Coefficients = n * (1.0 + (n - 1.0) * variation**2)
     b[0] = 1.0
-    return 2.0 * n * variation, b
+    return a, b
 
 
 def jacobi_recurrence(count: int, p: Value, q: Value) -> tuple[Coefficients, Coefficients]:
