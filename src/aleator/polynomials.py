@@ -51,11 +51,10 @@ def laguerre_recurrence(count: int, variation: Value) -> tuple[Coefficients, Coe
     >>> laguerre_recurrence(3, 1.0)[0].tolist()      # exponential law: 2 n + 1, less its mean 1
     [0.0, 2.0, 4.0]
     """
-    n = np.arange(count, dtype=float)
-    a: Coefficients = 2.0 * n * variation
-    b: Coefficients = n * (1.0 + (n - 1.0) * variation**2)
+    n, c = np.arange(count), np.asarray(variation)
+    b = np.asarray(n * (1.0 + (n - 1) * c**2))
     b[0] = 1.0
-    return a, b
+    return np.asarray(2.0 * n * c), b
 
 
 def jacobi_recurrence(count: int, p: Value, q: Value) -> tuple[Coefficients, Coefficients]:
