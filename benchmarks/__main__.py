@@ -23,6 +23,7 @@ from aleator.search import GradientMultistart
 from aleator.simulate import Runner
 from aleator.study import Study, load_study
 from benchmarks.densities import density_rows, failure_table
+from benchmarks.expansions import expansion_rows
 from benchmarks.offline import offline_rows
 from benchmarks.row import Row
 from benchmarks.searches import print_searches
@@ -191,6 +192,7 @@ def main() -> None:
         *whole_rows(study, problem, runner, whole),
         *offline_rows(),
         *density_rows(),
+        *expansion_rows(),
     ]
     print_table(console, rows)
     failure_table(console)
