@@ -72,6 +72,18 @@ def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:
     return [Status(int(code)).name.lower() for code in combined]
 
 
+def score_steps(
+    inference: Inference, alpha: Array, hyperparameters: Sequence[Hyperparameter]
+) -> Array:
+    """Steps (K,) at which the check differences the log-likelihood; zero where there is no error.
+
+    A quarter of a standard error, within the limits.
+    """
+    room = [min(a - h.lower, h.upper - a) for a, h in zip(alpha, hyperparameters, strict=True)]
+    step = 0.25 * np.nan_to_num(inference.standard_error)
+    return np.asarray(np.clip(step, 0.0, np.maximum(room, 0.0)))
+
+
 def surface_errors(problem: Problem, checked: Verification | None) -> Array:
     """Error of the surfaces under the identified law, over the outcome's sd, (N,); NaN if unknown.
 

@@ -34,7 +34,7 @@ from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
 from aleator.search import GradientMultistart, Search, SearchResult, ascend
 from aleator.simulate import Runner, Simulator, as_runner
-from aleator.verification import MonteCarlo, Verification, verify
+from aleator.verification import MonteCarlo, SurfaceEmulator, Verification, verify
 
 Array = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def identify(
     checked = None
     if verification.samples:
         with ledger.stage("verification"):
-            checked = _verify(answer.problem, runner, answer.found, verification, seed, ledger)
+            checked = _verify(answer, runner, verification, seed, ledger)
     return summary.assemble(
         table.ids, answer.problem, answer.found, answer.inference, answer.profile, checked,
         answer.baselines, seconds=ledger.seconds, runs_by_stage=ledger.runs, seed=seed,
@@ -254,17 +254,15 @@ def _baselines(problem: Problem, search: Search, seed: int) -> tuple[LeastSquare
 
 
 def _verify(
-    problem: Problem,
-    runner: Runner,
-    found: SearchResult,
-    choice: MonteCarlo,
-    seed: int,
-    ledger: Ledger,
+    answer: _Answer, runner: Runner, choice: MonteCarlo, seed: int, ledger: Ledger
 ) -> Verification:
-    model, outcomes = problem.model, problem.likelihood.outcomes
+    problem, alpha = answer.problem, answer.found.alpha
+    model, likelihood, surface = problem.model, problem.likelihood, problem.surface
+    emulator = surface and SurfaceEmulator(surface, problem.region, problem.condition)
     return verify(
-        runner, model.inputs, found.alpha, model.noise_sd(found.alpha), outcomes, choice,
-        seed=seed, lower=problem.likelihood.lower, upper=problem.likelihood.upper,
+        runner, model.inputs, alpha, model.noise_sd(alpha), likelihood.outcomes, choice,
+        seed=seed, lower=likelihood.lower, upper=likelihood.upper, emulator=emulator,
+        steps=findings.score_steps(answer.inference, alpha, likelihood.hyperparameters),
         progress=ledger.progress,
     )  # fmt: skip
 

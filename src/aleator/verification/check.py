@@ -14,7 +14,7 @@ from aleator.progress import Progress, Silent
 from aleator.verification.choice import MonteCarlo, Verification
 from aleator.verification.control import Control, Controlled, Samples, copies_of, error_of
 from aleator.verification.emulator import Emulator
-from aleator.verification.germs import defended, explaining, uniforms
+from aleator.verification.germs import defended, explaining, flat, moved, uniforms
 from aleator.verification.kernel import Kernel, Noise, Window, chosen
 
 Array = NDArray[np.float64]
@@ -76,17 +76,20 @@ def verify(
     ends = np.broadcast_to(lower, (count,)), np.broadcast_to(upper, (count,))
     law = _from_law(run, inputs, alpha, measured, noise_sd, ends, choice.points, rng, told)
     plain, parts = _plain(law), [law]
+    hard = np.zeros(count, dtype=np.bool_)
     within = (noise_sd > 0.0) | ((measured >= ends[0]) & (measured <= ends[1]))
     far = np.flatnonzero((plain.effective < FEW_SAMPLES) & within)
     if far.size and inputs.scattering:
         again = _explaining(run, inputs, alpha, law, far, emulator, choice.points, rng, told)
         plain, better = _replaced(plain, _plain(again), far)
+        hard[far] = inputs.scattering > 1
         parts = [_rows(law, ~np.isin(law.index, far[better])), _rows(again, better)]
+        parts = [part for part in parts if part.index.size]
     control = None
     if emulator is not None:
         along = _steepest(law)
         control = Control(emulator, inputs, alpha, measured, along, seed)
-    return _verification(law, plain, parts, control, noise_sd, steps)
+    return _verification(law, plain, parts, control, hard, noise_sd, steps)
 
 
 def _verification(
@@ -94,33 +97,34 @@ def _verification(
     plain: _Plain,
     parts: list[Samples],
     control: Control | None,
+    hard: NDArray[np.bool_],
     noise_sd: float,
     steps: Array | None,
 ) -> Verification:
     density, error, bias = plain.density, plain.error, plain.bias
-    shared, score = 0.0, None
+    of_lines, coarse, score = np.zeros((density.size, 1)), np.zeros(density.size), None
     if control is not None:
         held = control.correct(parts, noise_sd)
-        taken = _better(held, plain)
+        # the lines are drawn from the law, and few of several germs reach far out
+        taken = _better(held, plain) & ~hard
         safe = np.where(taken, held.density, 1.0)
         density = np.where(taken, held.density, density)
         error = np.where(taken, error_of(held.correction), error)
         bias = np.where(taken, held.bias / safe, bias)
-        # the lines are common to all experiments, so that their errors add
         of_lines = np.where(taken[:, None], held.known / safe[:, None], 0.0)
-        shared = float(error_of(of_lines.sum(axis=0)))
+        coarse = np.where(taken, held.coarseness, 0.0)
         if steps is not None and np.all(held.density > 0.0):
             score = control.score(parts, held.density, noise_sd, steps)
-    else:
-        of_lines = np.zeros((density.size, 1))
     relative = error / np.where(density > 0.0, density, 1.0)
-    of_each = np.hypot(relative, error_of(of_lines))
+    of_each = np.sqrt(relative**2 + error_of(of_lines) ** 2 + coarse**2)
     with np.errstate(divide="ignore"):
         log_density = np.log(np.maximum(density, 0.0))
     # E log f^ = log f - var(f^)/(2 f^2); of use only where the relative error is small
     each = log_density + 0.5 * np.minimum(of_each, 1.0) ** 2
-    # the biases have signs: their sum is what they do together, their squares what may remain
-    variance = np.sum(relative**2) + shared**2 + np.sum(bias) ** 2 + np.sum(bias**2)
+    # biases have signs: their sum is what they do together, their squares what may remain; the
+    # lines are common to all experiments, so that their errors add
+    variance = np.sum(relative**2) + np.sum(bias) ** 2 + np.sum(bias**2)
+    variance += error_of(of_lines.sum(axis=0)) ** 2 + np.sum(coarse) ** 2
     return Verification(
         each,
         np.hypot(of_each, bias),
@@ -181,7 +185,7 @@ def _from_law(
     progress: Progress,
 ) -> Samples:
     count, n = measured.size, len(inputs.names)
-    uniform = uniforms(count, inputs.scattering, points, rng).reshape(-1, inputs.scattering)
+    uniform = flat(uniforms(count, inputs.scattering, points, rng))
     full = np.full((uniform.shape[0], n), 0.5)
     full[:, list(inputs.scattered)] = uniform
     x = inputs.sample(alpha, full).reshape(count, -1, n)
@@ -190,7 +194,7 @@ def _from_law(
     kernel: Kernel = Noise(measured, noise_sd)
     if noise_sd == 0.0:
         kernel = Window.of(measured, *ends, outcomes)
-    germ = special.ndtri(uniform).reshape(count, x.shape[1], -1)
+    germ = special.ndtri(uniform).reshape(count, x.shape[1], uniform.shape[1])
     return Samples(index, germ, np.ones(outcomes.shape), x, outcomes, kernel)
 
 
@@ -210,17 +214,18 @@ def _explaining(
     guess = run if emulator is None else emulator.at
 
     def outcomes_of(germ: Array) -> Array:
-        x = inputs.image(alpha, germ.reshape(-1, germ.shape[-1]))[0]
+        x = inputs.image(alpha, flat(germ))[0]
         return guess(np.repeat(far, germ.shape[1]), x).reshape(germ.shape[:2])
 
     found = explaining(outcomes_of, kernel.y, kernel.width, inputs.scattering, rng)
     germ, weight = defended(found, uniforms(far.size, inputs.scattering, points, rng))
-    flat = germ.reshape(far.size, -1, germ.shape[-1])
-    x = inputs.image(alpha, flat.reshape(-1, flat.shape[-1]))[0].reshape(*flat.shape[:2], -1)
+    germ = germ.reshape(far.size, -1, germ.shape[-1])
+    x = inputs.image(alpha, flat(germ))[0].reshape(*germ.shape[:2], -1)
     outcomes = _run_in_chunks(run, far, x, progress)
     if isinstance(kernel, Window):
-        kernel = Window.of(kernel.y, kernel.lower, kernel.upper, outcomes)
-    return Samples(far, flat, weight.reshape(flat.shape[:2]), x, outcomes, kernel)
+        near = outcomes[:, moved(outcomes.shape[1])]
+        kernel = Window.of(kernel.y, kernel.lower, kernel.upper, near)
+    return Samples(far, germ, weight.reshape(germ.shape[:2]), x, outcomes, kernel)
 
 
 def _steepest(law: Samples) -> Indices:
@@ -233,11 +238,11 @@ def _steepest(law: Samples) -> Indices:
 
 def _run_in_chunks(run: Run, index: Indices, x: Array, progress: Progress) -> Array:
     """Outcomes (m, S) of experiments (m,) at x (m, S, n)."""
-    count, samples, n = x.shape
-    each, flat, parts = np.repeat(index, samples), x.reshape(-1, n), []
+    count, samples = x.shape[:2]
+    each, points, parts = np.repeat(index, samples), flat(x), []
     for begin in range(0, each.size, CHUNK_RUNS):
         part = slice(begin, begin + CHUNK_RUNS)
-        parts.append(run(each[part], flat[part]))
+        parts.append(run(each[part], points[part]))
         done = min(begin + CHUNK_RUNS, each.size)
         progress.update(f"{done} of {each.size} runs", done, each.size)
     return np.concatenate(parts).reshape(count, samples)

@@ -45,11 +45,17 @@ class MonteCarlo:
 class Score:
     """Derivative of the checked log-likelihood by alpha, estimated by Monte Carlo.
 
-    `value` (K,) and `covariance` (K, K) of its error; zero where no step was given.
+    `each` (N, K) of every experiment, and `covariance` (K, K) of the error of their sum; zero
+    where no step was given.
     """
 
-    value: Array
+    each: Array
     covariance: Array
+
+    @property
+    def value(self) -> Array:
+        """(K,) of all experiments together."""
+        return np.asarray(self.each.sum(axis=0))
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from aleator.inputs import Inputs
 from aleator.verification.choice import REPLICATES, Score
 from aleator.verification.emulator import Emulator
+from aleator.verification.germs import flat
 from aleator.verification.kernel import Kernel, Noise, larger
-from aleator.verification.lines import Lines, densities, drawn
+from aleator.verification.lines import COARSE, FINE, Lines, densities, drawn
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -43,8 +44,8 @@ class Samples:
 
     def guess(self, emulator: Emulator, x: Array) -> Array:
         """The emulator's outcomes (m, S) at x (m, S, n)."""
-        count, samples, n = x.shape
-        return emulator.at(np.repeat(self.index, samples), x.reshape(-1, n)).reshape(count, samples)
+        count, samples = x.shape[:2]
+        return emulator.at(np.repeat(self.index, samples), flat(x)).reshape(count, samples)
 
     def few(self) -> Samples:
         """The first points of each copy."""
@@ -60,12 +61,14 @@ class Samples:
 class Controlled:
     """Densities by control: `known` (N, C') of the emulator, `correction` (N, C), C' copies or one.
 
-    `bias` (N,) bounds what smoothing does to the correction, as in `kernel.chosen`.
+    `bias` (N,) bounds what smoothing does to the correction, as in `kernel.chosen`; `coarseness` is
+    the relative error of `known` that its copies share.
     """
 
     known: Array
     correction: Array
     bias: Array
+    coarseness: float
 
     @property
     def density(self) -> Array:
@@ -78,26 +81,39 @@ class Controlled:
         return np.hypot(error_of(self.known), error_of(self.correction))
 
 
+@dataclass(frozen=True)
 class Control:
-    """An emulator, with the lines on which its densities are integrated at one alpha."""
+    """An emulator as control of experiments with outcomes y (N,) at one alpha.
 
-    def __init__(
-        self, emulator: Emulator, inputs: Inputs, alpha: Array, y: Array, along: Indices, seed: int
-    ) -> None:
-        self.emulator, self.inputs, self.alpha, self.y = emulator, inputs, alpha, y
-        rng = np.random.default_rng([seed, 1])
-        self.lines: list[tuple[Indices, Lines]] = [
-            (np.flatnonzero(along == k), drawn(inputs, alpha, int(k), rng))
-            for k in np.unique(along)
+    `along` (N,) is the germ of each experiment that its lines run along.
+    """
+
+    emulator: Emulator
+    inputs: Inputs
+    alpha: Array
+    y: Array
+    along: Indices
+    seed: int
+
+    def lines(self, sizes: tuple[tuple[int, int], int]) -> list[tuple[Indices, Lines]]:
+        """Lines for every germ that they run along, with the experiments (N',) they are for."""
+        rng = np.random.default_rng([self.seed, 1])
+        return [
+            (
+                np.flatnonzero(self.along == k),
+                drawn(self.inputs, self.alpha, int(k), rng, sizes),
+            )
+            for k in np.unique(self.along)
         ]
 
-    def known(self, sd: float, k: int = 0, step: float = 0.0) -> Array:
+    def known(
+        self, lines: list[tuple[Indices, Lines]], sd: float, k: int = 0, step: float = 0.0
+    ) -> Array:
         """The emulator's densities (N, C), with hyperparameter k moved by a step."""
-        copies = self.lines[0][1].x.shape[0]
-        found = np.empty((self.y.size, copies))
-        for rows, lines in self.lines:
-            x = lines.x + step * lines.dx[..., k] if step else lines.x
-            found[rows] = densities(self.emulator, lines, x, self.y[rows], sd, rows)
+        found = np.empty((self.y.size, lines[0][1].x.shape[0]))
+        for rows, some in lines:
+            x = some.x + step * some.dx[..., k] if step else some.x
+            found[rows] = densities(self.emulator, some, x, self.y[rows], sd, rows)
         return found
 
     def correct(self, parts: list[Samples], sd: float) -> Controlled:
@@ -111,12 +127,13 @@ class Control:
                 mean, lower = (gap.mean(axis=1) for gap in (gaps[-1], gaps[-2]))
                 narrow = _gaps(part, part.kernel.narrower, guess)[-1].mean(axis=1)
                 bias[part.index] = larger(0.5 * (mean - lower), mean - narrow)
-        return Controlled(self.known(sd), correction, bias)
+        lines = self.lines(FINE)
+        return Controlled(self.known(lines, sd), correction, bias, lines[0][1].coarseness)
 
     def score(self, parts: list[Samples], density: Array, noise_sd: float, steps: Array) -> Score:
         """Derivative of sum log f by central differences of `steps` (K,), the germs held."""
-        few = [part.few() for part in parts]
-        of_known = np.zeros((steps.size, self.known(noise_sd).shape[1]))
+        few, lines = [part.few() for part in parts], self.lines(COARSE)
+        of_known = np.zeros((steps.size, self.y.size, lines[0][1].x.shape[0]))
         of_samples = np.zeros((steps.size, self.y.size, REPLICATES))
         dx = [self._image(part) for part in few]
         for k in np.flatnonzero(steps > 0.0):
@@ -125,14 +142,14 @@ class Control:
             for sign in (1.0, -1.0):
                 sd, step = noise_sd + sign * noise, 0.0 if noise else sign * steps[k]
                 at = 0 if noise else int(k)
-                of_known[k] += sign * np.sum(scale * self.known(sd, at, step), axis=0)
+                of_known[k] += sign * scale * self.known(lines, sd, at, step)
                 for part, slope in zip(few, dx, strict=True):
                     gap = self._gap(part, part.x + step * slope[..., at], sd if noise else None)
                     of_samples[k, part.index] += sign * scale[part.index] * gap
         return _score(of_known, of_samples)
 
     def _image(self, part: Samples) -> Array:
-        _, dx = self.inputs.image(self.alpha, part.germ.reshape(-1, part.germ.shape[-1]))
+        _, dx = self.inputs.image(self.alpha, flat(part.germ))
         return np.asarray(dx.reshape(*part.x.shape, -1))
 
     def _gap(self, part: Samples, x: Array, sd: float | None) -> Array:
@@ -163,13 +180,13 @@ def error_of(copies: Array) -> Array:
 
 
 def _score(of_known: Array, of_samples: Array) -> Score:
-    """Value and covariance: lines are shared by the experiments, samples are not."""
-    value = of_known.mean(axis=1) + of_samples.mean(axis=2).sum(axis=1)
+    """From (K, N, C) each. Lines are shared by the experiments, samples are not."""
+    each = of_known.mean(axis=2) + of_samples.mean(axis=2)
     away = of_samples - of_samples.mean(axis=2, keepdims=True)
     count = of_samples.shape[2]
     covariance = np.einsum("knc,jnc->kj", away, away) / (count * (count - 1))
-    copies = of_known.shape[1]
+    shared, copies = of_known.sum(axis=1), of_known.shape[2]
     if copies > 1:
-        shared = of_known - of_known.mean(axis=1, keepdims=True)
+        shared = shared - shared.mean(axis=1, keepdims=True)
         covariance += shared @ shared.T / (copies * (copies - 1))
-    return Score(value, covariance)
+    return Score(each.T, covariance)

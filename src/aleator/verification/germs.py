@@ -6,6 +6,7 @@ density q carry weights phi(theta)/q(theta): importance sampling, unbiased whate
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -50,6 +51,15 @@ class Normals:
         return np.asarray(0.5 * squares - log_det[:, None])
 
 
+def flat(array: Array) -> Array:
+    """An array (..., d) as (R, d), d = 0 included.
+
+    >>> flat(np.zeros((2, 3, 0))).shape
+    (6, 0)
+    """
+    return array.reshape(math.prod(array.shape[:-1]), array.shape[-1])
+
+
 def uniforms(count: int, d: int, points: int, rng: np.random.Generator) -> Array:
     """Uniform numbers (count, copies, points, d): one Sobol' set, shifted for every copy."""
     base = qmc.Sobol(max(d, 1), rng=rng).random(points)[:, :d]
@@ -86,11 +96,16 @@ def defended(found: Normals, uniform: Array) -> tuple[Array, Array]:
     """
     m, copies, points, d = uniform.shape
     germ = special.ndtri(uniform).reshape(m, -1, d)
-    moved = np.arange(copies * points) % DEFENSE > 0
-    germ[:, moved] = found.place(germ[:, moved])
+    others = moved(copies * points)
+    germ[:, others] = found.place(germ[:, others])
     share = 1.0 - 1.0 / DEFENSE
     weight = 1.0 / (1.0 - share + share * np.exp(np.minimum(found.log_ratio(germ), 600.0)))
     return germ.reshape(uniform.shape), weight.reshape(m, copies, points)
+
+
+def moved(samples: int) -> NDArray[np.bool_]:
+    """Which of the samples (S,) `defended` does not draw from the law itself."""
+    return np.asarray(np.arange(samples) % DEFENSE > 0)
 
 
 def _narrowest(prior: Array, away: Array, width: Array) -> Array:

@@ -14,6 +14,8 @@ POSITIVE = 0.2
 """An estimate of higher order below this share of that of lower order is not taken."""
 NARROWER = 0.7
 """Bandwidths of the kernels that tell of the smoothing bias, over those of the estimate."""
+FAR = 0.05
+"""Width about an outcome far out in which samples are drawn, over the bandwidth under the law."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class Noise:
 
     @property
     def width(self) -> Array:
-        """(N,) the width of the kernel in the unit of the outcome."""
+        """(N,) how near to y an outcome explains it."""
         return np.full(self.y.size, self.sd)
 
     def take(self, rows: NDArray[np.intp]) -> Noise:
@@ -72,8 +74,8 @@ class Window:
 
     @property
     def width(self) -> Array:
-        """(N,) the width of the kernel in the unit of the outcome."""
-        return self.h
+        """(N,) how near to y an outcome explains it: far out the density falls quickly."""
+        return FAR * self.h
 
     def take(self, rows: NDArray[np.intp]) -> Window:
         """The kernels of some of the experiments."""

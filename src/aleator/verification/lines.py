@@ -26,10 +26,12 @@ Indices = NDArray[np.intp]
 
 REACH = 7.5
 """End of a line in standard deviations of its germ."""
-ALONE = 1024
-"""Segments of the line of an only germ, in each of the copies."""
-LINES, SEGMENTS = 32, 128
-"""Lines of each of the copies, and their segments, where there are several germs."""
+FINE = (32, 256), 1024
+COARSE = (16, 64), 512
+"""Lines of each copy and their segments where there are several germs; segments of an only germ.
+
+Coarse ones are for derivatives, whose error matters less and is told too.
+"""
 NARROW = 0.3
 """A segment below this many standard deviations of noise is one point to the noise."""
 
@@ -45,8 +47,23 @@ class Lines:
     dx: Array
     mass: Array
 
+    @property
+    def coarseness(self) -> float:
+        """Relative error h^2/12 of a normal density taken as constant over a distance h of germs.
 
-def drawn(inputs: Inputs, alpha: Array, along: int, rng: np.random.Generator) -> Lines:
+        That part of the error shifting the points does not average out.
+        """
+        segments = self.mass.shape[2]
+        return (2.0 * REACH / segments) ** 2 / 12.0 if segments > 1 else 0.0
+
+
+def drawn(
+    inputs: Inputs,
+    alpha: Array,
+    along: int,
+    rng: np.random.Generator,
+    sizes: tuple[tuple[int, int], int] = FINE,
+) -> Lines:
     """Lines along germ number `along` of the law alpha; without any germ a single point.
 
     The points of a line are shifted at random, so that their distance averages out, and the scatter
@@ -56,7 +73,7 @@ def drawn(inputs: Inputs, alpha: Array, along: int, rng: np.random.Generator) ->
     if d == 0:
         x, dx = inputs.image(alpha, np.zeros((2, 0)))
         return Lines(x[None], dx[None], np.ones((1, 1, 1)))
-    lines, segments = (LINES, SEGMENTS) if d > 1 else (1, ALONE)
+    lines, segments = sizes[0] if d > 1 else (1, sizes[1])
     base = qmc.Sobol(d, rng=rng).random(lines)
     uniform = (base + rng.random((REPLICATES, 1, d))) % 1.0
     germ = np.zeros((REPLICATES, lines, segments + 1, d))
