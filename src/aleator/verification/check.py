@@ -123,14 +123,14 @@ def _verification(
     each = log_density + 0.5 * np.minimum(of_each, 1.0) ** 2
     # biases have signs: their sum is what they do together, their squares what may remain; the
     # lines are common to all experiments, so that their errors add
-    variance = np.sum(relative**2) + np.sum(bias) ** 2 + np.sum(bias**2)
-    variance += error_of(of_lines.sum(axis=0)) ** 2 + np.sum(coarse) ** 2
+    alone = np.sum(relative**2) + np.sum(bias**2)
+    common = np.array([np.sum(bias), error_of(of_lines.sum(axis=0)), np.sum(coarse)])
     return Verification(
         each,
         np.hypot(of_each, bias),
         plain.effective,
         float(each.sum()),
-        float(np.sqrt(variance)),
+        float(np.sqrt(alone + common @ common)),
         law.outcomes,
         law.x,
         score,

@@ -1,0 +1,17 @@
+"""What a careful reader must be told before trusting an answer: warnings, statuses, refusals."""
+
+from aleator.findings.check import score_steps
+from aleator.findings.reach import refuse_unreachable, unreachable
+from aleator.findings.review import quadrature_gap, review, statuses
+from aleator.findings.surfaces import surface_errors, surface_report
+
+__all__ = [
+    "quadrature_gap",
+    "refuse_unreachable",
+    "review",
+    "score_steps",
+    "statuses",
+    "surface_errors",
+    "surface_report",
+    "unreachable",
+]

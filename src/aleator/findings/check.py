@@ -1,0 +1,138 @@
+"""What the Monte Carlo check says of the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.densities import Convolution
+from aleator.findings.naming import named
+from aleator.identification import Warning
+from aleator.inference import Inference
+from aleator.laws import Hyperparameter
+from aleator.likelihood import LogLikelihood
+from aleator.problem import Problem
+from aleator.verification import FEW_SAMPLES, Movement, Verification, movement
+
+Array = NDArray[np.float64]
+
+LARGEST_MOVE = 0.25
+"""Standard errors by which an estimate may be off before a reader must know."""
+
+
+def score_steps(
+    inference: Inference, alpha: Array, hyperparameters: Sequence[Hyperparameter]
+) -> Array:
+    """Steps (K,) at which the check differences the log-likelihood; zero where there is no error.
+
+    A quarter of a standard error, within the limits.
+    """
+    room = [min(a - h.lower, h.upper - a) for a, h in zip(alpha, hyperparameters, strict=True)]
+    step = 0.25 * np.nan_to_num(inference.standard_error)
+    return np.asarray(np.clip(step, 0.0, np.maximum(room, 0.0)))
+
+
+def refusals(
+    honest: LogLikelihood, checked: Verification | None, ids: Sequence[str]
+) -> list[Warning]:
+    """Where the densities and the check disagree in a single experiment."""
+    if checked is None:
+        return []
+    gap = honest.each - checked.each
+    told = checked.effective >= FEW_SAMPLES
+    bad = np.flatnonzero(told & ~(np.abs(gap) < np.maximum(1.0, 5.0 * checked.each_error)))
+    if bad.size == 0:
+        return []
+    return [
+        Warning(
+            "verification",
+            f"{named(bad, ids)}: the log-density differs from Monte Carlo on the simulator "
+            "by more than 1 and by more than five standard errors",
+            "raise the order of the density, lower the tolerance of the surface, or take more "
+            "samples",
+        )
+    ]
+
+
+def notes(
+    honest: LogLikelihood,
+    checked: Verification | None,
+    inference: Inference,
+    problem: Problem,
+    ids: Sequence[str],
+) -> list[Warning]:
+    """What the check could not see, what it sees in the total only, and what would follow of it."""
+    if checked is None:
+        return []
+    step = None
+    if checked.score is not None and inference.positive:
+        step = movement(checked.score, inference.free, inference.standard_error)
+    return [
+        *_unseen(checked, ids),
+        *_total(honest, checked, step),
+        *_moves(step, inference, problem),
+    ]
+
+
+def _unseen(checked: Verification, ids: Sequence[str]) -> list[Warning]:
+    few = np.flatnonzero(checked.effective < FEW_SAMPLES)
+    if few.size == 0:
+        return []
+    return [
+        Warning(
+            "verification",
+            f"{named(few, ids)}: so far out under the identified law that fewer than "
+            f"{FEW_SAMPLES} effective samples of the simulator fall there, even of those drawn "
+            "where the outcome should be explained; their log-densities are not verified",
+            "look at these experiments: outliers, or a law with too little scatter or noise; or "
+            "take more samples",
+        )
+    ]
+
+
+def _total(honest: LogLikelihood, checked: Verification, step: Movement | None) -> list[Warning]:
+    told = checked.effective >= FEW_SAMPLES
+    gap = float(np.sum(honest.each[told] - checked.each[told]))
+    allowed = max(0.1 + 0.002 * honest.each.size, 4.0 * checked.standard_error)
+    if abs(gap) <= allowed:
+        return []
+    meaning = "estimates and standard errors may be off by a share of a standard error"
+    if step is not None:
+        largest = float(np.max(np.abs(step.step)))
+        meaning = f"with the simulator's own density alpha would move by {_size(largest)} at most"
+    return [
+        Warning(
+            "verification",
+            f"the log-likelihood differs from Monte Carlo on the simulator by {gap:.2g}: {meaning}",
+            "compare with a higher order of the density, and with collocation",
+        )
+    ]
+
+
+def _moves(step: Movement | None, inference: Inference, problem: Problem) -> list[Warning]:
+    """Hyperparameters that the exact density would move, beyond two errors of the step."""
+    if step is None:
+        return []
+    names = [problem.likelihood.hyperparameters[k].name for k in inference.free]
+    rows = np.flatnonzero(np.abs(step.step) - 2.0 * step.error > LARGEST_MOVE)
+    if rows.size == 0:
+        return []
+    moves = ", ".join(
+        f"{names[i]} would go {'up' if step.step[i] > 0 else 'down'} by {_size(abs(step.step[i]))}"
+        for i in rows[np.argsort(-np.abs(step.step[rows]))]
+    )
+    return [Warning("density", f"with the exact density of the outcomes {moves}", _remedy(problem))]
+
+
+def _size(step: float) -> str:
+    return f"about {step:.2f} standard errors" if step < 1.0 else "a standard error or more"
+
+
+def _remedy(problem: Problem) -> str:
+    if isinstance(problem.model.density, Convolution):
+        return "lower the tolerance of the surface, or take more points of the convolution"
+    if problem.model.noise is not None:
+        return 'take density.kind = "convolution", which is exact with noise, or a higher order'
+    return 'take a higher order (6) or density.kind = "logspline", and compare'

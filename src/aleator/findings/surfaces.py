@@ -1,0 +1,99 @@
+"""How good the response surfaces are, and what to say where they are not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.findings.naming import named
+from aleator.identification import Warning
+from aleator.problem import Problem
+from aleator.response import ResponseSurface, Surface
+from aleator.verification import Verification
+
+Array = NDArray[np.float64]
+
+LARGEST_SURFACE_ERROR = 0.1
+"""Error of a surface under the identified law, over the outcome's sd, worth a warning."""
+
+
+def surface_errors(problem: Problem, checked: Verification | None) -> Array:
+    """Error of the surfaces under the identified law, over the outcome's sd, (N,); NaN if unknown.
+
+    Compared with the verification's runs of the simulator, which no surface was fitted to.
+    """
+    surface, condition = problem.surface, problem.condition
+    if surface is None or checked is None:
+        return np.full(condition.size, np.nan)
+    count, samples = checked.outcomes.shape
+    index = np.repeat(condition, samples)
+    x = checked.x.reshape(count * samples, -1)[:, problem.moving]
+    guess = surface.at(index, x).reshape(count, samples)
+    rms = np.sqrt(np.mean((guess - checked.outcomes) ** 2, axis=1))
+    scatter = checked.outcomes.std(axis=1)
+    return np.asarray(rms / np.where(scatter > 0.0, scatter, np.inf))
+
+
+def surface_report(surface: Surface | None) -> dict[str, Any] | None:
+    """How good the surfaces are over the box, relative to the outcome's scatter there."""
+    if surface is None:
+        return None
+    relative = surface.error / np.where(surface.scatter > 0.0, surface.scatter, np.inf)
+    return {
+        "converged": int(surface.converged.sum()),
+        "experiments": int(surface.converged.size),
+        "median_error": float(np.median(relative)),
+        "worst_error": float(np.max(relative)),
+        "runs": int(surface.total_runs),
+    }
+
+
+def surface_warnings(problem: Problem, surface_error: Array, ids: Sequence[str]) -> list[Warning]:
+    """Surfaces that did not reach their tolerance, and surfaces too rough for the answer."""
+    if problem.surface is None:
+        return []
+    warnings = _unconverged(problem, problem.surface, ids)
+    with np.errstate(invalid="ignore"):
+        rough = np.flatnonzero(surface_error > LARGEST_SURFACE_ERROR)
+    if rough.size:
+        warnings.append(
+            Warning(
+                "response surface",
+                f"{named(rough, ids)}: surface error above "
+                f"{LARGEST_SURFACE_ERROR:.0%} of the outcome's standard deviation under the "
+                "identified law",
+                "lower the tolerance of the surface, or narrow the box around the law",
+            )
+        )
+    return warnings
+
+
+def _unconverged(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Warning]:
+    """Two reasons: the runs were used up, or more runs stopped helping."""
+    choice = problem.model.propagation
+    assert isinstance(choice, ResponseSurface)
+    missed = ~surface.converged[problem.condition]
+    spent = surface.runs[problem.condition] >= choice.max_runs
+    warnings = []
+    for which, what, remedy in (
+        (
+            missed & spent,
+            f"estimated error above the tolerance when the {choice.max_runs} runs of each were "
+            "used up",
+            "allow more runs an experiment (max_runs), or narrow the box",
+        ),
+        (
+            missed & ~spent,
+            "the error stopped falling above the tolerance, as it does at the simulator's own "
+            "accuracy or at jumps; more runs would not help",
+            "make the simulator's own tolerances finer, raise the tolerance of the surface, or use "
+            "collocation",
+        ),
+    ):
+        rows = np.flatnonzero(which)
+        if rows.size:
+            warnings.append(Warning("response surface", f"{named(rows, ids)}: {what}", remedy))
+    return warnings
