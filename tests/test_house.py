@@ -21,7 +21,6 @@ NUMERICS = {
     "quadrature",
     "indices",
     "cubature",
-    "germ_grid",
     "correlation",
     "expansion",
     "expansion_moments",

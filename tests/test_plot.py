@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from scipy.stats import kstwo, norm
 
 from aleator.errors import AleatorError
-from aleator.plot import calibration_figure, experiments_figure, save_figures
+from aleator.plot.identification import calibration_figure, experiments_figure, save_figures
 
 QUANTILES = ("0.025", "0.25", "0.5", "0.75", "0.975")
 INSIDE, OUTSIDE, UNKNOWN = "#262626", "#d55e00", "#8c8c8c"

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from aleator.cubature import Smolyak, SobolPoints
+from aleator.cubature import GermGrid, Smolyak, SobolPoints
 from aleator.densities import Gaussian, MaximumEntropy
 from aleator.errors import AleatorError, ExperimentsError, SimulatorError, StudyError
 from aleator.expansion import Regression, SparseProjection
-from aleator.germ_grid import GermGrid
 from aleator.indices import Hyperbolic, TotalDegree
 from aleator.laws import Constant, Free, Normal, TruncatedNormal
 from aleator.propagation import Collocation

@@ -1,6 +1,7 @@
 """Aleator identifies the probability law of uncertain parameters from experiments."""
 
 from aleator.cubature import (
+    GermGrid,
     MonteCarloPoints,
     ProbabilityGrid,
     Smolyak,
@@ -12,7 +13,6 @@ from aleator.distances import earth_movers_distance
 from aleator.errors import AleatorError
 from aleator.expansion import Projection, Regression, Sparse, SparseProjection
 from aleator.experiments import Experiments
-from aleator.germ_grid import GermGrid
 from aleator.identification import Identification
 from aleator.identify import identify
 from aleator.indices import Anisotropic, Hyperbolic, TotalDegree

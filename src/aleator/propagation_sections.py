@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from aleator.cubature import (
     Cubature,
+    GermGrid,
     MonteCarloPoints,
     ProbabilityGrid,
     Smolyak,
@@ -16,7 +17,6 @@ from aleator.cubature import (
     TensorGauss,
 )
 from aleator.expansion import Projection, Regression, SparseProjection
-from aleator.germ_grid import GermGrid
 from aleator.indices import Hyperbolic, IndexSet, TotalDegree
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from problems import BINDING, GROWTH, PROBLEMS, PRODUCT, REGRESSION, SQUARE, Exact, Problem, title
 
 from aleator import Collocation, Constant, Free, Inputs, Normal, ResponseSurface, TruncatedNormal
-from aleator.cubature import Smolyak, SobolPoints, TensorGauss
+from aleator.cubature import GermGrid, Smolyak, SobolPoints, TensorGauss
 from aleator.densities import Convolution, MaximumEntropy
 from aleator.errors import InputsError
 from aleator.expansion import Regression, Sparse
-from aleator.germ_grid import GermGrid
 from aleator.indices import TotalDegree
 from aleator.moments import Moments, weighted_moments
 from aleator.propagation import (

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aleator.cubature import TensorGauss
+from aleator.cubature import GermGrid, TensorGauss
 from aleator.errors import AleatorError
-from aleator.germ_grid import GermGrid
 from aleator.inputs import Inputs
 from aleator.laws import Constant, Normal, TruncatedNormal
 

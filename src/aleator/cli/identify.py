@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 
 from aleator.cli.program import FILE, SEED, identified, main, name_of, outcome_of, say, shown
-from aleator.plot import save_figures
+from aleator.plot.identification import save_figures
 from aleator.report import documents, terminal
 from aleator.simulate import keeping
 from aleator.study import load_study

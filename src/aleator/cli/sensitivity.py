@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 
 from aleator.cli.program import FILE, SEED, main, name_of, outcome_of, say, shown
-from aleator.plot_sensitivity import save_sensitivity
+from aleator.plot.sensitivity import save_sensitivity
 from aleator.report import documents
 from aleator.report import sensitivity as report
 from aleator.screening import screen

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from aleator.cubature import Cubature, SobolPoints, TensorGauss
+from aleator.cubature import Cubature, GermGrid, SobolPoints, TensorGauss
 from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.expansion import Projection, Regression, SparseProjection
-from aleator.germ_grid import GermGrid
 from aleator.inputs import Inputs
 
 DEFAULT_NODES = {0: 1, 1: 20, 2: 20, 3: 12, 4: 8}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.plot import DPI, styled
+from aleator.plot.identification import DPI, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -72,7 +72,7 @@ class ResponseSurface:
             ),
             ("accuracy", 0.0 <= self.accuracy < 1.0, "choose one in [0, 1), e.g. 1e-6"),
             ("seed", self.seed >= 0, "choose a seed >= 0"),
-            ("nodes", not isinstance(self.nodes, int) or self.nodes >= 1, "choose at least 1, or None"),
+            ("nodes", not isinstance(self.nodes, int) or self.nodes >= 1, "choose at least 1"),
         )
         for name, good, remedy in checks:
             if not good:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from aleator.plot import DPI, WIDTH, styled
+from aleator.plot.identification import DPI, WIDTH, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

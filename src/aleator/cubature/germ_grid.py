@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.cubature.interface import affordable
 from aleator.errors import InputsError
 from aleator.inputs import Inputs, Nodes
 from aleator.quadrature import tensor
@@ -18,7 +19,6 @@ REACH = 8.0
 """Ends of the grid in standard deviations of the germ: the mass beyond is 1e-15."""
 NEGLIGIBLE = 1e-16
 """Nodes whose weight is below this share of the largest are left out: the grid is a ball."""
-MOST_NODES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,7 @@ class GermGrid:
 def _grid(per_dimension: int, dimensions: int) -> tuple[Array, Array]:
     if dimensions == 0:
         return np.zeros((1, 0)), np.ones(1)
-    if per_dimension**dimensions > MOST_NODES:
-        raise InputsError(
-            f"a germ grid of {per_dimension}^{dimensions} nodes: more than {MOST_NODES:.0e}",
-            "take fewer a dimension, or Sobol' points",
-        )
+    affordable(per_dimension**dimensions)
     theta = np.linspace(-REACH, REACH, per_dimension)
     germ = theta[tensor((per_dimension,) * dimensions)]
     weights = np.exp(-0.5 * np.sum(germ**2, axis=1))
