@@ -28,6 +28,7 @@ from aleator.search import (
     GradientMultistart,
     Search,
 )
+from aleator.simulator_sections import SimulatorSection
 from aleator.study_keys import Section, Spec, fault, specification
 from aleator.verification import MonteCarlo
 
@@ -62,13 +63,6 @@ class ExperimentsSection(Section):
     transform: Transform = "none"
     delimiter: str = ","
     decimal: str = "."
-
-
-class SimulatorSection(Section):
-    """`[simulator]`: the function to run."""
-
-    function: str
-    vectorized: bool = False
 
 
 class NoiseSection(Section):

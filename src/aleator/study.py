@@ -22,7 +22,7 @@ from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
 from aleator.search import GradientMultistart, Search
 from aleator.sections import ExperimentsSection, StudyFile, pairs
-from aleator.simulate import FunctionSimulator, Runner, load_function
+from aleator.simulate import Runner, Simulator
 from aleator.verification import MonteCarlo
 
 T = TypeVar("T")
@@ -40,7 +40,7 @@ class Study:
     title: str
     seed: int
     experiments: Experiments
-    simulator: FunctionSimulator
+    simulator: Simulator
     inputs: Inputs
     noise: Noise | None
     propagation: ResponseSurface | Collocation
@@ -143,10 +143,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
             delimiter=table.delimiter,
             decimal=table.decimal,
         ),
-        simulator=FunctionSimulator(
-            made("simulator.function", lambda: load_function(file.simulator.function, path.parent)),
-            file.simulator.vectorized,
-        ),
+        simulator=made(file.simulator.key, lambda: file.simulator.build(path.parent)),
         inputs=inputs,
         noise=None if file.noise is None else made("noise.sd", file.noise.build),
         propagation=made("propagation", file.propagation.build),

@@ -1,12 +1,15 @@
 """How a simulator is called: by name, checked, counted, and every completed run kept."""
 
+from aleator.simulate.failure import FailedRun, RunFailed, working_box
 from aleator.simulate.function import FunctionSimulator, Simulator, load_function
 from aleator.simulate.kept import keeping
 from aleator.simulate.record import Runs
 from aleator.simulate.runner import Runner, as_runner, as_simulator
 
 __all__ = [
+    "FailedRun",
     "FunctionSimulator",
+    "RunFailed",
     "Runner",
     "Runs",
     "Simulator",
@@ -14,4 +17,5 @@ __all__ = [
     "as_simulator",
     "keeping",
     "load_function",
+    "working_box",
 ]
