@@ -92,17 +92,19 @@ def identify(
     model = Model(inputs, noise, propagation, chosen)
     _check_count(table, model)
     ledger = Ledger(runner, progress or Silent())
-    answer = _answered(runner, table, model, search, seed, ledger)
-    if density is None and _too_coarse(answer):
-        # the nodes cannot resolve a noise as small as this; moments can
-        runner.know(runner.completed)
-        answer = _answered(
-            runner, table, replace(model, density=MaximumEntropy(order=4)), search, seed, ledger
-        )
-    checked = None
-    if verification.samples:
-        with ledger.stage("verification"):
-            checked = _verify(answer, runner, verification, seed, ledger)
+    with findings.boxes_proposed(runner, inputs):
+        with ledger.stage("repeated run"):
+            runner.require_repeatable(np.clip(start_point(inputs), *inputs.box.T))
+        answer = _answered(runner, table, model, search, seed, ledger)
+        if density is None and _too_coarse(answer):
+            # the nodes cannot resolve a noise as small as this; moments can
+            runner.know(runner.completed)
+            model = replace(model, density=MaximumEntropy(order=4))
+            answer = _answered(runner, table, model, search, seed, ledger)
+        checked = None
+        if verification.samples:
+            with ledger.stage("verification"):
+                checked = _verify(answer, runner, verification, seed, ledger)
     return summary.assemble(
         table.ids, answer.problem, answer.found, answer.inference, answer.profile, checked,
         answer.baselines, seconds=ledger.seconds, runs_by_stage=ledger.runs, seed=seed,

@@ -124,7 +124,8 @@ def _estimates(
             estimate=float(alpha[k]),
             standard_error=float(inference.standard_error[k]) if known else None,
             sandwich_error=float(inference.sandwich_error[k]) if known else None,
-            interval=(float(low), float(high)) if np.isfinite(low) else None,
+            # without a maximum there is no drop from it to measure
+            interval=(float(low), float(high)) if np.isfinite(low) and inference.positive else None,
             at_bound=inference.at_bound[k],
             fixed=not h.free,
         )

@@ -1,5 +1,6 @@
 # Arguments that a test's simulator does not use still say what it is given.
 # ruff: noqa: ARG002, ARG005
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,14 @@ import pytest
 
 from aleator.errors import SimulatorError
 from aleator.experiments import Conditions, Experiments
-from aleator.simulate import FunctionSimulator, Runner, as_simulator, keeping
+from aleator.simulate import (
+    FunctionSimulator,
+    NoOutcome,
+    Runner,
+    as_simulator,
+    keeping,
+    working_box,
+)
 
 TABLE = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 4.0], "site": [*"xyz"]}))
 
@@ -94,11 +102,53 @@ def test_a_function_that_takes_one_run_at_a_time_but_is_called_vectorized() -> N
         runner(branching, vectorized=True)([0, 1, 2, 0], points(4))
 
 
+def test_a_function_of_numbers_that_is_called_with_arrays_is_told_the_cause() -> None:
+    with pytest.raises(SimulatorError, match=r"(?s)with arrays, because vectorized is true.*false"):
+        runner(lambda load, x: math.exp(x), vectorized=True)([0, 1, 2, 0], points(4))
+
+
+def test_a_simulator_that_draws_random_numbers_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    run = runner(lambda load, x: load * x + rng.normal())
+    with pytest.raises(SimulatorError, match=r"for the same run: .*x=0\.5") as told:
+        run.require_repeatable([0.5])
+    assert "seed" in told.value.remedy
+
+
+def test_a_repeatable_simulator_is_run_twice_and_once_where_the_run_is_known() -> None:
+    function = Counted()
+    run = runner(function)
+    run.require_repeatable([0.5])
+    assert (function.runs, run.runs, len(run.completed)) == (2, 2, 1)
+    again = runner(function, known=run.completed)
+    again.require_repeatable([0.5])
+    assert (function.runs, again.runs) == (3, 2)
+
+
+def test_failed_runs_are_told_with_their_parameters() -> None:
+    run = runner(lambda x: np.where(x < 0.35, np.nan, x), vectorized=True)
+    with pytest.raises(NoOutcome) as caught:
+        run(np.zeros(11, int), points(11))
+    np.testing.assert_allclose(caught.value.failed[:, 0], [0.0, 0.1, 0.2, 0.3])
+
+
+def test_the_box_of_points_that_worked_leaves_out_those_that_failed() -> None:
+    rng = np.random.default_rng(3)
+    x = rng.normal(size=(400, 2))
+    fails = x[:, 0] + 0.2 * x[:, 1] > 0.8
+    box = working_box(x[~fails], x[fails], [0])
+    inside = np.all((x >= box[:, 0]) & (x <= box[:, 1]), axis=1)
+    assert not np.any(inside & fails)
+    # only the first parameter is cut, from above, and most of what worked is kept
+    assert box[0, 0] == x[~fails, 0].min()
+    assert np.sum(inside) > 0.8 * np.sum(~fails)
+
+
 @pytest.mark.parametrize(
     ("returned", "words"),
     [
         (None, r"returned None for 2 runs, expected an array of shape \(2,\)"),
-        (1.0, r"returned float of shape \(\)"),
+        (1.0, r"returned a single float for 2 runs.*\n.*vectorized = false"),
         (np.zeros((2, 1)), r"returned ndarray of shape \(2, 1\) for 2 runs"),
         (np.array(["a", "b"]), "returned <U1 values"),
         (np.zeros(2, complex), "returned complex128 values"),

@@ -1,11 +1,13 @@
 """What a careful reader must be told before trusting an answer: warnings, statuses, refusals."""
 
 from aleator.findings.check import score_steps
+from aleator.findings.failures import boxes_proposed
 from aleator.findings.reach import refuse_unreachable, unreachable
 from aleator.findings.review import quadrature_gap, review, statuses
 from aleator.findings.surfaces import surface_errors, surface_report
 
 __all__ = [
+    "boxes_proposed",
     "quadrature_gap",
     "refuse_unreachable",
     "review",

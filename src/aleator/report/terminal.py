@@ -208,7 +208,10 @@ def _log_likelihood(result: Result) -> RenderableType:
         table.add_row(
             "linear-Gaussian",
             _fixed(linear.get("log_likelihood")),
-            Text(f"CIRCE-like, from the linearized model: {where}"),
+            Text(
+                "another model (CIRCE): simulator linearized, law normal; a start for the search, "
+                f"not to be compared with the lines above: {where}"
+            ),
         )
     return table
 

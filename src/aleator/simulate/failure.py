@@ -34,7 +34,7 @@ class RunFailed(Exception):
         return f"{self.message}; its log ends: {last}" if last else self.message
 
 
-class FailedRun(SimulatorError):
+class NoOutcome(SimulatorError):
     """The simulator raised or returned no finite number at parameters `failed` (F, n)."""
 
     def __init__(self, problem: str, remedy: str, failed: Floats) -> None:

@@ -15,11 +15,15 @@ from aleator.errors import SimulatorError
 from aleator.experiments import Conditions, Experiments, transformed
 from aleator.progress import Progress, Silent
 from aleator.simulate import record
+from aleator.simulate.failure import NoOutcome
 from aleator.simulate.function import FunctionSimulator, RunStopped, Simulator, describe
 from aleator.simulate.record import Runs
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
+
+REPEATABLE = 1e-6
+"""Relative difference of two outcomes of the same run that is no cause for concern."""
 
 
 def as_simulator(simulator: Simulator | Callable[..., Any], vectorized: bool = False) -> Simulator:
@@ -156,6 +160,23 @@ class Runner:
         outcome[new] = self._run(at[first[new]], points[first[new]])
         return transformed(outcome[inverse], self.transform)
 
+    def require_repeatable(self, x: ArrayLike) -> None:
+        """Run the first experiment at x (n,) twice, and once only if that run is known.
+
+        Raises SimulatorError where the outcomes differ by more than a millionth: a simulator that
+        draws random numbers has neither a response surface nor runs that can be reused.
+        """
+        point = np.atleast_2d(np.asarray(x, dtype=np.float64))
+        first, again = (float(run([0], point)[0]) for run in (self, self.attempt))
+        if abs(first - again) <= REPEATABLE * max(abs(first), abs(again)):
+            return
+        raise SimulatorError(
+            f"simulator '{self.simulator.name}' returned {first:.8g} and then {again:.8g} for the "
+            f"same run: experiment '{self.ids[0]}' with {self._parameters(point[0])}",
+            "let it return the same outcome every time: fix the seed of its random numbers, keep "
+            "no state from run to run, and leave measurement noise to [noise]",
+        )
+
     def attempt(self, index: ArrayLike, x: ArrayLike) -> Floats:
         """Run as a call does, but a run that raises or is not finite is NaN and stops nothing.
 
@@ -241,12 +262,13 @@ class Runner:
         returned: object = self.simulator(conditions, parameters)
         shape = np.shape(np.asanyarray(returned))
         if shape != (len(index),):
-            got = "None" if returned is None else f"{type(returned).__name__} of shape {shape}"
+            kind = type(returned).__name__
+            got = f"{kind} of shape {shape}" if shape else f"a single {kind}"
             raise SimulatorError(
-                f"simulator '{self.simulator.name}' returned {got} for {len(index)} runs, "
-                f"expected an array of shape ({len(index)},)",
-                "set vectorized = false if it computes one run at a time; "
-                "else let it return one number a run",
+                f"simulator '{self.simulator.name}' returned {'None' if returned is None else got} "
+                f"for {len(index)} runs, expected an array of shape ({len(index)},)",
+                "set vectorized = false if it computes one run at a time (as float() and the "
+                "functions of math do); else let it return one number a run",
             )
         if np.asarray(returned).dtype.kind not in "fiu":
             raise SimulatorError(
@@ -263,12 +285,20 @@ class Runner:
             raise self._not_finite(index, x, raw, good)
 
     def _raised(self, at: np.intp, x: Floats, error: BaseException) -> SimulatorError:
+        if isinstance(error, TypeError) and getattr(self.simulator, "vectorized", False):
+            return SimulatorError(
+                f"simulator '{self.simulator.name}' is called with arrays, because vectorized is "
+                f"true, and raised for any number of runs: {describe(error)}",
+                "set vectorized = false if it computes one run at a time (as float() and the "
+                "functions of math do); else let it take arrays, with the functions of numpy",
+            )
         text = [name for name, column in self._conditions.items() if column.dtype == object]
-        return SimulatorError(
+        return NoOutcome(
             f"simulator '{self.simulator.name}' raised for experiment '{self.ids[at]}' with "
             f"{self._parameters(x)}: {describe(error)}",
             f"mend the function for the conditions {self._values(at)}"
             + (f"; {', '.join(text)} is text in the table" if text else ""),
+            x[None, :],
         )
 
     def _not_finite(
@@ -279,12 +309,13 @@ class Runner:
         what = f"{raw[first]:g}" + (", which has no logarithm," if np.isfinite(raw[first]) else "")
         mine = index == at
         hint = _separating(self.parameters, x[mine], good[mine])
-        return SimulatorError(
+        return NoOutcome(
             f"simulator '{self.simulator.name}' returned {what} for experiment '{self.ids[at]}' "
             f"with {self._parameters(x[first])}: {np.sum(~good)} of {len(good)} runs failed so, "
             f"in {len(set(index[~good].tolist()))} of {len(self.ids)} experiments",
             (hint or f"narrow the box or the bounds of {' or '.join(self.parameters)}")
             + f"; or check the conditions of the experiment: {self._values(at)}",
+            x[~good],
         )
 
     def _parameters(self, x: Floats) -> str:
