@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,10 @@ from aleator.reproduce.clutch_reference import (
     Reference,
     expansion_moments,
     reference,
+    surfaces,
 )
 from aleator.reproduce.clutch_study import CONDITIONS, OUTCOME, ClutchStudy
-from aleator.response import ResponseSurface
+from aleator.response import ResponseSurface, Surface
 
 Array = NDArray[np.float64]
 
@@ -37,11 +38,13 @@ PAPER_ENTROPY = np.array([0.91, 0.081, 0.55, 0.046])
 class Judged:
     """A law alpha with the reference of its outcomes and the moments from few runs and from many.
 
-    `measured` (N,) are the outcomes whose log-densities are compared.
+    `surface` is where the reference was sampled, `measured` (N,) are the outcomes whose
+    log-densities are compared.
     """
 
     name: str
     alpha: Array
+    surface: Surface
     reference: Reference
     moments: dict[str, Moments]
     measured: Array
@@ -67,10 +70,18 @@ class Judged:
 
 def judged(study: ClutchStudy, name: str, alpha: Array, seed: int, progress: Progress) -> Judged:
     """Make the reference of a law, and both kinds of moments."""
-    found = reference(study, alpha, seed, progress, name)
+    surface = surfaces(study, alpha, progress, name)
+    found = reference(study, alpha, surface, seed, progress, name)
     every = np.arange(len(study.outcomes))
     moments = {EXPANSION: expansion_moments(study, alpha, every), SAMPLED: found.moments}
-    return Judged(name, alpha, found, moments, study.outcomes)
+    return Judged(name, alpha, surface, found, moments, study.outcomes)
+
+
+def drawn(study: ClutchStudy, at: Judged, name: str, seed: int) -> Judged:
+    """The same law with outcomes that it explains: one draw of the simulator an experiment."""
+    uniform = np.random.default_rng(seed).random((at.measured.size, len(study.box)))
+    x = study.law().sample(at.alpha, uniform)
+    return replace(at, name=name, measured=study.run(np.arange(at.measured.size), x))
 
 
 def identified(

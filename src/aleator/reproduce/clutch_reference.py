@@ -74,13 +74,27 @@ class Reference:
         return self.moments.sd
 
 
+def surfaces(study: ClutchStudy, alpha: Array, progress: Progress, title: str) -> Surface:
+    """Response surfaces where the law alpha is: within five standard deviations, in the box."""
+    mean, sd = alpha[::2], alpha[1::2]
+    low = np.maximum(study.box[:, 0], mean - REACH * sd)
+    high = np.minimum(study.box[:, 1], mean + REACH * sd)
+
+    def tell(runs: int, converged: int, total: int) -> None:
+        text = f"{title}: {runs:,} runs, {converged} of {total} surfaces"
+        progress.update(text, converged, total)
+
+    choice = ResponseSurface(tolerance=TOLERANCE)
+    region = np.stack([low, high], axis=1)
+    return build_surface(study.run, region, len(study.outcomes), choice, tell)
+
+
 def reference(
-    study: ClutchStudy, alpha: Array, seed: int, progress: Progress, title: str
+    study: ClutchStudy, alpha: Array, surface: Surface, seed: int, progress: Progress, title: str
 ) -> Reference:
-    """Sample the law alpha on surfaces built around it."""
+    """Sample the law alpha on the surfaces that were built around it."""
     count = len(study.outcomes)
     x = sample(study, alpha, seed)
-    surface = _surface(study, alpha, progress, title)
     progress.update(f"{title}: {SAMPLES:,} samples of {count} experiments")
     y = surface.evaluate(x)
     some = x[:CHECKED]
@@ -122,17 +136,3 @@ def node_outcomes(study: ClutchStudy, alpha: Array, experiments: NDArray[np.intp
     nodes = study.law("hermite").nodes(alpha, NODES)
     index = np.repeat(experiments, len(nodes.x))
     return study.run(index, np.tile(nodes.x, (len(experiments), 1))).reshape(len(experiments), -1)
-
-
-def _surface(study: ClutchStudy, alpha: Array, progress: Progress, title: str) -> Surface:
-    mean, sd = alpha[::2], alpha[1::2]
-    low = np.maximum(study.box[:, 0], mean - REACH * sd)
-    high = np.minimum(study.box[:, 1], mean + REACH * sd)
-
-    def tell(runs: int, converged: int, total: int) -> None:
-        text = f"{title}: {runs:,} runs, {converged} of {total} surfaces"
-        progress.update(text, converged, total)
-
-    choice = ResponseSurface(tolerance=TOLERANCE)
-    region = np.stack([low, high], axis=1)
-    return build_surface(study.run, region, len(study.outcomes), choice, tell)

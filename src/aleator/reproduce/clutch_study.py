@@ -77,9 +77,9 @@ class ClutchStudy:
         """The course of the experiment that the paper shows, with x = (1, 1) or what is given."""
         return trajectories(**{**self._conditions(SHOWN - 1), **changed}, until=until)
 
-    def courses(self) -> Iterator[pd.DataFrame]:
-        """The course of every experiment with x = (1, 1)."""
-        for l in range(len(self.table)):
+    def courses(self, step: int = 1) -> Iterator[pd.DataFrame]:
+        """The courses of the experiments, or of every `step`-th of them, with x = (1, 1)."""
+        for l in range(0, len(self.table), step):
             yield trajectories(**self._conditions(l))
 
     def _conditions(self, index: int) -> dict[str, float]:

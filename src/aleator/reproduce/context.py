@@ -16,10 +16,12 @@ from aleator.reproduce.clutch_laws import (
     PAPER_ENTROPY,
     PAPER_GAUSSIAN,
     Judged,
+    drawn,
     identified,
     judged,
     values,
 )
+from aleator.reproduce.clutch_sampling import SamplingErrors, sampling_errors
 from aleator.reproduce.clutch_study import GIVEN, ClutchStudy
 
 
@@ -78,6 +80,17 @@ class Context:
     def at_paper_entropy(self) -> Judged:
         """The paper's answer with maximum-entropy densities, on our clutch."""
         return self._judged("paper's maximum entropy", PAPER_ENTROPY)
+
+    @cached_property
+    def sampling(self) -> tuple[SamplingErrors, ...]:
+        """Errors by sampling at both identified laws, and at a law that both parameters scatter in.
+
+        That third law is the paper's second answer, with outcomes drawn from it.
+        """
+        name = "the paper's, outcomes drawn from it"
+        third = drawn(self.clutch, self.at_paper_entropy, name, self.seed)
+        laws = (self.at_gaussian, self.at_entropy, third)
+        return tuple(sampling_errors(self.clutch, at, self.seed, self.progress) for at in laws)
 
     def _judged(self, name: str, alpha: NDArray[np.float64]) -> Judged:
         return judged(self.clutch, name, alpha, self.seed, self.progress)

@@ -24,6 +24,7 @@ UNMEASURED = Claim(
     Verdict.NOT_COMPARABLE,
 )
 SIZE = (9.0, 3.8)
+STEP = 5  # every fifth experiment is run for the claim on the torque
 
 
 def feedforward(context: Context) -> Reproduction:
@@ -159,8 +160,8 @@ def torque(context: Context) -> Reproduction:
         explain(canvas, axes)
 
     early = float(course.loc[course["time"] < _time_of_contact(course), "clutch_torque"].max())
-    before, after = np.array([_torques_at_sync(c) for c in study.courses()]).T
-    fall = before - after
+    before, after = np.array([_torques_at_sync(c) for c in study.courses(STEP)]).T
+    fall, shown = before - after, float(np.subtract(*_torques_at_sync(course)))
     claims = (
         UNMEASURED,
         Claim(
@@ -174,9 +175,9 @@ def torque(context: Context) -> Reproduction:
             "no number",
             f"falls by {np.median(fall):.0f} N m from {np.median(before):.0f} N m in the median of "
             f"{fall.size} experiments, by more than 1 N m in {np.mean(fall > 1.0):.0%}; experiment "
-            f"{SHOWN}: {fall[SHOWN - 1]:.1f} N m",
+            f"{SHOWN}: {shown:.1f} N m",
             Verdict.of(bool(np.mean(fall > 1.0) > 0.9)),
-            "judged at nine of ten experiments, x = (1, 1)",
+            f"judged at nine of ten, x = (1, 1), every {STEP}th experiment",
         ),
     )
     return Reproduction({"": table}, draw, claims, SIZE)

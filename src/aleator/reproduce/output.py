@@ -94,11 +94,16 @@ def counts(made: Sequence[Made]) -> str:
     >>> counts([])
     '0 claims: 0 hold, 0 do not hold, 0 not comparable.'
     """
-    claims = [claim.verdict for m in made for claim in m.claims]
-    hold, fail = claims.count(Verdict.HOLDS), claims.count(Verdict.FAILS)
+    return count_sentence([claim for m in made for claim in m.claims])
+
+
+def count_sentence(claims: Sequence[Claim]) -> str:
+    """How many of these claims hold."""
+    verdicts = [claim.verdict for claim in claims]
+    hold, fail = verdicts.count(Verdict.HOLDS), verdicts.count(Verdict.FAILS)
     return (
-        f"{len(claims)} claims: {hold} hold, {fail} do not hold, "
-        f"{len(claims) - hold - fail} not comparable."
+        f"{len(verdicts)} claims: {hold} hold, {fail} do not hold, "
+        f"{len(verdicts) - hold - fail} not comparable."
     )
 
 

@@ -10,12 +10,14 @@ from aleator.reproduce.clutch_density import density_16
 from aleator.reproduce.clutch_distributions import distributions, identification
 from aleator.reproduce.clutch_measured import measured
 from aleator.reproduce.clutch_response import clipped, response
+from aleator.reproduce.clutch_samples import accuracy, needed
 from aleator.reproduce.coefficients import coefficients
 from aleator.reproduce.engagement import feedforward, position, pressure, speed, torque
 from aleator.reproduce.illustrative_moments import moments
 from aleator.reproduce.index_sets import offline, sets
 from aleator.reproduce.matching import matching
 from aleator.reproduce.reproduction import Figure
+from aleator.reproduce.searches import searches
 from aleator.reproduce.transform import transform
 
 FIGURES = (
@@ -93,6 +95,19 @@ FIGURES = (
         likelihoods,
     ),
     Figure("clutch-emd", "Earth mover's distance to the reference", "Fig. 19", distances),
+    Figure(
+        "clutch-accuracy",
+        "Error of the log-densities against the number of samples",
+        "Fig. 20",
+        accuracy,
+    ),
+    Figure("samples-needed", "Samples that are as exact as 25 runs", "Table 2", needed),
+    Figure(
+        "searches",
+        "Searches for the clutch's law, by maximum entropy",
+        "sec. results, no figure",
+        searches,
+    ),
 )
 
 

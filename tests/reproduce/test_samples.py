@@ -1,0 +1,168 @@
+"""The samples that do what few runs do, on made-up errors, and the claims of the searches."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aleator.errors import AleatorError
+from aleator.reproduce import Context, Verdict, chosen
+from aleator.reproduce.canvas import drawn
+from aleator.reproduce.clutch_laws import EXPANSION, Judged
+from aleator.reproduce.clutch_reference import of_sample
+from aleator.reproduce.clutch_samples import accuracy, needed
+from aleator.reproduce.clutch_sampling import (
+    ENTROPY,
+    GAUSSIAN,
+    GRID,
+    HISTOGRAM,
+    QUADRATURE,
+    RANDOM,
+    SOBOL,
+    SURFACES,
+    SamplingErrors,
+    methods,
+)
+from aleator.reproduce.clutch_study import GIVEN, ClutchStudy
+from aleator.reproduce.document import MARK, main, updated
+from aleator.reproduce.searches import GENETIC, GRADIENT, _claims
+
+SAMPLES = np.array([16.0, 256.0, 4096.0, 65536.0])
+FACTORS = {RANDOM: 1.0, GRID: 2.0, SOBOL: 0.1}
+
+
+def judged(name: str) -> Judged:
+    """A law of 108 normal outcomes: nothing is run."""
+    p = (np.arange(400) + 0.5) / 400
+    y = np.tile(p, (108, 1))
+    found = of_sample(GIVEN, y, y[:, 0], y[:, -1], np.zeros(108))
+    return Judged(name, GIVEN, None, found, {EXPANSION: found.moments}, np.full(108, 0.5))  # type: ignore[arg-type]
+
+
+def made_up(name: str) -> SamplingErrors:
+    """Errors factor/sqrt(S), histograms twice those; 0.1 and 0.01 from 25 runs."""
+    curves = pd.DataFrame(
+        [
+            {
+                "law": name, "method": method, "density": density, "samples": s, "replicates": 4,
+                "mae": factor * worse / np.sqrt(s), "standard_error": 0.001,
+                "mae_of_others": factor / np.sqrt(s), "missed": 1.0,
+            }
+            for method, factor in FACTORS.items()
+            for density, worse in ((HISTOGRAM, 2.0), (ENTROPY, 1.0))
+            for s in SAMPLES
+        ]
+    )  # fmt: skip
+    levels = pd.DataFrame(
+        [
+            {"law": name, "density": density, "way": way, "runs": 25.0, "mae": mae}
+            for density, mae in ((GAUSSIAN, 0.1), (ENTROPY, 0.01))
+            for way in (EXPANSION, QUADRATURE, SURFACES)
+        ]
+    )
+    return SamplingErrors(judged(name), curves, levels, 0.001, 0.002)
+
+
+@pytest.fixture
+def context() -> Context:
+    found = Context()
+    # a cached property is what stands in the instance
+    vars(found)["sampling"] = tuple(made_up(name) for name in ("one", "other", "third"))
+    return found
+
+
+def test_the_samples_needed_are_those_of_the_power_laws(context: Context) -> None:
+    table = needed(context).tables[""].set_index(["law", "density"])
+    row = table.loc["one", GAUSSIAN]
+    assert row[f"{RANDOM}, {HISTOGRAM}"] == pytest.approx(400.0)
+    assert row[f"{RANDOM}, {ENTROPY}"] == pytest.approx(100.0)
+    assert row[f"{GRID}, {HISTOGRAM}"] == pytest.approx(1600.0)
+    assert row[f"{SOBOL}, {ENTROPY}"] == 16.0
+    sharp = table.loc["one", ENTROPY]
+    assert sharp[f"{RANDOM}, {HISTOGRAM}"] == pytest.approx(40_000.0)
+    assert np.isnan(sharp[f"{GRID}, {HISTOGRAM}"])
+    paper = table[["paper_mae", f"paper, {RANDOM}", f"paper, {GRID}"]].iloc[:4].to_numpy()
+    assert paper.tolist() == [
+        [0.183, 458, 577], [0.155, 629, 1171], [0.117, 265, 370], [0.088, 383, 1009],
+    ]  # fmt: skip
+
+
+def test_the_claims_judge_these_numbers(context: Context) -> None:
+    order, fair, grid, _ = needed(context).claims
+    assert order.verdict is Verdict.HOLDS  # 400 at least, against 25
+    assert "25 against 400, 40,000, 400, 40,000 (Monte Carlo)" in order.ours
+    assert "1,600, > 65,536" in order.ours
+    assert fair.verdict is Verdict.FAILS
+    assert grid.verdict is Verdict.HOLDS
+    falls, less, best = accuracy(context).claims
+    assert "S^-0.50 and S^-0.50" in falls.ours
+    assert "by 90% (0.100 to 0.010)" in less.ours
+    assert best.verdict is Verdict.HOLDS
+
+
+@pytest.mark.parametrize("name", ["clutch-accuracy", "samples-needed"])
+def test_the_figures_are_drawn(name: str, context: Context) -> None:
+    (figure,) = chosen([name])
+    assert drawn(figure.make(context), figure.title, "png").startswith(b"\x89PNG")
+
+
+def test_every_method_grows_and_random_ones_have_replicates() -> None:
+    law = ClutchStudy().law()
+    for name, cubatures in methods(0).items():
+        sizes = [cubature.size(law) for cubature, _ in cubatures]
+        assert sizes == sorted(set(sizes))
+        assert all((count == 1) == (name == GRID) for _, count in cubatures)
+
+
+def search_row(below: float, evaluations: float, near: float) -> dict[str, float]:
+    return {
+        "below_best": below, "evaluations": evaluations, "seconds": 1e-2 * evaluations,
+        "evaluations_to_0.1": near,
+    }  # fmt: skip
+
+
+def test_the_search_is_judged_by_where_it_ends_and_how_soon_it_is_near() -> None:
+    rows = {GRADIENT: search_row(0.0, 300.0, 20.0), GENETIC: search_row(0.2, 2500.0, np.nan)}
+    found, best = _claims(rows)
+    assert (found.verdict, best.verdict) == (Verdict.HOLDS, Verdict.FAILS)
+    assert "never in 2,500" in best.ours
+    assert "62,500 runs" in best.note
+
+
+def test_without_the_extra_the_search_of_the_paper_is_not_judged() -> None:
+    found, best = _claims({GRADIENT: search_row(0.0, 300.0, 20.0)})
+    assert found.verdict is best.verdict is Verdict.NOT_COMPARABLE
+    assert "aleator[evolution]" in found.note
+
+
+# ------------------------------------------------------------------------------ the document
+
+
+CLAIMS = pd.DataFrame(
+    [
+        ["sets", "Fig. 2", "One.", "1", "1 | exactly", "holds", ""],
+        ["sets", "Fig. 2", "Two.", "2", "3", "does not hold", "why"],
+        ["torque", "Fig. 3", "Three.", "", "3", "not comparable", ""],
+    ],
+    columns=["figure", "place", "statement", "paper", "ours", "verdict", "note"],
+)
+
+
+def test_a_page_keeps_its_head_and_takes_the_claims(tmp_path: Path) -> None:
+    page, claims = tmp_path / "paper.md", tmp_path / "claims.csv"
+    page.write_text(f"# By hand\n\n{MARK}\nstale\n", encoding="utf-8")
+    CLAIMS.to_csv(claims, index=False)
+    for _ in range(2):
+        main(claims, page)
+        text = page.read_text(encoding="utf-8")
+        assert text.startswith(f"# By hand\n\n{MARK}")
+        assert "3 claims: 1 hold, 1 do not hold, 1 not comparable." in text
+        assert text.count("## sets (Fig. 2)") == 1
+        assert "| One. | 1 | 1 &#124; exactly | **holds** |" in text
+        assert "stale" not in text
+
+
+def test_a_page_without_a_mark_is_left_alone() -> None:
+    with pytest.raises(AleatorError, match="has no mark"):
+        updated("# By hand\n", CLAIMS)
