@@ -1,5 +1,6 @@
 """The samples that do what few runs do, on made-up errors, and the claims of the searches."""
 
+import importlib.util
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from aleator.reproduce.clutch_sampling import (
 )
 from aleator.reproduce.clutch_study import GIVEN, ClutchStudy
 from aleator.reproduce.document import MARK, main, updated
-from aleator.reproduce.searches import GENETIC, GRADIENT, _claims
+from aleator.reproduce.searches import DIFFERENTIAL, GENETIC, GRADIENT, _choices, _claims
 
 SAMPLES = np.array([16.0, 256.0, 4096.0, 65536.0])
 FACTORS = {RANDOM: 1.0, GRID: 2.0, SOBOL: 0.1}
@@ -134,6 +135,11 @@ def test_without_the_extra_the_search_of_the_paper_is_not_judged() -> None:
     found, best = _claims({GRADIENT: search_row(0.0, 300.0, 20.0)})
     assert found.verdict is best.verdict is Verdict.NOT_COMPARABLE
     assert "aleator[evolution]" in found.note
+
+
+def test_searches_without_their_packages_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    assert list(_choices()) == [GRADIENT, DIFFERENTIAL]
 
 
 # ------------------------------------------------------------------------------ the document
