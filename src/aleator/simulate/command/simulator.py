@@ -72,8 +72,10 @@ class CommandSimulator:
         program = Program(self.command, self.base, self.shell, self.environment)
         object.__setattr__(self, "folder", folder)
         object.__setattr__(self, "program", program)
-        if self.timeout is not None and not self.timeout > 0:
-            raise SimulatorError(f"timeout = {self.timeout:g}", "give seconds, more than 0")
+        if self.timeout is not None and not 0 < self.timeout < np.inf:
+            raise SimulatorError(
+                f"timeout = {self.timeout:g} is no time", "give seconds, or leave it out: no limit"
+            )
         if not self.success_codes:
             raise SimulatorError("success_codes is empty: every run would fail", "write [0]")
         taken = [path.name for path in folder.sources]
