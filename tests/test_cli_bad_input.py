@@ -91,7 +91,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
         ["experiment 'C'", "softness=", "IndexError: list index out of range (model.py, line 2)"],
     ),
     "wrong shape": (vectorized("load[:1]"), ["shape (1,)", "vectorized = false"]),
-    "scalar": (vectorized("1.0"), ["float of shape ()", "vectorized = false"]),
+    "scalar": (vectorized("1.0"), ["a single float", "vectorized = false"]),
     "an array a run": (model("[load]"), ["experiment 'A'", "array of shape (1,)"]),
     "nothing": (model("None"), ["experiment 'A'", "returned None"]),
     "returns NaN": (

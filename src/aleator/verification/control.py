@@ -17,14 +17,14 @@ from aleator.inputs import Inputs
 from aleator.verification.choice import REPLICATES, Score
 from aleator.verification.emulator import Emulator
 from aleator.verification.germs import flat
-from aleator.verification.kernel import Kernel, Noise, larger
+from aleator.verification.kernel import NARROWER, Kernel, Noise, larger
 from aleator.verification.lines import COARSE, FINE, Lines, densities, drawn
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 SCORE_POINTS = 32
-"""Points of each copy that correct the score, whose error is a small part of it."""
+"""Points of each copy that correct the score, which is a small part of it."""
 
 
 @dataclass(frozen=True)
@@ -125,39 +125,45 @@ class Control:
             correction[part.index] = copies_of(gaps[-1])
             if len(gaps) > 1:
                 mean, lower = (gap.mean(axis=1) for gap in (gaps[-1], gaps[-2]))
-                narrow = _gaps(part, part.kernel.narrower, guess)[-1].mean(axis=1)
+                narrow = _gaps(part, part.kernel.scaled(NARROWER), guess)[-1].mean(axis=1)
                 bias[part.index] = larger(0.5 * (mean - lower), mean - narrow)
         lines = self.lines(FINE)
         return Controlled(self.known(lines, sd), correction, bias, lines[0][1].coarseness)
 
     def score(self, parts: list[Samples], density: Array, noise_sd: float, steps: Array) -> Score:
-        """Derivative of sum log f by central differences of `steps` (K,), the germs held."""
-        few, lines = [part.few() for part in parts], self.lines(COARSE)
-        of_known = np.zeros((steps.size, self.y.size, lines[0][1].x.shape[0]))
+        """Derivative of sum log f by central differences of `steps` (K,), the germs held.
+
+        Without noise it is that of the emulator's density: the derivative of a kernel estimate of
+        the correction is all error. With noise the samples correct it.
+        """
+        lines = self.lines(COARSE)
+        here = self.known(lines, noise_sd)
+        few = [part.few() for part in parts] if noise_sd > 0.0 else []
+        scale = 0.5 / (density if few else here.mean(axis=1))[:, None]
+        of_known = np.zeros((steps.size, *here.shape))
         of_samples = np.zeros((steps.size, self.y.size, REPLICATES))
         dx = [self._image(part) for part in few]
-        for k in np.flatnonzero(steps > 0.0):
-            scale = 1.0 / (2.0 * steps[k] * density[:, None])
-            noise = steps[k] if k == self.inputs.size else 0.0
-            for sign in (1.0, -1.0):
-                sd, step = noise_sd + sign * noise, 0.0 if noise else sign * steps[k]
-                at = 0 if noise else int(k)
-                of_known[k] += sign * scale * self.known(lines, sd, at, step)
+        for k in np.flatnonzero(steps > 0.0).tolist():
+            of_noise = k == self.inputs.size
+            for change in (steps[k], -steps[k]):
+                sd, step = (noise_sd + change, 0.0) if of_noise else (noise_sd, change)
+                at = 0 if of_noise else k
+                of_known[k] += scale / change * self.known(lines, sd, at, step)
                 for part, slope in zip(few, dx, strict=True):
-                    gap = self._gap(part, part.x + step * slope[..., at], sd if noise else None)
-                    of_samples[k, part.index] += sign * scale[part.index] * gap
+                    gap = self._gap(part, part.x + step * slope[..., at], sd)
+                    of_samples[k, part.index] += scale[part.index] / change * gap
         return _score(of_known, of_samples)
 
     def _image(self, part: Samples) -> Array:
         _, dx = self.inputs.image(self.alpha, flat(part.germ))
         return np.asarray(dx.reshape(*part.x.shape, -1))
 
-    def _gap(self, part: Samples, x: Array, sd: float | None) -> Array:
+    def _gap(self, part: Samples, x: Array, sd: float) -> Array:
         """Copies (m, C) of the correction at moved parameters; the simulator moves as guessed."""
-        kernel = part.kernel if sd is None else Noise(self.y[part.index], sd)
         here, there = part.guess(self.emulator, part.x), part.guess(self.emulator, x)
-        true = kernel.orders(part.outcomes + there - here)[-1]
-        return copies_of(part.weight * (true - kernel.orders(there)[-1]))
+        kernel = Noise(self.y[part.index], sd)
+        (true,), (guessed,) = kernel.orders(part.outcomes + there - here), kernel.orders(there)
+        return copies_of(part.weight * (true - guessed))
 
 
 def _gaps(part: Samples, kernel: Kernel, guess: Array) -> list[Array]:

@@ -34,8 +34,7 @@ class Noise:
         """The kernels of some of the experiments."""
         return Noise(self.y[rows], self.sd)
 
-    @property
-    def narrower(self) -> Noise:
+    def scaled(self, factor: float) -> Noise:  # noqa: ARG002  one interface for all kernels
         """The same: nothing is smoothed."""
         return self
 
@@ -81,10 +80,9 @@ class Window:
         """The kernels of some of the experiments."""
         return Window(self.y[rows], self.lower[rows], self.upper[rows], self.h[rows])
 
-    @property
-    def narrower(self) -> Window:
-        """The kernels with smaller bandwidths, whose bias is a quarter at fourth order."""
-        return Window(self.y, self.lower, self.upper, NARROWER * self.h)
+    def scaled(self, factor: float) -> Window:
+        """The kernels with other bandwidths."""
+        return Window(self.y, self.lower, self.upper, factor * self.h)
 
     def orders(self, outcomes: Array) -> tuple[Array, ...]:
         """Kernels of zeroth, first and second degree, as (N, S) each; zero outside the range."""
@@ -121,7 +119,7 @@ def chosen(kernel: Kernel, outcomes: Array, weights: Array) -> tuple[Array, Arra
     usable = means[2] > POSITIVE * reference
     terms = np.where(simple[:, None], first, zeroth)
     terms = np.where(usable[:, None], second, terms)
-    narrow = (weights * kernel.narrower.orders(outcomes)[-1]).mean(axis=1)
+    narrow = (weights * kernel.scaled(NARROWER).orders(outcomes)[-1]).mean(axis=1)
     safe = np.where(usable, means[2], 1.0)
     bias = larger(0.5 * np.log(safe / np.where(usable, reference, 1.0)), 1.0 - narrow / safe)
     return terms, np.where(usable, bias, 0.5)

@@ -3,8 +3,9 @@
 f(y) = E[ sum over segments (P_b - P_a)/(eta_b - eta_a) (F((y - eta_a)/s) - F((y - eta_b)/s)) ]:
 all germs but one are drawn, the one left is integrated out along its line, on which the outcome is
 taken as linear in probability between neighboring points; F is the normal distribution of the
-noise, a step where there is none. This is conditional Monte Carlo (Asmussen and Glynn, 2007,
-sec. V.4): nothing is smoothed.
+noise, a step where there is none, and there the densities of neighboring segments are joined by
+straight lines. This is conditional Monte Carlo (Asmussen and Glynn, 2007, sec. V.4): nothing is
+smoothed.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def drawn(
     germ[..., along] = t + (uniform[:, :, along, None] - 0.5) * (t[1] - t[0])
     x, dx = inputs.image(alpha, germ.reshape(-1, d))
     shape = (REPLICATES, lines * (segments + 1), x.shape[1])
-    mass = _between(germ[..., along])
+    mass = _probability(germ[..., along])
     return Lines(x.reshape(shape), dx.reshape(*shape, -1), mass)
 
 
@@ -102,7 +103,7 @@ def densities(
     )
 
 
-def _between(t: Array) -> Array:
+def _probability(t: Array) -> Array:
     """Normal probability between neighboring points, kept in the tail that has its digits."""
     below = np.minimum(t, 0.0)
     above = np.maximum(t, 0.0)
@@ -114,18 +115,36 @@ def _averaged(outcomes: Array, mass: Array, y: Array, sd: float) -> Array:
     lines, segments = mass.shape
     path = outcomes.reshape(outcomes.shape[0], lines, segments + 1)
     a, b = path[..., :-1], path[..., 1:]
-    density = _crossed(a, b, y[:, None, None]) if sd == 0.0 else _blurred(a, b, y, sd)
-    return np.asarray(np.sum(density * mass, axis=(1, 2)) / lines)
+    total = _crossed(a, b, mass, y[:, None, None]) if sd == 0.0 else _blurred(a, b, mass, y, sd)
+    return np.asarray(total / lines)
 
 
-def _crossed(a: Array, b: Array, y: Array) -> Array:
-    inside = (np.minimum(a, b) <= y) & (y < np.maximum(a, b))
+def _crossed(a: Array, b: Array, mass: Array, y: Array) -> Array:
+    """Densities (N',) where lines cross y, summed over lines.
+
+    Linear between the middles of neighboring segments, so that it moves smoothly with them, and
+    constant from the middle of a segment to an end of a line or to a turn of the outcome.
+    """
     width = np.abs(b - a)
-    return np.asarray(np.where(inside, 1.0 / np.where(inside, width, 1.0), 0.0))
+    density = np.where(width > 0.0, mass / np.where(width > 0.0, width, 1.0), 0.0)
+    middle, rising = 0.5 * (a + b), b > a
+    first, second = density[..., :-1], density[..., 1:]
+    before, after, node = middle[..., :-1], middle[..., 1:], b[..., :-1]
+    along = (rising[..., :-1] == rising[..., 1:]) & (after != before)
+    share = (y - before) / np.where(along, after - before, 1.0)
+    straight = np.where(_between(before, after, y), first + share * (second - first), 0.0)
+    turned = first * _between(before, node, y) + second * _between(node, after, y)
+    ends = density[..., 0] * _between(a[..., 0], middle[..., 0], y[..., 0])
+    ends += density[..., -1] * _between(middle[..., -1], b[..., -1], y[..., 0])
+    return np.asarray(np.where(along, straight, turned).sum(axis=(1, 2)) + ends.sum(axis=1))
 
 
-def _blurred(a: Array, b: Array, y: Array, sd: float) -> Array:
-    """Mean of Normal(y; Y, sd^2) for Y uniform between a and b."""
+def _between(a: Array, b: Array, y: Array) -> NDArray[np.bool_]:
+    return np.asarray((np.minimum(a, b) <= y) & (y < np.maximum(a, b)))
+
+
+def _blurred(a: Array, b: Array, mass: Array, y: Array, sd: float) -> Array:
+    """Means (N',) of Normal(y; Y, sd^2) for Y uniform between a and b, summed over lines."""
     middle, width = 0.5 * (a + b), np.abs(b - a) / sd
     u = (y[:, None, None] - middle) / sd
     density = normal_pdf(u)
@@ -135,4 +154,4 @@ def _blurred(a: Array, b: Array, y: Array, sd: float) -> Array:
     density[wide] = (special.ndtr(low + half) - special.ndtr(low - half)) / width[wide]
     narrow = ~wide
     density[narrow] *= 1.0 + (u[narrow] ** 2 - 1.0) * width[narrow] ** 2 / 24.0
-    return np.asarray(density / sd)
+    return np.asarray(np.sum(density * mass, axis=(1, 2)) / sd)

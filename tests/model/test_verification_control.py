@@ -1,0 +1,194 @@
+"""An emulator as control, samples drawn far out, and the score of the exact density."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from problems import (
+    BINDING,
+    FRONTIER,
+    GROWTH,
+    NOISY,
+    PRODUCT,
+    REGRESSION,
+    SAMPLE,
+    SQUARE,
+    Problem,
+    title,
+)
+from scipy import optimize
+
+from aleator import MonteCarlo
+from aleator.verification import Verification, movement, verify
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """The simulator itself with an error of this size, that oscillates in the parameters."""
+
+    problem: Problem
+    error: float
+
+    def at(self, index: NDArray[np.intp], x: Array) -> Array:
+        return self.problem.run(index, x) + self.error * np.sin(5.0 * x.sum(axis=1) + index)
+
+    def evaluate(self, x: Array) -> Array:
+        index = np.arange(self.problem.z.size)
+        flat = self.at(np.repeat(index, len(x)), np.tile(x, (index.size, 1)))
+        return flat.reshape(index.size, len(x))
+
+
+def checked(
+    problem: Problem,
+    y: Array,
+    error: float | None,
+    seed: int = 0,
+    samples: int = 512,
+    steps: Array | None = None,
+    alpha: Array | None = None,
+) -> Verification:
+    lower, upper = problem.limits(problem.z)
+    alpha = problem.alpha if alpha is None else alpha
+    return verify(
+        problem.run, problem.inputs, alpha, float(alpha[-1]) if problem.noise else 0.0, y,
+        MonteCarlo(samples), seed=seed, lower=lower, upper=upper,
+        emulator=None if error is None else Wrong(problem, error), steps=steps,
+    )  # fmt: skip
+
+
+# ------------------------------------------------------------------------------ the control
+
+
+@pytest.mark.parametrize("error", [0.0, 0.003, 0.03])
+@pytest.mark.parametrize(
+    "problem", [SAMPLE, GROWTH, SQUARE, BINDING, PRODUCT, REGRESSION], ids=title
+)
+def test_a_control_however_wrong_leaves_an_honest_error(problem: Problem, error: float) -> None:
+    y = problem.draw(2)
+    truth = problem.log_density(problem.alpha, problem.z, y)
+    found = [checked(problem, y, error, seed, 1024) for seed in range(8)]
+    pulls = np.array([(one.each - truth) / one.each_error for one in found])
+    # Student's t with 7 degrees of freedom has a mean square of 1.4; 56 of them are not independent
+    assert np.mean(pulls**2) < 2.5
+    totals = np.array([(one.total - truth.sum()) / one.standard_error for one in found])
+    assert np.mean(totals**2) < 3.0
+
+
+@pytest.mark.parametrize("problem", [SAMPLE, GROWTH, SQUARE, BINDING, REGRESSION], ids=title)
+def test_without_noise_a_good_control_takes_most_of_the_error_away(problem: Problem) -> None:
+    y = problem.draw(2)
+    alone, held = checked(problem, y, None), checked(problem, y, 0.003)
+    assert held.standard_error < 0.4 * alone.standard_error
+    assert np.median(held.each_error) < 0.01
+
+
+def test_a_useless_control_is_not_taken() -> None:
+    y = SAMPLE.draw(2)
+    alone, held = checked(SAMPLE, y, None), checked(SAMPLE, y, 5.0)
+    np.testing.assert_array_equal(alone.each, held.each)
+    np.testing.assert_array_equal(alone.each_error, held.each_error)
+
+
+def test_the_samples_stay_those_of_the_law() -> None:
+    y = NOISY.draw(2)
+    alone, held = checked(NOISY, y, None), checked(NOISY, y, 0.01)
+    np.testing.assert_array_equal(alone.x, held.x)
+    np.testing.assert_array_equal(alone.outcomes, held.outcomes)
+
+
+# ------------------------------------------------------------------------------ far out
+
+
+@pytest.mark.parametrize("error", [None, 0.003])
+@pytest.mark.parametrize("problem", [SAMPLE, GROWTH, FRONTIER, REGRESSION, PRODUCT], ids=title)
+def test_an_outcome_far_out_is_verified_by_germs_drawn_there(
+    problem: Problem, error: float | None
+) -> None:
+    """Four to five standard deviations out, where 512 samples of the law hold none."""
+    y = problem.draw(2)
+    mean, sd, _ = problem.exact_moments(2)
+    y[3] = mean[3] + 4.5 * np.hypot(sd[3], problem.noise_sd)
+    truth = problem.log_density(problem.alpha, problem.z, y)[3]
+    assert truth < -5.0
+    found = [checked(problem, y, error, seed) for seed in range(8)]
+    off = np.array([one.each[3] for one in found]) - truth
+    told = np.array([one.each_error[3] for one in found])
+    assert min(one.effective[3] for one in found) > 10.0
+    assert np.mean((off / told) ** 2) < 4.0
+    assert np.median(told) < 0.25
+
+
+def test_runs_far_out_come_on_top() -> None:
+    count = 0
+
+    def run(index: NDArray[np.intp], x: Array) -> Array:
+        nonlocal count
+        count += index.size
+        return SAMPLE.run(index, x)
+
+    y = SAMPLE.draw(2)
+    y[3] = 5.0
+    emulator = Wrong(SAMPLE, 0.0)
+    verify(
+        run, SAMPLE.inputs, SAMPLE.alpha, 0.0, y, MonteCarlo(512), seed=0, emulator=emulator
+    )  # fmt: skip
+    assert count == 8 * 512
+
+
+# ------------------------------------------------------------------------------ the score
+
+
+def exact_score(problem: Problem, y: Array) -> Array:
+    def total(alpha: Array) -> float:
+        return float(problem.log_density(alpha, problem.z, y).sum())
+
+    return np.asarray(optimize.approx_fprime(problem.alpha, total, 1e-6))
+
+
+@pytest.mark.parametrize("error", [0.0, 0.01])
+@pytest.mark.parametrize(
+    "problem", [SAMPLE, GROWTH, SQUARE, BINDING, NOISY, REGRESSION, FRONTIER], ids=title
+)
+def test_the_score_is_that_of_the_exact_density(problem: Problem, error: float) -> None:
+    problem = replace(problem, z=np.tile(problem.z, 6))
+    y = problem.draw(4)
+    truth = exact_score(problem, y)
+    moving = problem.free
+    steps = np.zeros(problem.alpha.size)
+    steps[moving] = 0.01
+    found = checked(problem, y, error, steps=steps).score
+    assert found is not None
+    size = np.sqrt(np.sum(found.each[:, moving] ** 2, axis=0))  # of a score, in a sample
+    told = np.sqrt(np.diag(found.covariance))[moving]
+    # five errors of eight copies, and the differences; without noise the score is that of the
+    # emulator, whose error is up to a tenth of the scatter here
+    off = 0.03 if problem.noise or error == 0.0 else 0.08
+    assert np.all(np.abs(found.value[moving] - truth[moving]) < 5.0 * told + off * size)
+    assert np.all(told < 0.3 * size)
+
+
+def test_a_step_leads_from_a_wrong_estimate_to_the_maximum() -> None:
+    """A mean and an sd half a standard error off: the step is minus that."""
+    problem = replace(SAMPLE, z=np.zeros(200))
+    y = problem.draw(5)
+    error = y.std() / np.sqrt(np.array([200.0, 400.0]))
+    wrong = np.array([y.mean(), y.std()]) + np.array([0.5, -0.5]) * error
+    found = checked(problem, y, 0.003, steps=0.25 * error, alpha=wrong)
+    assert found.score is not None
+    step = movement(found.score, np.array([0, 1]), error)
+    assert step is not None
+    # the outer products of 200 scores, squares in the second, are a third too large here
+    assert -0.6 < step.step[0] < -0.3 < 0.3 < step.step[1] < 0.6
+    assert np.all(step.error < 0.01)
+
+
+def test_no_score_is_told_without_steps_or_without_a_density() -> None:
+    y = BINDING.draw(2)
+    assert checked(BINDING, y, 0.0).score is None
+    y[2] = 2.0 * BINDING.z[2]
+    assert checked(BINDING, y, 0.0, steps=np.full(2, 0.01)).score is None
