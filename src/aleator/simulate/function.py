@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError, nearest
+from aleator.simulate.failure import RunFailed
 
 # Large enough that arrays pay, small enough that an interruption loses little. Fixed, because the
 # last digits of an array operation may depend on its length.
@@ -314,6 +315,8 @@ def describe(error: BaseException) -> str:
     >>> describe(ValueError("too cold"))
     'ValueError: too cold'
     """
+    if isinstance(error, RunFailed):
+        return str(error)
     if isinstance(error, SyntaxError):
         place = f" ({Path(error.filename or '?').name}, line {error.lineno})"
         return f"{type(error).__name__}: {error.msg}{place}"
