@@ -62,12 +62,17 @@ def notes(
     inference: Inference,
     problem: Problem,
     ids: Sequence[str],
+    *,
+    told: bool,
 ) -> list[Warning]:
-    """What the check could not see, what it sees in the total only, and what would follow of it."""
+    """What the check could not see, what it sees in the total only, and what would follow of it.
+
+    The last only if `told`: from an answer that is refused a step leads nowhere.
+    """
     if checked is None:
         return []
     step = None
-    if checked.score is not None and inference.positive:
+    if told and checked.score is not None:
         step = movement(checked.score, inference.free, inference.standard_error)
     return [
         *_unseen(checked, ids),

@@ -1,0 +1,71 @@
+"""Identifications of the problems, and the exact maximum by another method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from problems import Problem
+from scipy import optimize
+
+from aleator import GradientMultistart, Identification, MaximumEntropy, MonteCarlo, identify
+from aleator.densities import Density
+
+Array = NDArray[np.float64]
+
+
+def identified(
+    problem: Problem,
+    y: Array,
+    density: Density | None = None,
+    *,
+    starts: int = 4,
+    samples: int = 0,
+    **more: object,
+) -> Identification:
+    return identify(
+        problem.simulator,
+        problem.table(y),
+        problem.inputs,
+        outcome="y",
+        vectorized=True,
+        noise=problem.noise,
+        density=density or MaximumEntropy(4),
+        search=GradientMultistart(starts),
+        verification=MonteCarlo(samples),
+        **more,  # type: ignore[arg-type]
+    )
+
+
+def estimates(found: Identification) -> Array:
+    return np.array([e.estimate for e in found.alpha.values()])
+
+
+def maximum(
+    log_likelihood: Callable[[Array], float], starts: list[list[float]]
+) -> tuple[Array, float, Array]:
+    """Maximum by Nelder-Mead, its value, and standard errors from second differences."""
+    options = {"xatol": 1e-8, "fatol": 1e-10, "maxiter": 20_000, "maxfev": 20_000}
+    ends = [
+        optimize.minimize(lambda p: -log_likelihood(p), s, method="Nelder-Mead", options=options)
+        for s in starts
+    ]
+    best = min(ends, key=lambda end: end.fun)
+    size, h = best.x.size, 1e-4
+    steps = h * np.eye(size)
+    second = np.array(
+        [
+            [
+                sum(
+                    s * t * log_likelihood(best.x + s * steps[i] + t * steps[j])
+                    for s in (-1, 1)
+                    for t in (-1, 1)
+                )
+                for j in range(size)
+            ]
+            for i in range(size)
+        ]
+    )
+    covariance = np.linalg.inv(-second / (4.0 * h**2))
+    return best.x, -float(best.fun), np.sqrt(np.diag(covariance))

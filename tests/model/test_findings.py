@@ -1,0 +1,173 @@
+"""What a reader is told: that it is said where it holds, and not where it does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from identifications import Array, estimates, identified, maximum
+from problems import FRONTIER, REGRESSION, SAMPLE, log_frontier
+
+from aleator import (
+    Collocation,
+    Free,
+    Gaussian,
+    Identification,
+    Inputs,
+    MonteCarlo,
+    Normal,
+    ResponseSurface,
+    identify,
+)
+from aleator.densities import Convolution, Status
+from aleator.errors import SimulatorError
+
+
+def told(found: Identification, about: str) -> list[str]:
+    return [f"{w.message} | {w.remedy}" for w in found.warnings if w.about == about]
+
+
+# ------------------------------------------------------------------------------ the exact density
+
+
+def frontier() -> tuple[Array, Array]:
+    """Outcomes whose fourth-order answer is known to be off, and where they lie."""
+    z = np.linspace(0.0, 3.0, 100)
+    problem = replace(FRONTIER, z=z)
+    return z, problem.draw(1, np.array([1.0, 0.7, 0.0, 0.69, 0.3]))
+
+
+def test_a_density_that_is_off_is_told_with_size_and_sign_of_what_it_costs() -> None:
+    z, y = frontier()
+
+    def log_likelihood(p: Array) -> float:
+        if min(p[2], p[3]) <= 0.0:
+            return -1e10
+        return float(log_frontier(y - p[0] - p[1] * z, p[2], p[3]).sum())
+
+    truth, _, error = maximum(log_likelihood, [[1.0, 0.7, 0.5, 0.3], [0.8, 0.7, 0.2, 0.5]])
+    found = identified(replace(FRONTIER, z=z), y, samples=256)
+    off = (truth - estimates(found)[[0, 1, 3, 4]]) / error
+    assert off[3] > 0.9  # the noise is more than its estimate, the inefficiency less
+    assert off[2] < -0.4
+    (message,) = told(found, "density")
+    assert "noise.sd would go up by about 0.88 standard errors" in message
+    assert "u.sd would go down" in message
+    assert "convolution" in message
+
+
+def test_of_an_exact_density_nothing_is_told() -> None:
+    z, y = frontier()
+    found = identified(replace(FRONTIER, z=z), y, Convolution(), samples=256)
+    assert told(found, "density") == []
+    assert told(found, "verification") == []
+
+
+def test_a_gaussian_density_of_a_skew_outcome_is_told_and_one_of_a_normal_outcome_is_not() -> None:
+    problem = replace(SAMPLE, z=np.zeros(60))
+    y = problem.draw(1)
+    straight = identified(problem, y, Gaussian(), samples=512)
+    assert told(straight, "density") == []
+    bent = identify(
+        lambda x: np.exp(0.8 * x), pd.DataFrame({"y": np.exp(0.8 * y)}), problem.inputs,
+        outcome="y", vectorized=True, density=Gaussian(), verification=MonteCarlo(512),
+    )  # fmt: skip
+    assert told(bent, "density") or not bent.accepted
+
+
+# ------------------------------------------------------------------------------ experiments, limits
+
+
+@pytest.mark.parametrize(("count", "warned"), [(8, True), (10, False)])
+def test_few_experiments_for_the_hyperparameters_are_told(count: int, warned: bool) -> None:
+    problem = replace(SAMPLE, z=np.zeros(count))
+    found = identified(problem, problem.draw(3))
+    assert bool(told(found, "experiments")) == warned
+
+
+def test_there_is_no_interval_where_there_is_no_maximum() -> None:
+    """The sum of two normal parameters: nothing tells them apart, and the matrix is singular."""
+    problem = replace(REGRESSION, z=np.ones(30))
+    found = identified(problem, problem.draw(12))
+    assert "not positive definite" in told(found, "search")[0]
+    assert all(e.interval is None and e.standard_error is None for e in found.alpha.values())
+
+
+# ------------------------------------------------------------------------------ surfaces
+
+
+def saw(x: Array) -> Array:
+    """A simulator of coarse accuracy: its outcome comes in steps of a twentieth."""
+    return np.round(20.0 * x) / 20.0
+
+
+def test_a_surface_that_stalls_and_one_that_ran_out_of_runs_are_told_apart() -> None:
+    problem = replace(SAMPLE, z=np.zeros(20))
+    y = saw(problem.draw(4))
+    table = pd.DataFrame({"y": y})
+    messages = [
+        told(
+            identify(
+                saw, table, problem.inputs, outcome="y", vectorized=True,
+                propagation=ResponseSurface(tolerance=0.001, max_runs=runs),
+                verification=MonteCarlo(0),
+            ),
+            "response surface",
+        )
+        for runs in (60, 1000)
+    ]  # fmt: skip
+    assert "60 runs of each were used up" in messages[0][0]
+    assert "stopped falling" in messages[1][0]
+
+
+# ------------------------------------------------------------------------------ simulators
+
+
+def test_a_law_that_reaches_beyond_the_simulator_is_given_the_box_that_mends_it() -> None:
+    def model(z: Array, x: Array) -> Array:
+        return z * np.sqrt(x)
+
+    z = np.linspace(1.0, 2.0, 20)
+    x = 1.5 + 0.1 * np.random.default_rng(0).standard_normal(20)
+    table = pd.DataFrame({"z": z, "y": model(z, x)})
+    wide = Inputs({"x": Normal(mean=Free(0.5, 2.0), sd=Free(0.05, 1.0))})
+    with pytest.raises(SimulatorError) as caught:
+        identify(model, table, wide, outcome="y", vectorized=True)
+    lines = [line.strip() for line in caught.value.remedy.splitlines()]
+    assert "[parameters.x]" in lines
+    assert 'law = "truncated_normal"' in lines
+    (box,) = (line for line in lines if line.startswith("box = "))
+    low, high = (float(end) for end in box.removeprefix("box = [").rstrip("]").split(","))
+    assert 0.0 <= low < 0.5
+    assert high > 2.0
+    assert "aleator box" in caught.value.remedy
+
+
+def test_a_simulator_that_draws_random_numbers_is_refused_at_once() -> None:
+    rng, runs = np.random.default_rng(0), []
+
+    def noisy(x: float) -> float:
+        runs.append(x)
+        return x + 0.1 * rng.standard_normal()
+
+    table = pd.DataFrame({"y": SAMPLE.draw(5)})
+    with pytest.raises(SimulatorError, match="for the same run"):
+        identify(noisy, table, SAMPLE.inputs, outcome="y")
+    assert len(runs) == 2
+
+
+def test_collocation_is_verified_without_a_control() -> None:
+    problem = replace(SAMPLE, z=np.zeros(20))
+    found = identified(problem, problem.draw(6), propagation=Collocation(nodes=5), samples=256)
+    assert found.log_likelihood.verified_standard_error is not None
+    assert found.accepted
+
+
+@pytest.mark.parametrize("status", [s for s in Status if s is not Status.SOLVED], ids=str)
+def test_every_failure_of_a_density_has_a_cause_and_a_remedy(status: Status) -> None:
+    cause, colon, remedy = status.explanation.partition(": ")
+    assert cause
+    assert colon
+    assert remedy

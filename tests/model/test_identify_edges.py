@@ -1,0 +1,204 @@
+"""Identifications at the edges: boxes and limits that bind, constants, weak lines, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from identifications import Array, estimates, identified, maximum
+from problems import BINDING, REGRESSION, SAMPLE
+from scipy import stats
+
+from aleator import (
+    Collocation,
+    Constant,
+    Experiments,
+    Free,
+    GradientMultistart,
+    Inputs,
+    MonteCarlo,
+    Noise,
+    Normal,
+    ResponseSurface,
+    TruncatedNormal,
+    identify,
+)
+from aleator.errors import ExperimentsError, InputsError
+
+# ------------------------------------------------------------------------------ a binding box
+
+
+def test_a_binding_box_is_identified_as_by_the_exact_likelihood() -> None:
+    problem = replace(BINDING, z=np.linspace(0.5, 2.0, 60))
+    y = problem.draw(6)
+
+    def log_likelihood(p: Array) -> float:
+        if p[1] <= 0.0:
+            return -1e10
+        return float(problem.log_density(p, problem.z, y).sum())
+
+    alpha, value, error = maximum(log_likelihood, [[0.8, 0.4]])
+    found = identified(problem, y, samples=512)
+    # the surface's allowance for its own error widens the support by some 1e-9
+    assert found.log_likelihood.estimated == pytest.approx(value, abs=1e-3)
+    assert np.all(np.abs(estimates(found) - alpha) < 0.01 * error)
+    assert found.accepted
+    verified, told = found.log_likelihood.verified, found.log_likelihood.verified_standard_error
+    assert verified is not None
+    assert told is not None
+    assert abs(verified - value) < 4.0 * told
+    # outcomes on the edge of the box used to have half of their density
+    assert told < 1.0
+
+
+# ------------------------------------------------------------------------------ what is refused
+
+
+def test_an_unreachable_outcome_is_named_with_its_remedy() -> None:
+    problem = replace(BINDING, z=np.linspace(0.5, 2.0, 10))
+    y = problem.draw(7)
+    y[4] = 5.0
+    with pytest.raises(ExperimentsError, match="experiment 5: outcome 5") as caught:
+        identified(problem, y)
+    assert "noise" in caught.value.remedy
+
+
+def test_too_few_experiments_are_refused() -> None:
+    problem = replace(REGRESSION, z=np.array([0.0, 1.0, 2.0]))
+    with pytest.raises(InputsError, match="3 experiments cannot identify 4"):
+        identified(problem, np.array([1.0, 3.0, 5.0]))
+
+
+def test_a_frame_needs_the_name_of_its_outcome() -> None:
+    with pytest.raises(InputsError, match="outcome"):
+        identify(lambda z, x: z * x, pd.DataFrame({"z": [1.0], "y": [1.0]}), SAMPLE.inputs)
+
+
+def test_a_known_constant_is_no_parameter_of_the_surface() -> None:
+    """y = k x with k = 2 known."""
+    y = 2.0 * replace(SAMPLE, z=np.zeros(20)).draw(8)
+    inputs = Inputs({"x": SAMPLE.inputs.laws["x"], "k": Constant(2.0)})
+    found = identify(
+        lambda x, k: k * x, pd.DataFrame({"y": y}), inputs, outcome="y",
+        search=GradientMultistart(3), verification=MonteCarlo(0),
+    )  # fmt: skip
+    assert found.alpha["x.mean"].estimate == pytest.approx(y.mean() / 2.0, abs=1e-4)
+    assert found.alpha["k.value"].fixed
+    assert found.alpha["k.value"].interval is None
+
+
+def test_constants_and_noise_alone_are_least_squares() -> None:
+    z = np.linspace(0.0, 4.0, 40)
+    y = 1.0 + 2.0 * z + 0.5 * np.random.default_rng(9).standard_normal(40)
+    inputs = Inputs({"b0": Constant(Free(-20.0, 20.0)), "b1": Constant(Free(-20.0, 20.0))})
+    found = identify(
+        lambda z, b0, b1: b0 + b1 * z, pd.DataFrame({"z": z, "y": y}), inputs, outcome="y",
+        noise=Noise(Free(0.01, 10.0)), search=GradientMultistart(3), verification=MonteCarlo(64),
+    )  # fmt: skip
+    design = np.stack([np.ones(40), z], axis=1)
+    coefficients, rss, *_ = np.linalg.lstsq(design, y)
+    np.testing.assert_allclose(estimates(found)[:2], coefficients, atol=1e-3)
+    assert estimates(found)[2] == pytest.approx((float(rss[0]) / 40) ** 0.5, rel=1e-3)
+    assert found.accepted
+    assert found.log_likelihood.verified == pytest.approx(found.log_likelihood.estimated, abs=1e-6)
+
+
+def test_a_logarithmic_transform_is_that_of_the_outcome() -> None:
+    """Lognormal outcomes: the likelihood sees their logarithms, which are normal."""
+    y = np.exp(replace(SAMPLE, z=np.zeros(25)).draw(10))
+    table = Experiments.from_frame(pd.DataFrame({"y": y}), outcome="y", transform="log")
+    found = identify(
+        lambda x: np.exp(x), table, SAMPLE.inputs, vectorized=True,
+        search=GradientMultistart(3), verification=MonteCarlo(0),
+    )  # fmt: skip
+    assert found.alpha["x.mean"].estimate == pytest.approx(np.log(y).mean(), abs=1e-4)
+    assert found.alpha["x.sd"].estimate == pytest.approx(np.log(y).std(), abs=1e-4)
+
+
+def test_an_answer_on_a_limit_says_so_and_keeps_an_interval() -> None:
+    problem = replace(
+        SAMPLE,
+        z=np.zeros(20),
+        inputs=Inputs(
+            {"x": TruncatedNormal((-4.0, 4.0), mean=Free(-2.0, 0.5), sd=Free(0.05, 3.0))}
+        ),
+    )
+    y = replace(SAMPLE, z=np.zeros(20)).draw(11)
+    found = identified(problem, y)
+    mean = found.alpha["x.mean"]
+    assert mean.at_bound == "upper"
+    assert mean.standard_error is None
+    assert mean.interval is not None
+    assert mean.interval[1] == pytest.approx(0.5)
+    assert any(w.about == "bounds" and "x.mean" in w.message for w in found.warnings)
+
+
+SUM = replace(
+    REGRESSION,
+    z=np.ones(30),
+    inputs=Inputs(
+        {
+            "a": Normal(mean=Free(-5.0, 5.0), sd=Free(0.05, 3.0)),
+            "b": Normal(mean=Free(-5.0, 5.0), sd=Free(0.05, 3.0)),
+        }
+    ),
+)
+
+
+@pytest.mark.parametrize(
+    "propagation",
+    [
+        Collocation(nodes=5),
+        ResponseSurface(),
+    ],
+    ids=["collocation", "surface"],
+)
+def test_a_sum_of_parameters_is_told_as_a_direction_and_not_accepted(propagation) -> None:
+    found = identified(SUM, SUM.draw(12), propagation=propagation)
+    told = [w.message for w in found.warnings if w.about == "identifiability"]
+    assert any("a.mean" in text and "b.mean" in text for text in told)
+    assert not found.accepted
+
+
+@pytest.mark.parametrize(
+    "propagation",
+    [
+        Collocation(nodes=5),
+        ResponseSurface(),
+    ],
+    ids=["collocation", "surface"],
+)
+def test_intervals_of_a_weak_line_are_those_of_the_books(propagation) -> None:
+    """Intercept and slope over a short range of z, each known to a sixth of its limits."""
+    z = np.linspace(1.0, 1.1, 60)
+    y = 1.0 + 2.0 * z + 0.7 * np.random.default_rng(0).standard_normal(60)
+    inputs = Inputs(
+        {"a": Normal(mean=Free(-20.0, 20.0), sd=Free(0.05, 3.0)), "b": Constant(Free(-20.0, 20.0))}
+    )
+    found = identify(
+        lambda z, a, b: a + b * z, pd.DataFrame({"z": z, "y": y}), inputs, outcome="y",
+        vectorized=True, propagation=propagation, search=GradientMultistart(4),
+        verification=MonteCarlo(0),
+    )  # fmt: skip
+    design = np.stack([np.ones(60), z], axis=1)
+    coefficients, rss, *_ = np.linalg.lstsq(design, y)
+    variance = np.diag(np.linalg.inv(design.T @ design)) * float(rss[0]) / 60
+    half = np.sqrt(60 * variance * np.expm1(stats.chi2.ppf(0.95, 1) / 60))
+    for k, name in enumerate(("a.mean", "b.value")):
+        interval = found.alpha[name].interval
+        assert interval is not None
+        # an end is found to 0.02 standard errors of the root
+        expected = coefficients[k] + half[k] * np.array([-1.0, 1.0])
+        np.testing.assert_allclose(interval, expected, atol=0.06 * variance[k] ** 0.5)
+
+
+def test_a_study_in_which_nothing_scatters_is_refused() -> None:
+    with pytest.raises(InputsError, match="nothing scatters"):
+        identify(
+            lambda z, k: k * z,
+            pd.DataFrame({"z": [1.0, 2.0], "y": [1.0, 2.1]}),
+            Inputs({"k": Constant(Free(0.0, 5.0))}),
+            outcome="y",
+        )
