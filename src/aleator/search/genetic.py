@@ -38,8 +38,8 @@ class GeneticAlgorithm:
     gradient ascent starts from the best. Needs the extra `evolution`.
 
     Cost: population x generations evaluations without score. It fails where the maximum is a
-    narrow ridge: without polish and guesses, 2,500 evaluations ended 0.03 and 0.11 (two seeds) below
-    the best known log-likelihood of the wet clutch, and 1.6 below that of concrete fatigue.
+    narrow ridge: without polish and guesses, 2,500 evaluations ended 0.03 and 0.11 (two seeds)
+    below the best known log-likelihood of the wet clutch, and 1.6 below that of concrete fatigue.
     Raises InputsError for a population below 4 or no generations, AleatorError without pymoo.
 
     >>> GeneticAlgorithm().name
