@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from aleator.errors import nearest
+from aleator.fmu_sections import Inputs, Outcome, signals
 from aleator.simulate import FunctionSimulator, Simulator, load_function
 from aleator.simulate.command import (
     CommandSimulator,
@@ -26,26 +27,37 @@ from aleator.simulate.command import (
     RegexOutput,
     Template,
 )
+from aleator.simulate.fmu import Course, FMUSimulator, Operation
+from aleator.simulate.fmu.description import read_description
 from aleator.study_keys import Section, fault
 
 # The key that tells each kind of simulator, as the file writes it.
 _KINDS = {
     "function": 'function = "model.py:name"',
     "command": 'command = ["./program", "{parameter}"]',
+    "fmu": 'fmu = "model.fmu"',
 }
 
 
-class FunctionSection(Section):
+class KindSection(Section):
+    """Keys of every kind of simulator: `store` is the file of its runs."""
+
+    store: str = "runs.sqlite"
+
+
+class FunctionSection(KindSection):
     """`function = ...`: a Python function."""
 
     key: ClassVar[str] = "simulator.function"
 
     function: str
     vectorized: bool = False
+    version: str = ""
 
     def build(self, folder: Path) -> Simulator:
         """The library's simulator; `folder` is the study's."""
-        return FunctionSimulator(load_function(self.function, folder), self.vectorized)
+        function = load_function(self.function, folder)
+        return FunctionSimulator(function, self.vectorized, self.version)
 
 
 # Of each way to find a program's outcome: the library's choice, and the keys beside the way's own.
@@ -111,7 +123,7 @@ _Command = Annotated[
 ]
 
 
-class CommandSection(Section):
+class CommandSection(KindSection):
     """`command = ...`: an external program, started once a run."""
 
     key: ClassVar[str] = "simulator"
@@ -164,6 +176,43 @@ class CommandSection(Section):
         return _FEEDS.get(self.stdin) or Template(folder / self.stdin, marks)
 
 
+class FMUSection(KindSection):
+    """`fmu = ...`: a Functional Mock-up Unit."""
+
+    key: ClassVar[str] = "simulator"
+
+    fmu: str
+    outcome: Outcome
+    start_time: float | None = None
+    stop_time: float | None = None
+    step: float | None = None
+    kind: Literal["co_simulation", "model_exchange"] | None = None
+    tolerance: float | None = None
+    variables: dict[str, str] = Field(default_factory=dict)
+    constants: dict[str, Any] = Field(default_factory=dict)
+    inputs: Inputs = Field(default_factory=dict)
+    reuse: Literal["reset", "recreate"] = "reset"
+    recycle: int = 1000
+    timeout: float | None = None
+    isolated: bool = True
+    version: str = ""
+
+    def build(self, folder: Path) -> Simulator:
+        """The library's simulator; `folder` is the study's."""
+        course = Course(self.start_time, self.stop_time, self.step, self.kind, self.tolerance)
+        file = folder / self.fmu
+        return FMUSimulator(
+            file,
+            self.outcome.build(folder),
+            course=course,
+            variables=self.variables,
+            constants=self.constants,
+            inputs=signals(self.inputs, folder, read_description(file)),
+            operation=Operation(self.reuse, self.recycle, self.timeout, self.isolated),
+            version=self.version,
+        )
+
+
 def _one_kind(value: Any) -> Any:
     """The table as it is, if exactly one key says what kind of simulator it is."""
     if not isinstance(value, Mapping):
@@ -183,7 +232,9 @@ def _kind(value: Any) -> str:
 
 
 SimulatorSection = Annotated[
-    Annotated[FunctionSection, Tag("[function]")] | Annotated[CommandSection, Tag("[command]")],
+    Annotated[FunctionSection, Tag("[function]")]
+    | Annotated[CommandSection, Tag("[command]")]
+    | Annotated[FMUSection, Tag("[fmu]")],
     Discriminator(_kind),
     BeforeValidator(_one_kind),
 ]

@@ -1,0 +1,332 @@
+"""One FMU instance in one process, run after run.
+
+This file is also the program of the process that an FMU runs in (see `child`). So that such a
+process starts in a third of a second, it imports nothing of Aleator.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import pickle
+import shutil
+import signal
+import sys
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+Trajectory = dict[str, NDArray[Any]]
+Values = Mapping[str, float | int | bool | str]
+
+LOGGED = 50  #: messages of the FMU that are kept, the last ones
+STALLED = 1000  #: events without any advance of time after which a run is given up
+FATAL = 4  #: the status after which no function of the FMU may be called any more
+# What the solver of a model exchange calls from C, where an exception would be lost.
+_CALLED_BACK = (
+    "setTime",
+    "setContinuousStates",
+    "getEventIndicators",
+    "getDerivatives",
+    "getContinuousStateDerivatives",
+)
+_DERIVATIVES = _CALLED_BACK[-2:]
+
+
+class Setup(TypedDict):
+    """All that a session needs to know; plain values, as they travel to another process."""
+
+    fmu: str
+    folder: str
+    interface: str
+    start_time: float
+    stop_time: float
+    step: float
+    tolerance: float | None
+    outputs: list[str]
+    signals: NDArray[Any] | None
+    reset: bool
+
+
+class Failed(Exception):
+    """A run that gave no whole trajectory; after a fatal one the process must not be used again."""
+
+    def __init__(self, message: str, log: str, fatal: bool) -> None:
+        super().__init__(message, log, fatal)
+        self.message, self.log, self.fatal = message, log, fatal
+
+
+class Session:
+    """An FMU unzipped into `setup["folder"]`, instantiated once and reset before each further run.
+
+    The first run after a reset is repeated on an instance that was created anew. If the two
+    differ, or the reset fails, every further run gets a new instance, and `note` tells so.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        import fmpy
+
+        self.setup = setup
+        self.note = ""
+        self._log: deque[str] = deque(maxlen=LOGGED)
+        self._reset = setup["reset"]
+        self._trusted = False
+        self._used: dict[str, Any] | None = None
+        self._logging = False
+        fmpy.extract(setup["fmu"], setup["folder"])
+        self._description = fmpy.read_model_description(setup["folder"], validate=False)
+        self._instance: Any = self._created()
+
+    def run(self, values: Values, logging: bool = False) -> Trajectory:
+        """Start values by name to "time" and the outputs, each (T,). Raises Failed."""
+        self._log.clear()
+        if logging:
+            self._discard()
+        self._logging = logging
+        try:
+            return self._reused(dict(values))
+        except Failed as failure:
+            self._discard(free=not failure.fatal)
+            raise
+        finally:
+            if logging:
+                self._discard()
+            self._logging = False
+
+    def close(self) -> None:
+        """Free the instance, unload the FMU and remove its folder."""
+        self._discard()
+        shutil.rmtree(self.setup["folder"], ignore_errors=True)
+
+    def _reused(self, values: dict[str, Any]) -> Trajectory:
+        if self._used is None or not self._reset:
+            return self._anew(values)
+        compare = not self._trusted and values != self._used
+        try:
+            self._instance.reset()
+            trajectory = self._simulated(values)
+        except Exception as error:
+            if not compare:
+                raise self._failed(error) from error
+            trajectory = {}
+        if not compare:
+            return trajectory
+        anew = self._anew(values)
+        self._trusted = _same(trajectory, anew)
+        if not self._trusted:
+            self._reset = False
+            self.note = (
+                "the FMU does not give the same after a reset as when it is created anew: "
+                "every run gets a new instance"
+            )
+        return anew
+
+    def _anew(self, values: dict[str, Any]) -> Trajectory:
+        if self._instance is None or self._used is not None:
+            self._discard()
+            self._instance = self._created()
+        try:
+            return self._simulated(values)
+        except Exception as error:
+            raise self._failed(error) from error
+
+    def _created(self) -> Any:
+        import fmpy
+
+        try:
+            instance = fmpy.instantiate_fmu(
+                self.setup["folder"],
+                self._description,
+                self.setup["interface"],
+                logger=self._listen,
+                debug_logging=self._logging,
+            )
+        except Exception as error:
+            raise self._failed(error) from error
+        self._used = None
+        return instance
+
+    def _discard(self, free: bool = True) -> None:
+        if self._instance is not None and free:
+            self._instance.freeInstance()
+        self._instance = self._used = None
+
+    def _simulated(self, values: dict[str, Any]) -> Trajectory:
+        import fmpy
+
+        self._used = values
+        setup = self.setup
+        inputs = self._inputs(values)
+        watch = _Watch(1 if setup["interface"] == "CoSimulation" else STALLED)
+        if setup["interface"] == "ModelExchange":
+            watch.guard(self._instance, self._description, inputs)
+        result = fmpy.simulate_fmu(
+            setup["folder"],
+            start_time=setup["start_time"],
+            stop_time=setup["stop_time"],
+            output_interval=setup["step"],
+            relative_tolerance=setup["tolerance"],
+            start_values=values,
+            input=inputs,
+            output=setup["outputs"],
+            step_finished=watch.finished,
+            model_description=self._description,
+            fmu_instance=self._instance,
+        )
+        watch.raise_lost()
+        trajectory = {name: np.array(result[name]) for name in result.dtype.names}
+        last, end = float(trajectory["time"][-1]), setup["stop_time"]
+        if not math.isclose(last, end, rel_tol=1e-6):
+            raise RuntimeError(f"it stopped at time {last:g} s instead of {end:g} s")
+        return trajectory
+
+    def _inputs(self, values: Values) -> NDArray[Any] | None:
+        """The signals with a constant column for every other input, as FMPy wants all or none."""
+        signals = self.setup["signals"]
+        if signals is None:
+            return None
+        held = {
+            variable.name: values.get(variable.name, variable.start or 0)
+            for variable in self._description.modelVariables
+            if variable.causality == "input" and variable.type != "String"
+            if variable.name not in (signals.dtype.names or ())
+        }
+        kinds = [(name, np.asarray(value).dtype) for name, value in held.items()]
+        table = np.empty(len(signals), dtype=[*signals.dtype.descr, *kinds])
+        for name in signals.dtype.names or ():
+            table[name] = signals[name]
+        for name, value in held.items():
+            table[name] = value
+        return table
+
+    def _failed(self, error: Exception) -> Failed:
+        if isinstance(error, Failed):
+            return error
+        status = getattr(error, "status", None)
+        return Failed(" ".join(str(error).split()), "\n".join(self._log), status == FATAL)
+
+    def _listen(self, *message: Any) -> None:
+        # FMI 2.0: environment, instance, status, category, text; FMI 3.0: without the instance.
+        status, text = message[-3], message[-1]
+        labels = ("ok", "warning", "discard", "error", "fatal", "pending")
+        label = labels[status] if status in range(len(labels)) else status
+        line = f"[{label}] {(text or b'').decode(errors='replace')}"
+        if not self._log or self._log[-1] != line:  # a solver asks for the same again and again
+            self._log.append(line)
+
+
+class _Watch:
+    """What FMPy does not look after in a run; `patience` steps may pass without advance of time.
+
+    The solver of a model exchange calls the FMU from C. There an exception would be lost, so it is
+    kept and the solver gets NaN to work on; and an input over time would be that of another time.
+    """
+
+    def __init__(self, patience: int) -> None:
+        self._patience = patience
+        self._at = -math.inf
+        self._still = 0
+        self._lost: list[Exception] = []
+
+    def guard(self, instance: Any, description: Any, inputs: NDArray[Any] | None) -> None:
+        """Wrap the instance's functions that the solver calls."""
+        for name in _CALLED_BACK:
+            call = getattr(type(instance), name, None)
+            if call is not None:
+                setattr(instance, name, self._kept(call.__get__(instance), name in _DERIVATIVES))
+        if inputs is not None:
+            from fmpy.simulation import Input
+
+            instance.setTime = self._kept(
+                self._timed(instance, Input(instance, description, inputs))
+            )
+
+    def finished(self, time: float, _recorder: object) -> bool:
+        """Called by FMPy after every step: raises what was lost, and at a standstill."""
+        self.raise_lost()
+        self._still = 0 if time > self._at else self._still + 1
+        if self._still >= self._patience:
+            raise RuntimeError(f"it does not advance beyond time {time:g} s")
+        self._at = time
+        return True
+
+    def raise_lost(self) -> None:
+        """Raise the first exception that came up in a call from C."""
+        if self._lost:
+            raise self._lost[0]
+
+    def _kept(self, call: Callable[..., Any], derivatives: bool = False) -> Callable[..., Any]:
+        def called(*arguments: Any) -> Any:
+            try:
+                return call(*arguments)
+            except Exception as error:
+                self._lost.append(error)
+                if derivatives:
+                    values, number = arguments
+                    for k in range(number):
+                        values[k] = math.nan
+
+        return called
+
+    def _timed(self, instance: Any, inputs: Any) -> Callable[[float], None]:
+        set_time = type(instance).setTime.__get__(instance)
+
+        def timed(time: float) -> None:
+            set_time(time)
+            # At the start of a step that follows a jump of an input, its value after the jump.
+            inputs.apply(time, discrete=False, after_event=time <= self._at)
+
+        return timed
+
+
+def _same(one: Trajectory, other: Trajectory) -> bool:
+    if one.keys() != other.keys():
+        return False
+    return all(
+        len(a) == len(b)
+        and np.allclose(a, b, rtol=1e-9, atol=1e-12 * np.max(np.abs(b)), equal_nan=True)
+        for a, b in ((one[name], other[name]) for name in one)
+    )
+
+
+def serve() -> None:
+    """Read a Setup and then values from stdin, write a reply to each to stdout, until stdin ends.
+
+    What the FMU itself prints goes to stderr.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this
+    requests = os.fdopen(os.dup(0), "rb")
+    replies = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+    sys.stdout = sys.stderr
+
+    def reply(*message: Any) -> None:
+        pickle.dump(message, replies)
+        replies.flush()
+
+    setup = pickle.load(requests)
+    try:
+        session = Session(setup)
+    except Exception as error:
+        reply("failed", str(error), getattr(error, "log", ""), True)
+        shutil.rmtree(setup["folder"], ignore_errors=True)
+        return
+    reply("ready")
+    while True:
+        try:
+            values, logging = pickle.load(requests)
+        except EOFError:
+            break
+        try:
+            reply("done", session.run(values, logging), session.note)
+        except Failed as failure:
+            reply("failed", failure.message, failure.log, failure.fatal)
+    session.close()
+
+
+if __name__ == "__main__":
+    serve()
