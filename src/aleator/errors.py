@@ -36,6 +36,10 @@ class SimulatorError(AleatorError):
     """The simulator cannot be imported, raised, or returned something that is not an outcome."""
 
 
+class StoreError(AleatorError):
+    """The store of runs cannot be opened, read or written."""
+
+
 class InputsError(AleatorError):
     """A law, a hyperparameter, a bound or a box is inadmissible."""
 

@@ -22,7 +22,7 @@ from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
 from aleator.search import GradientMultistart, Search
 from aleator.sections import ExperimentsSection, StudyFile, pairs
-from aleator.simulate import Runner, Simulator
+from aleator.simulate import Runner, Simulator, Store
 from aleator.verification import MonteCarlo
 
 T = TypeVar("T")
@@ -32,7 +32,8 @@ T = TypeVar("T")
 class Study:
     """A study file, read and checked: what `aleator.identify` takes, and where it came from.
 
-    `file` is the study file, `sha256` the hash of its bytes.
+    `file` is the study file, `sha256` the hash of its bytes, `store` the file of the simulator's
+    runs, which need not exist.
     """
 
     file: Path
@@ -48,6 +49,7 @@ class Study:
     search: Search
     verification: MonteCarlo
     table: ExperimentsSection
+    store: Path
 
     @property
     def model(self) -> Model:
@@ -69,12 +71,14 @@ class Study:
             verification=self.verification if verified else MonteCarlo(0),
         )
 
-    def runner(self, conditions: Conditions | None = None) -> Runner:
+    def runner(self, conditions: Conditions | None = None, store: Store | None = None) -> Runner:
         """The simulator on the study's experiments, or on other conditions.
 
-        Raises SimulatorError where the function does not take these conditions and parameters.
+        Runs are found in `store` and added to it; None keeps them in memory only. Raises
+        SimulatorError where the function does not take these conditions and parameters.
         """
-        return Runner(self.simulator, conditions or self.experiments, self.inputs.names)
+        table = conditions or self.experiments
+        return Runner(self.simulator, table, self.inputs.names, store=store)
 
     def read_conditions(self, path: str | Path) -> Conditions:
         """Read a table of new conditions, written as the study's table is; it has no outcomes.
@@ -151,6 +155,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         search=made("search", file.search.build),
         verification=made("verification", file.verification.build),
         table=table,
+        store=path.parent / file.simulator.store,
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.program import FILE, SEED, main, shown
+from aleator.cli.program import FILE, SEED, keeps_runs, main, running, shown
 from aleator.feasibility import feasible_box
 from aleator.report import box as report
 from aleator.report import documents
@@ -23,8 +23,16 @@ from aleator.study import load_study
     help="Write DIR/box.json.",
 )
 @SEED
+@keeps_runs
 @click.option("--quiet", is_flag=True, help="Do not show progress.")
-def box(study: Path, output: Path | None, seed: int | None, quiet: bool) -> None:
+def box(
+    study: Path,
+    output: Path | None,
+    seed: int | None,
+    store: Path | None,
+    no_store: bool,
+    quiet: bool,
+) -> None:
     """Find the largest box of the parameters in which every experiment has an outcome.
 
     Looks within the boxes and limits that STUDY.toml states: make them as wide as physics allows.
@@ -32,8 +40,7 @@ def box(study: Path, output: Path | None, seed: int | None, quiet: bool) -> None
     box which experiment limits it, and where it failed.
     """
     value = load_study(study).overridden(seed)
-    runner = value.runner()
-    with shown(quiet) as progress:
+    with running(value, store, no_store, quiet) as runner, shown(quiet) as progress:
         progress.stage("feasible box")
         found = feasible_box(runner, value.inputs, seed=value.seed, progress=progress)
     Console().print(report.render(found))

@@ -9,13 +9,22 @@ from typing import Any
 import click
 from rich.console import Console
 
-from aleator.cli.program import FILE, SEED, identified, main, name_of, outcome_of, say, shown
+from aleator.cli.program import (
+    FILE,
+    SEED,
+    identified,
+    keeps_runs,
+    main,
+    name_of,
+    outcome_of,
+    running,
+    say,
+    shown,
+)
 from aleator.plot.identification import save_figures
 from aleator.report import documents, terminal
-from aleator.simulate import keeping
 from aleator.study import load_study
 
-RUNS = "runs.csv"
 IDENTIFICATION = "identification.json"
 
 
@@ -34,7 +43,7 @@ IDENTIFICATION = "identification.json"
     help="Starts of the gradient search [default: the study's].",
 )
 @click.option("--no-verify", is_flag=True, help="Leave out the Monte Carlo check on the simulator.")
-@click.option("--keep-runs", is_flag=True, help=f"Write DIR/{RUNS} also when all goes well.")
+@keeps_runs
 @click.option("--no-figures", is_flag=True, help="Draw no figures.")
 @click.option("--quiet", is_flag=True, help="Print neither progress nor report, only errors.")
 def identify(
@@ -43,7 +52,8 @@ def identify(
     seed: int | None,
     starts: int | None,
     no_verify: bool,
-    keep_runs: bool,
+    store: Path | None,
+    no_store: bool,
     no_figures: bool,
     quiet: bool,
 ) -> None:
@@ -53,10 +63,11 @@ def identify(
     but for its "seconds". Draws DIR/experiments.png (each outcome in its predicted distribution)
     and DIR/calibration.png if matplotlib is installed. Progress goes to the standard error.
 
-    Every completed run of the simulator is kept: if a run fails, or Ctrl-C comes, the runs are
-    written to DIR/runs.csv, and the next identification into DIR does not repeat them as long as
-    simulator, conditions and parameters are the same. Only the simulator's own package or folder
-    is looked at for that: delete the file if anything else that matters has changed.
+    Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
+    known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
+    same result. No run is repeated, in any study of that folder, as long as simulator, conditions
+    and parameters are the same. Only the simulator's own package or folder is looked at for that:
+    see `aleator runs --help` if anything else that matters has changed.
 
     \b
     A study file (paths are relative to it; all keys but these have defaults):
@@ -90,16 +101,13 @@ def identify(
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     folder = output or Path("out") / name_of(study)
     documents.make_folder(folder)
-    runner = value.runner()
-    with keeping(runner, folder / RUNS, say), shown(quiet) as progress:
+    with running(value, store, no_store, quiet) as runner, shown(quiet) as progress:
         result = identified(value, runner, progress)
-    if keep_runs:
-        runner.save(folder / RUNS)
     document = documents.linked(
         result.to_dict(), value.title, study, value.sha256, outcome_of(value), folder
     )
     documents.write_json(document, folder / IDENTIFICATION)
-    files = [str(folder / IDENTIFICATION), *([str(folder / RUNS)] if keep_runs else [])]
+    files = [str(folder / IDENTIFICATION)]
     if not no_figures:
         files += _figures(document, folder)
     if not quiet:

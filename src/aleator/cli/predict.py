@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.program import FILE, main, outcome_of, shown
+from aleator.cli.program import FILE, keeps_runs, main, outcome_of, running, shown
 from aleator.prediction import predict as predict_outcomes
 from aleator.report import documents, terminal
 from aleator.study import load_study
@@ -31,9 +31,16 @@ from aleator.study import load_study
     metavar="STUDY.toml",
     help="The study file, if it is no longer where the identification says.",
 )
+@keeps_runs
 @click.option("--quiet", is_flag=True, help="Do not show progress.")
 def predict(
-    identification: Path, conditions: Path, output: Path | None, study: Path | None, quiet: bool
+    identification: Path,
+    conditions: Path,
+    output: Path | None,
+    study: Path | None,
+    store: Path | None,
+    no_store: bool,
+    quiet: bool,
 ) -> None:
     """Predict the outcome's distribution for conditions that were never tested.
 
@@ -48,9 +55,8 @@ def predict(
     if value.sha256 != (document.get("study") or {}).get("sha256"):
         click.echo(f"aleator: note: {value.file} has changed since the identification", err=True)
     table = value.read_conditions(conditions)
-    with shown(quiet) as progress:
+    with running(value, store, no_store, quiet, table) as runner, shown(quiet) as progress:
         progress.stage("prediction")
-        runner = value.runner(table)
         found = predict_outcomes(
             runner,
             table,

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 from rich.console import Console
 
 from aleator.errors import AleatorError
+from aleator.experiments import Conditions
 from aleator.identification import Identification
 from aleator.identify import identify as identify_law
 from aleator.progress import Progress, Silent
 from aleator.report import live
-from aleator.simulate import Runner
+from aleator.simulate import Runner, Store, keeping
 from aleator.study import Study
 
 STOPPED = 130  # what shells report for a program ended by Ctrl-C
@@ -24,6 +25,20 @@ FILE = click.Path(path_type=Path)
 SEED = click.option(
     "--seed", type=click.IntRange(min=0), help="Seed of everything random [default: the study's]."
 )
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def keeps_runs(command: Command) -> Command:
+    """Give a command the options that say where the simulator's runs are kept."""
+    store = click.option(
+        "--store",
+        type=click.Path(path_type=Path, dir_okay=False),
+        metavar="FILE",
+        help="Keep the runs there [default: the study's, runs.sqlite beside it].",
+    )
+    none = click.option("--no-store", is_flag=True, help="Keep no runs, and use none.")
+    return store(none(command))
 
 
 class _Commands(click.Group):
@@ -65,6 +80,23 @@ def shown(quiet: bool) -> Iterator[Progress]:
 def say(text: str) -> None:
     """A note on the standard error."""
     click.echo(f"aleator: {text}", err=True)
+
+
+@contextmanager
+def running(
+    study: Study,
+    store: Path | None,
+    no_store: bool,
+    quiet: bool,
+    conditions: Conditions | None = None,
+) -> Iterator[Runner]:
+    """The study's simulator with the store of its runs, which is closed in the end."""
+    if no_store and store is not None:
+        raise AleatorError("--store and --no-store contradict each other", "leave one of them out")
+    with nullcontext() if no_store else Store(store or study.store) as kept:
+        runner = study.runner(conditions, kept)
+        with keeping(runner.kept, str(study.file), None if quiet else say):
+            yield runner
 
 
 def identified(study: Study, runner: Runner, progress: Progress) -> Identification:

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.program import FILE, SEED, identified, main, shown
+from aleator.cli.program import FILE, SEED, identified, keeps_runs, main, running, shown
 from aleator.errors import AleatorError, nearest
 from aleator.progress import Progress
 from aleator.recovery import recover as recover_law
@@ -50,6 +50,7 @@ from aleator.study import Study, load_study
     metavar="NAME=VALUE",
     help="The true value of one hyperparameter, such as v.sd=0.03; may be given several times.",
 )
+@keeps_runs
 @click.option("--quiet", is_flag=True, help="Do not show progress.")
 def recover(
     study: Path,
@@ -59,6 +60,8 @@ def recover(
     seed: int | None,
     law: Path | None,
     truth: tuple[str, ...],
+    store: Path | None,
+    no_store: bool,
     quiet: bool,
 ) -> None:
     """Check that the method finds a law that is known.
@@ -68,8 +71,7 @@ def recover(
     bias with its Monte Carlo error, the scatter, and how often the 95 % interval holds the truth.
     """
     value = load_study(study).overridden(seed, verified=False)
-    with shown(quiet) as progress:
-        runner = value.runner()
+    with running(value, store, no_store, quiet) as runner, shown(quiet) as progress:
         alpha = _truth(value, runner, law, truth, progress)
         found = recover_law(
             runner,

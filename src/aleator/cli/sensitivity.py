@@ -8,7 +8,17 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.program import FILE, SEED, main, name_of, outcome_of, say, shown
+from aleator.cli.program import (
+    FILE,
+    SEED,
+    keeps_runs,
+    main,
+    name_of,
+    outcome_of,
+    running,
+    say,
+    shown,
+)
 from aleator.plot.sensitivity import save_sensitivity
 from aleator.report import documents
 from aleator.report import sensitivity as report
@@ -35,6 +45,7 @@ from aleator.study import load_study
     metavar="ID,ID,...",
     help="Only these experiments [default: all].",
 )
+@keeps_runs
 @click.option("--no-figures", is_flag=True, help="Draw no figure.")
 @click.option("--quiet", is_flag=True, help="Print neither progress nor tables, only errors.")
 def sensitivity(
@@ -43,6 +54,8 @@ def sensitivity(
     seed: int | None,
     runs: int | None,
     experiments: str | None,
+    store: Path | None,
+    no_store: bool,
     no_figures: bool,
     quiet: bool,
 ) -> None:
@@ -60,9 +73,8 @@ def sensitivity(
     folder = output or Path("out") / name_of(study)
     documents.make_folder(folder)
     ids = None if experiments is None else [name.strip() for name in experiments.split(",")]
-    with shown(quiet) as progress:
+    with running(value, store, no_store, quiet) as runner, shown(quiet) as progress:
         progress.stage("sensitivity")
-        runner = value.runner()
         runner.progress = progress
         found = screen(
             runner, value.inputs, experiments=ids, runs=runs, seed=value.seed, progress=progress

@@ -2,17 +2,21 @@
 
 from aleator.simulate.failure import NoOutcome, RunFailed, working_box
 from aleator.simulate.function import FunctionSimulator, Simulator, load_function
-from aleator.simulate.kept import keeping
+from aleator.simulate.kept import Kept, keeping
 from aleator.simulate.record import Runs
 from aleator.simulate.runner import Runner, as_runner, as_simulator
+from aleator.simulate.store import Identity, Store
 
 __all__ = [
     "NoOutcome",
     "FunctionSimulator",
+    "Identity",
+    "Kept",
     "RunFailed",
     "Runner",
     "Runs",
     "Simulator",
+    "Store",
     "as_runner",
     "as_simulator",
     "keeping",

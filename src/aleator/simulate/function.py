@@ -77,7 +77,8 @@ class FunctionSimulator:
     text). `vectorized=True`: it is called with arrays (R,) and returns an array (R,); it must treat
     the runs independently of each other. Its arguments are conditions or parameters; one with a
     default may be neither. It takes every parameter of the study, but only the conditions it names
-    (all of them if it has **kwargs).
+    (all of them if it has **kwargs). `version` is the user's own name of what the function does:
+    runs that were kept stay valid until it changes, whatever happens to the source.
 
     Raises SimulatorError if `function` is not callable or has arguments without a name.
 
@@ -90,15 +91,19 @@ class FunctionSimulator:
     array([0.25, 0.5 ])
     """
 
-    def __init__(self, function: Callable[..., Any], vectorized: bool = False) -> None:
+    def __init__(
+        self, function: Callable[..., Any], vectorized: bool = False, version: str = ""
+    ) -> None:
         if not callable(function):
             raise SimulatorError(
                 f"the simulator {function!r} is not callable", "give a function or its name"
             )
         self.function = function
         self.vectorized = vectorized
+        self.version = version
         self.block = ARRAY_BLOCK if vectorized else SINGLE_BLOCK
         self.name = str(getattr(function, "__qualname__", type(function).__name__))
+        self.description = f"{getattr(function, '__module__', None) or ''}:{self.name}"
         self._arguments = _arguments(function, self.name)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
@@ -157,12 +162,20 @@ class FunctionSimulator:
     def fingerprint(self) -> str:
         """A hash that changes with the source of the function and of the modules beside it.
 
-        Beside: loaded modules of the same package or, for a file, of the same folder. What they
-        read from disk or import from elsewhere is not seen.
+        Beside: loaded modules of the same package or, for a file, of the same folder; of a script
+        or a notebook, the function alone. What they read from disk or import from elsewhere is not
+        seen, nor what the function holds in variables of its own. A `version` takes the place of
+        all that.
         """
         digest = hashlib.sha256(f"{self.name} {self.vectorized}".encode())
-        for path in _sources(self.function):
+        if self.version:
+            digest.update(f" version {self.version}".encode())
+            return digest.hexdigest()
+        sources = _sources(self.function)
+        for path in sources:
             digest.update(path.read_bytes())
+        if not sources:
+            digest.update(_source(self.function).encode())
         return digest.hexdigest()
 
 
@@ -208,6 +221,13 @@ def _arguments(
         else:
             required.append(parameter.name)
     return tuple(required), tuple(optional), anything
+
+
+def _source(function: Callable[..., Any]) -> str:
+    try:
+        return inspect.getsource(function)
+    except (OSError, TypeError):
+        return ""  # written in C, or typed where nobody kept it
 
 
 def _sources(function: Callable[..., Any]) -> list[Path]:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,16 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 from aleator.errors import SimulatorError
 from aleator.experiments import Conditions, Experiments, transformed
 from aleator.progress import Progress, Silent
-from aleator.simulate import record
 from aleator.simulate.failure import NoOutcome
 from aleator.simulate.function import FunctionSimulator, RunStopped, Simulator, describe
+from aleator.simulate.kept import Kept
 from aleator.simulate.record import Runs
+from aleator.simulate.store import Store
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 REPEATABLE = 1e-6
 """Relative difference of two outcomes of the same run that is no cause for concern."""
+
+_SOON = 0.1
+"""Seconds of runs, one by one, after which those that completed are committed."""
 
 
 def as_simulator(simulator: Simulator | Callable[..., Any], vectorized: bool = False) -> Simulator:
@@ -61,16 +63,18 @@ class Runner:
     """`run(index (R,), x (R, n)) -> outcome (R,)`: runs of a simulator on experiments.
 
     `parameters` names the n columns of x. The outcome is what the likelihood sees: after the
-    transform of the experiments. Experiments under the same conditions share their runs, and a run
-    that is in `known` (see record) is not repeated; both need exactly equal numbers.
+    transform of the experiments. Experiments under the same conditions share their runs. A run
+    that is in `known` or in `store` is not repeated, and every new run is committed to the store
+    as soon as it is known, one that failed with its message; numbers must be exactly equal.
 
     `group` (N,) is, for each experiment, the first one under the same conditions.
-    `runs` counts the runs that were needed, those from `known` (`reused`) included, so that an
+    `runs` counts the runs that were needed, those that were known (`reused`) included, so that an
     identification resumed tells the same number as one that was not interrupted.
 
     Raises SimulatorError at once if the simulator does not take these conditions and parameters;
-    in a run for an exception, an outcome that is not a finite number, or a wrong shape. What
-    completed before is kept in `completed`.
+    in a run for an exception, an outcome that is not a finite number, or a wrong shape; StoreError
+    if the store cannot be read or written. What completed before is kept in `completed`. A run
+    that failed is tried again when it is needed again: whoever asks again has mended something.
 
     >>> import pandas as pd
     >>> table = Conditions(("a", "b"), pd.DataFrame({"load": [1.0, 2.0]}))
@@ -86,6 +90,7 @@ class Runner:
         parameters: Sequence[str],
         known: Runs | None = None,
         progress: Progress | None = None,
+        store: Store | None = None,
     ) -> None:
         self.simulator = as_simulator(simulator)
         self.ids = experiments.ids
@@ -98,6 +103,13 @@ class Runner:
         self._known: dict[bytes, float] = {}
         self._reused_runs: list[Runs] = []
         self._blocks: list[Runs] = []
+        self.kept = (
+            None
+            if store is None
+            else Kept(store, self.simulator, self._conditions, len(self.ids), self.parameters)
+        )
+        self._each = 0.0
+        self._part = 1 if getattr(self.simulator, "vectorized", True) is False else 0
         self.runs = 0
         self.reused = 0
         if known is not None:
@@ -120,54 +132,45 @@ class Runner:
         """The number of runs that completed here."""
         return sum(map(len, self._blocks))
 
-    def fingerprint(self) -> str:
-        """A hash of simulator, ids, the conditions it asks for and the names of parameters."""
-        digest = hashlib.sha256(self.simulator.fingerprint().encode())
-        columns = {name: column.tolist() for name, column in self._conditions.items()}
-        digest.update(repr((self.ids, columns, self.parameters)).encode())
-        return digest.hexdigest()
-
-    def save(self, path: str | Path) -> None:
-        """Write every completed run to a CSV file that `load` takes up again."""
-        record.save(path, self.completed, self.ids, self.parameters, self.fingerprint())
-
-    def load(self, path: str | Path) -> int | None:
-        """Do not repeat the runs in a file that `save` wrote: their number.
-
-        None if there is no such file, or if its runs are of another simulator or other conditions.
-        Raises SimulatorError if the file is damaged.
-        """
-        known = record.load(path, self.ids, self.parameters, self.fingerprint())
-        if known is not None:
-            self.know(known)
-        return None if known is None else len(known)
-
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Floats:
         """Run experiment `index` (R,) with parameters `x` (R, n): outcomes (R,), transformed."""
         at = np.asarray(index, dtype=np.intp)
         points = np.asarray(x, dtype=np.float64)
-        if not self._known and len(set(self.group.tolist())) == len(self.ids):
-            self.runs += len(at)
-            return transformed(self._run(at, points), self.transform)
         # Distinct runs in the order of their first appearance.
         place: dict[bytes, int] = {}
         inverse = [place.setdefault(key, len(place)) for key in self._keys(at, points)]
         _, first = np.unique(inverse, return_index=True)
-        outcome = np.array([self._known.get(key, np.nan) for key in place])
-        new = np.isnan(outcome)
+        outcome, _ = self._recalled(at[first], points[first], [*place])
+        new = ~np.isfinite(transformed(outcome, self.transform))
         self.runs += len(place)
         self.reused += len(place) - int(np.sum(new))
         outcome[new] = self._run(at[first[new]], points[first[new]])
         return transformed(outcome[inverse], self.transform)
 
+    def _recalled(
+        self, index: Ints, x: Floats, keys: Sequence[bytes]
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Outcomes (R,) and which of the runs are known; one that failed is known as NaN."""
+        outcome = np.array([self._known.get(key, np.nan) for key in keys], dtype=np.float64)
+        known = ~np.isnan(outcome)
+        if self.kept is not None and not np.all(known):
+            rest = np.flatnonzero(~known)
+            outcome[rest], known[rest] = self.kept.find(self.group[index[rest]], x[rest])
+        return outcome, known
+
     def require_repeatable(self, x: ArrayLike) -> None:
         """Run the first experiment at x (n,) twice, and once only if that run is known.
+
+        It is the one run that is ever repeated: it finds out, too, that a simulator no longer does
+        what it did when its runs were stored.
 
         Raises SimulatorError where the outcomes differ by more than a millionth: a simulator that
         draws random numbers has neither a response surface nor runs that can be reused.
         """
         point = np.atleast_2d(np.asarray(x, dtype=np.float64))
-        first, again = (float(run([0], point)[0]) for run in (self, self.attempt))
+        first = float(self([0], point)[0])
+        again = float(transformed(self._tried(np.zeros(1, np.intp), point), self.transform)[0])
+        self.runs += 1
         if abs(first - again) <= REPEATABLE * max(abs(first), abs(again)):
             return
         raise SimulatorError(
@@ -180,47 +183,67 @@ class Runner:
     def attempt(self, index: ArrayLike, x: ArrayLike) -> Floats:
         """Run as a call does, but a run that raises or is not finite is NaN and stops nothing.
 
-        Nothing is taken from the runs that are known. Raises SimulatorError for a wrong shape.
+        A run that is known, even as failed, is not repeated. Raises SimulatorError for a wrong
+        shape.
         """
         at, points = np.asarray(index, dtype=np.intp), np.asarray(x, dtype=np.float64)
-        outcome = np.empty(len(at))
-        for start in range(0, len(at), self.simulator.block):
-            part = slice(start, start + self.simulator.block)
-            outcome[part] = self._attempted(at[part], points[part])
+        outcome, known = self._recalled(at, points, self._keys(at, points))
+        new = np.flatnonzero(~known)
+        outcome[new] = self._tried(at[new], points[new])
         self.runs += len(at)
         return transformed(outcome, self.transform)
+
+    def _tried(self, index: Ints, x: Floats) -> Floats:
+        outcome = np.empty(len(index))
+        for part in self._parts(len(index)):
+            outcome[part] = self._attempted(index[part], x[part])
+        return outcome
 
     def _attempted(self, index: Ints, x: Floats) -> Floats:
         """One block; what raises is found by halves, or by the function that told where it was."""
         try:
-            return self._call(index, x)
+            outcome = self._call(index, x)
         except SimulatorError:
             raise
         except RunStopped as stop:
+            done = len(stop.completed)
+            self._commit(index[:done], x[:done], stop.completed)
             if not isinstance(stop.__cause__, Exception):
                 raise (stop.__cause__ or stop) from None  # Ctrl-C
-            done = len(stop.completed)
+            self._commit_failure(index[done], x[done], stop.__cause__)
             failed, rest = np.full(1, np.nan), slice(done + 1, None)
             after = self._attempted(index[rest], x[rest]) if done + 1 < len(index) else failed[:0]
             return np.concatenate([stop.completed, failed, after])
-        except Exception:
+        except Exception as error:
             if len(index) == 1:
+                self._commit_failure(index[0], x[0], error)
                 return np.full(1, np.nan)
             half = len(index) // 2
             parts = (slice(None, half), slice(half, None))
             return np.concatenate([self._attempted(index[part], x[part]) for part in parts])
+        self._commit(index, x, outcome)
+        return outcome
 
     def _keys(self, index: Ints, x: Floats) -> list[bytes]:
         rows = np.column_stack([self.group[index], x])
         return [row.tobytes() for row in rows]
 
+    def _parts(self, count: int) -> Iterator[slice]:
+        """Blocks of `count` runs. Of runs one by one as few as take no longer than _SOON."""
+        start = 0
+        while start < count:
+            part = slice(start, min(start + (self._part or self.simulator.block), count))
+            yield part
+            start = part.stop
+            if self._part:
+                self._part = int(np.clip(_SOON / max(self._each, 1e-9), 1, self.simulator.block))
+
     def _run(self, index: Ints, x: Floats) -> Floats:
         outcome = np.empty(len(index))
         begin = time.monotonic()
-        for start in range(0, len(index), self.simulator.block):
-            part = slice(start, start + self.simulator.block)
+        for part in self._parts(len(index)):
             outcome[part] = self._block(index[part], x[part])
-            seconds, done = time.monotonic() - begin, min(part.stop, len(index))
+            seconds, done = time.monotonic() - begin, part.stop
             if seconds > 1 and done < len(index):
                 rate = f"{done:,} of {len(index):,} runs, {done / seconds:.3g} runs/s"
                 self.progress.update(rate, done, len(index))
@@ -241,9 +264,11 @@ class Runner:
             cause = stop.__cause__
             if not isinstance(cause, (Exception, SystemExit)):
                 raise (cause or stop) from None  # Ctrl-C
+            self._commit_failure(index[done], x[done], cause)
             raise self._raised(index[done], x[done], cause) from cause
         except (Exception, SystemExit) as error:
             if len(index) == 1:
+                self._commit_failure(index[0], x[0], error)
                 raise self._raised(index[0], x[0], error) from error
             half = len(index) // 2
             self._block(index[:half], x[:half])
@@ -259,7 +284,14 @@ class Runner:
     def _call(self, index: Ints, x: Floats) -> Floats:
         conditions = {name: column[index] for name, column in self._conditions.items()}
         parameters = {name: x[:, k].copy() for k, name in enumerate(self.parameters)}
-        returned: object = self.simulator(conditions, parameters)
+        began, share = time.perf_counter(), len(index)
+        try:
+            returned: object = self.simulator(conditions, parameters)
+        except RunStopped as stop:
+            share = len(stop.completed) + 1
+            raise
+        finally:
+            self._each = (time.perf_counter() - began) / share
         shape = np.shape(np.asanyarray(returned))
         if shape != (len(index),):
             kind = type(returned).__name__
@@ -277,7 +309,16 @@ class Runner:
             )
         return np.asarray(returned, dtype=np.float64)
 
+    def _commit(self, index: Ints, x: Floats, raw: Floats) -> None:
+        if self.kept is not None:
+            self.kept.add(self.group[index], x, raw, self._each)
+
+    def _commit_failure(self, at: np.intp, x: Floats, error: BaseException) -> None:
+        if self.kept is not None:
+            self.kept.add_failure(self.group[at], x, error, self._each)
+
     def _keep(self, index: Ints, x: Floats, raw: Floats) -> None:
+        self._commit(index, x, raw)
         good = np.isfinite(transformed(raw, self.transform))
         if np.any(good):
             self._blocks.append(Runs(index[good], x[good].copy(), raw[good].copy()))
