@@ -38,8 +38,9 @@ class Delimiters:
     def pattern(self) -> str:
         """A regular expression with the groups `name` and `spec`; it ends within the line."""
         opening, closing = re.escape(self.opening), re.escape(self.closing)
-        inner = rf"(?:(?!{opening}|{closing})[^:\n])+"
-        return rf"{opening}(?P<name>{inner})(?::(?P<spec>(?:(?!{closing})[^\n])*))?{closing}"
+        inside = rf"(?!{opening}|{closing})"
+        name, spec = rf"(?:{inside}[^:\n])+", rf"(?:{inside}[^\n])*"
+        return rf"{opening}(?P<name>{name})(?::(?P<spec>{spec}))?{closing}"
 
 
 BRACES = Delimiters()
@@ -129,6 +130,7 @@ def _placeholder(match: re.Match[str], where: str) -> Placeholder:
         except RunFailed:
             raise SimulatorError(
                 f"{where}: the placeholder {match[0]} has a format that no number has",
-                f"write a format of Python's, such as {name}:.6g or {name}:12.4e",
+                "write one such as .6g or 12.4e; where no placeholder is meant, double the braces "
+                "in a command, or choose other delimiters for a file",
             ) from None
     return found
