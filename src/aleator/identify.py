@@ -44,6 +44,9 @@ ROUNDS = 6
 WIDER = 3
 """Times that the region may be widened so that it holds the intervals."""
 
+COARSE = 0.1
+"""Change of the log-likelihood with more nodes that says that they are too few."""
+
 DEFAULT_PROPAGATION = ResponseSurface()
 DEFAULT_SEARCH = GradientMultistart()
 DEFAULT_VERIFICATION = MonteCarlo()
@@ -95,12 +98,7 @@ def identify(
     with findings.boxes_proposed(runner, inputs):
         with ledger.stage("repeated run"):
             runner.require_repeatable(np.clip(start_point(inputs), *inputs.box.T))
-        answer = _answered(runner, table, model, search, seed, ledger)
-        if density is None and _too_coarse(answer):
-            # the nodes cannot resolve a noise as small as this; moments can
-            runner.know(runner.completed)
-            model = replace(model, density=MaximumEntropy(order=4))
-            answer = _answered(runner, table, model, search, seed, ledger)
+        answer = _answered(runner, table, model, search, seed, ledger, moments=density is None)
         checked = None
         if verification.samples:
             with ledger.stage("verification"):
@@ -123,10 +121,24 @@ class _Answer:
 
 
 def _answered(
-    runner: Runner, table: Experiments, model: Model, search: Search, seed: int, ledger: Ledger
+    runner: Runner,
+    table: Experiments,
+    model: Model,
+    search: Search,
+    seed: int,
+    ledger: Ledger,
+    *,
+    moments: bool,
 ) -> _Answer:
-    """Search on surfaces that fit the answer, and widen them until they hold its intervals."""
+    """Search on surfaces that fit the answer, and widen them until they hold its intervals.
+
+    With `moments` an answer whose noise is too small for the nodes is left to four moments.
+    """
     problem, baselines, found = _focused_search(runner, table, model, search, seed, ledger)
+    if moments and _too_coarse(problem, found.alpha):
+        runner.know(runner.completed)
+        model = replace(model, density=MaximumEntropy(order=4))
+        return _answered(runner, table, model, search, seed, ledger, moments=False)
     with ledger.stage("inference"):
         found, inference, profile = infer_at(problem, found)
     for _ in range(WIDER):
@@ -142,9 +154,13 @@ def _answered(
     return _Answer(problem, found, inference, profile, baselines)
 
 
-def _too_coarse(answer: _Answer) -> bool:
-    status = answer.problem.likelihood.fit(answer.found.alpha).status
-    return bool(np.any(status == Status.TOO_COARSE))
+def _too_coarse(problem: Problem, alpha: Array) -> bool:
+    """Whether a density over nodes needs more of them: by its status, or because more change it."""
+    if not isinstance(problem.model.density, NodeDensity):
+        return False
+    coarse = np.any(problem.likelihood.fit(alpha).status == Status.TOO_COARSE)
+    allowed = max(COARSE, 1e-3 * problem.likelihood.outcomes.size)
+    return bool(coarse) or abs(findings.quadrature_gap(problem, alpha)) > allowed
 
 
 class Ledger:
