@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -91,6 +92,11 @@ class CommandSimulator:
     def name(self) -> str:
         """The program without its folder."""
         return self.program.name
+
+    @property
+    def description(self) -> str:
+        """The command, as one text."""
+        return self.command if isinstance(self.command, str) else shlex.join(self.command)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
         """The conditions that have a placeholder, or all of them if JSON or CSV is written.
