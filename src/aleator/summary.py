@@ -22,6 +22,7 @@ from aleator.identification import (
     Identification,
     LogLikelihoodReport,
     ParameterCorrelation,
+    Warning,
 )
 from aleator.inference import Inference
 from aleator.inputs import Inputs
@@ -47,6 +48,7 @@ def assemble(
     seconds: Mapping[str, float],
     runs_by_stage: Mapping[str, int],
     seed: int,
+    notes: Sequence[Warning] = (),
 ) -> Identification:
     """The Identification of a finished search."""
     alpha, hyperparameters = found.alpha, problem.likelihood.hyperparameters
@@ -65,7 +67,7 @@ def assemble(
         density=problem.model.density.name,
         propagation=problem.name,
         accepted=accepted,
-        warnings=warnings,
+        warnings=(*warnings, *notes),
         experiments=experiment_reports(problem.likelihood, alpha, ids, surface_error),
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),

@@ -47,6 +47,7 @@ def test_noise_too_small_for_the_nodes_is_left_to_moments() -> None:
     y = problem.draw(0, np.array([0.8, 0.4, 1e-4]))
     found = identified(problem, y)
     assert found.density == "maximum_entropy(4)"
+    assert any("four moments" in warning.message for warning in found.warnings)
     chosen = identified(problem, y, density=Convolution())
     assert {e.status for e in chosen.experiments} == {"too_coarse"}
     assert not chosen.accepted

@@ -3,10 +3,11 @@
 from aleator.findings.check import score_steps
 from aleator.findings.failures import boxes_proposed
 from aleator.findings.reach import refuse_unreachable, unreachable
-from aleator.findings.review import quadrature_gap, review, statuses
+from aleator.findings.review import MOMENTS_STAND_IN, quadrature_gap, review, statuses
 from aleator.findings.surfaces import surface_errors, surface_report
 
 __all__ = [
+    "MOMENTS_STAND_IN",
     "boxes_proposed",
     "quadrature_gap",
     "refuse_unreachable",

@@ -26,6 +26,12 @@ Array = NDArray[np.float64]
 
 LARGEST_EDM = 1e-3
 """Distance to the maximum, in log-likelihood, that still counts as arrived."""
+MOMENTS_STAND_IN = Warning(
+    "density",
+    "the noise is too small for the nodes of the exact density, so that four moments of the noisy "
+    "outcome stand in",
+    'compare with kind = "maximum_entropy" of order 6, or with kind = "logspline"',
+)
 LARGEST_QUADRATURE_GAP = 0.1
 """Change of the log-likelihood with more nodes that is worth a warning."""
 FEW_EXPERIMENTS = 5
