@@ -62,8 +62,9 @@ class Failed(Exception):
 class Session:
     """An FMU unzipped into `setup["folder"]`, instantiated once and reset before each further run.
 
-    The first run after a reset is repeated on an instance that was created anew. If the two
-    differ, or the reset fails, every further run gets a new instance, and `note` tells so.
+    The first run after a reset is repeated on an instance that was created anew (and so is every
+    one, until the values were others than before). If the two differ, or the reset fails, every
+    further run gets a new instance, and `note` tells so.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -104,7 +105,7 @@ class Session:
     def _reused(self, values: dict[str, Any]) -> Trajectory:
         if self._used is None or not self._reset:
             return self._anew(values)
-        compare = not self._trusted and values != self._used
+        compare, other = not self._trusted, values != self._used
         try:
             self._instance.reset()
             trajectory = self._simulated(values)
@@ -115,8 +116,9 @@ class Session:
         if not compare:
             return trajectory
         anew = self._anew(values)
-        self._trusted = _same(trajectory, anew)
-        if not self._trusted:
+        same = _same(trajectory, anew)
+        self._trusted = same and other  # equal runs would hide what the last one left behind
+        if not same:
             self._reset = False
             self.note = (
                 "the FMU does not give the same after a reset as when it is created anew: "

@@ -1,0 +1,272 @@
+"""FMUs run as they should: closed forms, over FMI 2.0 and 3.0, co-simulation and model exchange."""
+
+import pickle
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from fmus.build import compiled, python_fmu
+
+from aleator.errors import SimulatorError
+from aleator.experiments import Conditions
+from aleator.simulate import Runner
+from aleator.simulate.fmu import (
+    Course,
+    Crossing,
+    Extreme,
+    Final,
+    FMUSimulator,
+    Hook,
+    Operation,
+    Signal,
+)
+
+KINDS = ("co_simulation", "model_exchange")
+HERE = Operation(isolated=False)
+K = {"k": "surface.k"}
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    folder = tmp_path_factory.mktemp("fmus")
+    return {version: compiled(version, folder) for version in (2, 3)}
+
+
+@pytest.fixture(scope="module")
+def spring(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    source = Path(__file__).parents[1] / "fmus" / "spring.py"
+    return python_fmu(source, tmp_path_factory.mktemp("spring"))
+
+
+def cooled(k: float, time: float = 2.0) -> float:
+    return 300.0 + 100.0 * np.exp(-k * time)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("version", [2, 3])
+def test_every_version_and_kind_gives_the_closed_form(
+    fmus: dict[int, Path], version: int, kind: str
+) -> None:
+    course = Course(kind=kind)
+    simulator = FMUSimulator(fmus[version], Final("T"), course=course, variables=K, operation=HERE)
+    error = 1e-10 if kind == "co_simulation" else 3e-5  # CVode's, at a tolerance of 1e-8
+    for k in (0.5, 1.0, 3.0, 0.5):
+        assert simulator.run_one({}, {"k": k}) == pytest.approx(cooled(k), abs=error)
+    assert simulator.notes == ()
+    simulator.close()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_model_exchange_is_as_exact_as_its_tolerance(fmus: dict[int, Path], version: int) -> None:
+    errors = []
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        course = Course(kind="model_exchange", tolerance=tolerance)
+        simulator = FMUSimulator(fmus[version], Final("T"), course=course, operation=HERE)
+        errors.append(abs(simulator.run_one({}, {}) - cooled(1.0)))
+        simulator.close()
+    assert errors[0] < 0.5
+    assert errors[2] < 0.01 * errors[0]
+    assert errors == sorted(errors, reverse=True)
+
+
+@pytest.mark.parametrize(("cubic", "order"), [(False, 2.0), (True, 4.0)])
+def test_a_crossing_converges_at_the_order_of_its_interpolant(
+    fmus: dict[int, Path], cubic: bool, order: float
+) -> None:
+    k, exact = 1.3, np.log(100.0 / 41.0) / 1.3
+    errors = []
+    for step in (0.1, 0.05, 0.025):
+        simulator = FMUSimulator(
+            fmus[2],
+            Crossing("T - ambient", 41.0, "down", cubic=cubic),
+            course=Course(stop_time=2.0, step=step),
+            variables=K,
+            operation=HERE,
+        )
+        errors.append(abs(simulator.run_one({}, {"k": k}) - exact))
+        simulator.close()
+    # The error also depends on where in its step the crossing falls, hence the wide margin.
+    assert np.log2(errors[0] / errors[2]) / 2.0 == pytest.approx(order, abs=0.7)
+    assert errors[2] < (1e-4 if not cubic else 1e-7)
+
+
+RAMP = Signal(np.array([0.0, 2.0]), np.array([300.0, 400.0]))
+JUMP = Signal(np.array([0.0, 0.73, 0.73, 2.0]), np.array([300.0, 300.0, 350.0, 350.0]))
+
+
+def ramped(k: float) -> float:
+    return 300.0 + 50.0 * (2.0 - 1.0 / k) + (100.0 + 50.0 / k) * np.exp(-2.0 * k)
+
+
+def jumped(k: float) -> float:
+    return 350.0 + (cooled(k, 0.73) - 350.0) * np.exp(-k * (2.0 - 0.73))
+
+
+@pytest.mark.parametrize("step", [0.2, 0.05])
+@pytest.mark.parametrize("version", [2, 3])
+def test_inputs_over_time_reach_the_solver_of_a_model_exchange(
+    fmus: dict[int, Path], version: int, step: float
+) -> None:
+    """Set at communication points only, as FMPy does without event indicators, the ramp would be
+    late by half a step: an error of 1.4 at the smaller one."""
+    for signal, exact in ((RAMP, ramped(2.0)), (JUMP, jumped(2.0))):
+        simulator = FMUSimulator(
+            fmus[version],
+            Final("T"),
+            course=Course(kind="model_exchange", step=step),
+            variables=K,
+            inputs={"ambient": signal},
+            operation=HERE,
+        )
+        assert simulator.run_one({}, {"k": 2.0}) == pytest.approx(exact, abs=3e-5)
+        simulator.close()
+
+
+def test_a_co_simulation_holds_its_inputs_during_a_step(fmus: dict[int, Path]) -> None:
+    def error(signal: Signal, exact: float, step: float) -> float:
+        simulator = FMUSimulator(
+            fmus[2],
+            Final("T"),
+            course=Course(kind="co_simulation", step=step),
+            variables=K,
+            inputs={"ambient": signal},
+            operation=HERE,
+        )
+        found = simulator.run_one({}, {"k": 2.0}) - exact
+        simulator.close()
+        return found
+
+    late = [error(RAMP, ramped(2.0), step) for step in (0.2, 0.1)]
+    assert late[0] / late[1] == pytest.approx(2.0, abs=0.15)  # first order, as documented
+    assert error(JUMP, jumped(2.0), 0.2) == pytest.approx(0.0, abs=1e-9)  # a step ends at a jump
+
+
+def test_conditions_of_every_type_arrive(fmus: dict[int, Path]) -> None:
+    simulator = FMUSimulator(
+        fmus[2], Final("T"), variables={**K, "hot": "T0"}, operation=HERE, constants={"level": 320}
+    )
+    conditions = ("hot", "cycles", "insulated", "label", "trap", "ambient", "bench")
+    assert simulator.asks(conditions, ["k"]) == conditions[:-1]
+
+    def once(**conditions: object) -> float:
+        return simulator.run_one(conditions, {"k": 0.5})
+
+    assert once(hot=500) == pytest.approx(300.0 + 200.0 * np.exp(-1.0))
+    assert once(cycles=3.0) == pytest.approx(cooled(1.5))
+    assert once(insulated="True") == once(insulated=1) == pytest.approx(400.0)
+    assert once(insulated=False) == once(insulated=0.0) == pytest.approx(cooled(0.5))
+    assert once(label="fast") == pytest.approx(cooled(1.0))
+    assert once(trap="none") == once(trap=0) == pytest.approx(cooled(0.5))
+    assert once(ambient=350.0) == pytest.approx(350.0 + 50.0 * np.exp(-1.0))
+    simulator.close()
+
+
+def test_a_hook_gets_the_trajectory(fmus: dict[int, Path], tmp_path: Path) -> None:
+    (tmp_path / "post.py").write_text(
+        "def area(trajectory):\n"
+        "    t, y = trajectory['time'], trajectory['T'] - 300.0\n"
+        "    return ((y[1:] + y[:-1]) / 2 * (t[1:] - t[:-1])).sum()\n"
+    )
+    hook = Hook("post.py:area", ("T",), str(tmp_path))
+    course = Course(stop_time=1.0, step=0.001)
+    simulator = FMUSimulator(fmus[2], hook, course=course, operation=HERE)
+    assert simulator.run_one({}, {}) == pytest.approx(100.0 * (1.0 - np.exp(-1.0)), rel=1e-6)
+    simulator.close()
+
+
+def test_extremes_and_expressions(fmus: dict[int, Path]) -> None:
+    for outcome, expected in (
+        (Extreme("T"), 400.0),
+        (Extreme("T", largest=False), cooled(1.0)),
+        (Extreme("-der(T)"), 100.0),
+        (Final("(T - ambient) / 100 * 2**1"), 2.0 * np.exp(-2.0)),
+        (Final("below"), 1.0),
+    ):
+        simulator = FMUSimulator(fmus[2], outcome, operation=HERE)
+        assert simulator.run_one({}, {}) == pytest.approx(expected)
+        simulator.close()
+
+
+def test_a_process_of_its_own_gives_the_same(fmus: dict[int, Path]) -> None:
+    isolated, here = (
+        FMUSimulator(fmus[2], Final("T"), variables=K, operation=Operation(isolated=own))
+        for own in (True, False)
+    )
+    for k in (0.5, 1.0, 0.5):
+        assert isolated.run_one({}, {"k": k}) == here.run_one({}, {"k": k})
+    isolated.close()
+    here.close()
+
+
+def run_elsewhere(job: tuple[FMUSimulator, float]) -> float:
+    simulator, k = job
+    try:
+        return simulator.run_one({}, {"k": k})
+    finally:
+        simulator.close()
+
+
+def test_a_simulator_in_use_travels_to_worker_processes(fmus: dict[int, Path]) -> None:
+    simulator = FMUSimulator(fmus[2], Final("T"), variables=K)
+    expected = simulator.run_one({}, {"k": 2.0})
+    copy = pickle.loads(pickle.dumps(simulator))
+    assert copy.fingerprint() == simulator.fingerprint()
+    # Forked: the child process that the simulator has open here must not be used there.
+    with ProcessPoolExecutor(1, mp_context=get_context("fork")) as pool:
+        assert list(pool.map(run_elsewhere, [(copy, 2.0), (simulator, 1.0)])) == [
+            expected,
+            pytest.approx(cooled(1.0)),
+        ]
+    assert simulator.run_one({}, {"k": 2.0}) == expected
+    simulator.close()
+
+
+def test_the_runner_runs_an_fmu(spring: Path) -> None:
+    table = Conditions(("a", "b"), pd.DataFrame({"force": [1.0, 3.0], "bench": ["x", "y"]}))
+    simulator = FMUSimulator(spring, Final("travel"), course=Course(stop_time=1.0, step=0.5))
+    run = Runner(simulator, table, ["stiffness"])
+    assert run([0, 1, 1], [[4.0], [4.0], [8.0]]).tolist() == [0.25, 0.75, 0.375]
+    with pytest.raises(SimulatorError, match=r"experiment 'b' with stiffness=2000") as raised:
+        run([0, 1], [[5.0], [2000.0]])
+    assert "the spring broke at 2000 N/mm" in str(raised.value)
+    assert run.completed.outcome.tolist() == [0.25, 0.75, 0.375, 0.2]
+    simulator.close()
+
+
+def test_the_fingerprint_sees_whatever_changes_the_outcome(
+    fmus: dict[int, Path], tmp_path: Path
+) -> None:
+    (tmp_path / "post.py").write_text("def last(t):\n    return t['T'][-1]\n")
+    first = Hook("post.py:last", ("T",), str(tmp_path))
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "post.py").write_text("def last(t):\n    return t['T'][-2]\n")
+    second = Hook("post.py:last", ("T",), str(tmp_path / "other"))
+    made = [
+        FMUSimulator(fmus[2], Final("T")),
+        FMUSimulator(fmus[3], Final("T")),
+        FMUSimulator(fmus[2], Final("T - 1")),
+        FMUSimulator(fmus[2], Extreme("T")),
+        FMUSimulator(fmus[2], first),
+        FMUSimulator(fmus[2], second),
+        FMUSimulator(fmus[2], Final("T"), course=Course(step=0.05)),
+        FMUSimulator(fmus[2], Final("T"), course=Course(kind="model_exchange")),
+        FMUSimulator(fmus[2], Final("T"), variables=K),
+        FMUSimulator(fmus[2], Final("T"), constants={"level": 340.0}),
+        FMUSimulator(fmus[2], Final("T"), inputs={"ambient": RAMP}),
+        FMUSimulator(fmus[2], Final("T"), inputs={"ambient": JUMP}),
+        FMUSimulator(fmus[2], Final("T"), version="2"),
+    ]
+    assert len({simulator.fingerprint() for simulator in made}) == len(made)
+    # How it is run changes no outcome.
+    same = FMUSimulator(fmus[2], Final("T"), operation=Operation(recycle=5, timeout=9.0))
+    assert same.fingerprint() == made[0].fingerprint()
+
+
+def test_units_and_descriptions_are_told(fmus: dict[int, Path]) -> None:
+    text = FMUSimulator(fmus[2], Final("T")).describe()
+    assert "'T0' (parameter, fixed Real in K)  temperature at the start" in text
+    assert "'surface.k' (parameter, tunable Real in 1/s)" in text
+    assert "gas" not in text
