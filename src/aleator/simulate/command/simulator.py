@@ -39,8 +39,7 @@ class CommandSimulator:
     It can be pickled and holds nothing open: `run_one` may be called in any process.
 
     Raises SimulatorError, before anything runs, for whatever is missing or wrong in these.
-    Cost: starting a process (1 ms for a compiled program, 20 ms and more for Python) and making
-    a folder, besides the program itself.
+    Cost: besides the program itself some 2 ms a run, for its folder and its files.
 
     >>> add = CommandSimulator(["awk", "BEGIN {{print {load} / {stiffness}}}"])
     >>> add.asks(["load", "bench"], ["stiffness"])
