@@ -104,10 +104,11 @@ def settable(variable: Variable, what: str) -> Variable:
     """The variable, if a value can be given to it before a run. Raises SimulatorError if not."""
     if variable.settable:
         return variable
-    why = "is constant" if variable.variability == "constant" else f"is a {variable.causality}"
     if not variable.scalar:
         why = "is an array"
-    elif variable.causality == "local":
+    elif variable.variability == "constant":
+        why = "is constant"
+    else:
         why = "is calculated by the FMU"
     raise SimulatorError(
         f"{what}: a value is given to the FMU's variable {variable}, which {why}",

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
+from xml.etree import ElementTree
 
 from aleator.errors import SimulatorError, nearest
 
@@ -107,19 +108,18 @@ def read_description(file: Path) -> Description:
     fmpy = imported_fmpy()
     _check_file(file)
     try:
+        version = _version(file)
+        _check_version(file, version)
         raw = fmpy.read_model_description(str(file), validate=False)
         platforms = fmpy.supported_platforms(str(file))
+    except SimulatorError:
+        raise
     except Exception as error:
         text = " ".join(str(error).split()) or type(error).__name__
         raise SimulatorError(
             f"{file}: the model description of this FMU cannot be read: {text:.200}",
             "export it anew, as FMI 2.0 or 3.0",
         ) from error
-    version = str(raw.fmiVersion)
-    if version != "2.0" and not version.startswith("3.0"):
-        raise SimulatorError(
-            f"{file}: this FMU is of FMI {version}", "export it as FMI 2.0 or FMI 3.0"
-        )
     kinds: tuple[Kind, ...] = (
         *(("co_simulation",) if raw.coSimulation else ()),
         *(("model_exchange",) if raw.modelExchange else ()),
@@ -161,6 +161,19 @@ def _check_file(file: Path) -> None:
         f"{file} is not an FMU: an FMU is a zip file with a modelDescription.xml at its top",
         "name the .fmu file that the modeling tool exported",
     )
+
+
+def _version(file: Path) -> str:
+    with zipfile.ZipFile(file) as archive:
+        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    return root.get("fmiVersion", "unknown")
+
+
+def _check_version(file: Path, version: str) -> None:
+    if version != "2.0" and not version.startswith("3.0"):
+        raise SimulatorError(
+            f"{file}: this FMU is of FMI {version}", "export it as FMI 2.0 or FMI 3.0"
+        )
 
 
 def _check_platform(file: Path, platforms: list[str], here: str) -> None:

@@ -47,7 +47,8 @@ class Course:
                 f"the stop time {stop:g} s is not after the start time {start:g} s",
                 "correct stop_time or start_time",
             )
-        step = self.step or fmu.step or (stop - start) / DEFAULT_POINTS
+        steps = (self.step, fmu.step, (stop - start) / DEFAULT_POINTS)
+        step = next(step for step in steps if step is not None)
         tolerance = self.tolerance if self.tolerance is not None else fmu.tolerance
         settled = Settled(kind, start, stop, step, tolerance)
         settled.check(fmu)
