@@ -1,11 +1,10 @@
 """An external program as a simulator: what it is given, and where its outcome is found."""
 
 import json
-import multiprocessing
 import os
 import pickle
 import stat
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -170,6 +169,22 @@ def test_an_old_result_among_the_files_is_not_taken_for_the_outcome(tmp_path: Pa
     assert (tmp_path / "old/result.txt").read_text() == "1.0"
 
 
+@pytest.mark.parametrize("link", [False, True])
+def test_an_input_replaces_a_file_of_the_case_but_not_the_study(tmp_path: Path, link: bool) -> None:
+    (tmp_path / "case").mkdir()
+    (tmp_path / "case/load").write_text("as it was")
+    (tmp_path / "load.tpl").write_text("{load}")
+    simulator = CommandSimulator(
+        ["cat", "{input}"],
+        base=tmp_path,
+        files=("case",),
+        link=link,
+        inputs=(InputFile("case/load", Template(tmp_path / "load.tpl")),),
+    )
+    assert once(simulator, 3.0) == 3
+    assert (tmp_path / "case/load").read_text() == "as it was"
+
+
 def test_the_study_folder_has_a_placeholder(tmp_path: Path) -> None:
     (tmp_path / "model.awk").write_text("BEGIN {print 6}")
     assert once(CommandSimulator(["awk", "-f", "{study}/model.awk"], base=tmp_path)) == 6
@@ -232,13 +247,16 @@ def test_runs_through_the_runner_and_keeps_what_completed_before_a_failure(tmp_p
     assert np.isnan(run.attempt([0, 0], [[3.0], [4.0]])).tolist() == [True, False]
 
 
-def test_a_pickled_simulator_runs_in_other_processes_at_once() -> None:
-    simulator = pickle.loads(pickle.dumps(CommandSimulator(DIVIDE)))
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(2, mp_context=spawn) as pool:
-        loads = [{"load": float(k)} for k in range(8)]
-        outcomes = list(pool.map(simulator.run_one, loads, [{"stiffness": 4.0}] * 8))
-    assert outcomes == [k / 4 for k in range(8)]
+def test_pickled_copies_run_at_once_without_meeting(tmp_path: Path) -> None:
+    program = script(tmp_path, "echo $1 > result.txt; sleep 0.02; test $(ls | wc -l) = 3")
+    simulator = CommandSimulator(
+        [program, "{load}"], OutputFile("result.txt"), base=tmp_path, keep=Keep.NONE
+    )
+    copies = [pickle.loads(pickle.dumps(simulator)) for _ in range(8)]
+    with ThreadPoolExecutor(4) as pool:
+        outcomes = list(pool.map(once, copies, map(float, range(8))))
+    assert outcomes == list(range(8))
+    assert all(copy == simulator for copy in copies)
 
 
 # ----------------------------------------------------------------------------- fingerprint

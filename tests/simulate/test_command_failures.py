@@ -218,6 +218,8 @@ def test_a_child_that_outlives_the_program_is_ended(tmp_path: Path) -> None:
             r"no file 'result.txt' \(did you mean 're",
         ),
         (OutputFile(), "echo garbage", r"outcome in 'stdout' is 'garbage', not a number"),
+        (OutputFile(), "echo 1_000", r"outcome in 'stdout' is '1_000', not a number"),
+        (CsvOutput(), "head -c 200000 /dev/zero | tr '\\0' 1", "is not a table: field larger"),
         (OutputFile(), "true", r"outcome in 'stdout' is empty, not a number"),
         (OutputFile(), "echo NaN", "is NaN, which is not finite"),
         (OutputFile(), "echo -inf", "is -inf, which is not finite"),
@@ -244,16 +246,25 @@ def test_an_outcome_that_is_not_there(
         raise failure
 
 
+def test_a_program_that_does_not_listen_is_killed(tmp_path: Path) -> None:
+    failure = failing(tmp_path, "trap '' TERM; sleep 60 & echo $!; wait", timeout=0.1)
+    assert failure.message.startswith("it was stopped after its 0.1 s")
+    assert gone(int(failure.log))
+
+
 def test_a_hook_that_fails(tmp_path: Path) -> None:
     (tmp_path / "failing_hook.py").write_text(
         "def raises(folder, stdout):\n    return 1 / 0\n\n"
-        "def text(folder, stdout):\n    return '3'\n"
+        "def text(folder, stdout):\n    return '3'\n\n"
+        "def row(folder, stdout):\n    return [3]\n"
     )
     raises = HookOutput("failing_hook.py:raises", tmp_path)
     message = failing(tmp_path, "true", output=raises).message
     assert "raised ZeroDivisionError: division by zero (failing_hook.py, line 2)" in message
     text = HookOutput("failing_hook.py:text", tmp_path)
     assert "returned '3', not a number" in failing(tmp_path, "true", output=text).message
+    row = HookOutput("failing_hook.py:row", tmp_path)
+    assert "returned [3], not a number" in failing(tmp_path, "true", output=row).message
 
 
 def test_a_program_that_is_not_one_for_this_machine(tmp_path: Path) -> None:

@@ -132,14 +132,7 @@ class CsvOutput(OutputFile):
 
     def read(self, folder: Path) -> float:
         """The number in the cell."""
-        lines = self.text(folder).splitlines()[self.skip :]
-        rows = (
-            [line.split() for line in lines]
-            if self.delimiter == " "
-            else list(csv.reader(lines, delimiter=self.delimiter, skipinitialspace=True))
-        )
-        rows = [row for row in rows if row]
-        column = self.column
+        rows, column = self._rows(folder), self.column
         if isinstance(column, str):
             header = [cell.strip() for cell in rows[0]] if rows else []
             if column not in header:
@@ -157,6 +150,16 @@ class CsvOutput(OutputFile):
                 f"{self.column!r} is wanted"
             )
         return number(cells[column].strip(), self.file)
+
+    def _rows(self, folder: Path) -> list[list[str]]:
+        lines = self.text(folder).splitlines()[self.skip :]
+        if self.delimiter == " ":
+            return [line.split() for line in lines if line.strip()]
+        try:
+            rows = list(csv.reader(lines, delimiter=self.delimiter, skipinitialspace=True))
+        except csv.Error as error:
+            raise RunFailed(f"'{self.file}' is not a table: {error}") from None
+        return [row for row in rows if row]
 
 
 @dataclass(frozen=True)
@@ -214,11 +217,14 @@ class HookOutput:
             found = function(folder, read_text(folder / STDOUT))
         except Exception as error:
             raise RunFailed(f"the output hook {self.reference} raised {describe(error)}") from error
-        if isinstance(found, bool) or not hasattr(found, "__float__"):
-            raise RunFailed(
-                f"the output hook {self.reference} returned {found!r:.60}, not a number"
-            )
-        return number(repr(float(found)), f"the output hook {self.reference}")
+        wrong = f"the output hook {self.reference} returned {found!r:.60}, not a number"
+        if isinstance(found, (bool, str, bytes)):
+            raise RunFailed(wrong)
+        try:
+            value = float(found)
+        except (TypeError, ValueError, OverflowError):
+            raise RunFailed(wrong) from None
+        return number(repr(value), f"the output hook {self.reference}")
 
     def fingerprint(self) -> str:
         """The hash of the function's source and of the modules beside it."""
@@ -232,7 +238,8 @@ def number(text: str, where: str) -> float:
     1500.0
     """
     try:
-        value = float(re.sub(r"(?<=[\d.])[dD](?=[+-]?\d)", "e", text))
+        # Python would take 1_000 for a number, which is no program's way of writing one.
+        value = float(re.sub(r"(?<=[\d.])[dD](?=[+-]?\d)", "e", text.replace("_", "?")))
     except ValueError:
         shown = f"'{text[:60]}'" if text else "empty"
         raise RunFailed(f"the outcome in '{where}' is {shown}, not a number") from None

@@ -221,4 +221,5 @@ def _plain(values: Mapping[str, Value]) -> dict[str, Value]:
 def _write(path: Path, feed: Feed, plain: Values, values: Values) -> None:
     text = feed.write(plain if feed.names is None else values)
     path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)  # it may be a link to a file of the study, which stays as it is
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
