@@ -1,6 +1,7 @@
 """What is wrong with an FMU or with how it is named is told before anything runs."""
 
 import sys
+import tempfile
 import zipfile
 from pathlib import Path
 
@@ -92,8 +93,9 @@ def read_platform() -> str:
 
 
 def test_a_library_that_cannot_be_loaded_is_told_at_the_first_run(
-    fmu: Path, tmp_path: Path
+    fmu: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     bad = tmp_path / "bad.fmu"
     with zipfile.ZipFile(fmu) as archive, zipfile.ZipFile(bad, "w") as copy:
         for name in archive.namelist():
@@ -102,6 +104,7 @@ def test_a_library_that_cannot_be_loaded_is_told_at_the_first_run(
         simulator = FMUSimulator(bad, Final("T"), operation=Operation(isolated=isolated))
         with pytest.raises(SimulatorError, match=r"bad.fmu cannot be instantiated: .*library"):
             simulator.run_one({}, {})
+        assert list(tmp_path.glob("aleator_fmu_*")) == []
 
 
 def test_without_fmpy_the_extra_is_named(fmu: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -190,7 +190,7 @@ if sys.argv[3] == "wait":
 """
 
 
-@pytest.mark.parametrize(("isolated", "ending"), [("1", "end"), ("0", "end"), ("1", "wait")])
+@pytest.mark.parametrize(("isolated", "ending"), [("0", "end"), ("1", "wait")])
 def test_nothing_is_left_of_a_program_that_ends_or_is_killed(
     fmus: dict[int, Path], tmp_path: Path, isolated: str, ending: str
 ) -> None:

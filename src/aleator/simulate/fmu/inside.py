@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 from aleator.errors import SimulatorError
@@ -18,8 +19,10 @@ class Inside:
         self.alive = True
         try:
             self._session = Session(setup)
-        except Failed as failure:
-            raise unusable(setup["fmu"], failure.message, failure.log) from None
+        except Exception as error:
+            shutil.rmtree(setup["folder"], ignore_errors=True)
+            log = getattr(error, "log", "")
+            raise unusable(setup["fmu"], getattr(error, "message", str(error)), log) from None
 
     def run(self, values: Values, timeout: float | None, logging: bool = False) -> Trajectory:
         """The trajectory from these start values; raises RunFailed. There is no time limit."""

@@ -44,8 +44,8 @@ class FMUSimulator:
     this process. The simulator can be pickled; each copy starts its own process.
 
     Raises SimulatorError, before anything runs, for a file that cannot be run here, and for
-    variables that do not exist or cannot be set. What it cost here: 0.4 s to start the process,
-    and 0.2 ms a run beyond what the FMU itself takes.
+    variables that do not exist or cannot be set. Measured cost: 0.3 s to start the process, and
+    0.3 ms for a run of 20 steps beyond what the FMU itself takes.
     """
 
     block = SINGLE_BLOCK
