@@ -96,6 +96,7 @@ def test_a_library_that_cannot_be_loaded_is_told_at_the_first_run(
     fmu: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    here = Path.cwd()
     bad = tmp_path / "bad.fmu"
     with zipfile.ZipFile(fmu) as archive, zipfile.ZipFile(bad, "w") as copy:
         for name in archive.namelist():
@@ -105,6 +106,7 @@ def test_a_library_that_cannot_be_loaded_is_told_at_the_first_run(
         with pytest.raises(SimulatorError, match=r"bad.fmu cannot be instantiated: .*library"):
             simulator.run_one({}, {})
         assert list(tmp_path.glob("aleator_fmu_*")) == []
+        assert Path.cwd() == here
 
 
 def test_without_fmpy_the_extra_is_named(fmu: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -138,6 +138,7 @@ class Session:
     def _created(self) -> Any:
         import fmpy
 
+        here = os.getcwd()  # FMPy goes elsewhere to load a library, and stays if that fails
         try:
             instance = fmpy.instantiate_fmu(
                 self.setup["folder"],
@@ -148,6 +149,8 @@ class Session:
             )
         except Exception as error:
             raise self._failed(error) from error
+        finally:
+            os.chdir(here)
         self._used = None
         return instance
 
