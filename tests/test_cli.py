@@ -63,6 +63,8 @@ def test_every_command_and_option_is_documented() -> None:
         "aleator", "aleator identify", "aleator predict", "aleator recover",
         "aleator clutch", "aleator clutch bench", "aleator reproduce", "aleator reproduce paper",
         "aleator sensitivity", "aleator box",
+        "aleator runs", "aleator runs list", "aleator runs show", "aleator runs export",
+        "aleator runs import", "aleator runs retry", "aleator runs forget",
     }  # fmt: skip
     for name, command in found.items():
         assert command.help, name
@@ -93,7 +95,7 @@ def test_identify_writes_and_prints_the_answer(study: Path) -> None:
     assert "softness.mean" in done.stdout
     assert "Written: result/identification.json" in done.stdout
     assert "search ..." in done.stderr
-    assert not Path("result/runs.csv").exists()
+    assert Path("springs/runs.sqlite").exists()
 
 
 def test_the_default_folder_is_named_after_the_study(study: Path) -> None:
@@ -149,20 +151,24 @@ def test_completed_runs_survive_and_are_taken_up(
         f"    if calls == 50 and Path('fails').exists(): raise {failure}\n"
         "    return load * softness\n"
     )
-    whole = run("identify", study, "--output", "whole")
+    whole = run("identify", study, "--no-figures", "--output", "whole", "--no-store")
+    assert not Path("springs/runs.sqlite").exists()
     calls = int(counter.read_text())
     Path("fails").touch()
-    stopped = run("identify", study, "--output", "result")
+    stopped = run("identify", study, "--no-figures", "--output", "result")
     assert stopped.exit_code == code
     assert words in stopped.stderr
-    assert "the 49 runs that completed are kept in result/runs.csv" in stopped.stderr
+    # The first run was repeated, to see whether it can be; a failed run is kept too, and Ctrl-C
+    # is no failure.
+    kept = 48 + (code == 2)
+    assert f"{kept} new runs are kept in springs/runs.sqlite" in stopped.stderr
     assert "Traceback" not in stopped.output
     assert not Path("result/identification.json").exists()
     Path("fails").unlink()
-    done = run("identify", study, "--output", "result")
+    done = run("identify", study, "--no-figures", "--output", "result")
     assert done.exit_code == 0
-    assert "49 runs are taken from result/runs.csv" in done.stderr
-    assert int(counter.read_text()) == calls - 49
+    assert f"springs/runs.sqlite has {kept} runs of this simulator" in done.stderr
+    assert int(counter.read_text()) == calls - 48
     # Resumed or not, the answer is the same, and so is the number of runs that it rests on.
     one, two = (json.loads(Path(f, "identification.json").read_text()) for f in ("whole", "result"))
     del one["seconds"], two["seconds"]
@@ -171,14 +177,36 @@ def test_completed_runs_survive_and_are_taken_up(
 
 
 def test_runs_of_a_simulator_that_has_changed_are_not_taken(study: Path) -> None:
-    run("identify", study, "--output", "result", "--keep-runs", "--no-verify")
-    assert Path("result/runs.csv").exists()
-    again = run("identify", study, "--output", "result", "--no-verify")
-    assert "runs are taken from" in again.stderr
+    run("identify", study, "--no-figures", "--output", "result", "--no-verify")
+    again = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
+    assert "runs of this simulator; none is repeated" in again.stderr
     study.with_name("model.py").write_text(MODEL.replace("load *", "1.0 * load *"))
-    changed = run("identify", study, "--output", "result", "--no-verify")
-    assert "runs are taken from" not in changed.stderr
-    assert "is left alone" in changed.stderr
+    changed = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
+    assert "none is repeated" not in changed.stderr
+    assert "runs of 'length' as it was before it changed" in changed.stderr
+
+
+def test_a_version_keeps_runs_valid_whatever_happens_to_the_source(study: Path) -> None:
+    study.write_text(STUDY.replace("[simulator]", '[simulator]\nversion = "A"'))
+    run("identify", study, "--no-figures", "--output", "result", "--no-verify")
+    study.with_name("model.py").write_text(MODEL.replace("load *", "1.0 * load *"))
+    again = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
+    assert "none is repeated" in again.stderr
+    study.write_text(STUDY.replace("[simulator]", '[simulator]\nversion = "B"'))
+    changed = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
+    assert "none is repeated" not in changed.stderr
+
+
+def test_the_store_may_lie_anywhere_or_nowhere(study: Path) -> None:
+    study.write_text(STUDY.replace("[simulator]", '[simulator]\nstore = "kept/a.sqlite"'))
+    Path("springs/kept").mkdir()
+    for arguments, file in (((), "springs/kept/a.sqlite"), (("--store", "b.sqlite"), "b.sqlite")):
+        assert run("identify", study, "--no-figures", "--no-verify", *arguments).exit_code == 0
+        assert Path(file).exists()
+    assert not Path("springs/runs.sqlite").exists()
+    both = run("identify", study, "--no-figures", "--no-store", "--store", "b.sqlite")
+    assert both.exit_code == 2
+    assert "contradict" in both.stderr
 
 
 def test_predict_prints_or_writes_new_conditions(study: Path) -> None:

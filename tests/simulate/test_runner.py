@@ -2,7 +2,6 @@
 # ruff: noqa: ARG002, ARG005
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from aleator.simulate import (
     NoOutcome,
     Runner,
     as_simulator,
-    keeping,
     working_box,
 )
 
@@ -209,100 +207,6 @@ def test_known_runs_are_not_repeated_and_still_counted() -> None:
     assert len(again.completed) == 3
 
 
-def test_runs_survive_in_a_file(tmp_path: Path) -> None:
-    path = tmp_path / "runs.csv"
-    run = runner(Counted())
-    x = np.random.default_rng(1).normal(size=(20, 1)) * 1e-7
-    outcome = run(np.arange(20) % 3, x)
-    run.save(path)
-    function = Counted()
-    again = runner(function)
-    assert again.load(path) == 20
-    np.testing.assert_array_equal(again(np.arange(20) % 3, x), outcome)
-    assert function.runs == 0
-
-
-def test_runs_of_another_model_are_not_taken_and_not_overwritten(tmp_path: Path) -> None:
-    path = tmp_path / "runs.csv"
-    run = runner(lambda load, x: x)
-    run([0], [[1.0]])
-    run.save(path)
-    other = Runner(lambda load, y: y, TABLE, ["y"])
-    assert other.load(path) is None
-    other([0], [[2.0]])
-    other.save(path)
-    assert other.load(path) == 1
-    aside = [file for file in tmp_path.iterdir() if file != path]
-    assert len(aside) == 1
-    assert run.load(aside[0]) == 1
-
-
-def test_a_damaged_file_is_told_with_its_row(tmp_path: Path) -> None:
-    path = tmp_path / "runs.csv"
-    run = runner(lambda load, x: x)
-    run([0, 1], [[1.0], [2.0]])
-    run.save(path)
-    whole = path.read_text()
-    for damage in ("D,1.0,1.0\n", "A,1.0\n", "A,1.0,1.", "A,1.0,nan\n", "A,1.0,\n"):
-        path.write_text(whole + damage)
-        if damage.endswith("1."):
-            assert run.load(path) == 3
-            continue
-        with pytest.raises(SimulatorError, match="row 5 is not a run"):
-            run.load(path)
-
-
-def test_a_file_that_is_not_there_has_no_runs(tmp_path: Path) -> None:
-    assert runner(lambda load, x: x).load(tmp_path / "runs.csv") is None
-
-
-@pytest.mark.parametrize("error", [ValueError("broken"), KeyboardInterrupt(), SystemExit()])
-def test_runs_are_kept_whatever_stops_them(tmp_path: Path, error: BaseException) -> None:
-    path, said = tmp_path / "out" / "runs.csv", list[str]()
-    function = Counted(lambda load, x: load == 4.0)
-    function.error = error
-    run = runner(function)
-    # a simulator that calls sys.exit is at fault; only Ctrl-C is the user's own
-    expected = KeyboardInterrupt if isinstance(error, KeyboardInterrupt) else SimulatorError
-    with pytest.raises(expected), keeping(run, path, said.append):
-        run([0, 1, 2], [[1.0], [2.0], [3.0]])
-    assert said == [f"the 2 runs that completed are kept in {path}"]
-    mended = Counted()
-    again = runner(mended)
-    with keeping(again, path, said.append):
-        again([0, 1, 2], [[1.0], [2.0], [3.0]])
-    assert mended.runs == 1
-    assert said[1].startswith("2 runs are taken from")
-
-
-def test_runs_that_cannot_be_written_do_not_hide_what_stopped_them(tmp_path: Path) -> None:
-    said = list[str]()
-    (tmp_path / "file").write_text("")
-    run = runner(Counted(lambda load, x: load == 4.0))
-    with pytest.raises(SimulatorError), keeping(run, tmp_path / "file" / "runs.csv", said.append):
-        run([0, 2], [[1.0], [3.0]])
-    assert "could not be written" in said[0]
-
-
-def test_known_runs_are_written_again_with_the_new_ones(tmp_path: Path) -> None:
-    path = tmp_path / "runs.csv"
-    function = Counted(lambda load, x: load == 4.0)
-    for total in (1, 2):
-        run = runner(function)
-        with pytest.raises(SimulatorError), keeping(run, path, lambda text: None):
-            run([0, 1, 2][3 - total - 1 :], [[1.0], [2.0], [3.0]][3 - total - 1 :])
-    check = runner(function)
-    assert check.load(path) == 2
-
-
-def test_runs_of_another_model_are_mentioned(tmp_path: Path) -> None:
-    path, said = tmp_path / "runs.csv", list[str]()
-    path.write_text("something else\n")
-    with keeping(runner(lambda load, x: x), path, said.append):
-        pass
-    assert "is left alone" in said[0]
-
-
 def test_slow_runs_tell_their_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     class Listener:
         def __init__(self) -> None:
@@ -317,7 +221,9 @@ def test_slow_runs_tell_their_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter(np.arange(0.0, 100.0, 2.0))
     monkeypatch.setattr("aleator.simulate.runner.time.monotonic", lambda: next(clock))
     listener = Listener()
-    runner(lambda load, x: x, progress=listener)(np.zeros(40, int), points(40))
+    run = runner(lambda load, x: x, vectorized=True, progress=listener)
+    run.simulator.block = 16
+    run(np.zeros(40, int), points(40))
     assert listener.texts == ["16 of 40 runs, 8 runs/s 16 40", "32 of 40 runs, 8 runs/s 32 40"]
 
 

@@ -1,6 +1,16 @@
 """The command line: parse, call, print. A file a command; importing one adds it to the program."""
 
-from aleator.cli import box, clutch, identify, predict, recover, reproduce, sensitivity
+from aleator.cli import box, clutch, identify, predict, recover, reproduce, runs, sensitivity
 from aleator.cli.program import main
 
-__all__ = ["box", "clutch", "identify", "main", "predict", "recover", "reproduce", "sensitivity"]
+__all__ = [
+    "box",
+    "clutch",
+    "identify",
+    "main",
+    "predict",
+    "recover",
+    "reproduce",
+    "runs",
+    "sensitivity",
+]

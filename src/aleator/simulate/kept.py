@@ -147,8 +147,8 @@ def keeping(
     except BaseException:
         if kept.added:
             say(
-                f"the {kept.added:,} runs that completed are kept in {kept.store.path}: "
-                "the same command goes on from there"
+                f"{kept.added:,} new runs are kept in {kept.store.path}: the same command goes "
+                "on from there"
             )
         raise
     if kept.left_out:

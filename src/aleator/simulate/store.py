@@ -49,8 +49,11 @@ class Identity:
         """The identity of a simulator.
 
         >>> from aleator.simulate.function import FunctionSimulator
-        >>> Identity.of(FunctionSimulator(abs, version="2.1")).description
-        'builtins:abs'
+        >>> def length(load, stiffness):
+        ...     return load / stiffness
+        >>> identity = Identity.of(FunctionSimulator(length, version="2.1"))
+        >>> identity.name, identity.version
+        ('length', '2.1')
         """
         return cls(
             simulator.fingerprint(),

@@ -1,0 +1,176 @@
+"""`aleator runs`: the store of a simulator's runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from aleator.cli.program import FILE, main
+from aleator.errors import AleatorError, StoreError
+from aleator.report import runs as report
+from aleator.simulate import Identity, Store, exchange, inventory
+from aleator.study import load_study
+
+TARGET = click.argument("target", type=FILE, metavar="STUDY.toml|STORE")
+SHOWN = 20
+
+
+@dataclass(frozen=True)
+class Target:
+    """A store, and the simulator of the study that it was named by, if it was."""
+
+    store: Store
+    simulator: Identity | None
+
+    @property
+    def fingerprint(self) -> str | None:
+        """That of the study's simulator."""
+        return None if self.simulator is None else self.simulator.fingerprint
+
+
+@contextmanager
+def opened(target: Path, new: bool = False) -> Iterator[Target]:
+    """The store of a study, or a store named itself; made if it is not there and may be `new`."""
+    path, simulator = target, None
+    if target.suffix == ".toml" or target.is_dir():
+        study = load_study(target)
+        path, simulator = study.store, Identity.of(study.simulator)
+    if not path.exists() and not new:
+        raise StoreError(
+            f"{path}: there is no store of runs",
+            "`aleator identify` makes it with the first run; name the file if it lies elsewhere",
+        )
+    with Store(path) as store:
+        yield Target(store, simulator)
+
+
+@main.group()
+def runs() -> None:
+    """See, take away, bring in or forget the runs that are kept.
+
+    Every command of a study keeps the simulator's runs in runs.sqlite beside the study file (or
+    where `[simulator] store` or --store says), and repeats none of them. A run is reused for the
+    same simulator, values of the conditions that it asks for, and parameters. Whether it is the
+    same simulator its fingerprint tells, a hash of its source. Where you know better, write
+    `[simulator] version = "..."` for a function: its runs are then valid until you change that.
+
+    With STUDY.toml the commands are about the runs of its simulator as it is now; with the file
+    of a store about all that is in it.
+    """
+
+
+@runs.command("list")
+@TARGET
+def list_(target: Path) -> None:
+    """Tell for every simulator how many runs there are, failures, seconds and the last date."""
+    with opened(target) as at:
+        found = inventory.holdings(at.store)
+        Console().print(report.holdings(found, at.fingerprint, str(at.store.path)))
+
+
+@runs.command()
+@TARGET
+@click.argument("number", type=int, required=False, metavar="[RUN]")
+@click.option("--failures", is_flag=True, help="Only runs that failed.")
+def show(target: Path, number: int | None, failures: bool) -> None:
+    """Show one RUN with its log, or the last runs, or the last failures."""
+    with opened(target) as at:
+        if number is not None:
+            found = [*inventory.kept_runs(at.store, number=number)]
+            if not found:
+                raise StoreError(
+                    f"{at.store.path} has no run {number}",
+                    "`aleator runs show` lists the last ones",
+                )
+            Console().print(report.one(found[0]))
+            return
+        every = [
+            held
+            for held in inventory.holdings(at.store)
+            if at.fingerprint in (None, held.simulator.fingerprint)
+        ]
+        total = sum(held.failures if failures else held.runs for held in every)
+        last = inventory.kept_runs(at.store, at.fingerprint, failures=failures, last=SHOWN)
+        found = [*last]
+        Console().print(report.runs(found, total - len(found)))
+
+
+@runs.command()
+@TARGET
+@click.argument("file", type=FILE, metavar="FILE")
+def export(target: Path, file: Path) -> None:
+    """Write the runs to FILE, a row a run: .csv, or .parquet (which needs pyarrow)."""
+    with opened(target) as at:
+        count = exchange.write(inventory.kept_runs(at.store, at.fingerprint), file)
+    click.echo(f"Written: {file}, {count:,} runs")
+
+
+@runs.command("import")
+@TARGET
+@click.argument("file", type=FILE, metavar="FILE.csv")
+def import_(target: Path, file: Path) -> None:
+    """Add the runs of a CSV file that `aleator runs export` wrote, here or on another machine.
+
+    Runs of a study's simulator may lack the column fingerprint: leave it out to bring in runs
+    that were computed elsewhere, or to go on with runs of a simulator whose source has changed
+    although its outcomes have not. A run that is there already stays as it is.
+    """
+    with opened(target, new=True) as at:
+        if not at.store.writable:
+            raise StoreError(f"{at.store.path} is read-only", "name another store")
+        found = exchange.read(at.store, file, at.simulator)
+    click.echo(f"{found.added:,} runs added, {found.present:,} were there already")
+    if found.different:
+        click.echo(f"{found.different:,} of these have another outcome there, which stays")
+
+
+@runs.command()
+@TARGET
+def retry(target: Path) -> None:
+    """Forget the failures, so that they are run again when they are needed.
+
+    A failure that stops a study is tried again by itself. This is for those that are an answer,
+    such as where `aleator box` finds that the simulator does not work.
+    """
+    with opened(target) as at:
+        count = inventory.retry(at.store, at.fingerprint)
+    click.echo(f"{count:,} failures are forgotten")
+
+
+@runs.command()
+@TARGET
+@click.option("--old", is_flag=True, help="All but the study's simulator as it is now.")
+@click.option("--all", "everything", is_flag=True, help="All runs in the store.")
+@click.option("--fingerprint", metavar="TEXT", help="One simulator, by how its fingerprint begins.")
+@click.option("--yes", is_flag=True, help="Do it.")
+def forget(target: Path, old: bool, everything: bool, fingerprint: str | None, yes: bool) -> None:
+    """Forget simulators with all their runs, for good; without --yes only say which."""
+    if old + everything + (fingerprint is not None) != 1:
+        raise AleatorError("what is to be forgotten?", "give one of --old, --all, --fingerprint")
+    with opened(target) as at:
+        if old and at.simulator is None:
+            raise AleatorError(
+                "--old: a store does not tell which simulator is the present one",
+                "name the study, or give --fingerprint",
+            )
+        chosen = [
+            held
+            for held in inventory.holdings(at.store)
+            if everything
+            or (old and held.simulator.fingerprint != at.fingerprint)
+            or (fingerprint and held.simulator.fingerprint.startswith(fingerprint))
+        ]
+        count = sum(held.runs for held in chosen)
+        if not chosen:
+            click.echo("There is nothing to forget")
+        elif yes:
+            inventory.forget(at.store, [held.simulator.fingerprint for held in chosen])
+            click.echo(f"{count:,} runs are forgotten")
+        else:
+            Console().print(report.holdings(chosen, at.fingerprint, str(at.store.path)))
+            raise AleatorError(f"{count:,} runs would be forgotten for good", "say --yes to do it")

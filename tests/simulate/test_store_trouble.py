@@ -1,0 +1,164 @@
+"""Whatever is wrong with the file of a store is one message, and the file stays as it was."""
+
+import os
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from aleator.errors import StoreError
+from aleator.experiments import Conditions
+from aleator.simulate import FunctionSimulator, Runner, Store, keeping
+
+TABLE = Conditions(("A",), pd.DataFrame({"load": [2.0]}))
+NOBODY = 65534
+
+
+def double(load: float, x: float) -> float:
+    return load * x
+
+
+def runner(store: Store) -> Runner:
+    return Runner(FunctionSimulator(double), TABLE, ["x"], store=store)
+
+
+@contextmanager
+def without_rights() -> Iterator[None]:
+    """The superuser may write anything: be nobody for a while."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.setresuid(NOBODY, NOBODY, 0)
+    try:
+        yield
+    finally:
+        os.setresuid(0, 0, 0)
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    """A folder that anybody may read and only its owner write, once it is made read-only."""
+    path = Path(tempfile.mkdtemp())
+    yield path
+    path.chmod(0o755)
+    shutil.rmtree(path)
+
+
+def read_only(folder: Path) -> None:
+    for file in folder.iterdir():
+        file.chmod(0o444)
+    folder.chmod(0o555)
+
+
+def test_a_text_is_no_store_and_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    text = "load,x,outcome\n" * 100
+    path.write_text(text)
+    with pytest.raises(StoreError, match="not a store of runs, or it is damaged"):
+        Store(path)
+    assert path.read_text() == text
+
+
+def test_a_foreign_database_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "other.sqlite"
+    with closing(sqlite3.connect(path)) as other, other:
+        other.execute("CREATE TABLE runs (a)")
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match="not a store of runs"):
+        Store(path)
+    assert path.read_bytes() == before
+
+
+def test_a_store_of_a_newer_version_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    with Store(path) as store:
+        runner(store)([0], [[1.0]])
+        store.connection.execute("PRAGMA user_version = 2")
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match="newer Aleator: its format is 2") as told:
+        Store(path)
+    assert "install" in told.value.remedy
+    assert path.read_bytes() == before
+
+
+def test_a_damaged_store_is_told_and_not_written_to(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    with Store(path) as store:
+        runner(store)([0] * 500, [[float(k)] for k in range(500)])
+    whole = bytearray(path.read_bytes())
+    whole[4096:] = b"\xa5" * (len(whole) - 4096)
+    path.write_bytes(whole)
+    with pytest.raises(StoreError, match="damaged") as told, Store(path) as store:
+        runner(store)([0], [[1.0]])
+    assert "move the file aside" in told.value.remedy
+    assert path.read_bytes()[4096:] == whole[4096:]
+
+
+def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    with Store(path) as store:
+        run = runner(store)
+        run([0], [[1.0]])
+        pages = store.connection.execute("PRAGMA page_count").fetchone()[0]
+        store.connection.execute(f"PRAGMA max_page_count = {pages + 2}")
+        with pytest.raises(StoreError, match="the disk is full") as told:
+            run([0] * 1000, [[float(k)] for k in range(1000)])
+    assert "free some space" in told.value.remedy
+    with Store(path) as store:
+        kept = runner(store).kept
+        assert kept is not None
+        assert 1 <= kept.at_start.runs < 1000
+        assert runner(store)([0], [[1.0]]).tolist() == [2.0]
+
+
+def test_a_folder_that_is_read_only_is_told_before_anything_runs(folder: Path) -> None:
+    read_only(folder)
+    with without_rights(), pytest.raises(StoreError, match="it is read-only") as told:
+        Store(folder / "runs.sqlite")
+    assert "--no-store" in told.value.remedy
+    with pytest.raises(StoreError, match="there is no such folder"):
+        Store(folder / "nowhere" / "runs.sqlite")
+    with pytest.raises(StoreError, match="is a folder"):
+        Store(folder)
+
+
+def test_the_runs_of_a_read_only_store_are_reused(folder: Path) -> None:
+    path = folder / "runs.sqlite"
+    with Store(path) as store:
+        runner(store)([0], [[1.0]])
+    read_only(folder)
+    before, said = path.read_bytes(), list[str]()
+    with without_rights(), Store(path) as store:
+        assert not store.writable
+        run = runner(store)
+        with keeping(run.kept, "study.toml", said.append):
+            assert run([0, 0], [[1.0], [3.0]]).tolist() == [2.0, 6.0]
+        assert (run.runs, run.reused) == (2, 1)
+    assert "is read-only" in said[-1]
+    assert path.read_bytes() == before
+    assert [file.name for file in folder.iterdir()] == [path.name]
+
+
+def test_an_empty_file_becomes_a_store(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    path.touch()
+    with Store(path) as store:
+        assert runner(store)([0], [[1.0]]).tolist() == [2.0]
+
+
+def test_a_store_that_another_process_holds_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("aleator.simulate.store_file._PATIENCE", 0.1)
+    path = tmp_path / "runs.sqlite"
+    with Store(path) as first, Store(path) as second:
+        first.connection.execute("BEGIN IMMEDIATE")
+        with pytest.raises(StoreError, match="another process has been writing"):
+            runner(second)([0], [[1.0]])
+        first.connection.execute("ROLLBACK")
+        assert runner(second)([0], [[1.0]]).tolist() == [2.0]

@@ -1,0 +1,215 @@
+"""`aleator runs`: what is kept can be seen, taken away, brought in and forgotten."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from click.testing import CliRunner, Result
+from hypothesis import given
+from hypothesis import strategies as st
+
+from aleator import cli
+from aleator.simulate import Store, exchange, inventory
+
+STUDY = """\
+[experiments]
+file = "springs.csv"
+outcome = "length"
+[simulator]
+function = "model.py:length"
+[parameters.softness]
+law = "truncated_normal"
+box = [0.5, 1.5]
+sd = {lower = 0.01, upper = 0.4}
+"""
+MODEL = """\
+def length(load, bench, softness):
+    if softness > 1.45 and load > 3:
+        raise ValueError("the spring broke")
+    return load * softness
+"""
+TABLE = "id,load,bench,length\nA,1,007,0.93\nB,2,007,2.1\nC,3,b,3.2\nD,4,c,3.7\nE,5,c,5.4\n"
+STORE = Path("springs/runs.sqlite")
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(cli.main, ["runs", *map(str, arguments)])
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A study of text conditions whose runs are those of its feasible box, some of them failed."""
+    folder = tmp_path / "springs"
+    folder.mkdir()
+    (folder / "springs.csv").write_text(TABLE)
+    (folder / "model.py").write_text(MODEL)
+    (folder / "study.toml").write_text(STUDY)
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(cli.main, ["box", "springs/study.toml", "--quiet"])
+    assert done.exit_code == 0, done.output
+    return Path("springs/study.toml")
+
+
+def contents(path: Path = STORE) -> list[inventory.KeptRun]:
+    with Store(path) as store:
+        return [*inventory.kept_runs(store)]
+
+
+def test_list_tells_runs_and_failures_of_every_simulator(study: Path) -> None:
+    runs = contents()
+    failed = sum(run.failure is not None for run in runs)
+    assert failed
+    for target in (study, STORE):
+        done = run("list", target)
+        assert done.exit_code == 0, done.output
+        assert f"{len(runs)}" in done.output
+        assert f"{failed}" in done.output
+        assert ("study's" in done.output) == (target == study)
+    study.with_name("model.py").write_text(MODEL + "# changed\n")
+    assert "study's" not in run("list", study).output
+
+
+def test_show_has_the_last_runs_the_failures_and_all_of_one(study: Path) -> None:
+    failure = next(run for run in contents() if run.failure)
+    shown = run("show", study, "--failures").output
+    assert "the spring broke" in " ".join(shown.split())
+    assert "load=1" not in shown
+    one = run("show", study, failure.number).output
+    assert "model.py, line 3" in " ".join(one.split())
+    assert repr(failure.parameters["softness"]) in one
+    assert "before these" in run("show", study).output
+    absent = run("show", study, 10**9)
+    assert absent.exit_code == 2
+    assert f"has no run {10**9}" in absent.stderr
+
+
+def test_what_is_exported_is_imported_bit_by_bit(study: Path) -> None:
+    assert run("export", study, "runs.csv").exit_code == 0
+    done = run("import", "copy.sqlite", "runs.csv")
+    assert done.exit_code == 0, done.output
+    runs = contents()
+    assert f"{len(runs)} runs added, 0 were there already" in done.output
+
+    def key(run: inventory.KeptRun) -> str:
+        return f"{run.conditions} {run.parameters}"
+
+    copies = contents(Path("copy.sqlite"))
+    for copy, kept in zip(sorted(copies, key=key), sorted(runs, key=key), strict=True):
+        assert copy.time == pytest.approx(kept.time, abs=1e-5)  # written to the microsecond
+        assert replace(copy, number=0, time=0.0) == replace(kept, number=0, time=0.0)
+    assert "0 runs added" in run("import", "copy.sqlite", "runs.csv").output
+    frame = pd.read_csv("runs.csv")
+    assert {"condition.load", "parameter.softness", "outcome", "failure"} <= set(frame.columns)
+
+
+def test_runs_from_elsewhere_belong_to_the_study_that_they_are_given_to(study: Path) -> None:
+    run("export", study, "runs.csv")
+    frame = pd.read_csv("runs.csv", dtype=str)
+    study.with_name("model.py").write_text(MODEL + "# changed\n")
+    frame[["condition.load", "condition.bench", "parameter.softness", "outcome", "failure"]].to_csv(
+        "mine.csv", index=False
+    )
+    assert run("import", study, "mine.csv").exit_code == 0
+    again = CliRunner().invoke(cli.main, ["box", str(study)])
+    with Store(STORE) as store:
+        mine, old = inventory.holdings(store)
+    assert (mine.runs, mine.failures) == (old.runs, old.failures)
+    assert f"{mine.runs} runs of this simulator" in again.stderr
+    assert f"{old.runs} runs of 'length' as it was before it changed" in again.stderr
+    strangers = run("import", STORE, "mine.csv")
+    assert "'fingerprint' is missing" in strangers.stderr
+
+
+def test_an_import_does_not_change_what_is_there(study: Path) -> None:
+    run("export", study, "runs.csv")
+    frame = pd.read_csv("runs.csv", dtype=str)
+    good = frame.index[frame["outcome"].notna()][0]
+    before = contents()
+    frame.loc[good, "outcome"] = "123.5"
+    frame.to_csv("other.csv", index=False)
+    assert "1 of these have another outcome there" in run("import", study, "other.csv").output
+    assert contents() == before
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("parameter.x,outcome\n1.0,2.0,3.0\n", "line 2 is not a run: it has another number"),
+        ("parameter.x,outcome\n1.0,2.0\n1.0,soft\n", "line 3 is not a run: column 'outcome'"),
+        ("parameter.x,outcome\nnan,2.0\n", "nan is not finite"),
+        ("parameter.x,outcome\n1.0,\n", "neither an outcome nor a failure"),
+        ("parameter.x,outcome,failure\n1.0,2.0,broke\n", "an outcome and a failure"),
+        ("parameter.x,outcome,attempt\n1.0,2.0,often\n", "line 2 is not a run"),
+        ("x,outcome\n1.0,2.0\n", "the column 'x' is not known"),
+        ("parameter.x\n1.0\n", "the column 'outcome' is missing"),
+        ("outcome\n1.0\n", "the column 'parameter.NAME' is missing"),
+    ],
+)
+def test_what_is_not_a_run_is_told_and_nothing_is_imported(
+    study: Path, text: str, words: str
+) -> None:
+    before = contents()
+    Path("bad.csv").write_text(text)
+    done = run("import", study, "bad.csv")
+    assert done.exit_code == 2
+    assert words in done.stderr
+    assert contents() == before
+
+
+def test_retry_forgets_the_failures_alone(study: Path) -> None:
+    before = contents()
+    failed = [run for run in before if run.failure]
+    assert f"{len(failed)} failures are forgotten" in run("retry", study).output
+    assert contents() == [run for run in before if not run.failure]
+
+
+def test_forget_asks_and_then_forgets_old_fingerprints_or_all(study: Path) -> None:
+    first = contents()
+    study.with_name("model.py").write_text(MODEL + "# changed\n")
+    CliRunner().invoke(cli.main, ["box", str(study), "--quiet"])
+    asked = run("forget", study, "--old")
+    assert asked.exit_code == 2
+    assert f"{len(first)} runs would be forgotten" in asked.stderr
+    assert len(contents()) == 2 * len(first)
+    assert f"{len(first)} runs are forgotten" in run("forget", study, "--old", "--yes").output
+    left = contents()
+    assert len(left) == len(first)
+    assert {run.simulator.fingerprint for run in left}.isdisjoint(
+        run.simulator.fingerprint for run in first
+    )
+    assert "nothing to forget" in run("forget", study, "--fingerprint", "zz", "--yes").output
+    assert run("forget", STORE, "--all", "--yes").exit_code == 0
+    assert contents() == []
+    for arguments in ((study,), (study, "--old", "--all"), (STORE, "--old")):
+        assert run("forget", *arguments).exit_code == 2
+
+
+def test_what_cannot_be_done_is_told(study: Path) -> None:
+    nowhere = run("list", "nowhere.sqlite")
+    assert nowhere.exit_code == 2
+    assert "there is no store" in nowhere.stderr
+    assert "is no kind of table" in run("export", study, "runs.xlsx").stderr
+    Path("runs.csv").touch()
+    assert "is there already" in run("export", study, "runs.csv").stderr
+    assert "cannot be read" in run("import", study, "absent.csv").stderr
+
+
+def test_parquet_needs_an_extra(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("importlib.util.find_spec", {}.get)
+        missing = run("export", study, "runs.parquet")
+    assert missing.exit_code == 2
+    assert "pip install 'aleator[parquet]'" in missing.stderr
+    pytest.importorskip("pyarrow")
+    assert run("export", study, "runs.parquet").exit_code == 0
+    frame = pd.read_parquet("runs.parquet")
+    assert frame["outcome"].notna().sum() == sum(run.outcome is not None for run in contents())
+
+
+@given(st.text(max_size=8) | st.floats(allow_nan=False))
+def test_any_condition_survives_a_cell(value: str | float) -> None:
+    cell = exchange.as_cell(value)
+    text = repr(cell) if isinstance(cell, float) else cell
+    assert exchange.from_cell(text) == value
+    assert type(exchange.from_cell(text)) is type(value)
