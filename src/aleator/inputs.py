@@ -14,6 +14,7 @@ from aleator.correlation import Correlation, Pair, between
 from aleator.errors import InputsError
 from aleator.indices import total_degree
 from aleator.laws import Hyperparameter, Law, Normal, Rule, Specification
+from aleator.outcomes import Lattice
 from aleator.quadrature import gauss_hermite, tensor
 from aleator.threads import single_threaded
 
@@ -30,13 +31,15 @@ class Nodes:
     """A cubature rule of J nodes in n parameters with K hyperparameters.
 
     `x` (J, n), `weights` (J,) that sum to one, and the derivatives by alpha: `dx` (J, n, K),
-    `dweights` (J, K). `dx[:, i, k]` lies in one piece in memory.
+    `dweights` (J, K). `dx[:, i, k]` lies in one piece in memory. `lattice` tells how the nodes lie
+    in the germ, where that is an even grid.
     """
 
     x: Array
     weights: Array
     dx: Array
     dweights: Array
+    lattice: Lattice | None = None
 
 
 class Inputs:

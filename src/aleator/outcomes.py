@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from aleator.moments import Moments, weighted_moments, weighted_moments_with_gradient
 
@@ -13,11 +14,28 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Lattice:
+    """How J nodes lie on an even grid of the standard normal germ.
+
+    `distance2` (J,) is their squared distance from the origin. `width`, below one, is the standard
+    deviation in the germ of the smoothing that leaves no spikes of a sum over the nodes. `first`
+    and `second` hold for each axis of the grid the matrix (J, J) of central differences, first and
+    second; at the border of the grid one-sided ones, and no curvature.
+    """
+
+    distance2: Array
+    width: float
+    first: tuple[sparse.csr_array, ...]
+    second: tuple[sparse.csr_array, ...]
+
+
+@dataclass(frozen=True)
 class Outcomes:
     """Noise-free outcomes y (N, J) of N experiments at J nodes with weights (J,) that sum to one.
 
     `dy` (N, J, K) and `dweights` (J, K) are their derivatives by the K hyperparameters, or None
-    where no derivative was asked for. E[g(Y_l)] is sum_j w_j g(y_lj) for any function g.
+    where no derivative was asked for. E[g(Y_l)] is sum_j w_j g(y_lj) for any function g. `lattice`
+    is there where the nodes are an even grid of the germ.
 
     >>> o = Outcomes(np.array([[1.0, 3.0]]), np.array([0.5, 0.5]))
     >>> o.moments(2).mean.tolist()
@@ -28,6 +46,7 @@ class Outcomes:
     weights: Array
     dy: Array | None = None
     dweights: Array | None = None
+    lattice: Lattice | None = None
 
     def moments(self, order: int) -> Moments:
         """Moments up to `order`, with jacobians where the derivatives are there."""
@@ -40,4 +59,4 @@ class Outcomes:
         if np.array_equal(index, np.arange(self.y.shape[0])):
             return self
         dy = None if self.dy is None else self.dy[index]
-        return Outcomes(self.y[index], self.weights, dy, self.dweights)
+        return Outcomes(self.y[index], self.weights, dy, self.dweights, self.lattice)

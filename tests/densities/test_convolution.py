@@ -172,7 +172,7 @@ def test_what_passes_as_resolved_is() -> None:
             for count in (10, 20, 40, 80, 160):
                 x, w = gauss_hermite(count)
                 fitted = fit(simulator(x)[None], w, noise)
-                if fitted.ripple[0] <= LARGEST_RIPPLE:
+                if fitted.roughness[0] <= LARGEST_RIPPLE:
                     worst = max(worst, float(np.abs(fitted.log_pdf(y) - exact).mean()))
     assert 0.0 < worst < 0.08
 

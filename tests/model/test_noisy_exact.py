@@ -41,16 +41,16 @@ def test_a_stochastic_frontier_is_found_exactly(sds: tuple[float, float], seed: 
     assert found.accepted
 
 
-def test_noise_too_small_for_the_nodes_is_left_to_moments() -> None:
-    """Noise of a thousandth of the scatter: a sum over nodes would be a row of spikes."""
+def test_noise_of_a_thousandth_of_the_scatter_is_found_exactly() -> None:
+    """Where a plain sum over nodes is a row of spikes."""
     problem = replace(NOISY, z=np.linspace(0.5, 2.0, 60), noise=Noise(1e-4))
     y = problem.draw(0, np.array([0.8, 0.4, 1e-4]))
     found = identified(problem, y)
-    assert found.density == "maximum_entropy(4)"
-    assert any("four moments" in warning.message for warning in found.warnings)
-    chosen = identified(problem, y, density=Convolution())
-    assert {e.status for e in chosen.experiments} == {"too_coarse"}
-    assert not chosen.accepted
+    assert found.density == "convolution"
+    assert {e.status for e in found.experiments} == {"solved"}
+    alpha = np.array([found.alpha["x.mean"].estimate, found.alpha["x.sd"].estimate, 1e-4])
+    exact = float(problem.log_density(alpha, problem.z, y).sum())
+    assert found.log_likelihood.estimated == pytest.approx(exact, abs=0.02)
 
 
 def test_a_convolution_needs_noise() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,7 @@ from aleator.densities.interface import (
     one_per_experiment,
     probabilities,
 )
+from aleator.densities.linearized import Linearized
 from aleator.densities.normal_sum import NormalSum
 from aleator.densities.stand_in import NodeNormal, check_noise, check_weights
 from aleator.errors import InputsError
@@ -32,11 +34,22 @@ Measured with Gauss rules of one normal parameter, 10 to 200 nodes, on five simu
 from 1 % to 100 % of the scatter: below this estimate the mean distance of log f from that of 40,001
 nodes was under 0.07. Nodes of equal weight miss the last tail, hence are too low there; nodes of
 two parameters interleave irregularly and the estimate does not see it (mean distance 0.58 with
-30 x 30 nodes at a noise of 5 %): more nodes show both.
+30 x 30 nodes at a noise of 5 %): nodes on a lattice are smoothed instead.
+"""
+
+LARGEST_BEND = 0.3
+"""Mean share of curvature in the components' deviation from which a lattice is too coarse.
+
+Measured with 61^2, 41^2, 25^3 and 31^3 nodes on ten simulators at noise from 2 % to 100 % of the
+scatter: below it the mean distance of log f from the exact one was under 0.08 (under 0.002 where
+it is below 0.1), above it up to 0.14.
 """
 
 _LARGEST_EXPONENT = 600.0
 """The derivative by a weight of zero far from its node is cut here, so that it is finite."""
+
+
+_LARGEST_OUTCOME = 1e140
 
 
 @dataclass(frozen=True)
@@ -46,17 +59,29 @@ class Convolution:
     f(y) = sum_j w_j Normal(y; eta_j, sigma_e^2), with eta_j the outcomes at nodes of weights w_j:
     the marginal likelihood of a nonlinear mixed-effects model by quadrature (Pinheiro and Bates,
     1995). It is exact but for the number of nodes: they must lie closer together, in the outcome,
-    than some two standard deviations of the noise, or the density is a row of spikes. `points` is
-    the number of nodes to ask for, all parameters together. Of one normal parameter 400 nodes of a
-    Gauss rule resolve a noise above 8 % (linear simulator) to 19 % (saturating) of the scatter,
-    400 nodes of equal probability above 3 % (linear) and 1 % (saturating). Halving the noise
-    takes twice the nodes of equal probability, four times those of a Gauss rule.
+    than some two standard deviations of the noise, or the density is a row of spikes.
 
-    Nodes too coarse (`ripple` above 0.02) have status TOO_COARSE, and the normal density of the
-    same mean and variance stands in. No noise is status DEGENERATE: add noise, or take
-    `MaximumEntropy`. Raises InputsError for points under 2, for a negative weight (a sparse grid
-    has them; a sum with them is no density), or a noise that is negative or not finite.
-    Cost O(N J) for a value with all its derivatives.
+    Nodes on a lattice of the germ (`GermGrid`, the default) have no spikes, however small the noise
+    and whatever the number of parameters: what lies between the nodes is integrated by local
+    linearization (`Linearized`), as far as the noise does not fill it. What is left is a bias of
+    fourth order in the step. Mean distance of log f from the exact one at a noise of 2 %, 10 %
+    and 30 % of the scatter: for two parameters (61^2 nodes) 0.0005, 0.0004, 0.0001 where the
+    outcome is monotonic (without smoothing 0.26, 0.0007, 1e-6), 0.03, 0.01, 0.001 for a
+    product of two centered normals; for three (25^3) 0.004 to 0.02 where it is monotonic and
+    smooth, up to 0.14 where it is not, most of which is TOO_COARSE.
+
+    Of other nodes `points` is the number to ask for, all parameters together. Of one normal
+    parameter 400 nodes of a Gauss rule resolve a noise above 8 % (linear simulator) to 19 %
+    (saturating) of the scatter, 400 nodes of equal probability above 3 % (linear) and 1 %
+    (saturating). Halving the noise takes twice the nodes of equal probability, four times those
+    of a Gauss rule.
+
+    Nodes too coarse (`ripple` above 0.02, or on a lattice `Linearized.bend` above 0.3) have status
+    TOO_COARSE, and the normal density of the same mean and variance stands in. No noise is status
+    DEGENERATE: add noise, or take `MaximumEntropy`. Raises InputsError for points under 2, for a
+    negative weight (a sparse grid has them; a sum with them is no density), or a noise that is
+    negative or not finite. Cost O(N J) for a value with all its derivatives, O(N J n^2) on a
+    lattice.
 
     >>> nodes = Outcomes(np.array([[0.0, 1.0]]), np.array([0.5, 0.5]))
     >>> fitted = Convolution().fit_nodes(nodes, 1.0, -np.inf, np.inf)
@@ -92,7 +117,18 @@ class Convolution:
         usable &= noise_sd > SMALLEST_SD
         y = np.where(usable[:, None], outcomes.y, 0.0)
         sd = max(noise_sd, SMALLEST_SD)
-        return FittedConvolution(y, outcomes.weights, sd, ripple(y, outcomes.weights, sd), ~usable)
+        if outcomes.lattice is None:
+            rough = ripple(y, outcomes.weights, sd)
+            return FittedConvolution(
+                y, outcomes.weights, sd, rough, rough > LARGEST_RIPPLE, ~usable
+            )
+        # the squares of their differences have to be finite
+        usable &= np.abs(y).max(axis=1) < _LARGEST_OUTCOME
+        y = np.where(usable[:, None], y, 0.0)
+        around = Linearized(y, outcomes.weights, outcomes.lattice, sd)
+        return FittedConvolution(
+            y, outcomes.weights, sd, around.bend, around.bend > LARGEST_BEND, ~usable, around
+        )
 
 
 def ripple(y: Array, weights: Array, noise_sd: float | Array) -> Array:
@@ -137,21 +173,24 @@ def _rank(sorted_rows: Array, query: Array) -> Codes:
 class FittedConvolution:
     """Convolutions of N experiments; methods as in `FittedDensity`.
 
-    `y` (N, J), `weights` (J,), `noise_sd`; `ripple` (N,) as the function; `none` (N,) tells where
-    there is no density. Where the nodes are too coarse, the normal density of the same mean and
-    variance stands in.
+    `y` (N, J), `weights` (J,), `noise_sd`; `roughness` (N,) is the ripple, or the bend where the
+    nodes are a lattice and `around` tells what lies around them; `none` (N,) tells where there is
+    no density. Where the nodes are too coarse, the normal density of the same mean and variance
+    stands in.
     """
 
     y: Array
     weights: Array
     noise_sd: float
-    ripple: Array
+    roughness: Array
+    too_coarse: Mask
     none: Mask
+    around: Linearized | None = None
 
     @property
     def status(self) -> Codes:
         """(N,) SOLVED, TOO_COARSE or DEGENERATE."""
-        coarse = np.where(self.ripple > LARGEST_RIPPLE, Status.TOO_COARSE, Status.SOLVED)
+        coarse = np.where(self.too_coarse, Status.TOO_COARSE, Status.SOLVED)
         return np.where(self.none, Status.DEGENERATE, coarse).astype(np.int64)
 
     @property
@@ -163,41 +202,51 @@ class FittedConvolution:
     @property
     def support(self) -> Array:
         """(N, 2) the real line."""
-        return np.tile([-np.inf, np.inf], (self.ripple.size, 1))
+        return np.tile([-np.inf, np.inf], (self.none.size, 1))
 
     @property
     def residual(self) -> Array:
-        """(N,) the ripple: nothing else is approximated; inf where there is no density."""
-        return np.where(self.none, np.inf, self.ripple)
+        """(N,) the ripple or the bend; inf where there is no density."""
+        return np.where(self.none, np.inf, self.roughness)
 
     @property
     def rises_at_edge(self) -> Mask:
         """(N,) never: there is no edge."""
-        return np.zeros(self.ripple.shape, dtype=bool)
+        return np.zeros(self.none.shape, dtype=bool)
 
     @property
     def _coarse(self) -> Mask:
-        coarse: Mask = (self.ripple > LARGEST_RIPPLE) & ~self.none
+        coarse: Mask = self.too_coarse & ~self.none
         return coarse
 
     @property
     def _normal(self) -> NodeNormal:
         return NodeNormal(self.y, self.weights, self.noise_sd)
 
+    @cached_property
+    def _parts(self) -> NormalSum:
+        """Around every node its outcome's own spread, where that is known, and the noise."""
+        if self.around is None:
+            sds = np.full(self.y.shape, self.noise_sd)
+            return NormalSum(np.broadcast_to(self.weights, self.y.shape), self.y, sds)
+        around = self.around
+        return NormalSum(np.exp(around.log_core), around.mean, np.sqrt(around.variance))
+
     @property
     def _sum(self) -> NormalSum:
         """Where the nodes are too coarse, every node is the normal density that stands in."""
-        mean, total = self._normal.mean, self._normal.sd
-        coarse = self._coarse[:, None]
+        parts, coarse = self._parts, self._coarse[:, None]
+        if not coarse.any():
+            return parts
         return NormalSum(
-            np.broadcast_to(self.weights, self.y.shape),
-            np.where(coarse, mean[:, None], self.y),
-            np.broadcast_to(np.where(coarse, total[:, None], self.noise_sd), self.y.shape),
+            parts.weights,
+            np.where(coarse, self._normal.mean[:, None], parts.centers),
+            np.where(coarse, self._normal.sd[:, None], parts.sds),
         )
 
     def log_pdf(self, y: ArrayLike) -> Array:
         """Logarithm of the density at y (N,) or (N, G); -inf where there is none."""
-        value = self._sum.log_pdf(by_experiment(y, self.ripple.size, "the outcome"))
+        value = self._sum.log_pdf(by_experiment(y, self.none.size, "the outcome"))
         return np.where(self.none[:, None], -np.inf, value).reshape(np.shape(y))
 
     def pdf(self, y: ArrayLike) -> Array:
@@ -206,7 +255,7 @@ class FittedConvolution:
 
     def cdf(self, y: ArrayLike) -> Array:
         """Probability of an outcome not above y (N,) or (N, G)."""
-        return self._sum.cdf(by_experiment(y, self.ripple.size, "the outcome")).reshape(np.shape(y))
+        return self._sum.cdf(by_experiment(y, self.none.size, "the outcome")).reshape(np.shape(y))
 
     def quantile(self, p: ArrayLike) -> Array:
         """Outcomes (N, P) that are not exceeded with probabilities p (P,)."""
@@ -224,11 +273,12 @@ class FittedConvolution:
         """Value for the search at y (N,) with its partial derivatives, cost O(N J).
 
         With s the noise's sd, z_j = (y - eta_j)/s and r_j = w_j Normal(y; eta_j, s^2)/f the share
-        of node j: d log f = sum_j r_j (z_j/s d eta_j + dw_j/w_j + (z_j^2 - 1)/s ds).
+        of node j: d log f = sum_j r_j (z_j/s d eta_j + dw_j/w_j + (z_j^2 - 1)/s ds). On a lattice
+        the chain goes on to the components; its weights are fixed, so that d_weights is zero.
         Too coarse nodes have the value of the normal density less FAILED_SOLVE_PENALTY; without a
         density, or for an outcome that is not finite, it is DEGENERATE_VALUE.
         """
-        outcome = one_per_experiment(y, self.ripple.size, "the outcome")
+        outcome = one_per_experiment(y, self.none.size, "the outcome")
         none, coarse = self.none | ~np.isfinite(outcome), self._coarse
         outcome = np.where(none, 0.0, outcome)
         value, d_y, d_weights, d_noise = self._own(outcome)
@@ -248,16 +298,36 @@ class FittedConvolution:
         )
 
     def _own(self, outcome: Array) -> tuple[Array, Array, Array, Array]:
+        if self.around is None:
+            return self._of_nodes(outcome)
+        around = self.around
+        sd = np.sqrt(around.variance)
+        each, z = _log_normal(outcome, around.mean, sd)
+        value, share = _shares(each + around.log_core)
+        by_mean = share * z / sd
+        d_y, d_noise = around.chain(share, by_mean, 0.5 * share * (z**2 - 1.0) / around.variance)
+        return value, d_y, np.zeros_like(d_y), d_noise
+
+    def _of_nodes(self, outcome: Array) -> tuple[Array, Array, Array, Array]:
         sd = self.noise_sd
-        with np.errstate(over="ignore", divide="ignore"):
-            parts = NormalSum(
-                np.broadcast_to(self.weights, self.y.shape), self.y, np.full(self.y.shape, sd)
-            ).parts(outcome)
-            exponent = parts + np.log(self.weights)
-            top = exponent.max(axis=1)
-            value = top + np.log(np.exp(exponent - top[:, None]).sum(axis=1))
-        share = np.exp(exponent - value[:, None])
-        by_weight = np.exp(np.minimum(parts - value[:, None], _LARGEST_EXPONENT))
-        z = np.clip((outcome[:, None] - self.y) / sd, -FARTHEST, FARTHEST)
+        each, z = _log_normal(outcome, self.y, sd)
+        with np.errstate(divide="ignore"):
+            value, share = _shares(each + np.log(self.weights))
+        by_weight = np.exp(np.minimum(each - value[:, None], _LARGEST_EXPONENT))
         d_noise = (share * (z**2 - 1.0)).sum(axis=1) / sd
         return value, share * z / sd, by_weight, d_noise
+
+
+def _log_normal(y: Array, centers: Array, sds: Array | float) -> tuple[Array, Array]:
+    """Logarithms (N, J) of Normal(y; centers, sds^2) at y (N,), and (y - centers)/sds."""
+    with np.errstate(over="ignore"):
+        z = np.clip((y[:, None] - centers) / sds, -FARTHEST, FARTHEST)
+    return -0.5 * z**2 - np.log(sds) - 0.5 * np.log(2.0 * np.pi), z
+
+
+def _shares(exponent: Array) -> tuple[Array, Array]:
+    """Logarithm (N,) of the sum of exp(exponent) (N, J), and the share of each in it."""
+    top = exponent.max(axis=1, keepdims=True)
+    share = np.exp(exponent - top)
+    total = share.sum(axis=1, keepdims=True)
+    return (top + np.log(total))[:, 0], share / total

@@ -38,9 +38,11 @@ class QuadraturePropagation:
         """The outcomes of the response at the nodes, whether expanded for the moments or not."""
         nodes = self.cubature.nodes(self.inputs, alpha)
         if not gradient:
-            return Outcomes(self.response.evaluate(nodes.x), nodes.weights)
+            outcome = self.response.evaluate(nodes.x)
+            return Outcomes(outcome, nodes.weights, lattice=nodes.lattice)
         outcome, slope = self.response.evaluate_with_gradient(nodes.x)
-        return Outcomes(outcome, nodes.weights, along_alpha(slope, nodes.dx), nodes.dweights)
+        dy = along_alpha(slope, nodes.dx)
+        return Outcomes(outcome, nodes.weights, dy, nodes.dweights, nodes.lattice)
 
     def _expanded(self, alpha: Array, order: int, degree: int, outcomes: Outcomes) -> Outcomes:
         """The expansion through the outcomes, at finer nodes that integrate its powers exactly."""
