@@ -4,7 +4,7 @@ import pytest
 from pydantic import ValidationError
 
 from aleator.densities import Convolution, Gaussian, GaussianMixture, LogSpline, MaximumEntropy
-from aleator.sections import DensitySection
+from aleator.study.sections import DensitySection
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from fmus.build import compiled
 
 from aleator.errors import AleatorError, SimulatorError, StudyError
 from aleator.experiments import Conditions
-from aleator.fmu_sections import signals
 from aleator.simulate import RunFailed, Runner
 from aleator.simulate.fmu import (
     Course,
@@ -28,6 +27,7 @@ from aleator.simulate.fmu import (
 from aleator.simulate.fmu.description import read_description
 from aleator.simulate.fmu.expression import parse
 from aleator.study import load_study
+from aleator.study.fmu import signals
 
 K = {"k": "surface.k"}
 RAMP = Signal(np.array([0.0, 2.0]), np.array([300.0, 400.0]))

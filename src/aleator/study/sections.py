@@ -17,10 +17,8 @@ from aleator.densities import (
     NodeDensity,
 )
 from aleator.experiments import Transform
-from aleator.law_sections import LawSection
 from aleator.laws import Specification
 from aleator.noise import Noise
-from aleator.propagation_sections import PropagationSection, SurfaceSection
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -28,8 +26,10 @@ from aleator.search import (
     GradientMultistart,
     Search,
 )
-from aleator.simulator_sections import SimulatorSection
-from aleator.study_keys import Section, Spec, fault, specification
+from aleator.study.keys import Section, Spec, fault, specification
+from aleator.study.laws import LawSection
+from aleator.study.propagation import PropagationSection, SurfaceSection
+from aleator.study.simulators import SimulatorSection
 from aleator.verification import MonteCarlo
 
 
@@ -46,7 +46,7 @@ CorrelationSection = dict[str, Annotated[dict[str, Spec], BeforeValidator(_paire
 def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
     """The correlations by pair of parameters, as the library takes them.
 
-    >>> from aleator.study_keys import FreeSection
+    >>> from aleator.study.keys import FreeSection
     >>> pairs({"a": {"b": 0.5, "c": FreeSection()}})
     {('a', 'b'): 0.5, ('a', 'c'): Free(lower=None, upper=None, start=None)}
     """

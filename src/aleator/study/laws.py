@@ -19,7 +19,7 @@ from aleator.laws import (
     TruncatedNormal,
     Uniform,
 )
-from aleator.study_keys import FreeSection, Section, Spec, fault, specification
+from aleator.study.keys import FreeSection, Section, Spec, fault, specification
 
 Ends = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
 

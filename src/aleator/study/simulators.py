@@ -9,7 +9,6 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from aleator.errors import nearest
-from aleator.fmu_sections import Inputs, Outcome, signals
 from aleator.simulate import FunctionSimulator, Simulator, load_function
 from aleator.simulate.command import (
     CommandSimulator,
@@ -29,7 +28,8 @@ from aleator.simulate.command import (
 )
 from aleator.simulate.fmu import Course, FMUSimulator, Operation
 from aleator.simulate.fmu.description import read_description
-from aleator.study_keys import Section, fault
+from aleator.study.fmu import Inputs, Outcome, signals
+from aleator.study.keys import Section, fault
 
 # The key that tells each kind of simulator, as the file writes it.
 _KINDS = {

@@ -21,8 +21,8 @@ from aleator.problem import Model, default_density
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
 from aleator.search import GradientMultistart, Search
-from aleator.sections import ExperimentsSection, StudyFile, pairs
 from aleator.simulate import Runner, Simulator, Store
+from aleator.study.sections import ExperimentsSection, StudyFile, pairs
 from aleator.verification import MonteCarlo
 
 T = TypeVar("T")

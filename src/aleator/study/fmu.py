@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, model_validator
 from aleator.simulate.fmu import Crossing, Extreme, Final, Hook, Reduction, Signal, read_signal
 from aleator.simulate.fmu.description import Description
 from aleator.simulate.fmu.signals import columns_of
-from aleator.study_keys import Section, fault
+from aleator.study.keys import Section, fault
 
 _CROSSING = ("value", "direction", "after", "interpolation")
 

@@ -20,7 +20,7 @@ from aleator.expansion import Projection, Regression, SparseProjection
 from aleator.indices import Hyperbolic, IndexSet, TotalDegree
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
-from aleator.study_keys import Section, fault
+from aleator.study.keys import Section, fault
 
 _RULES: dict[str, tuple[type[Cubature], tuple[str, ...]]] = {
     "gauss": (TensorGauss, ("per_dimension",)),
