@@ -49,6 +49,7 @@ class FMUSimulator:
     """
 
     block = SINGLE_BLOCK
+    vectorized = False  # slow runs are then kept one by one
 
     def __init__(
         self,
