@@ -2,13 +2,25 @@
 
 from dataclasses import replace
 
+import mpmath
 import numpy as np
 import pytest
 from problems import FRONTIER, NOISY, Problem, log_frontier
 from scipy import optimize
 
-from aleator import Convolution, GradientMultistart, Identification, MonteCarlo, Noise, identify
+from aleator import (
+    Convolution,
+    Free,
+    GradientMultistart,
+    Identification,
+    Inputs,
+    LogNormal,
+    MonteCarlo,
+    Noise,
+    identify,
+)
 from aleator.errors import InputsError
+from aleator.quadrature import gauss_hermite
 
 
 def identified(problem: Problem, y: np.ndarray, **more: object) -> Identification:
@@ -57,3 +69,72 @@ def test_a_convolution_needs_noise() -> None:
     problem = replace(NOISY, noise=None)
     with pytest.raises(InputsError, match="there is no noise"):
         identified(problem, problem.draw(0, np.array([0.8, 0.4])), density=Convolution())
+
+
+def log_saturation(alpha: np.ndarray, z: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """y = V z/(K + z) + e: lognormal given K; K and the noise by Gauss rules, since f is smooth."""
+    x, w = gauss_hermite(50)
+    variance = np.log1p((alpha[[1, 3]] / alpha[[0, 2]]) ** 2)
+    middle, spread = np.log(alpha[[0, 2]]) - 0.5 * variance, np.sqrt(variance)
+    share = z[:, None] / (np.exp(middle[1] + spread[1] * x) + z[:, None])
+    clean = np.maximum(y[:, None] - alpha[4] * x, 1e-12)[:, :, None]
+    u = (np.log(clean) - np.log(share)[:, None] - middle[0]) / spread[0]
+    density = np.exp(-0.5 * u**2) / (clean * spread[0] * np.sqrt(2.0 * np.pi))
+    return np.log(density @ w @ w)
+
+
+SATURATION = Problem(
+    "Michaelis and Menten's law with lognormal V and K, and noise",
+    lambda z, v, k: v * z / (k + z),
+    Inputs(
+        {
+            "v": LogNormal(mean=Free(3.0, 30.0), sd=Free(0.3, 15.0)),
+            "k": LogNormal(mean=Free(0.3, 8.0), sd=Free(0.05, 5.0)),
+        }
+    ),
+    np.tile([0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0], 4),
+    np.array([10.0, 3.0, 2.0, 0.8, 0.05]),
+    lambda alpha, z, m: mpmath.nan,  # noqa: ARG005  no moments in closed form
+    log_saturation,
+    Noise(0.05),
+)
+
+
+def test_two_scattering_parameters_with_little_noise_have_the_exact_maximum() -> None:
+    """Noise of 2 % of the scatter, where a plain sum over 61 x 61 nodes is a row of spikes."""
+    y = SATURATION.draw(3)
+    likelihood = SATURATION.likelihood(y, Convolution())
+    noise, start = np.array([0.05]), SATURATION.alpha[:4]
+
+    def own(p: np.ndarray) -> tuple[float, np.ndarray]:
+        found = likelihood(np.append(p, noise))
+        return -found.total, -found.score[:4]
+
+    def exact(p: np.ndarray) -> float:
+        return -float(log_saturation(np.append(p, noise), SATURATION.z, y).sum())
+
+    bounds = [(h.lower, h.upper) for h in SATURATION.inputs.hyperparameters]
+    found = optimize.minimize(own, start, jac=True, method="L-BFGS-B", bounds=bounds, tol=1e-9)
+    truth = optimize.minimize(exact, found.x, method="L-BFGS-B", bounds=bounds, tol=1e-9)
+    step = 1e-3 * truth.x * np.eye(4)
+    information = np.array(
+        [(own(truth.x + h)[1] - own(truth.x - h)[1]) / (2.0 * h.sum()) for h in step]
+    )
+    exact_information = np.array(
+        [
+            [
+                exact(truth.x + g + h)
+                - exact(truth.x + g - h)
+                - exact(truth.x - g + h)
+                + exact(truth.x - g - h)
+                for h in step
+            ]
+            for g in step
+        ]
+    ) / (4.0 * np.outer(step.sum(axis=1), step.sum(axis=1)))
+    errors, exact_errors = (
+        np.sqrt(np.diag(np.linalg.inv(i))) for i in (information, exact_information)
+    )
+    assert found.fun == pytest.approx(truth.fun, abs=0.02)
+    assert np.abs((found.x - truth.x) / exact_errors).max() < 0.02
+    np.testing.assert_allclose(errors, exact_errors, rtol=0.01)
