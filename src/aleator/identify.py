@@ -75,8 +75,8 @@ def identify(
     with floats, or with arrays of R runs if `vectorized`. `experiments` is an `Experiments`, or a
     data frame whose column `outcome` is the measured outcome and whose other columns are
     conditions. `density` None is the exact convolution with the noise where there is noise (and
-    response surfaces), unless the noise turns out too small for the nodes; else maximum entropy of
-    four moments. Raises AleatorError for input that cannot be used; failures of numerics are
+    response surfaces), unless the nodes turn out too few for it; else maximum entropy of four
+    moments. Raises AleatorError for input that cannot be used; failures of numerics are
     statuses and warnings on the result. Cost: the runs of the surfaces and of the verification,
     and some milliseconds for each of some hundred evaluations of the likelihood.
 
@@ -133,7 +133,7 @@ def _answered(
 ) -> _Answer:
     """Search on surfaces that fit the answer, and widen them until they hold its intervals.
 
-    With `moments` an answer whose noise is too small for the nodes is left to four moments.
+    With `moments` an answer that the nodes cannot resolve is left to four moments.
     """
     problem, baselines, found = _focused_search(runner, table, model, search, seed, ledger)
     if moments and _too_coarse(problem, found.alpha):
