@@ -201,7 +201,6 @@ def test_parquet_needs_an_extra(study: Path, monkeypatch: pytest.MonkeyPatch) ->
         missing = run("export", study, "runs.parquet")
     assert missing.exit_code == 2
     assert "pip install 'aleator[parquet]'" in missing.stderr
-    pytest.importorskip("pyarrow")
     assert run("export", study, "runs.parquet").exit_code == 0
     frame = pd.read_parquet("runs.parquet")
     assert frame["outcome"].notna().sum() == sum(run.outcome is not None for run in contents())
