@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +11,13 @@ from rich.console import Console
 from aleator.cli.program import (
     FILE,
     SEED,
+    can_draw,
     identified,
     keeps_runs,
     main,
     name_of,
     outcome_of,
     running,
-    say,
     shown,
 )
 from aleator.plot.identification import save_figures
@@ -116,7 +115,4 @@ def identify(
 
 def _figures(document: dict[str, Any], folder: Path) -> list[str]:
     """Draw the figures, or say what they need."""
-    if importlib.util.find_spec("matplotlib") is None:
-        say("no figures are drawn: they need matplotlib, pip install 'aleator[plot]'")
-        return []
-    return [str(path) for path in save_figures(document, folder)]
+    return [str(path) for path in save_figures(document, folder)] if can_draw() else []

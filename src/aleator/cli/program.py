@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -75,6 +76,14 @@ def shown(quiet: bool) -> Iterator[Progress]:
     """Progress on the standard error, or none."""
     with nullcontext(Silent()) if quiet else live.shown_on(Console(stderr=True)) as progress:
         yield progress
+
+
+def can_draw(missing: str = "no figures are drawn: they need") -> bool:
+    """Whether matplotlib is there; says what is `missing` where it is not."""
+    found = importlib.util.find_spec("matplotlib") is not None
+    if not found:
+        say(f"{missing} matplotlib, pip install 'aleator[plot]'")
+    return found
 
 
 def say(text: str) -> None:

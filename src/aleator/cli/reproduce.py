@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import click
@@ -10,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from aleator import reproduce as paper_of
-from aleator.cli.program import main, say, shown
+from aleator.cli.program import can_draw, main, shown
 
 _NAMES = "\n".join(f"  {figure.name:<27} {figure.place}" for figure in paper_of.FIGURES)
 
@@ -48,8 +47,7 @@ def reproduce() -> None:
 def paper(figures: tuple[str, ...], output: Path, seed: int, quiet: bool) -> None:
     """Compute the figures of the paper."""
     chosen = paper_of.chosen(figures)
-    if importlib.util.find_spec("matplotlib") is None:
-        say("no figures are drawn: they need matplotlib, pip install 'aleator[plot]'")
+    can_draw()
     with shown(quiet) as progress:
         made = paper_of.reproduce(chosen, paper_of.Context(seed, progress), output)
     if not quiet:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import click
@@ -11,12 +10,12 @@ from rich.console import Console
 from aleator.cli.program import (
     FILE,
     SEED,
+    can_draw,
     keeps_runs,
     main,
     name_of,
     outcome_of,
     running,
-    say,
     shown,
 )
 from aleator.plot.sensitivity import save_sensitivity
@@ -88,10 +87,7 @@ def sensitivity(
     files = [folder / "sensitivity.json", folder / "sensitivity.csv"]
     documents.write_json(result, files[0])
     documents.write_text(found.table().to_csv(index=False, lineterminator="\n"), files[1])
-    if not no_figures:
-        if importlib.util.find_spec("matplotlib") is None:
-            say("no figure is drawn: it needs matplotlib, pip install 'aleator[plot]'")
-        else:
-            files.append(save_sensitivity(result, folder))
+    if not no_figures and can_draw("no figure is drawn: it needs"):
+        files.append(save_sensitivity(result, folder))
     if not quiet:
         Console().print(report.render(result, [str(file) for file in files]))

@@ -16,6 +16,7 @@ from aleator.laws.hyperparameter import (
     about,
     location_and_scale,
     require_above,
+    widest_above,
 )
 from aleator.laws.image import difference, from_probability, from_tails, slope
 from aleator.laws.law import Array, MeanSd, Rule, Standard
@@ -67,13 +68,8 @@ class Gamma:
 
         Far nodes of a rule may lie beyond it.
         """
-        mean, sd = self.hyperparameters
-        center = max(mean.lower, min(mean.upper, self.lower + sd.upper / LARGEST_VARIATION))
-        corners = [
-            np.array([m, min(sd.upper, LARGEST_VARIATION * (m - self.lower))])
-            for m in (center, mean.upper)
-        ]
         tail = np.array([1.0 - FAR])
+        corners = widest_above(self.lower, self.hyperparameters, LARGEST_VARIATION)
         return self.lower, max(float(self.quantile(corner, tail)[0]) for corner in corners)
 
     @property

@@ -131,6 +131,20 @@ def require_above(
     return pair
 
 
+def widest_above(
+    end: float, pair: Sequence[Hyperparameter], largest_variation: float
+) -> list[NDArray[np.float64]]:
+    """The values (mean, sd), two of them, among whose laws above `end` is the one that reaches far.
+
+    The sd goes as far as its limit, but not beyond `largest_variation` times mean - end.
+    """
+    mean, sd = pair
+    center = max(mean.lower, min(mean.upper, end + sd.upper / largest_variation))
+    return [
+        np.array([m, min(sd.upper, largest_variation * (m - end))]) for m in (center, mean.upper)
+    ]
+
+
 def about(
     hyperparameters: Sequence[Hyperparameter], center: float, sd: float | None
 ) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from aleator.laws.hyperparameter import (
     about,
     location_and_scale,
     require_above,
+    widest_above,
 )
 from aleator.laws.law import Array, MeanSd, Rule, Standard
 from aleator.polynomials import evaluate, hermite_recurrence
@@ -68,13 +69,8 @@ class LogNormal:
 
         Far nodes of a rule may lie beyond it.
         """
-        mean, sd = self.hyperparameters
-        center = max(mean.lower, min(mean.upper, self.lower + sd.upper / LARGEST_VARIATION))
         far = np.array([REACH])
-        corners = [
-            np.array([m, min(sd.upper, LARGEST_VARIATION * (m - self.lower))])
-            for m in (center, mean.upper)
-        ]
+        corners = widest_above(self.lower, self.hyperparameters, LARGEST_VARIATION)
         return self.lower, max(float(self.standard(corner, far).x[0]) for corner in corners)
 
     @property
