@@ -1,59 +1,25 @@
-"""All searches: known maxima, limits, seeds, batches, progress, what is no number."""
+"""All searches: known maxima, limits, seeds, and places without a number."""
 
 from __future__ import annotations
 
-import pickle
 import random
-import sys
 
 import numpy as np
 import pytest
-from landscapes import CENTERS, Heard, Recorded, box, hills, result, ridge, waves
+from landscapes import CENTERS, Recorded, box, hills, result, ridge, waves
 from numpy.typing import NDArray
 from scipy import optimize
+from searches import ALL, DIFFERENTIAL, GENETIC, PLAIN, POPULATIONS, each
 
-from aleator.errors import AleatorError, InputsError
+from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.likelihood import LogLikelihood
 from aleator.search import (
     CMAES,
-    CustomSearch,
-    DifferentialEvolution,
-    GeneticAlgorithm,
     GradientMultistart,
-    compare,
-    objective_of,
 )
 
 Array = NDArray[np.float64]
-
-
-def simplex(value, lower, upper, start, rng) -> Array:  # noqa: ARG001
-    bounds = optimize.Bounds(lower, upper)
-    options = {"xatol": 1e-10, "fatol": 1e-12, "maxfev": 4000, "maxiter": 4000}
-    cost = lambda alpha: -value(alpha)  # noqa: E731
-    return optimize.minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options).x
-
-
-GENETIC = GeneticAlgorithm(population=40, generations=60, patience=15)
-DIFFERENTIAL = DifferentialEvolution(population=40)
-CMA = CMAES(runs=3)
-POPULATIONS = [GENETIC, DIFFERENTIAL, CMA]
-ALL = [GradientMultistart(6, evaluations=200), *POPULATIONS, CustomSearch(simplex)]
-PLAIN = [
-    GeneticAlgorithm(population=50, polish=False),
-    DifferentialEvolution(polish=False),
-    CMAES(polish=False),
-    CustomSearch(simplex, polish=False),
-]
-
-
-def named(search) -> str:
-    return search.name if getattr(search, "polish", True) else f"{search.name} plain"
-
-
-def each(searches):
-    return pytest.mark.parametrize("search", searches, ids=named)
 
 
 # ------------------------------------------------------------------------------ the maximum
@@ -181,99 +147,6 @@ def test_another_seed_asks_elsewhere(search) -> None:
     assert not np.array_equal(one.asked[-20:], two.asked[-20:])
 
 
-# ------------------------------------------------------------------------------ what it costs
-
-
-@each(PLAIN[:3])
-def test_a_plain_population_asks_for_values_in_batches_and_for_no_score(search) -> None:
-    objective = Recorded(hills)
-    found = search.maximize(objective, box(), seed=0)
-    # CMA-ES takes the scores of its distinct ends to tell them apart
-    assert objective.scored == (len(found.optima) if isinstance(search, CMAES) else 0)
-    assert found.evaluations == sum(objective.batches)
-    smallest = 6 if isinstance(search, CMAES) else 40
-    assert np.mean(objective.batches) >= smallest
-
-
-def test_a_genetic_search_takes_no_more_than_its_generations() -> None:
-    search = GeneticAlgorithm(population=20, generations=7, patience=100, polish=False)
-    objective = Recorded(waves)
-    found = search.maximize(objective, box(), seed=0)
-    assert found.evaluations == len(objective.asked) <= 7 * 20
-    assert not found.converged
-
-
-def test_differential_evolution_takes_no_more_than_its_generations() -> None:
-    objective = Recorded(waves)
-    found = DifferentialEvolution(20, 7, polish=False).maximize(objective, box(), seed=0)
-    assert found.evaluations == len(objective.asked) == 7 * 20
-    assert not found.converged
-
-
-def test_a_run_of_cma_es_takes_no_more_than_its_evaluations_and_one_population() -> None:
-    found = CMAES(runs=2, evaluations=30, population=8, polish=False).maximize(ridge, box(), seed=0)
-    assert all(30 <= ascent.evaluations <= 38 for ascent in found.ascents)
-    assert not found.converged
-
-
-@each(POPULATIONS)
-def test_start_and_guesses_are_the_first_to_be_asked(search) -> None:
-    objective, guess = Recorded(waves), np.array([-3.25, 2.75])
-    search.maximize(objective, box(), seed=0, guesses=[guess])
-    if isinstance(search, CMAES):
-        # its runs begin around them
-        found = search.maximize(waves, box(), seed=0, guesses=[guess])
-        starts = [ascent.start for ascent in found.ascents[:2]]
-    else:
-        starts = objective.asked[:2]
-    np.testing.assert_allclose(starts, [[4.0, 4.0], guess], rtol=1e-12)
-
-
-# ------------------------------------------------------------------------------ progress
-
-
-@each(ALL)
-def test_progress_goes_forward_to_its_total(search) -> None:
-    heard = Heard()
-    found = search.maximize(ridge, box(), seed=0, progress=heard)
-    assert heard.updates
-    assert f"best log-likelihood {found.log_likelihood:.2f}" in heard.updates[-1][0] or (
-        found.log_likelihood > -0.01
-    )
-    done = [d for _, d, _ in heard.updates if d is not None]
-    assert done == sorted(done)
-    assert all(d <= t for _, d, t in heard.updates if d is not None and t is not None)
-
-
-@each([*ALL, *PLAIN])
-def test_ctrl_c_passes_through(search) -> None:
-    calls = 0
-
-    def interrupted(alpha: Array) -> LogLikelihood:
-        nonlocal calls
-        calls += 1
-        if calls > 30:
-            raise KeyboardInterrupt
-        return ridge(alpha)
-
-    with pytest.raises(KeyboardInterrupt):
-        search.maximize(interrupted, box(), seed=0)
-    assert calls == 31
-
-
-@each(ALL)
-def test_the_trace_rises_to_the_answer(search) -> None:
-    found = search.maximize(hills, box(), seed=0)
-    values = [step.log_likelihood for step in found.trace]
-    counts = [step.evaluations for step in found.trace]
-    seconds = [step.seconds for step in found.trace]
-    assert values == sorted(values)
-    assert counts == sorted(counts)
-    assert seconds == sorted(seconds)
-    assert values[-1] == found.log_likelihood
-    assert counts[-1] <= found.evaluations
-
-
 # ------------------------------------------------------------------------------ no numbers
 
 
@@ -320,108 +193,3 @@ def test_a_guess_in_wide_limits_is_climbed_from(width) -> None:
         ridge, limits, seed=0, guesses=[np.array([0.5, 0.4])]
     )
     assert found.alpha == pytest.approx([1.0, 1.0], abs=1e-2)
-
-
-# ------------------------------------------------------------------------------ extras
-
-
-@pytest.mark.parametrize(("make", "package"), [(GeneticAlgorithm, "pymoo"), (CMAES, "cma")])
-def test_a_missing_package_is_named_with_its_remedy(make, package, monkeypatch) -> None:
-    for name in [n for n in sys.modules if n.split(".")[0] == package]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(AleatorError, match=package) as caught:
-        make()
-    assert "pip install 'aleator[evolution]'" in caught.value.remedy
-    # the others do without
-    assert DIFFERENTIAL.maximize(ridge, box(), seed=0).converged
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: GeneticAlgorithm(population=3),
-        lambda: GeneticAlgorithm(generations=0),
-        lambda: GeneticAlgorithm(patience=0),
-        lambda: DifferentialEvolution(population=4),
-        lambda: DifferentialEvolution(generations=0),
-        lambda: CMAES(runs=0),
-        lambda: CMAES(evaluations=0),
-        lambda: CMAES(population=3),
-        lambda: CMAES(step=0.0),
-        lambda: CMAES(step=float("nan")),
-        lambda: compare([], ridge, box(), seed=0),
-    ],
-)
-def test_misuse_has_a_remedy(make) -> None:
-    with pytest.raises(InputsError) as caught:
-        make()
-    assert caught.value.remedy
-
-
-# ------------------------------------------------------------------------------ a user's own
-
-
-@pytest.mark.parametrize("returned", [None, "best", [1.0], [np.nan, 1.0], [9.0, 1.0], [[1.0, 1.0]]])
-def test_a_custom_search_must_return_alpha_within_the_limits(returned) -> None:
-    search = CustomSearch(lambda *_: returned)
-    with pytest.raises(InputsError, match="2 numbers within"):
-        search.maximize(ridge, box(), seed=0)
-
-
-def test_a_custom_search_starts_at_the_best_guess_and_keeps_the_best_it_met() -> None:
-    seen = {}
-
-    def careless(value, lower, upper, start, rng) -> Array:
-        seen.update(start=start.copy(), lower=lower, upper=upper, draw=rng.random())
-        value(np.array([1.0, 1.0]))
-        return lower
-
-    search = CustomSearch(careless, polish=False, name="careless")
-    guesses = [np.array([-4.0, 0.0]), np.array([1.1, 1.2])]
-    found = search.maximize(ridge, box(), seed=7, guesses=guesses)
-    assert seen["start"].tolist() == [1.1, 1.2]
-    assert seen["lower"].tolist() == [-5.0, -5.0]
-    assert seen["upper"].tolist() == [5.0, 5.0]
-    assert seen["draw"] == np.random.default_rng(7).random()
-    assert found.alpha.tolist() == [1.0, 1.0]
-    assert found.log_likelihood == 0.0
-
-
-def test_what_a_custom_search_raises_is_not_caught() -> None:
-    def broken(*_) -> Array:
-        raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        CustomSearch(broken).maximize(ridge, box(), seed=0)
-
-
-# ------------------------------------------------------------------------------ comparison
-
-
-def test_a_comparison_counts_what_was_asked() -> None:
-    objective = Recorded(hills)
-    trials = compare([GENETIC, GradientMultistart(5)], objective, box(), seed=0)
-    assert [t.name for t in trials] == ["genetic(40)", "gradient_multistart(5)"]
-    assert sum(t.evaluations for t in trials) == len(objective.asked)
-    assert sum(t.scored for t in trials) == objective.scored
-    for trial in trials:
-        close = trial.reached(np.log(1.6) - 0.01)
-        closer = trial.reached(np.log(1.6) - 1e-4)
-        assert close is not None
-        assert closer is not None
-        assert close.evaluations <= closer.evaluations <= trial.evaluations
-        assert close.seconds <= closer.seconds <= trial.seconds
-        assert trial.reached(1.0) is None
-
-
-def test_choices_travel_to_other_processes() -> None:
-    for search in (GradientMultistart(3), *POPULATIONS):
-        assert pickle.loads(pickle.dumps(search)) == search
-
-
-def test_a_plain_function_is_an_objective() -> None:
-    alphas = np.array([[0.0, 0.0], [1.0, 1.0]])
-    np.testing.assert_allclose(objective_of(ridge).values(alphas), [-1.0, 0.0])
-    recorded = Recorded(ridge)
-    assert objective_of(recorded) is recorded

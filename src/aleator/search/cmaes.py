@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,15 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import InputsError
-from aleator.laws import Hyperparameter
-from aleator.progress import Progress, Silent
 from aleator.search.climb import climb
-from aleator.search.coordinates import Coordinates
-from aleator.search.interface import Ascent, Objective, Scored, SearchResult
-from aleator.search.optima import gathered, only_point
+from aleator.search.interface import Ascent, SearchResult
+from aleator.search.optima import gathered
 from aleator.search.population import POLISH, Cube, at_least, needs
 from aleator.search.starts import starting_points
-from aleator.search.watched import FLOOR, Watched
+from aleator.search.task import Task, TaskSearch
+from aleator.search.watched import FLOOR
 
 Array = NDArray[np.float64]
 
@@ -30,7 +27,7 @@ ARRIVED_BY = frozenset({"tolfun", "tolfunhist", "tolx"})
 
 
 @dataclass(frozen=True)
-class CMAES:
+class CMAES(TaskSearch):
     """CMA-ES (Hansen): a normal distribution over alpha learns the likelihood's own covariance.
 
     `runs` of them, the first from the hyperparameters' start, then from the guesses, then from
@@ -67,36 +64,17 @@ class CMAES:
         """How the result names this choice."""
         return f"cmaes({self.runs})"
 
-    def maximize(
-        self,
-        objective: Objective | Scored,
-        hyperparameters: Sequence[Hyperparameter],
-        *,
-        seed: int,
-        guesses: Sequence[Array] = (),
-        progress: Progress | None = None,
-    ) -> SearchResult:
+    def _search(self, task: Task) -> SearchResult:
         """Run from every start, polish each end, and gather the distinct optima."""
-        progress = progress or Silent()
-        coordinates, watched = Coordinates(hyperparameters), Watched(objective, self.name)
-        if coordinates.free.size == 0:
-            return only_point(watched, coordinates, hyperparameters)
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(task.seed)
         ascents: list[Ascent] = []
-        for start in starting_points(coordinates, guesses, self.runs, seed):
-            ascents.append(self._run(watched, coordinates, start, rng, progress, len(ascents)))
-        return gathered(ascents, watched, hyperparameters)
+        for start in starting_points(task.coordinates, task.guesses, self.runs, task.seed):
+            ascents.append(self._run(task, start, rng, len(ascents)))
+        return gathered(ascents, task.watched, task.hyperparameters)
 
-    def _run(
-        self,
-        watched: Watched,
-        coordinates: Coordinates,
-        start: Array,
-        rng: np.random.Generator,
-        progress: Progress,
-        before: int,
-    ) -> Ascent:
-        cube, size = Cube(watched, coordinates), coordinates.free.size
+    def _run(self, task: Task, start: Array, rng: np.random.Generator, before: int) -> Ascent:
+        coordinates = task.coordinates
+        cube, size = Cube(task.watched, coordinates), coordinates.free.size
         strategy = self._strategy(coordinates.to_unit(start), rng)
         alpha, value, count = start, FLOOR, 0
         while not (reasons := _quietly(strategy.stop)):
@@ -107,14 +85,14 @@ class CMAES:
             best = int(np.argmin(cost))
             if -cost[best] > value:
                 alpha, value = coordinates.to_alpha(u[best, :size]), -float(cost[best])
-            text = f"run {before + 1} of {self.runs}, {watched.standing}"
-            progress.update(text, before + min(count / self.evaluations, 1.0), self.runs)
+            text = f"run {before + 1} of {self.runs}, {task.watched.standing}"
+            task.progress.update(text, before + min(count / self.evaluations, 1.0), self.runs)
         converged = bool(ARRIVED_BY & set(reasons))
         if value <= FLOOR:
             return Ascent(start, start, -np.inf, count, converged=False)
         if not self.polish:
             return Ascent(start, alpha, value, count, converged)
-        end = climb(watched, coordinates, alpha, POLISH)
+        end = climb(task.watched, coordinates, alpha, POLISH)
         return Ascent(start, end.alpha, end.log_likelihood, count + end.evaluations, end.converged)
 
     def _strategy(self, u: Array, rng: np.random.Generator) -> Any:

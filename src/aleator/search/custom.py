@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import inspect
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aleator.errors import InputsError
-from aleator.laws import Hyperparameter
-from aleator.progress import Progress, Silent
 from aleator.search.coordinates import Coordinates
-from aleator.search.interface import Objective, Scored, SearchResult
-from aleator.search.optima import only_point
+from aleator.search.interface import SearchResult
 from aleator.search.population import finished
-from aleator.search.watched import Watched
+from aleator.search.task import Task, TaskSearch
 
 Array = NDArray[np.float64]
 Value = Callable[[ArrayLike], float]
 Optimizer = Callable[[Value, Array, Array, Array, np.random.Generator], ArrayLike]
 
+ARGUMENTS = ("value", "lower", "upper", "start", "rng")
+TAKES = (
+    f"write def search({', '.join(ARGUMENTS)}), by position: value(alpha) is the log-likelihood to "
+    "be maximized, lower, upper and start are arrays of the free hyperparameters, rng is a NumPy "
+    "Generator; return the best alpha"
+)
+
 
 @dataclass(frozen=True)
-class CustomSearch:
+class CustomSearch(TaskSearch):
     """Any optimizer, as a function `(value, lower, upper, start, rng) -> alpha`.
 
     All are of the F free hyperparameters, in their own units: `value(alpha)` is the log-likelihood
@@ -32,9 +37,11 @@ class CustomSearch:
     is seeded. The result is the best alpha that was asked for, after a gradient ascent from there
     if `polish`. What the function raises is not caught.
 
-    Raises InputsError where the function returns anything but F numbers within the limits.
+    Raises InputsError for a function that cannot be called with these five, and where it returns
+    anything but F numbers within the limits.
 
     >>> from scipy import optimize
+    >>> from aleator.laws import Hyperparameter
     >>> from aleator.likelihood import LogLikelihood
     >>> def simplex(value, lower, upper, start, rng):
     ...     limits = optimize.Bounds(lower, upper)
@@ -53,35 +60,42 @@ class CustomSearch:
     polish: bool = True
     name: str = "custom"
 
-    def maximize(
-        self,
-        objective: Objective | Scored,
-        hyperparameters: Sequence[Hyperparameter],
-        *,
-        seed: int,
-        guesses: Sequence[Array] = (),
-        progress: Progress | None = None,
-    ) -> SearchResult:
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        if not callable(self.function):
+            raise InputsError(f"custom search: {self.function!r} is not a function", TAKES)
+        try:
+            signature = inspect.signature(self.function)
+        except ValueError:
+            # some functions written in C do not tell
+            return
+        try:
+            signature.bind(*ARGUMENTS)
+        except TypeError as error:
+            raise InputsError(
+                f"custom search: the function takes {signature}, but is called with the five "
+                f"arguments ({', '.join(ARGUMENTS)}): {error}",
+                TAKES,
+            ) from error
+
+    def _search(self, task: Task) -> SearchResult:
         """Let the function search, and polish the best that it met."""
-        progress = progress or Silent()
-        coordinates, watched = Coordinates(hyperparameters), Watched(objective, self.name)
-        if coordinates.free.size == 0:
-            return only_point(watched, coordinates, hyperparameters)
+        coordinates, watched = task.coordinates, task.watched
 
         def value(free: ArrayLike) -> float:
             alpha = coordinates.filled(np.asarray(free, dtype=np.float64).reshape(1, -1))
             result = float(watched.values(alpha)[0])
-            progress.update(f"{watched.evaluations} evaluations, {watched.standing}")
+            task.progress.update(f"{watched.evaluations} evaluations, {watched.standing}")
             return result
 
         lower, upper = coordinates.lower, coordinates.upper
-        known = np.stack([coordinates.start, *guesses])[:, coordinates.free]
+        known = np.stack([coordinates.start, *task.guesses])[:, coordinates.free]
         known = np.clip(known, lower, upper)
         start = known[int(np.argmax(watched.values(coordinates.filled(known))))]
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(task.seed)
         end = self.function(value, lower.copy(), upper.copy(), start.copy(), rng)
         value(_within(end, coordinates))
-        return finished(watched, coordinates, hyperparameters, converged=True, polish=self.polish)
+        return finished(task, converged=True, polish=self.polish)
 
 
 def _within(end: ArrayLike, coordinates: Coordinates) -> Array:

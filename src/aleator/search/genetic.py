@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.laws import Hyperparameter
-from aleator.progress import Progress, Silent
-from aleator.search.coordinates import Coordinates
-from aleator.search.interface import Objective, Scored, SearchResult
-from aleator.search.optima import only_point
+from aleator.search.interface import SearchResult
 from aleator.search.population import (
     ARRIVED,
     Cube,
@@ -22,13 +17,13 @@ from aleator.search.population import (
     first_population,
     needs,
 )
-from aleator.search.watched import Watched
+from aleator.search.task import Task, TaskSearch
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class GeneticAlgorithm:
+class GeneticAlgorithm(TaskSearch):
     """A genetic algorithm (pymoo's): tournaments, simulated binary crossover, polynomial mutation.
 
     The paper's search is `GeneticAlgorithm(population=50, polish=False)`. Each of at most
@@ -64,23 +59,11 @@ class GeneticAlgorithm:
         """How the result names this choice."""
         return f"genetic({self.population})"
 
-    def maximize(
-        self,
-        objective: Objective | Scored,
-        hyperparameters: Sequence[Hyperparameter],
-        *,
-        seed: int,
-        guesses: Sequence[Array] = (),
-        progress: Progress | None = None,
-    ) -> SearchResult:
+    def _search(self, task: Task) -> SearchResult:
         """Let the population evolve, and polish its best."""
-        progress = progress or Silent()
-        coordinates, watched = Coordinates(hyperparameters), Watched(objective, self.name)
-        if coordinates.free.size == 0:
-            return only_point(watched, coordinates, hyperparameters)
-        cube = Cube(watched, coordinates)
-        first = first_population(coordinates, guesses, self.population, seed)
-        evolution = _evolution(first, seed)
+        cube = Cube(task.watched, task.coordinates)
+        first = first_population(task.coordinates, task.guesses, self.population, task.seed)
+        evolution = _evolution(first, task.seed)
         best: list[float] = []
         converged = False
         while len(best) < self.generations and not converged:
@@ -92,13 +75,11 @@ class GeneticAlgorithm:
             children.set("F", cube(children.get("X"))[:, None])
             evolution.tell(infills=children)
             best.append(float(evolution.opt[0].F[0]))
-            stage = f"generation {len(best)} of {self.generations}, {watched.standing}"
-            progress.update(stage, len(best), self.generations)
+            stage = f"generation {len(best)} of {self.generations}, {task.watched.standing}"
+            task.progress.update(stage, len(best), self.generations)
             before = best[-1 - self.patience] if len(best) > self.patience else np.inf
             converged = before - best[-1] < ARRIVED
-        return finished(
-            watched, coordinates, hyperparameters, converged=converged, polish=self.polish
-        )
+        return finished(task, converged=converged, polish=self.polish)
 
 
 def _evolution(first: Array, seed: int) -> Any:

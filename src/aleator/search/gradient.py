@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from aleator.errors import InputsError
-from aleator.laws import Hyperparameter
-from aleator.progress import Progress, Silent
 from aleator.search.climb import climb
-from aleator.search.coordinates import Coordinates
-from aleator.search.interface import Ascent, Objective, Scored, SearchResult
-from aleator.search.optima import gathered, only_point
+from aleator.search.interface import Ascent, SearchResult
+from aleator.search.optima import gathered
 from aleator.search.starts import starting_points
-from aleator.search.watched import Watched
-
-Array = NDArray[np.float64]
+from aleator.search.task import Task, TaskSearch
 
 
 @dataclass(frozen=True)
-class GradientMultistart:
+class GradientMultistart(TaskSearch):
     """Bounded quasi-Newton (L-BFGS-B) on the exact score from `starts` points.
 
     The starts are the hyperparameters' own start, the guesses of the baselines, and scrambled
@@ -51,23 +42,11 @@ class GradientMultistart:
         """How the result names this choice."""
         return f"gradient_multistart({self.starts})"
 
-    def maximize(
-        self,
-        objective: Objective | Scored,
-        hyperparameters: Sequence[Hyperparameter],
-        *,
-        seed: int,
-        guesses: Sequence[Array] = (),
-        progress: Progress | None = None,
-    ) -> SearchResult:
+    def _search(self, task: Task) -> SearchResult:
         """Climb from every start and gather the distinct optima, best first."""
-        progress = progress or Silent()
-        coordinates, watched = Coordinates(hyperparameters), Watched(objective, self.name)
-        if coordinates.free.size == 0:
-            return only_point(watched, coordinates, hyperparameters)
         ascents: list[Ascent] = []
-        for start in starting_points(coordinates, guesses, self.starts, seed):
-            ascents.append(climb(watched, coordinates, start, self.evaluations))
-            text = f"start {len(ascents)} of {self.starts}, {watched.standing}"
-            progress.update(text, len(ascents), self.starts)
-        return gathered(ascents, watched, hyperparameters)
+        for start in starting_points(task.coordinates, task.guesses, self.starts, task.seed):
+            ascents.append(climb(task.watched, task.coordinates, start, self.evaluations))
+            text = f"start {len(ascents)} of {self.starts}, {task.watched.standing}"
+            task.progress.update(text, len(ascents), self.starts)
+        return gathered(ascents, task.watched, task.hyperparameters)

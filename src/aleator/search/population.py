@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import AleatorError, InputsError
-from aleator.laws import Hyperparameter
 from aleator.search.climb import climb
 from aleator.search.coordinates import Coordinates
 from aleator.search.interface import Ascent, Optimum, SearchResult
 from aleator.search.limits import nowhere_finite
 from aleator.search.starts import evenly
+from aleator.search.task import Task
 from aleator.search.watched import Watched
 
 Array = NDArray[np.float64]
@@ -47,20 +47,14 @@ def first_population(
     return np.concatenate([known, evenly(coordinates.free.size, missing, seed)])
 
 
-def finished(
-    watched: Watched,
-    coordinates: Coordinates,
-    hyperparameters: Sequence[Hyperparameter],
-    *,
-    converged: bool,
-    polish: bool,
-) -> SearchResult:
+def finished(task: Task, *, converged: bool, polish: bool) -> SearchResult:
     """The best alpha met, after a gradient ascent from there if `polish`, as one start.
 
     Raises InputsError where no finite log-likelihood was met.
     """
+    watched, coordinates = task.watched, task.coordinates
     if watched.best is None:
-        raise nowhere_finite(hyperparameters, watched.evaluations)
+        raise nowhere_finite(task.hyperparameters, watched.evaluations)
     alpha, value = watched.best
     if polish:
         end = climb(watched, coordinates, alpha, POLISH)
