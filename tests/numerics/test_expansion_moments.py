@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
 from itertools import product
 
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
+from exact_expansions import (
+    FAMILIES,
+    MIXED,
+    SCATTERED,
+    SETS,
+    TOTAL,
+    WAYS,
+    assert_same,
+    basis_of,
+    drawn_with_truth,
+    exact_polynomials,
+    laguerre,
+)
 from numpy.typing import NDArray
 from problems import from_raw
 
@@ -33,128 +41,6 @@ from aleator.expansion_moments.rules import polished_rule, symmetric
 from aleator.polynomials import evaluate, hermite_recurrence
 
 Array = NDArray[np.float64]
-Recurrence = tuple[Array, Array]
-
-WAYS = [PushFork(), TensorGauss(), Galerkin(), Automatic()]
-
-
-# ------------------------------------------------- four families, and their moments of monomials
-
-
-def legendre(count: int) -> Recurrence:
-    k = np.arange(1.0, count)
-    return np.zeros(count), np.concatenate([[1.0], k**2 / (4.0 * k**2 - 1.0)])
-
-
-def laguerre(count: int, shape: float = 1.5) -> Recurrence:
-    """Weight of the gamma law, whose moments are E[t^m] = shape (shape + 1) .. (shape + m - 1)."""
-    k = np.arange(float(count))
-    return 2.0 * k + shape, np.where(k > 0.0, k * (k + shape - 1.0), 1.0)
-
-
-def jacobi(count: int, p: float = 1.0, q: float = 2.5) -> Recurrence:
-    """Weight (1 - t)^p (1 + t)^q on [-1, 1]: (1 + t)/2 is Beta(q + 1, p + 1)."""
-    k = np.arange(float(count))
-    s = 2.0 * k + p + q
-    b = 4.0 * k * (k + p) * (k + q) * (k + p + q) / (s**2 * (s + 1.0) * (s - 1.0))
-    b[0] = 1.0
-    return (q**2 - p**2) / (s * (s + 2.0)), b
-
-
-@cache
-def beta_moment(m: int) -> mpmath.mpf:
-    # rf is the rising factorial: E[u^j] = rf(3.5, j)/rf(5.5, j), t = 2 u - 1
-    return mpmath.fsum(
-        mpmath.binomial(m, j) * 2**j * (-1) ** (m - j) * mpmath.rf(3.5, j) / mpmath.rf(5.5, j)
-        for j in range(m + 1)
-    )
-
-
-FAMILIES: dict[str, tuple[Callable[[int], Recurrence], Callable[[int], mpmath.mpf]]] = {
-    "hermite": (hermite_recurrence, lambda m: mpmath.mpf(0 if m % 2 else mpmath.fac2(m - 1))),
-    "legendre": (legendre, lambda m: mpmath.mpf(1 - m % 2) / (m + 1)),
-    "laguerre": (laguerre, lambda m: mpmath.rf(mpmath.mpf("1.5"), m)),
-    "jacobi": (jacobi, beta_moment),
-}
-MIXED = ("hermite", "laguerre", "jacobi")
-
-TOTAL = {n: np.array([k for k in product(range(4), repeat=n) if sum(k) <= 3]) for n in (1, 2, 3)}
-# neither downward closed nor in any order, the constant not first
-SCATTERED = np.array([[0, 2], [3, 0], [0, 0], [1, 1], [4, 1], [1, 0], [2, 2]])
-SETS = {"total": TOTAL[2], "scattered": SCATTERED}
-
-
-def basis_of(names: tuple[str, ...], indices: NDArray[np.int64], order: int) -> Basis:
-    counts = order * indices.max(axis=0) // 2 + 1
-    recurrences = [FAMILIES[f][0](int(c)) for f, c in zip(names, counts, strict=True)]
-    return Basis(tuple(recurrences), indices)
-
-
-@cache
-def exact_polynomials(name: str, degree: int) -> list[list[mpmath.mpf]]:
-    """Coefficients of the orthonormal polynomials by Gram and Schmidt, from the moments alone."""
-    moment = FAMILIES[name][1]
-
-    def inner(u: list[mpmath.mpf], v: list[mpmath.mpf]) -> mpmath.mpf:
-        return mpmath.fsum(
-            a * b * moment(i + j) for i, a in enumerate(u) for j, b in enumerate(v) if a * b
-        )
-
-    found: list[list[mpmath.mpf]] = []
-    for k in range(degree + 1):
-        monomial = [mpmath.mpf(i == k) for i in range(degree + 1)]
-        rest = monomial
-        for known in found:
-            share = inner(monomial, known)
-            rest = [r - share * u for r, u in zip(rest, known, strict=True)]
-        norm = mpmath.sqrt(inner(rest, rest))
-        found.append([r / norm for r in rest])
-    return found
-
-
-def exact_moments(
-    names: tuple[str, ...], indices: NDArray[np.int64], c: Array, order: int
-) -> tuple[float, float, list[float]]:
-    """Mean, sd and standardized moments by expanding Y^m in monomials with 60 digits."""
-    with mpmath.workdps(60):
-        families = [exact_polynomials(name, 4) for name in names]
-        y: dict[tuple[int, ...], mpmath.mpf] = {}
-        for index, value in zip(indices.tolist(), c.tolist(), strict=True):
-            for powers in product(*(range(k + 1) for k in index)):
-                part = mpmath.mpf(value)
-                for family, k, power in zip(families, index, powers, strict=True):
-                    part *= family[k][power]
-                y[powers] = y.get(powers, mpmath.mpf(0)) + part
-        power, raw = {(0,) * len(names): mpmath.mpf(1)}, []
-        for _ in range(order + 1):
-            raw.append(
-                mpmath.fsum(
-                    v * mpmath.fprod(FAMILIES[f][1](m) for f, m in zip(names, k, strict=True))
-                    for k, v in power.items()
-                )
-            )
-            following: dict[tuple[int, ...], mpmath.mpf] = {}
-            for (k1, v1), (k2, v2) in product(power.items(), y.items()):
-                k = tuple(a + b for a, b in zip(k1, k2, strict=True))
-                following[k] = following.get(k, mpmath.mpf(0)) + v1 * v2
-            power = following
-        return from_raw(raw)
-
-
-@cache
-def drawn_with_truth(
-    names: tuple[str, ...], key: str
-) -> tuple[Array, list[tuple[float, float, list[float]]]]:
-    c = np.random.default_rng(1).standard_normal((2, len(SETS[key])))
-    return c, [exact_moments(names, SETS[key], row, 8) for row in c]
-
-
-def assert_same(found: Array, truth: Array, digits: float) -> None:
-    """Equal to `digits` relative to E[|z|^m], which an odd moment may be far below."""
-    even = truth.shape[1] - 1 - (truth.shape[1] - 1) % 2
-    size = np.maximum(np.abs(truth), 1.0)
-    size[:, 3:even:2] = np.sqrt(truth[:, 2:even:2] * truth[:, 4 : even + 1 : 2])
-    assert np.max(np.abs(found - truth) / size) < digits
 
 
 # ------------------------------------------------------------------------------ truths
@@ -280,78 +166,6 @@ def test_raw_and_central_moments_are_the_paper_s_sum() -> None:
         paper = raw_moment(PushFork().terms(basis, m), c)
         np.testing.assert_allclose(raw_moments(found)[:, m], paper, rtol=1e-12)
     np.testing.assert_allclose(central_moments(found)[:, 2], found.sd**2, rtol=1e-15)
-
-
-# ------------------------------------------------------------------------------ properties
-
-
-@settings(max_examples=25)
-@given(
-    c=arrays(np.float64, (2, 10), elements=st.floats(-3.0, 3.0).filter(lambda v: abs(v) > 1e-3)),
-    scale=st.floats(1e-6, 1e6),
-    shift=st.floats(-5.0, 5.0),
-)
-def test_an_affine_change_of_the_outcome_changes_mean_and_sd_only(c, scale, shift) -> None:
-    basis = basis_of(("hermite", "jacobi"), TOTAL[2], 6)
-    moved = -scale * c
-    moved[:, basis.constant] += scale * shift
-    for way in (PushFork(), TensorGauss(), Galerkin()):
-        ready = prepare(basis, 6, way)
-        one, other = ready.moments(c), ready.moments(moved)
-        sign = (-1.0) ** np.arange(7)
-        assert_same(sign * other.standardized, one.standardized, 1e-11)
-        np.testing.assert_allclose(other.sd, scale * one.sd, rtol=1e-13)
-        np.testing.assert_allclose(other.mean, scale * (shift - one.mean), atol=1e-14 * scale)
-
-
-def test_no_digit_is_lost_for_a_small_scatter_about_a_large_outcome() -> None:
-    basis = basis_of(("hermite",), TOTAL[1], 8)
-    c = np.array([[0.0, 1.0, 0.3, 0.1]])
-    truth = prepare(basis, 8, Galerkin()).moments(c).standardized
-    small = 1e-9 * c + np.array([[0.8, 0.0, 0.0, 0.0]])
-    for way in WAYS:
-        assert_same(prepare(basis, 8, way).moments(small).standardized, truth, 1e-12)
-
-
-def test_order_of_functions_and_of_experiments_does_not_matter() -> None:
-    rng = np.random.default_rng(11)
-    order, rows = rng.permutation(len(TOTAL[2])), rng.permutation(5)
-    c = rng.standard_normal((5, len(TOTAL[2])))
-    for way in WAYS:
-        straight = prepare(basis_of(("legendre",) * 2, TOTAL[2], 5), 5, way).moments(c)
-        basis = basis_of(("legendre",) * 2, TOTAL[2][order], 5)
-        mixed = prepare(basis, 5, way).moments(c[rows][:, order])
-        assert_same(mixed.standardized, straight.standardized[rows], 1e-13)
-
-
-@pytest.mark.parametrize("way", WAYS, ids=repr)
-def test_parts_of_the_experiments_give_what_all_of_them_give(way) -> None:
-    basis = basis_of(("hermite", "laguerre"), TOTAL[2], 6)
-    c = np.random.default_rng(0).standard_normal((7, basis.size))
-    ready, many = prepare(basis, 6, way), 600
-    whole, parts = (
-        ready.moments_with_gradient(c),
-        ready.moments_with_gradient(np.tile(c, (many, 1))),
-    )
-    scale = np.abs(whole.standardized_jac).max()
-    for start in (0, 7 * (many // 2), 7 * (many - 1)):
-        part = parts.take(np.arange(start, start + 7))
-        np.testing.assert_allclose(part.standardized, whole.standardized, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(
-            part.standardized_jac, whole.standardized_jac, rtol=0, atol=1e-13 * scale
-        )
-    again = ready.moments(np.tile(c, (many, 1))).standardized
-    assert_same(again, parts.standardized, 1e-12)
-
-
-@pytest.mark.parametrize("way", WAYS, ids=repr)
-def test_an_expansion_without_scatter_has_none(way) -> None:
-    basis = basis_of(("hermite",), TOTAL[1], 4)
-    c = np.array([[2.0, 0.0, 0.0, 0.0], [2.0, 1e-17, 0.0, 0.0]])
-    found = prepare(basis, 4, way).moments_with_gradient(c)
-    assert (found.mean.tolist(), found.sd.tolist()) == ([2.0, 2.0], [0.0, 0.0])
-    assert found.standardized.tolist() == [[1.0, 0.0, 1.0, 0.0, 0.0]] * 2
-    assert np.all(found.standardized_jac == 0.0)
 
 
 # ------------------------------------------------------------------------------ rules
