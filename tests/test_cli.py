@@ -1,9 +1,10 @@
 """Every command does its work, says what it does, and can be interrupted."""
 
+import importlib.util
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, get_args, get_origin
 
 import click
 import pandas as pd
@@ -11,6 +12,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator import cli
+from aleator.study.laws import LawSection
+from aleator.study.propagation import PropagationSection
+from aleator.study.sections import DensitySection, SearchSection, StudyFile
 
 STUDY = """\
 title = "Springs"
@@ -78,6 +82,31 @@ def test_every_command_and_option_is_documented() -> None:
         assert max(map(len, shown.output.splitlines())) <= 90
 
 
+def words_of(section: Any, key: str) -> list[str]:
+    """All that a study may write for a key: the literals of its sections."""
+    found: list[str] = []
+    for kind in get_args(get_args(section)[0]):
+        model = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+        found += get_args(model.model_fields[key].annotation)
+    return found
+
+
+def test_the_help_and_the_docs_name_every_law_density_search_and_propagation() -> None:
+    densities = get_args(DensitySection.model_fields["kind"].annotation)
+    words = {
+        *words_of(LawSection, "law"), *densities,
+        *words_of(SearchSection, "method"), *words_of(PropagationSection, "method"),
+    }  # fmt: skip
+    assert {"beta", "logspline", "genetic", "collocation"} <= words
+    shown = run("identify", "--help").output
+    docs = (Path(__file__).parents[1] / "docs" / "study.md").read_text(encoding="utf-8")
+    for text in (shown, docs):
+        assert sorted(word for word in words if f'"{word}"' not in text) == []
+    for section in StudyFile.model_fields.keys() - {"title", "seed", "parameters"}:
+        assert f"[{section}]" in shown
+    assert f'kind = "{DensitySection().kind}"' in shown  # the default comes first
+
+
 def test_the_version_is_told() -> None:
     assert run("--version").output.startswith("aleator, version ")
 
@@ -103,6 +132,21 @@ def test_the_default_folder_is_named_after_the_study(study: Path) -> None:
     assert (done.exit_code, done.output) == (0, "")
     document = json.loads(Path("out/springs/identification.json").read_text())
     assert document["log_likelihood"]["verified"] is None
+
+
+def test_quiet_is_quiet_with_runs_in_the_store_and_without_matplotlib(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "matplotlib" else found(name)
+    )
+    for command in ("identify", "identify", "sensitivity"):
+        done = run(command, study, "--quiet")
+        assert (done.exit_code, done.output) == (0, "")
+    loud = run("identify", study)
+    assert "none is repeated" in loud.stderr
+    assert "they need matplotlib" in loud.stderr
 
 
 def test_the_same_seed_gives_the_same_file_but_for_the_seconds(study: Path) -> None:

@@ -56,6 +56,7 @@ def test_it_prints_tables_and_writes_files(study: Path) -> None:
     assert "Springs" in done.stdout
     assert "softness, twist" in done.stdout
     assert "hard to tell apart" in done.stdout  # both act in proportion to the load
+    assert "linear effect" in done.stdout
     result = json.loads(Path("out/springs/sensitivity.json").read_text())
     assert [row["parameter"] for row in result["parameters"]] == ["slack", "softness", "twist"]
     assert result["study"]["outcome"] == "length"

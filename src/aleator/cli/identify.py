@@ -85,17 +85,25 @@ def identify(
       [experiments] id = "id", conditions = every other column, transform = "none" or "log"
                     (both outcomes, measured and simulated, are then in the original unit),
                     delimiter = ",", decimal = "."
-      [simulator]   vectorized = false: called once a run with numbers; true: with arrays
-      [parameters.NAME] law = "truncated_normal" (box, mean, sd), "normal" (mean, sd) or
-                    "constant" (value); each a number, or to be identified within
+      [simulator]   vectorized = false: called once a run with numbers; true: with arrays.
+                    Instead of function: command (a program) or fmu
+      [parameters.NAME] law = "truncated_normal", "beta" (box, mean, sd), "normal" (mean,
+                    sd), "uniform" (box; or mean, sd), "gamma", "lognormal" (mean, sd,
+                    lower = 0), "scipy" (distribution, args; mean, sd) or "constant"
+                    (value); mean, sd and value each a number, or to be identified within
                     {lower = ..., upper = ..., start = ...}
+      [correlation] a.b: of the parameters a and b, a number or {lower = ..., upper = ...}
       [noise]       sd: normal measurement noise, a number or {lower = ..., upper = ...}
       [propagation] method = "response_surface" (tolerance = 0.005, max_runs = 1000, nodes)
                     or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
-      [density]     kind = "maximum_entropy" (order = 4) or "gaussian"
+      [density]     kind = "automatic": the convolution where there is noise and response
+                    surfaces, else maximum entropy of order 4. Or "maximum_entropy" (order),
+                    "gaussian", "gaussian_mixture", "convolution" (points = 400) or
+                    "logspline" (knots = 32, smoothing = 1e-5)
       [search]      method = "gradient" (starts = 10, evaluations = 60), "genetic",
                     "differential_evolution" or "cmaes"
       [verification] samples = 1000 simulator runs an experiment; 0 = off
+    docs/study.md explains them all.
     """
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     folder = output or Path("out") / name_of(study)
@@ -108,11 +116,11 @@ def identify(
     documents.write_json(document, folder / IDENTIFICATION)
     files = [str(folder / IDENTIFICATION)]
     if not no_figures:
-        files += _figures(document, folder)
+        files += _figures(document, folder, quiet)
     if not quiet:
         Console().print(terminal.render(document, files))
 
 
-def _figures(document: dict[str, Any], folder: Path) -> list[str]:
+def _figures(document: dict[str, Any], folder: Path, quiet: bool) -> list[str]:
     """Draw the figures, or say what they need."""
-    return [str(path) for path in save_figures(document, folder)] if can_draw() else []
+    return [str(path) for path in save_figures(document, folder)] if can_draw(quiet=quiet) else []

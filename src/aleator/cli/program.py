@@ -78,10 +78,10 @@ def shown(quiet: bool) -> Iterator[Progress]:
         yield progress
 
 
-def can_draw(missing: str = "no figures are drawn: they need") -> bool:
-    """Whether matplotlib is there; says what is `missing` where it is not."""
+def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = False) -> bool:
+    """Whether matplotlib is there; says what is `missing` where it is not, unless `quiet`."""
     found = importlib.util.find_spec("matplotlib") is not None
-    if not found:
+    if not (found or quiet):
         say(f"{missing} matplotlib, pip install 'aleator[plot]'")
     return found
 

@@ -87,7 +87,7 @@ def sensitivity(
     files = [folder / "sensitivity.json", folder / "sensitivity.csv"]
     documents.write_json(result, files[0])
     documents.write_text(found.table().to_csv(index=False, lineterminator="\n"), files[1])
-    if not no_figures and can_draw("no figure is drawn: it needs"):
+    if not no_figures and can_draw("no figure is drawn: it needs", quiet):
         files.append(save_sensitivity(result, folder))
     if not quiet:
         Console().print(report.render(result, [str(file) for file in files]))

@@ -77,7 +77,7 @@ def _what(expansion: Mapping[str, Any], outcome: str, experiments: int) -> str:
 def _parameters(rows: Sequence[Mapping[str, Any]]) -> Table:
     table = table_of(
         ("parameter", "left"), ("alone", "right"), ("with others", "right"), ("at most", "right"),
-        ("in", "left"), ("effect", "right"), ("varied", "fold"),
+        ("in", "left"), ("linear effect", "right"), ("varied", "fold"),
     )  # fmt: skip
     for row in rows:
         table.add_row(
@@ -104,8 +104,10 @@ def _pairs(rows: Sequence[Mapping[str, Any]]) -> Table:
 def _meaning() -> str:
     return (
         "Shares are means over the experiments: of a parameter alone (first-order Sobol' index) "
-        "and with its interactions (total), at most in the experiment named; the effect is that of "
-        "one standard deviation. Alignment is the cosine between the effects of two parameters "
+        "and with its interactions (total), at most in the experiment named. The linear effect is "
+        "the straight part of what one standard deviation does, in the outcome's unit; what bends, "
+        "as x^2 about zero, is seen in the shares only. Alignment is the cosine between the linear "
+        "effects of two parameters "
         f"over the experiments: beyond {CONFOUNDED:g} the experiments hardly tell them apart."
     )
 
