@@ -333,7 +333,7 @@ def test_too_few_runs_or_no_experiment_is_refused() -> None:
         built(waves, 2, 0)
 
 
-@pytest.mark.parametrize("answer", [lambda x: x, lambda x: np.full(len(x), np.nan)])
+@pytest.mark.parametrize("answer", [lambda x: x, lambda x: np.full(len(x), np.inf)])
 def test_a_simulator_that_does_not_answer_is_named(answer: Callable[[Floats], Floats]) -> None:
     with pytest.raises(SimulatorError, match="outcomes"):
         built(lambda _, x: answer(x), 2, 1)

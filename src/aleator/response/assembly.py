@@ -83,15 +83,15 @@ def degrees_of(indices: Ints, terms: Floats, error: Floats) -> Ints:
 def outcome_range(surface: Surface, outcomes: Floats) -> tuple[Floats, Floats]:
     """Return the least and the largest outcome (N,) of each experiment over the box.
 
-    From the runs (N, M), a search over 2048 points and the corners of the box, and a polish of the
-    best of them that halves its step ten times.
+    From the runs (N, M), NaN where there is none, a search over 2048 points and the corners of the
+    box, and a polish of the best of them that halves its step ten times.
     """
     n = len(surface.box)
     low, high = surface.box.T
     z = low_discrepancy(2048, n, fixed_shift(n))
     corners = 2.0 * (np.arange(2 ** min(n, 10))[:, None] >> np.arange(n) & 1) - 1.0
     x = low + 0.5 * (np.vstack([corners, z]) + 1.0) * (high - low)
-    best = [np.nanmin(outcomes, axis=1), -np.nanmax(outcomes, axis=1)]
+    best = [np.fmin.reduce(outcomes, axis=1), -np.fmax.reduce(outcomes, axis=1)]
     start = [np.zeros((len(outcomes), n)), np.zeros((len(outcomes), n))]
     found = [np.full(len(outcomes), np.inf), np.full(len(outcomes), np.inf)]
     for part in range(0, len(x), 256):
@@ -103,7 +103,7 @@ def outcome_range(surface: Surface, outcomes: Floats) -> tuple[Floats, Floats]:
             found[side][better], start[side][better] = value[better], x[part + least[better]]
     for side, sign in enumerate((1.0, -1.0)):
         polished = _polished(surface, start[side], found[side], sign)
-        best[side] = np.minimum(best[side], polished)
+        best[side] = np.fmin(best[side], polished)
     return best[0], -best[1]
 
 

@@ -3,36 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from aleator.cubature import Cubature
-from aleator.errors import InputsError, SimulatorError
-from aleator.response.assembly import Piece, degrees_of, merged, outcome_range
-from aleator.response.basis import products
-from aleator.response.fit import Judged, Prior, first_priors, fitted, judged, search
-from aleator.response.points import (
-    CANDIDATES,
-    Floats,
-    Ints,
-    low_discrepancy,
-    shares,
-    spread,
-)
+from aleator.errors import InputsError
+from aleator.response.points import CANDIDATES, Floats, low_discrepancy
+from aleator.response.refinement import Refinement, Run
 from aleator.response.surface import Surface
 
-Run = Callable[[Ints, Floats], Floats]
 Progress = Callable[[int, int, int], None]
 
 GROWTH = 1.3
-# Outcomes that differ by less than this part of their size do not depend on the parameters.
-ROUNDING = 1e-12
-# The error is at the simulator's own noise where it has fallen by less than a fifth while the runs
-# grew by GROWTH^6 to GROWTH^8, 5 to 8 times. Sooner would give up fronts that are still unresolved.
-STALL = 0.8
-# An error that falls by more than half in one round, or seems to, is believed by half only.
-DOUBT = 0.5
 
 
 @dataclass(frozen=True)
@@ -98,8 +81,15 @@ def build_surface(
     and the leave-one-out residuals, weighted by each run's part of the box, times 0.7 (1 + 8/M);
     and half of the same a round before.
 
+    A run that failed has the outcome NaN; a surface is fitted through the runs that worked. What
+    failures cost is in the error: the prior expects most where no run is, and the runs around a
+    hole stand for it with their share of the box; in a large hole the surface is an extrapolation,
+    wrong by up to thrice the estimate. A failed validation run tells nothing and is left out. With
+    fewer than 2 n + 2 runs that worked out of the first 5 n + 10 an experiment has no surface: it
+    is given up, a constant with an infinite error.
+
     Raises InputsError for an inadmissible box or too few runs, SimulatorError for outcomes of the
-    wrong shape or not finite. An experiment that does not converge within `max_runs`, or stalls at
+    wrong shape or infinite. An experiment that does not converge within `max_runs`, or stalls at
     the simulator's noise, is returned with `converged` False and its estimated error. A feature
     smaller than the distance between points can be missed by every estimate.
 
@@ -120,7 +110,13 @@ def build_surface(
             f"response surface: max_runs {choice.max_runs} for {len(box)} parameters",
             f"allow at least {first + choice.validation} runs an experiment",
         )
-    state = _Refinement(run, box, experiments, choice)
+    state = Refinement(
+        run, box, experiments,
+        most=choice.max_runs - choice.validation,
+        check=_validation_points(choice, len(box)),
+        tolerance=choice.tolerance,
+        accuracy=choice.accuracy,
+    )  # fmt: skip
     count = first
     while True:
         state.refine(count)
@@ -131,125 +127,9 @@ def build_surface(
         count = min(int(np.ceil(GROWTH * count)), state.most)
 
 
-class _Refinement:
-    """What is known after each round. An experiment that is done keeps its prior and its size."""
-
-    def __init__(self, run: Run, box: Floats, experiments: int, choice: ResponseSurface) -> None:
-        n = len(box)
-        self.run, self.box, self.choice = run, box, choice
-        self.most = choice.max_runs - choice.validation
-        shift = np.random.default_rng(choice.seed).random(n)
-        self.check = low_discrepancy(choice.validation, n, shift)
-        self.z = np.empty((0, n))
-        self.values = np.empty((experiments, 0))
-        self.truth = np.empty((experiments, 0))
-        self.active = np.arange(experiments)
-        self.pool = first_priors(n)
-        self.prior: list[Prior] = [self.pool[0]] * experiments
-        self.error = np.full(experiments, np.inf)
-        self.last = np.zeros(experiments)
-        self.history: list[Floats] = []
-        self.runs = np.zeros(experiments, dtype=np.intp)
-        self.size = np.zeros(experiments, dtype=np.intp)
-        self.converged = np.zeros(experiments, dtype=np.bool_)
-
-    def refine(self, count: int) -> None:
-        """Run the active experiments at points up to `count` and judge them anew."""
-        active = self.active
-        self._ask(count)
-        y = self.values[active].T
-        priors, best, self.pool = search(self.pool, self.z, y)
-        share = shares(self.z)
-        scatter, level, estimate = (np.empty(len(active)) for _ in range(3))
-        for k in np.unique(best):
-            rows = np.flatnonzero(best == k)
-            fit = judged(priors[k], self.z, y[:, rows])
-            scatter[rows] = np.sqrt((fit.coefficients[1:] ** 2).sum(axis=0))
-            level[rows] = np.abs(y[:, rows]).max(axis=0)
-            misfit = fit.coefficients.T @ products(fit.indices, self.check)
-            misfit -= self.truth[active[rows]]
-            estimate[rows] = _estimate(fit, share, misfit)
-            for row in active[rows]:
-                self.prior[row] = priors[k]
-        error = np.maximum(estimate, DOUBT * self.last[active])
-        self.last[active], self.error[active], self.size[active] = estimate, error, count
-        constant = np.ptp(np.vstack([y, self.truth[active].T]), axis=0) <= ROUNDING * level
-        self.error[active[constant]] = 0.0
-        good = error <= np.maximum(self.choice.tolerance * scatter, self.choice.accuracy * level)
-        self.converged[active] = good | constant
-        self.history.append(self.error.copy())
-        self.active = active[~(self.converged[active] | self._stalled(active))]
-
-    def _ask(self, count: int) -> None:
-        """Run the simulator once, for all active experiments at all new points."""
-        done, active = len(self.z), self.active
-        fresh = spread(count, len(self.box))[done:]
-        self.z = np.vstack([self.z, fresh])
-        if not done:
-            fresh = np.vstack([fresh, self.check])
-        low, high = self.box.T
-        x = np.clip(0.5 * (low + high) + 0.5 * (high - low) * fresh, low, high)
-        index = np.repeat(active, len(x))
-        outcome = np.asarray(self.run(index, np.tile(x, (len(active), 1))), dtype=np.float64)
-        if outcome.shape != index.shape or not np.isfinite(outcome).all():
-            raise SimulatorError(
-                f"outcomes of shape {outcome.shape} for {len(index)} runs, or not finite",
-                "return one finite number for each run",
-            )
-        outcome = outcome.reshape(len(active), len(x))
-        values = np.full((len(self.values), count), np.nan)
-        values[:, :done] = self.values
-        values[active, done:] = outcome[:, : count - done]
-        self.values = values
-        if not done:
-            self.truth = outcome[:, count:]
-        self.runs[active] += len(x)
-
-    def _stalled(self, active: Ints) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        if len(self.history) < 9:
-            return np.zeros(len(active), dtype=np.bool_)
-        before = np.max([errors[active] for errors in self.history[-9:-6]], axis=0)
-        return np.asarray(self.history[-1][active] > STALL * before)
-
-    def surface(self) -> Surface:
-        """Fit every experiment through the runs it had when it was done."""
-        shared: dict[tuple[int, Prior], list[int]] = {}
-        for row, prior in enumerate(self.prior):
-            shared.setdefault((int(self.size[row]), prior), []).append(row)
-        pieces: list[Piece] = []
-        for (count, prior), rows in shared.items():
-            members = np.array(rows, dtype=np.intp)
-            pieces.append((members, *fitted(prior, self.z[:count], self.values[members, :count].T)))
-        indices, groups, terms = merged(pieces, self.error)
-        scatter = np.sqrt((terms[:, indices.any(axis=1)] ** 2).sum(axis=1))
-        surface = Surface(
-            box=self.box,
-            indices=indices,
-            groups=groups,
-            error=self.error,
-            scatter=scatter,
-            converged=self.converged,
-            runs=self.runs,
-            degrees=degrees_of(indices, terms, self.error),
-        )
-        lower, upper = outcome_range(surface, np.hstack([self.values, self.truth]))
-        return replace(surface, lower=lower, upper=upper)
-
-
-def _estimate(fit: Judged, share: Floats, misfit: Floats) -> Floats:
-    """Return the estimated root-mean-square error (A,) over the box.
-
-    A run left out of well-spread ones leaves a hole twice as wide as any other, so its residual is
-    larger than the error elsewhere: hence 0.7. The least of some forty leave-one-out errors is
-    too small by chance when the runs are few: hence 1 + 8/M. Both were set on the wet clutch at
-    tolerance 0.02, where 95 % of true errors then stay below the estimate (86 to 89 % at 0.01 and
-    0.005). On outcomes that were not used to set them: 95 to 98 % on other boxes of the clutch,
-    random fronts and random peaks, but 72 % on random kinks, with true errors up to 1.9 times the
-    estimate. So it is an estimate, not a bound.
-    """
-    left_out = np.sqrt(share @ fit.residual**2) * 0.7 * (1.0 + 8.0 / len(share))
-    checked = np.sqrt((misfit**2).mean(axis=1))
-    return np.asarray(np.maximum(np.maximum(left_out, fit.expected), checked))
+def _validation_points(choice: ResponseSurface, n: int) -> Floats:
+    shift = np.random.default_rng(choice.seed).random(n)
+    return low_discrepancy(choice.validation, n, shift)
 
 
 def _checked_box(box: Floats) -> Floats:

@@ -151,15 +151,18 @@ def judged(prior: Prior, z: Floats, y: Floats) -> Judged:
 
 
 @single_threaded
-def search(pool: list[Prior], z: Floats, y: Floats) -> tuple[list[Prior], Ints, list[Prior]]:
+def search(
+    pool: list[Prior], z: Floats, y: Floats, sweeps: int = SWEEPS
+) -> tuple[list[Prior], Ints, list[Prior]]:
     """Return priors, the best of them for each experiment (A,), and the pool to go on with.
 
     All experiments are judged together, one factorization a prior; each takes the prior with the
-    least leave-one-out error. The neighbors of the most frequent winners are tried in turn.
+    least leave-one-out error. The neighbors of the most frequent winners are tried in turn; with
+    one sweep only the pool is.
     """
     score: dict[Prior, Floats] = {}
     trial = list(pool)
-    for _ in range(SWEEPS):
+    for _ in range(sweeps):
         for prior in trial:
             if prior not in score:
                 score[prior] = (leave_one_out(prior, z, y) ** 2).mean(axis=0)

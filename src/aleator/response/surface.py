@@ -39,9 +39,10 @@ class Surface:
 
     `error` (N,) is the estimated root-mean-square error over the box in units of the outcome,
     `scatter` (N,) the standard deviation of the surface over the box, `converged` (N,) whether
-    error <= tolerance * scatter, `runs` (N,) the runs spent, `lower` and `upper` (N,) the range of
-    the outcome over the box, `degrees` (N, n) the degree of each
-    parameter beyond which all terms together are smaller than the error.
+    error <= tolerance * scatter, `runs` (N,) the runs spent, `failed` (N,) those of them without an
+    outcome, `lower` and `upper` (N,) the range of the outcome over the box, `degrees` (N, n) the
+    degree of each parameter beyond which all terms together are smaller than the error. Where
+    hardly a run worked there is no surface: `error` is infinite.
 
     Outside the box the polynomial is an extrapolation and grows without limit: evaluation there
     is not refused, and not to be trusted.
@@ -54,6 +55,7 @@ class Surface:
     scatter: Floats
     converged: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
     runs: Ints
+    failed: Ints
     degrees: Ints
     lower: Floats = field(default_factory=lambda: np.empty(0))
     upper: Floats = field(default_factory=lambda: np.empty(0))

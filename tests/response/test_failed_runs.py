@@ -1,0 +1,118 @@
+"""Surfaces through the runs that worked: what failed costs accuracy, and the estimate says so."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from aleator.response import ResponseSurface, Surface, build_surface
+from aleator.response.basis import products
+from aleator.response.fit import first_priors, fitted, search
+from aleator.response.points import spread
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+BOX = np.tile([0.0, 1.0], (2, 1))
+CHOICE = ResponseSurface(tolerance=0.02)
+
+
+def waves(index: Ints, x: Floats) -> Floats:
+    return np.cos(4.0 * x[:, 0] + 3.0 * x[:, 1] + index)
+
+
+def with_hole(side: float) -> Callable[[Ints, Floats], Floats]:
+    """Waves without an outcome in a corner of the box."""
+
+    def run(index: Ints, x: Floats) -> Floats:
+        return np.where(np.all(x > 1.0 - side, axis=1), np.nan, waves(index, x))
+
+    return run
+
+
+def true_error(surface: Surface, hole: float = 0.0) -> Floats:
+    x = np.random.default_rng(0).random((2000, 2))
+    x = x[~np.all(x > 1.0 - hole, axis=1)]
+    count = len(surface.error)
+    truth = waves(np.repeat(np.arange(count), len(x)), np.tile(x, (count, 1)))
+    return np.sqrt(((surface.evaluate(x) - truth.reshape(count, -1)) ** 2).mean(axis=1))
+
+
+def test_a_surface_is_that_of_the_runs_that_worked() -> None:
+    z = spread(20, 2)
+    lost = np.array([3, 8, 11])
+    points = 0.5 * (z + 1.0)
+
+    def run(index: Ints, x: Floats) -> Floats:
+        missing = (np.abs(x[:, None] - points[lost]).max(axis=2) < 1e-12).any(axis=1)
+        return np.where(missing & (index == 1), np.nan, waves(index, x))
+
+    once = ResponseSurface(tolerance=0.9, accuracy=0.99)
+    surface, whole = (build_surface(function, BOX, 2, once) for function in (run, waves))
+    assert surface.runs.tolist() == [32, 32]
+    assert surface.failed.tolist() == [0, 3]
+    assert surface.evaluate(points)[0] == pytest.approx(whole.evaluate(points)[0], abs=1e-12)
+    kept = np.delete(z, lost, axis=0)
+    y = waves(np.ones(17, dtype=int), 0.5 * (kept + 1.0))[:, None]
+    priors, best, _ = search(first_priors(2), kept, y)
+    indices, terms = fitted(priors[best[0]], kept, y)
+    x = np.random.default_rng(0).random((1000, 2))
+    gap = surface.evaluate(x)[1] - products(indices, 2.0 * x - 1.0).T @ terms[:, 0]
+    # terms that together are smaller than a tenth of the error are left out
+    assert np.sqrt((gap**2).mean()) < 0.11 * surface.error[1]
+    assert surface.error[1] > whole.error[1]
+
+
+def test_a_hole_in_the_design_raises_the_error() -> None:
+    """The true error counts the hole, where the surface is an extrapolation: estimated by half."""
+    choice = ResponseSurface(tolerance=1e-6, accuracy=0.0, max_runs=52)
+    whole, holed = (build_surface(with_hole(side), BOX, 4, choice) for side in (0.0, 0.4))
+    assert whole.runs.tolist() == holed.runs.tolist()
+    assert (holed.error > 3.0 * whole.error).all()
+    assert (true_error(whole) <= 1.2 * whole.error).all()
+    assert (true_error(holed) <= 3.0 * holed.error).all()
+
+
+def test_runs_that_fail_here_and_there_cost_little() -> None:
+    """One in ten, other ones in each experiment."""
+
+    def run(index: Ints, x: Floats) -> Floats:
+        lost = np.modf(np.abs(np.sin(1e4 * x[:, 0] + 77.0 * x[:, 1] + index)) * 1e3)[0] < 0.1
+        return np.where(lost, np.nan, waves(index, x))
+
+    surface = build_surface(run, BOX, 12, CHOICE)
+    whole = build_surface(waves, BOX, 12, CHOICE)
+    assert surface.converged.all()
+    assert 0.03 < surface.failed.sum() / surface.runs.sum() < 0.2
+    assert surface.runs.mean() < 1.5 * whole.runs.mean()
+    assert (true_error(surface) <= 1.2 * surface.error).all()
+
+
+def test_an_infeasible_corner_is_reported_and_the_rest_is_exact() -> None:
+    surface = build_surface(with_hole(0.3), BOX, 6, CHOICE)
+    assert (surface.failed > 0).all()
+    assert (true_error(surface, hole=0.3) <= surface.error).all()
+    assert np.isfinite(surface.lower).all()
+
+
+def test_an_experiment_with_hardly_a_run_has_no_surface_and_costs_one_round() -> None:
+    def run(index: Ints, x: Floats) -> Floats:
+        return np.where((index == 1) & (x[:, 0] > 0.02), np.nan, waves(index, x))
+
+    surface = build_surface(run, BOX, 3, CHOICE)
+    assert np.isinf(surface.error).tolist() == [False, True, False]
+    assert surface.converged.tolist() == [True, False, True]
+    assert surface.runs[1] == 32
+    assert surface.failed[1] >= 26
+    x = np.random.default_rng(0).random((5, 2))
+    assert np.isfinite(surface.evaluate(x)).all()
+    alone = build_surface(lambda index, x: waves(2 * index, x), BOX, 2, CHOICE)
+    assert surface.evaluate(x)[[0, 2]] == pytest.approx(alone.evaluate(x), abs=1e-12)
+
+
+def test_a_simulator_that_always_fails_is_given_up_at_once() -> None:
+    surface = build_surface(lambda _, x: np.full(len(x), np.nan), BOX, 2, CHOICE)
+    assert np.isinf(surface.error).all()
+    assert not surface.converged.any()
+    assert surface.runs.tolist() == surface.failed.tolist() == [32, 32]
