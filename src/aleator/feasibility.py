@@ -216,7 +216,7 @@ class _Search:
         if not len(points):
             return np.zeros(0, dtype=np.int64)
         x = np.repeat(np.stack([self.point(p) for p in points]), batch.size, axis=0)
-        outcome = self.runner.attempt(np.tile(batch, len(points)), x)
+        outcome = self.runner.attempt(np.tile(batch, len(points)), x, most=1.0)
         bad = ~np.isfinite(outcome).reshape(len(points), batch.size)
         return np.where(bad.any(axis=1), batch[np.argmax(bad, axis=1)], -1)
 
@@ -230,7 +230,7 @@ class _Search:
         while np.abs(bad - good).max() > FINE:
             middle = 0.5 * (good + bad)
             x = np.stack([self.point(p) for p in middle])
-            works = np.isfinite(self.runner.attempt(culprits, x))[:, None]
+            works = np.isfinite(self.runner.attempt(culprits, x, most=1.0))[:, None]
             good, bad = np.where(works, middle, good), np.where(works, bad, middle)
         return bad
 

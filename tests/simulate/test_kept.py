@@ -111,7 +111,7 @@ def test_a_failed_run_is_kept_with_its_message_before_it_is_raised(store: Store)
     function = Counted(lambda load, x: x > 0.5)
     function.error = RunFailed("it ended with exit code 3", "pressure too high")
     with pytest.raises(SimulatorError):
-        runner(function, store)([0, 1, 2], [[0.1], [0.9], [0.2]])
+        runner(function, store)([0, 1], [[0.1], [0.9]])
     good, bad = all_runs(store)
     assert (good.outcome, good.failure) == (0.1, None)
     assert (bad.outcome, bad.failure, bad.log) == (
@@ -207,7 +207,7 @@ def test_ctrl_c_while_the_runs_are_written_loses_none(
 
 def test_slow_runs_are_committed_one_by_one(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
-    monkeypatch.setattr("aleator.simulate.runner.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("aleator.simulate.work.time.perf_counter", lambda: now[0])
     seen = []
 
     def slow(load: float, x: float) -> float:

@@ -23,8 +23,8 @@ from aleator.simulate.failure import RunFailed
 # Large enough that arrays pay, small enough that an interruption loses little. Fixed, because the
 # last digits of an array operation may depend on its length.
 ARRAY_BLOCK = 8192
-# One at a time loses nothing; a block is only how often progress can be told.
-SINGLE_BLOCK = 16
+# One at a time loses nothing; a block is what is timed together at most.
+SINGLE_BLOCK = 256
 
 Columns = Mapping[str, NDArray[Any]]
 
@@ -78,7 +78,9 @@ class FunctionSimulator:
     the runs independently of each other. Its arguments are conditions or parameters; one with a
     default may be neither. It takes every parameter of the study, but only the conditions it names
     (all of them if it has **kwargs). `version` is the user's own name of what the function does:
-    runs that were kept stay valid until it changes, whatever happens to the source.
+    runs that were kept stay valid until it changes, whatever happens to the source. `block` is the
+    most runs of one call with arrays (default 8192): where outcomes may differ in their last digits
+    with the length of the arrays, runs are the same only for the same block.
 
     Raises SimulatorError if `function` is not callable or has arguments without a name.
 
@@ -92,8 +94,14 @@ class FunctionSimulator:
     """
 
     def __init__(
-        self, function: Callable[..., Any], vectorized: bool = False, version: str = ""
+        self,
+        function: Callable[..., Any],
+        vectorized: bool = False,
+        version: str = "",
+        block: int | None = None,
     ) -> None:
+        if block is not None and block < 1:
+            raise SimulatorError(f"a block of {block} runs", "choose at least one")
         if not callable(function):
             raise SimulatorError(
                 f"the simulator {function!r} is not callable", "give a function or its name"
@@ -101,10 +109,38 @@ class FunctionSimulator:
         self.function = function
         self.vectorized = vectorized
         self.version = version
-        self.block = ARRAY_BLOCK if vectorized else SINGLE_BLOCK
+        self.block = block or (ARRAY_BLOCK if vectorized else SINGLE_BLOCK)
+        self._reference: tuple[str, str] | None = None
         self.name = str(getattr(function, "__qualname__", type(function).__name__))
         self.description = f"{getattr(function, '__module__', None) or ''}:{self.name}"
         self._arguments = _arguments(function, self.name)
+
+    @classmethod
+    def named(
+        cls,
+        reference: str,
+        base_dir: str | Path = ".",
+        vectorized: bool = False,
+        version: str = "",
+        block: int | None = None,
+    ) -> FunctionSimulator:
+        """The function that a reference names (see `load_function`), also in other processes.
+
+        They import it from the same file, which they must see.
+
+        >>> FunctionSimulator.named("statistics:fmean").name
+        'fmean'
+        """
+        simulator = cls(load_function(reference, base_dir), vectorized, version, block)
+        simulator._reference = reference, str(Path(base_dir).resolve())
+        return simulator
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """By name where it was named; else the function itself, as far as it can be pickled."""
+        options = self.vectorized, self.version, self.block
+        if self._reference is not None:
+            return FunctionSimulator.named, (*self._reference, *options)
+        return FunctionSimulator, (self.function, *options)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
         """The conditions that the function has an argument for, in the order of `conditions`.

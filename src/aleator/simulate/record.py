@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,3 +39,35 @@ class Runs:
             np.concatenate([np.empty((0, parameters)), *(block.x for block in blocks)]),
             np.concatenate([np.empty(0), *(block.outcome for block in blocks)]),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Failures:
+    """F runs without an outcome: `index` (F,) of the experiment, `x` (F, n), `messages`.
+
+    >>> Failures.of([(0, np.array([0.9]), "too hot"), (0, np.array([0.7]), "too hot")], 1).region
+    array([[0.7, 0.9]])
+    """
+
+    index: NDArray[np.intp]
+    x: NDArray[np.float64]
+    messages: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    @classmethod
+    def of(
+        cls, failed: Collection[tuple[int, NDArray[np.float64], str]], parameters: int
+    ) -> Failures:
+        """The failures of runs with so many parameters."""
+        return cls(
+            np.array([at for at, _, _ in failed], dtype=np.intp),
+            np.array([x for _, x, _ in failed], dtype=np.float64).reshape(-1, parameters),
+            tuple(message for _, _, message in failed),
+        )
+
+    @property
+    def region(self) -> NDArray[np.float64]:
+        """The smallest box (n, 2) that holds all of them; there must be one."""
+        return np.stack([self.x.min(axis=0), self.x.max(axis=0)], axis=1)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from aleator.errors import SimulatorError
 from aleator.experiments import Conditions, Experiments, transformed
 from aleator.progress import Progress, Silent
-from aleator.simulate.failure import NoOutcome
-from aleator.simulate.function import FunctionSimulator, RunStopped, Simulator, describe
+from aleator.simulate.complaint import Complaint, Tried
+from aleator.simulate.crew import Crew, carried
+from aleator.simulate.failure import RunFailed
+from aleator.simulate.function import FunctionSimulator, Simulator
 from aleator.simulate.kept import Kept
-from aleator.simulate.record import Runs
+from aleator.simulate.record import Failures, Runs
 from aleator.simulate.store import Store
+from aleator.simulate.tally import Tally
+from aleator.simulate.work import Columns, Failure, Work
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -24,15 +29,18 @@ Ints = NDArray[np.intp]
 REPEATABLE = 1e-6
 """Relative difference of two outcomes of the same run that is no cause for concern."""
 
-_SOON = 0.1
-"""Seconds of runs, one by one, after which those that completed are committed."""
+MOST_FAILED = 0.2
+"""Share of failed runs at which a study stops."""
+FEW = 10
+"""Failures of which no share is too large yet."""
+BEFORE = "it failed before: `aleator runs list` tells why"
 
 
 def as_simulator(simulator: Simulator | Callable[..., Any], vectorized: bool = False) -> Simulator:
     """A plain function as a simulator, called once a run or `vectorized`; a simulator as it is.
 
-    >>> as_simulator(lambda load, stiffness: load / stiffness).block
-    16
+    >>> as_simulator(lambda load, stiffness: load / stiffness).vectorized
+    False
     """
     if isinstance(simulator, FunctionSimulator):
         return simulator
@@ -46,6 +54,7 @@ def as_runner(
     experiments: Experiments | Conditions,
     parameters: Sequence[str],
     vectorized: bool = False,
+    executor: Executor | None = None,
 ) -> Runner:
     """A runner as it is; a simulator or a function (see `as_simulator`) on the experiments.
 
@@ -56,7 +65,8 @@ def as_runner(
     """
     if isinstance(simulator, Runner):
         return simulator
-    return Runner(as_simulator(simulator, vectorized), experiments, parameters)
+    simulator = as_simulator(simulator, vectorized)
+    return Runner(simulator, experiments, parameters, executor=executor)
 
 
 class Runner:
@@ -67,6 +77,11 @@ class Runner:
     that is in `known` or in `store` is not repeated, and every new run is committed to the store
     as soon as it is known, one that failed with its message; numbers must be exactly equal.
 
+    Runs are made here, one batch after the other, or by the workers of an `executor` (any
+    concurrent.futures.Executor); outcomes do not depend on it. One that fails is tried again
+    `retries` times. Where more than the share `most_failed` of the runs of this runner failed, and
+    at least ten, `attempt` stops.
+
     `group` (N,) is, for each experiment, the first one under the same conditions.
     `runs` counts the runs that were needed, those that were known (`reused`) included, so that an
     identification resumed tells the same number as one that was not interrupted.
@@ -74,7 +89,7 @@ class Runner:
     Raises SimulatorError at once if the simulator does not take these conditions and parameters;
     in a run for an exception, an outcome that is not a finite number, or a wrong shape; StoreError
     if the store cannot be read or written. What completed before is kept in `completed`. A run
-    that failed is tried again when it is needed again: whoever asks again has mended something.
+    that failed is tried again when a call needs it: whoever asks again has mended something.
 
     >>> import pandas as pd
     >>> table = Conditions(("a", "b"), pd.DataFrame({"load": [1.0, 2.0]}))
@@ -91,16 +106,23 @@ class Runner:
         known: Runs | None = None,
         progress: Progress | None = None,
         store: Store | None = None,
+        *,
+        executor: Executor | None = None,
+        retries: int = 0,
+        most_failed: float = MOST_FAILED,
     ) -> None:
+        _check(retries, most_failed)
         self.simulator = as_simulator(simulator)
         self.ids = experiments.ids
         self.parameters = tuple(parameters)
         self.transform = experiments.transform
         self.progress = progress or Silent()
+        self.executor, self.retries, self.most_failed = executor, retries, most_failed
         asked = self.simulator.asks([*map(str, experiments.conditions.columns)], self.parameters)
         self._conditions = {name: experiments.conditions[name].to_numpy() for name in asked}
         self.group = _groups([*self._conditions.values()], len(self.ids))
         self._known: dict[bytes, float] = {}
+        self._failed: dict[bytes, tuple[int, Floats, str]] = {}
         self._reused_runs: list[Runs] = []
         self._blocks: list[Runs] = []
         self.kept = (
@@ -108,8 +130,10 @@ class Runner:
             if store is None
             else Kept(store, self.simulator, self._conditions, len(self.ids), self.parameters)
         )
-        self._each = 0.0
-        self._part = 1 if getattr(self.simulator, "vectorized", True) is False else 0
+        self._words = Complaint(
+            self.simulator.name, bool(getattr(self.simulator, "vectorized", False)), self.ids,
+            self.parameters, self._conditions,
+        )  # fmt: skip
         self.runs = 0
         self.reused = 0
         if known is not None:
@@ -128,24 +152,91 @@ class Runner:
         return Runs.joined([*self._reused_runs, *self._blocks], len(self.parameters))
 
     @property
+    def failures(self) -> Failures:
+        """Every run that `attempt` needed and that has no outcome, once each."""
+        return Failures.of(self._failed.values(), len(self.parameters))
+
+    @property
     def fresh(self) -> int:
         """The number of runs that completed here."""
         return sum(map(len, self._blocks))
 
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Floats:
         """Run experiment `index` (R,) with parameters `x` (R, n): outcomes (R,), transformed."""
-        at = np.asarray(index, dtype=np.intp)
-        points = np.asarray(x, dtype=np.float64)
-        # Distinct runs in the order of their first appearance.
+        at, points, keys, inverse = self._distinct(index, x)
+        outcome, _ = self._recalled(at, points, keys)
+        new = ~np.isfinite(transformed(outcome, self.transform))
+        self.runs += len(keys)
+        self.reused += len(keys) - int(np.sum(new))
+        outcome[new], failures = self._done(at[new], points[new], int(np.sum(~new)), None)
+        if failures:
+            raise self._words.first(_tried(at[new], points[new], outcome[new], failures))
+        return transformed(outcome[inverse], self.transform)
+
+    def attempt(self, index: ArrayLike, x: ArrayLike, most: float | None = None) -> Floats:
+        """Run as a call does, but a run that raises or is not finite is NaN and stops nothing.
+
+        A run that is known, even as failed, is not repeated. Raises SimulatorError for a wrong
+        shape, and NoOutcome where more than the share `most` (the runner's `most_failed`) failed.
+        """
+        at, points, keys, inverse = self._distinct(index, x)
+        outcome, known = self._recalled(at, points, keys)
+        for k, key in enumerate(keys):
+            known[k] |= key in self._failed
+        new = np.flatnonzero(~known)
+        self.runs += len(keys)
+        self.reused += int(np.sum(known))
+        share = self.most_failed if most is None else most
+        outcome[new], failures = self._done(at[new], points[new], int(np.sum(known)), share)
+        reasons = {int(new[k]): failure for k, failure in failures.items()}
+        without = np.flatnonzero(~np.isfinite(transformed(outcome, self.transform))).tolist()
+        fresh = [k for k in without if keys[k] not in self._failed]
+        reasons = {k: reasons.get(k, Failure(k, BEFORE)) for k in fresh}
+        if reasons:
+            self._stop_if_too_many(_tried(at, points, outcome, reasons), self.runs, share)
+        self._failed.update(
+            {keys[k]: (int(at[k]), points[k], reason.message) for k, reason in reasons.items()}
+        )
+        return transformed(outcome[inverse], self.transform)
+
+    def require_repeatable(self, x: ArrayLike) -> None:
+        """Run the first experiment at x (n,) twice, and once only if that run is known.
+
+        It is the one run that is ever repeated: it finds out, too, that a simulator no longer does
+        what it did when its runs were stored. Where that run fails there is nothing to compare.
+
+        Raises SimulatorError where the outcomes differ by more than a millionth: a simulator that
+        draws random numbers has neither a response surface nor runs that can be reused.
+        """
+        point, at = np.atleast_2d(np.asarray(x, dtype=np.float64)), np.zeros(1, np.intp)
+        first = float(self.attempt(at, point)[0])
+        if np.isnan(first):
+            return
+        blocks = len(self._blocks)
+        outcome, _ = self._done(at, point, 0, 1.0)
+        del self._blocks[blocks:]  # it is known already
+        again = float(transformed(outcome, self.transform)[0])
+        self.runs += 1
+        if abs(first - again) <= REPEATABLE * max(abs(first), abs(again)):
+            return
+        raise SimulatorError(
+            f"simulator '{self.simulator.name}' returned {first:.8g} and then {again:.8g} for the "
+            f"same run: experiment '{self.ids[0]}' with {self._words.at(point[0])}",
+            "let it return the same outcome every time: fix the seed of its random numbers, keep "
+            "no state from run to run, and leave measurement noise to [noise]",
+        )
+
+    def _distinct(
+        self, index: ArrayLike, x: ArrayLike
+    ) -> tuple[Ints, Floats, list[bytes], list[int]]:
+        """Distinct runs in the order of their first appearance, and which each run is."""
+        at, points = np.asarray(index, dtype=np.intp), np.asarray(x, dtype=np.float64)
         place: dict[bytes, int] = {}
         inverse = [place.setdefault(key, len(place)) for key in self._keys(at, points)]
+        if len(place) == len(at):
+            return at, points, [*place], inverse
         _, first = np.unique(inverse, return_index=True)
-        outcome, _ = self._recalled(at[first], points[first], [*place])
-        new = ~np.isfinite(transformed(outcome, self.transform))
-        self.runs += len(place)
-        self.reused += len(place) - int(np.sum(new))
-        outcome[new] = self._run(at[first[new]], points[first[new]])
-        return transformed(outcome[inverse], self.transform)
+        return at[first], points[first], [*place], inverse
 
     def _recalled(
         self, index: Ints, x: Floats, keys: Sequence[bytes]
@@ -158,227 +249,110 @@ class Runner:
             outcome[rest], known[rest] = self.kept.find(self.group[index[rest]], x[rest])
         return outcome, known
 
-    def require_repeatable(self, x: ArrayLike) -> None:
-        """Run the first experiment at x (n,) twice, and once only if that run is known.
+    def _done(
+        self, index: Ints, x: Floats, known: int, most: float | None
+    ) -> tuple[Floats, dict[int, Failure]]:
+        """Run, again where it failed and retries are left: raw outcomes (R,), NaN and why for some.
 
-        It is the one run that is ever repeated: it finds out, too, that a simulator no longer does
-        what it did when its runs were stored.
-
-        Raises SimulatorError where the outcomes differ by more than a millionth: a simulator that
-        draws random numbers has neither a response surface nor runs that can be reused.
+        `known` runs more of the same call need not be done. `most` is the share of failures that
+        is too many, None where the first one is.
         """
-        point = np.atleast_2d(np.asarray(x, dtype=np.float64))
-        first = float(self([0], point)[0])
-        again = float(transformed(self._tried(np.zeros(1, np.intp), point), self.transform)[0])
-        self.runs += 1
-        if abs(first - again) <= REPEATABLE * max(abs(first), abs(again)):
+        outcome = np.full(len(index), np.nan)
+        failures: dict[int, Failure] = {}
+        tally = Tally(self.progress, len(index), known)
+        again = np.arange(len(index))
+        for attempt in range(1 + self.retries):
+            with closing(self._carried(index, x, again, tally)) as batches:
+                for rows, done in batches:
+                    outcome[rows] = done.outcome
+                    if attempt:
+                        failures = {k: f for k, f in failures.items() if k not in rows}
+                    for failure in self._received(index[rows], x[rows], done):
+                        failures[int(rows[failure.position])] = failure
+                    tally.count(len(rows), len(failures))
+                    if failures and attempt == self.retries:
+                        if most is None:
+                            return outcome, failures
+                        tried = _tried(index, x, outcome, failures)
+                        self._stop_if_too_many(tried, self.runs - tally.left, most)
+            again = np.array(sorted(failures), dtype=np.intp)
+            if not len(again):
+                break
+            tally.retry(len(again))
+        return outcome, failures
+
+    def _stop_if_too_many(self, tried: Tried, asked: int, most: float) -> None:
+        failed = len(self._failed) + len(tried.failures)
+        if failed >= FEW and failed > most * asked:
+            raise self._words.too_many(tried, failed, asked)
+
+    def _carried(
+        self, index: Ints, x: Floats, runs: Ints, tally: Tally
+    ) -> Generator[tuple[Ints, Work], None, None]:
+        """The runs as they are done; after Ctrl-C those that were at work are waited for."""
+
+        def give(some: Ints) -> tuple[Columns, Columns]:
+            conditions = {name: column[index[some]] for name, column in self._conditions.items()}
+            return conditions, {name: x[some, k] for k, name in enumerate(self.parameters)}
+
+        if self.executor is None:
+            yield from carried(self.simulator, give, runs)
             return
-        raise SimulatorError(
-            f"simulator '{self.simulator.name}' returned {first:.8g} and then {again:.8g} for the "
-            f"same run: experiment '{self.ids[0]}' with {self._parameters(point[0])}",
-            "let it return the same outcome every time: fix the seed of its random numbers, keep "
-            "no state from run to run, and leave measurement noise to [noise]",
-        )
-
-    def attempt(self, index: ArrayLike, x: ArrayLike) -> Floats:
-        """Run as a call does, but a run that raises or is not finite is NaN and stops nothing.
-
-        A run that is known, even as failed, is not repeated. Raises SimulatorError for a wrong
-        shape.
-        """
-        at, points = np.asarray(index, dtype=np.intp), np.asarray(x, dtype=np.float64)
-        outcome, known = self._recalled(at, points, self._keys(at, points))
-        new = np.flatnonzero(~known)
-        outcome[new] = self._tried(at[new], points[new])
-        self.runs += len(at)
-        return transformed(outcome, self.transform)
-
-    def _tried(self, index: Ints, x: Floats) -> Floats:
-        outcome = np.empty(len(index))
-        for part in self._parts(len(index)):
-            outcome[part] = self._attempted(index[part], x[part])
-        return outcome
-
-    def _attempted(self, index: Ints, x: Floats) -> Floats:
-        """One block; what raises is found by halves, or by the function that told where it was."""
+        crew = Crew(self.simulator, self.executor)
         try:
-            outcome = self._call(index, x)
-        except SimulatorError:
+            yield from crew.carry(give, runs)
+        except KeyboardInterrupt:
+            tally.stopping(crew.running)
+            yield from crew.rest()
             raise
-        except RunStopped as stop:
-            done = len(stop.completed)
-            self._commit(index[:done], x[:done], stop.completed)
-            if not isinstance(stop.__cause__, Exception):
-                raise (stop.__cause__ or stop) from None  # Ctrl-C
-            self._commit_failure(index[done], x[done], stop.__cause__)
-            failed, rest = np.full(1, np.nan), slice(done + 1, None)
-            after = self._attempted(index[rest], x[rest]) if done + 1 < len(index) else failed[:0]
-            return np.concatenate([stop.completed, failed, after])
-        except Exception as error:
-            if len(index) == 1:
-                self._commit_failure(index[0], x[0], error)
-                return np.full(1, np.nan)
-            half = len(index) // 2
-            parts = (slice(None, half), slice(half, None))
-            return np.concatenate([self._attempted(index[part], x[part]) for part in parts])
-        self._commit(index, x, outcome)
-        return outcome
+        except GeneratorExit:
+            for some, done in crew.rest():
+                self._received(index[some], x[some], done)
+            raise
+
+    def _received(self, index: Ints, x: Floats, done: Work) -> tuple[Failure, ...]:
+        """Keep what a worker brings; the failures, those included that are no finite number."""
+        raised = {failure.position for failure in done.failures}
+        good = np.isfinite(transformed(done.outcome, self.transform))
+        bad = [
+            Failure(k, f"it returned {done.outcome[k]:g}", None, "NotFinite")
+            for k in np.flatnonzero(~good).tolist()
+            if k not in raised
+        ]
+        if self.kept is not None:
+            self._keep(index, x, done)
+        if np.any(good):
+            self._blocks.append(Runs(index[good], x[good].copy(), done.outcome[good].copy()))
+        return (*done.failures, *bad)
+
+    def _keep(self, index: Ints, x: Floats, done: Work) -> None:
+        raised = [failure.position for failure in done.failures]
+        rest = np.setdiff1d(np.arange(len(done)), raised)
+        each = float(done.seconds.mean()) if len(done) else 0.0
+        kept, group = self.kept, self.group[index]
+        assert kept is not None
+        kept.add(group[rest], x[rest], done.outcome[rest], each)
+        for failure in done.failures:
+            error = RunFailed(failure.message, failure.log or "")
+            kept.add_failure(group[failure.position], x[failure.position], error, each)
 
     def _keys(self, index: Ints, x: Floats) -> list[bytes]:
         rows = np.column_stack([self.group[index], x])
         return [row.tobytes() for row in rows]
 
-    def _parts(self, count: int) -> Iterator[slice]:
-        """Blocks of `count` runs. Of runs one by one as few as take no longer than _SOON."""
-        start = 0
-        while start < count:
-            part = slice(start, min(start + (self._part or self.simulator.block), count))
-            yield part
-            start = part.stop
-            if self._part:
-                self._part = int(np.clip(_SOON / max(self._each, 1e-9), 1, self.simulator.block))
 
-    def _run(self, index: Ints, x: Floats) -> Floats:
-        outcome = np.empty(len(index))
-        begin = time.monotonic()
-        for part in self._parts(len(index)):
-            outcome[part] = self._block(index[part], x[part])
-            seconds, done = time.monotonic() - begin, part.stop
-            if seconds > 1 and done < len(index):
-                rate = f"{done:,} of {len(index):,} runs, {done / seconds:.3g} runs/s"
-                self.progress.update(rate, done, len(index))
-        return outcome
-
-    def _block(self, index: Ints, x: Floats) -> Floats:
-        """One block of runs, recorded; after an exception halves of it, to find the run at fault.
-
-        The runs that do complete on the way are kept, so the search costs one block at most.
-        """
-        try:
-            raw = self._call(index, x)
-        except SimulatorError:
-            raise
-        except RunStopped as stop:
-            done = len(stop.completed)
-            self._keep(index[:done], x[:done], stop.completed)
-            cause = stop.__cause__
-            if not isinstance(cause, (Exception, SystemExit)):
-                raise (cause or stop) from None  # Ctrl-C
-            self._commit_failure(index[done], x[done], cause)
-            raise self._raised(index[done], x[done], cause) from cause
-        except (Exception, SystemExit) as error:
-            if len(index) == 1:
-                self._commit_failure(index[0], x[0], error)
-                raise self._raised(index[0], x[0], error) from error
-            half = len(index) // 2
-            self._block(index[:half], x[:half])
-            self._block(index[half:], x[half:])
-            raise SimulatorError(
-                f"simulator '{self.simulator.name}' raised when called with {len(index)} runs, "
-                f"but not with fewer: {describe(error)}",
-                "set vectorized = false, or make it take arrays of any length",
-            ) from error
-        self._keep(index, x, raw)
-        return raw
-
-    def _call(self, index: Ints, x: Floats) -> Floats:
-        conditions = {name: column[index] for name, column in self._conditions.items()}
-        parameters = {name: x[:, k].copy() for k, name in enumerate(self.parameters)}
-        began, share = time.perf_counter(), len(index)
-        try:
-            returned: object = self.simulator(conditions, parameters)
-        except RunStopped as stop:
-            share = len(stop.completed) + 1
-            raise
-        finally:
-            self._each = (time.perf_counter() - began) / share
-        shape = np.shape(np.asanyarray(returned))
-        if shape != (len(index),):
-            kind = type(returned).__name__
-            got = f"{kind} of shape {shape}" if shape else f"a single {kind}"
-            raise SimulatorError(
-                f"simulator '{self.simulator.name}' returned {'None' if returned is None else got} "
-                f"for {len(index)} runs, expected an array of shape ({len(index)},)",
-                "set vectorized = false if it computes one run at a time (as float() and the "
-                "functions of math do); else let it return one number a run",
-            )
-        if np.asarray(returned).dtype.kind not in "fiu":
-            raise SimulatorError(
-                f"simulator '{self.simulator.name}' returned {np.asarray(returned).dtype} values",
-                "let it return real numbers",
-            )
-        return np.asarray(returned, dtype=np.float64)
-
-    def _commit(self, index: Ints, x: Floats, raw: Floats) -> None:
-        if self.kept is not None:
-            self.kept.add(self.group[index], x, raw, self._each)
-
-    def _commit_failure(self, at: np.intp, x: Floats, error: BaseException) -> None:
-        if self.kept is not None:
-            self.kept.add_failure(self.group[at], x, error, self._each)
-
-    def _keep(self, index: Ints, x: Floats, raw: Floats) -> None:
-        self._commit(index, x, raw)
-        good = np.isfinite(transformed(raw, self.transform))
-        if np.any(good):
-            self._blocks.append(Runs(index[good], x[good].copy(), raw[good].copy()))
-        if not np.all(good):
-            raise self._not_finite(index, x, raw, good)
-
-    def _raised(self, at: np.intp, x: Floats, error: BaseException) -> SimulatorError:
-        if isinstance(error, TypeError) and getattr(self.simulator, "vectorized", False):
-            return SimulatorError(
-                f"simulator '{self.simulator.name}' is called with arrays, because vectorized is "
-                f"true, and raised for any number of runs: {describe(error)}",
-                "set vectorized = false if it computes one run at a time (as float() and the "
-                "functions of math do); else let it take arrays, with the functions of numpy",
-            )
-        text = [name for name, column in self._conditions.items() if column.dtype == object]
-        return NoOutcome(
-            f"simulator '{self.simulator.name}' raised for experiment '{self.ids[at]}' with "
-            f"{self._parameters(x)}: {describe(error)}",
-            f"mend the function for the conditions {self._values(at)}"
-            + (f"; {', '.join(text)} is text in the table" if text else ""),
-            x[None, :],
-        )
-
-    def _not_finite(
-        self, index: Ints, x: Floats, raw: Floats, good: NDArray[np.bool_]
-    ) -> SimulatorError:
-        first = int(np.argmin(good))
-        at = index[first]
-        what = f"{raw[first]:g}" + (", which has no logarithm," if np.isfinite(raw[first]) else "")
-        mine = index == at
-        hint = _separating(self.parameters, x[mine], good[mine])
-        return NoOutcome(
-            f"simulator '{self.simulator.name}' returned {what} for experiment '{self.ids[at]}' "
-            f"with {self._parameters(x[first])}: {np.sum(~good)} of {len(good)} runs failed so, "
-            f"in {len(set(index[~good].tolist()))} of {len(self.ids)} experiments",
-            (hint or f"narrow the box or the bounds of {' or '.join(self.parameters)}")
-            + f"; or check the conditions of the experiment: {self._values(at)}",
-            x[~good],
-        )
-
-    def _parameters(self, x: Floats) -> str:
-        return ", ".join(f"{name}={v:.6g}" for name, v in zip(self.parameters, x, strict=True))
-
-    def _values(self, at: np.intp) -> str:
-        cells = {name: column[at] for name, column in self._conditions.items()}
-        return ", ".join(
-            f"{name}={v:.6g}" if isinstance(v, float) else f"{name}={v!r}"
-            for name, v in cells.items()
-        )
+def _tried(index: Ints, x: Floats, outcome: Floats, failures: dict[int, Failure]) -> Tried:
+    """What was tried before it stopped: runs that have neither outcome nor failure were not."""
+    rows = np.flatnonzero(~np.isnan(outcome) | np.isin(np.arange(len(index)), list(failures)))
+    placed = {int(np.searchsorted(rows, k)): failure for k, failure in failures.items()}
+    return Tried(index[rows], x[rows], outcome[rows], placed)
 
 
-def _separating(names: Sequence[str], x: Floats, good: NDArray[np.bool_]) -> str:
-    """Words for a parameter whose one end fails throughout, if there is one."""
-    for k, name in enumerate(names):
-        fails, works = x[~good, k], x[good, k]
-        if len(works) and fails.min() > works.max():
-            return f"narrow the box or the bounds of {name} from above, to {works.max():.6g}"
-        if len(works) and fails.max() < works.min():
-            return f"narrow the box or the bounds of {name} from below, to {works.min():.6g}"
-    return ""
+def _check(retries: int, most_failed: float) -> None:
+    if retries < 0:
+        raise SimulatorError(f"retries {retries}", "choose 0 or more")
+    if not 0.0 <= most_failed <= 1.0:
+        raise SimulatorError(f"most_failed {most_failed}", "choose a share in [0, 1], such as 0.2")
 
 
 def _groups(columns: Sequence[NDArray[Any]], number: int) -> Ints:

@@ -1,0 +1,160 @@
+"""Runs handed out in batches: here, or to the workers of an executor."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+
+import cloudpickle
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.errors import AleatorError, SimulatorError
+from aleator.simulate.function import Simulator, describe
+from aleator.simulate.work import Columns, Failure, Work, work, work_of_parcel
+
+Ints = NDArray[np.intp]
+Give = Callable[[Ints], tuple[Columns, Columns]]
+
+HERE = 0.02
+"""Seconds of runs, in this process, after which those that completed are handed over."""
+BATCH = 0.5
+"""Seconds of runs that a worker is given at once: a batch costs about a millisecond to send."""
+MOST_HERE, MOST = 8192, 65_536
+"""Runs of one batch, however cheap: in this process, and of a worker."""
+WAITING = 2
+"""Batches for each worker that are submitted: one runs, one waits. Memory holds no more."""
+
+
+def carried(simulator: Simulator, give: Give, runs: Ints) -> Iterator[tuple[Ints, Work]]:
+    """Run here: `give` tells conditions and parameters of some of `runs`; done ones are yielded.
+
+    >>> from aleator.simulate.function import FunctionSimulator
+    >>> x = np.array([1.0, 4.0])
+    >>> half = FunctionSimulator(lambda x: x / 2, vectorized=True)
+    >>> [done.outcome for _, done in carried(half, lambda k: ({}, {"x": x[k]}), np.arange(2))]
+    [array([0.5, 2. ])]
+    """
+    while len(runs):
+        asked = runs[: max(simulator.block, MOST_HERE)]
+        done = work(simulator, *give(asked), HERE)
+        yield asked[: len(done)], done
+        if done.stopped:
+            raise done.stopped
+        runs = runs[len(done) :]
+
+
+class Crew:
+    """The workers of an executor, and what they were given.
+
+    `carry` yields batches as they complete, in any order. A batch whose worker died is run again
+    by halves, each alone, until the run at fault is found; that is a failure like any other. After
+    Ctrl-C `rest` yields what was running and submits nothing more.
+
+    Raises SimulatorError for a simulator that cannot be sent to another process, or be unpacked
+    there.
+    """
+
+    def __init__(self, simulator: Simulator, executor: Executor) -> None:
+        self._simulator, self._executor = simulator, executor
+        self._parcel = _packed(simulator)
+        self._running: dict[Future[Work], Ints] = {}
+        self._waiting: deque[Ints] = deque()
+        self._suspect: list[Ints] = []
+        self._each = 0.0
+
+    @property
+    def slots(self) -> int:
+        """Runs that can be at work at once, as far as the executor tells."""
+        for name in ("slots", "num_workers", "_max_workers"):
+            number = getattr(self._executor, name, None)
+            if isinstance(number, int) and number > 0:
+                return number
+        return os.cpu_count() or 1
+
+    def carry(self, give: Give, runs: Ints) -> Iterator[tuple[Ints, Work]]:
+        """Have `runs` done by the workers; `give` tells conditions and parameters of some."""
+        self._waiting = deque([runs] if len(runs) else [])
+        while self._waiting or self._running or self._suspect:
+            most = 1 if self._suspect else WAITING * self.slots
+            while self._waiting and not self._suspect and len(self._running) < most:
+                self._submit(give, self._next())
+            if self._suspect and not self._running:
+                self._submit(give, self._suspect.pop())
+            yield from self._completed()
+
+    def rest(self) -> Iterator[tuple[Ints, Work]]:
+        """What is running, when it is done; what is not begun is taken back."""
+        self._waiting.clear()
+        self._suspect.clear()
+        self._running = {f: runs for f, runs in self._running.items() if not f.cancel()}
+        while self._running:
+            yield from self._completed()
+            self._waiting.clear()
+            self._suspect.clear()
+
+    @property
+    def running(self) -> int:
+        """Batches that were submitted and have not come back."""
+        return len(self._running)
+
+    def _next(self) -> Ints:
+        """The next batch: BATCH seconds of runs, fewer at the end, so that all workers end alike.
+
+        Of a simulator that takes arrays whole blocks, because their last digits may depend on
+        their length: so outcomes do not depend on the time that anything took.
+        """
+        runs, block = self._waiting.popleft(), self._simulator.block
+        left = len(runs) + sum(map(len, self._waiting))
+        size = max(1.0, min(BATCH / self._each, left / (WAITING * self.slots))) if self._each else 1
+        size = min(int(size), MOST)
+        if getattr(self._simulator, "vectorized", False):
+            size = max(size // block, 1) * block
+        if len(runs) > size:
+            self._waiting.appendleft(runs[size:])
+        return runs[:size]
+
+    def _submit(self, give: Give, runs: Ints) -> None:
+        future = self._executor.submit(work_of_parcel, self._parcel, *give(runs), 2.0 * BATCH)
+        self._running[future] = runs
+
+    def _completed(self) -> Iterator[tuple[Ints, Work]]:
+        ready, _ = wait(self._running, return_when=FIRST_COMPLETED)
+        for future in ready:
+            runs = self._running.pop(future)
+            try:
+                done = future.result()
+            except BrokenExecutor as death:
+                if len(runs) == 1 and not self._running and len(ready) == 1:
+                    yield runs, _dead(death)
+                else:
+                    self._suspect += [half for half in np.array_split(runs, 2) if len(half)]
+                continue
+            except AleatorError:
+                raise
+            except Exception as error:
+                raise SimulatorError(
+                    f"simulator '{self._simulator.name}' cannot run on a worker: {describe(error)}",
+                    "let the workers have the same Python, packages and files as this process",
+                ) from error
+            self._each = float(done.seconds.mean()) + 1e-9
+            if len(done) < len(runs):
+                self._waiting.appendleft(runs[len(done) :])
+            yield runs[: len(done)], done
+
+
+def _dead(death: BaseException) -> Work:
+    message = f"the worker process died ({death})" if str(death) else "the worker process died"
+    return Work(np.full(1, np.nan), (Failure(0, message, None, "WorkerDied"),), np.zeros(1))
+
+
+def _packed(simulator: Simulator) -> bytes:
+    try:
+        return bytes(cloudpickle.dumps(simulator))
+    except Exception as error:
+        raise SimulatorError(
+            f"simulator '{simulator.name}' cannot be sent to other processes: {describe(error)}",
+            "let it hold no open file, connection or lock, or run it here: without workers",
+        ) from error

@@ -1,0 +1,65 @@
+"""Worker processes on this machine."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, ParamSpec, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from aleator.errors import InputsError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class ProcessPool(Executor):
+    """A ProcessPoolExecutor of `slots` processes that survives the death of one of them.
+
+    Where a worker dies (out of memory, a crash in compiled code, a kill) the futures of that moment
+    raise BrokenProcessPool, and the next submission starts new workers. Workers are started afresh,
+    not forked; they ignore Ctrl-C, which the process that submits answers, and leave linear algebra
+    to one thread each. Raises InputsError for fewer than one worker.
+
+    >>> with ProcessPool(1) as pool:
+    ...     pool.submit(divmod, 7, 2).result()
+    (3, 1)
+    """
+
+    def __init__(self, slots: int) -> None:
+        if slots < 1:
+            raise InputsError(f"{slots} workers", "ask for at least one")
+        self.slots = slots
+        self._inner = self._started()
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Hand a call to a worker, to a new one where the last ones died."""
+        try:
+            return self._inner.submit(fn, *args, **kwargs)
+        except BrokenProcessPool:
+            self._inner.shutdown(wait=False)
+            self._inner = self._started()
+            return self._inner.submit(fn, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the workers; without `wait` those that are busy are killed."""
+        self._inner.shutdown(wait=wait, cancel_futures=cancel_futures)
+        if not wait:
+            for process in multiprocessing.active_children():
+                process.kill()
+
+    def _started(self) -> ProcessPoolExecutor:
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self.slots, mp_context=context, initializer=_begin)
+
+
+_limits: list[Any] = []
+
+
+def _begin() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _limits.append(threadpool_limits(1))

@@ -1,0 +1,200 @@
+"""Runs by workers: the same outcomes, whatever the workers do, and nothing done is lost."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aleator.errors import InputsError, SimulatorError
+from aleator.experiments import Conditions
+from aleator.simulate import FunctionSimulator, Runner, Store
+from aleator.simulate.inventory import kept_runs
+from aleator.simulate.pool import ProcessPool
+
+TABLE = Conditions(("A", "B"), pd.DataFrame({"load": [1.0, 2.0]}))
+INDEX, X = np.repeat([0, 1], 20), np.tile(np.linspace(0.0, 1.0, 20), 2)[:, None]
+
+MODEL = """
+import os, pathlib, signal, time
+import numpy as np
+
+def product(load, x):
+    return load * x
+
+def arrays(load, x):
+    return load * np.exp(x)
+
+def brittle(load, x):
+    if x > 0.9:
+        raise ValueError("too hot")
+    return np.nan if x < 0.1 else load * x
+
+def deadly(load, x):
+    if load == 2.0 and 0.5 < x < 0.54:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return load * x
+
+def slow(load, x):
+    pathlib.Path(__file__).with_name(f"at{x:.3f}").touch()
+    time.sleep(0.2)
+    return load * x
+
+def flaky(load, x):
+    seen = pathlib.Path(__file__).with_name(f"tried{load}{x:.3f}")
+    if x > 0.9 and not seen.exists():
+        seen.touch()
+        raise ValueError("no license")
+    return load * x
+"""
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[ProcessPool]:
+    with ProcessPool(2) as pool:
+        yield pool
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    (tmp_path / "model.py").write_text(MODEL)
+    return tmp_path
+
+
+def named(folder: Path, name: str, vectorized: bool = False) -> FunctionSimulator:
+    return FunctionSimulator.named(f"model.py:{name}", folder, vectorized)
+
+
+@pytest.mark.parametrize(("name", "vectorized"), [("product", False), ("arrays", True)])
+def test_workers_give_the_same_outcomes(
+    pool: ProcessPool, model: Path, name: str, vectorized: bool
+) -> None:
+    simulator = named(model, name, vectorized)
+    here = Runner(simulator, TABLE, ["x"])(INDEX, X)
+    with Store(model / "runs.sqlite") as store:
+        run = Runner(simulator, TABLE, ["x"], store=store, executor=pool)
+        np.testing.assert_array_equal(run(INDEX, X), here)
+        assert (run.runs, run.fresh, len([*kept_runs(store)])) == (40, 40, 40)
+        again = Runner(simulator, TABLE, ["x"], store=store, executor=pool)
+        np.testing.assert_array_equal(again(INDEX, X), here)
+        assert (again.reused, again.fresh) == (40, 0)
+
+
+def test_a_function_that_no_file_holds_is_sent_whole(pool: ProcessPool) -> None:
+    factor = 3.0
+    run = Runner(lambda load, x: factor * load * x, TABLE, ["x"], executor=pool)
+    np.testing.assert_allclose(run(INDEX, X), 3.0 * (INDEX + 1) * X[:, 0])
+
+
+def test_failed_runs_are_told_by_workers_as_they_are_here(pool: ProcessPool, model: Path) -> None:
+    runners = [Runner(named(model, "brittle"), TABLE, ["x"], executor=e) for e in (None, pool)]
+    outcomes = [run.attempt(INDEX, X, most=1.0) for run in runners]
+    np.testing.assert_array_equal(outcomes[0], outcomes[1])
+    assert np.sum(np.isnan(outcomes[0])) == 8
+    here, there = (run.failures for run in runners)
+    assert sorted(here.messages) == sorted(there.messages)
+    assert {m for m in there.messages if "too hot" in m}
+    np.testing.assert_allclose(there.region, [[0.0, 1.0]])
+    assert len(there) == 8
+    with pytest.raises(SimulatorError, match="too hot"):
+        runners[1]([0], [[0.95]])
+
+
+def test_a_worker_that_dies_is_one_failed_run(pool: ProcessPool, model: Path) -> None:
+    with Store(model / "runs.sqlite") as store:
+        run = Runner(named(model, "deadly"), TABLE, ["x"], store=store, executor=pool)
+        outcome = run.attempt(INDEX, X)
+        bad = (INDEX == 1) & (X[:, 0] > 0.5) & (X[:, 0] < 0.54)
+        np.testing.assert_array_equal(np.isnan(outcome), bad)
+        np.testing.assert_allclose(outcome[~bad], ((INDEX + 1) * X[:, 0])[~bad])
+        (failed,) = [kept for kept in kept_runs(store) if kept.failure]
+    assert failed.failure is not None
+    assert failed.failure.startswith("the worker process died")
+
+
+def test_a_run_that_fails_is_tried_again(pool: ProcessPool, model: Path) -> None:
+    once = Runner(named(model, "flaky"), TABLE, ["x"], executor=pool, retries=1)
+    np.testing.assert_allclose(once.attempt(INDEX, X), (INDEX + 1) * X[:, 0])
+    assert len(once.failures) == 0
+
+
+@pytest.mark.parametrize("where", ["here", "workers"])
+def test_too_many_failures_stop_with_everything_kept(
+    pool: ProcessPool, model: Path, where: str
+) -> None:
+    with Store(model / "runs.sqlite") as store:
+        executor = None if where == "here" else pool
+        simulator = named(model, "brittle")
+        x = np.linspace(0.8, 1.0, 60)[:, None]
+        for _ in range(2):  # the same from the store
+            run = Runner(simulator, TABLE, ["x"], store=store, executor=executor)
+            with pytest.raises(SimulatorError, match=r"runs failed, too many.*too hot|.*before"):
+                run.attempt(np.zeros(60, int), x)
+        assert len([*kept_runs(store)]) >= 10
+
+
+class Watched(Executor):
+    """Counts what is submitted and has not come back."""
+
+    def __init__(self) -> None:
+        self.inner, self.most, self.now = ThreadPoolExecutor(2), 0, 0
+        self.slots = 2
+        self.lock = threading.Lock()
+
+    def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]
+        future = self.inner.submit(fn, *args, **kwargs)
+        with self.lock:
+            self.now += 1
+            self.most = max(self.most, self.now)
+        future.add_done_callback(self._back)
+        return future
+
+    def _back(self, _: object) -> None:
+        with self.lock:
+            self.now -= 1
+
+
+def test_a_million_runs_are_not_submitted_at_once() -> None:
+    watched = Watched()
+    with watched.inner:
+        run = Runner(lambda x: x, TABLE, ["x"], executor=watched)
+        x = np.random.default_rng(0).random((20_000, 1))
+        np.testing.assert_array_equal(run(np.zeros(len(x), int), x), x[:, 0])
+    assert watched.most <= 4
+
+
+def test_ctrl_c_waits_for_what_is_at_work_and_keeps_it(pool: ProcessPool, model: Path) -> None:
+    def interrupt() -> None:
+        while len([*model.glob("at*")]) < 3:
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with Store(model / "runs.sqlite") as store:
+        run = Runner(named(model, "slow"), TABLE, ["x"], store=store, executor=pool)
+        threading.Thread(target=interrupt).start()
+        with pytest.raises(KeyboardInterrupt):
+            run(INDEX, X)
+        begun = len([*model.glob("at*")])
+        assert begun < 20
+        assert len([*kept_runs(store)]) == begun == run.fresh
+
+
+def test_what_cannot_be_sent_or_run_elsewhere_is_told(pool: ProcessPool, model: Path) -> None:
+    lock = threading.Lock()
+    with pytest.raises(SimulatorError, match="cannot be sent to other processes"):
+        Runner(lambda x: x if lock else 0.0, TABLE, ["x"], executor=pool)([0], [[1.0]])
+    simulator = named(model, "product")
+    (model / "model.py").unlink()
+    with pytest.raises(SimulatorError, match=r"file model\.py does not exist"):
+        Runner(simulator, TABLE, ["x"], executor=pool)([0], [[1.0]])
+
+
+def test_a_pool_needs_a_worker() -> None:
+    with pytest.raises(InputsError, match="0 workers"):
+        ProcessPool(0)
