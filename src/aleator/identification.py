@@ -66,11 +66,17 @@ class Warning:
 
 @dataclass(frozen=True)
 class LogLikelihoodReport:
-    """The maximum as `estimated` by the densities and as `verified` on the simulator itself."""
+    """The maximum as `estimated` by the densities and as `verified` on the simulator itself.
+
+    `verified` is None without a check, and where it did not reach every experiment: `reached` has
+    then the number of `experiments` that it did, and their sum as `estimated`, `verified` and
+    `standard_error`.
+    """
 
     estimated: float
     verified: float | None
     verified_standard_error: float | None
+    reached: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +86,7 @@ class ExperimentReport:
     `kurtosis` is not in excess (3 for a normal outcome); `pit` is the probability of an outcome
     below the measured one; `surface_error` the root-mean-square error of the response surface
     under the identified law, over the outcome's standard deviation, where it was verified.
+    `verified` tells whether the Monte Carlo check reached the experiment; None without a check.
     """
 
     id: str
@@ -93,6 +100,7 @@ class ExperimentReport:
     pit: float
     status: str
     surface_error: float | None
+    verified: bool | None = None
 
 
 @dataclass(frozen=True)

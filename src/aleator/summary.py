@@ -27,7 +27,7 @@ from aleator.identification import (
 from aleator.inference import Inference
 from aleator.inputs import Inputs
 from aleator.laws import Hyperparameter
-from aleator.likelihood import Likelihood
+from aleator.likelihood import Likelihood, LogLikelihood
 from aleator.problem import Problem
 from aleator.profile import Profile
 from aleator.search import SearchResult
@@ -59,16 +59,12 @@ def assemble(
     )
     return Identification(
         alpha=_estimates(alpha, hyperparameters, inference, profile),
-        log_likelihood=LogLikelihoodReport(
-            honest.total,
-            None if checked is None else checked.total,
-            None if checked is None else checked.standard_error,
-        ),
+        log_likelihood=_log_likelihood(honest, checked),
         density=problem.model.density.name,
         propagation=problem.name,
         accepted=accepted,
         warnings=(*warnings, *notes),
-        experiments=experiment_reports(problem.likelihood, alpha, ids, surface_error),
+        experiments=experiment_reports(problem.likelihood, alpha, ids, surface_error, checked),
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
         search=_search(found, inference, hyperparameters),
@@ -86,8 +82,26 @@ def assemble(
     )
 
 
+def _log_likelihood(honest: LogLikelihood, checked: Verification | None) -> LogLikelihoodReport:
+    if checked is None:
+        return LogLikelihoodReport(honest.total, None, None)
+    if np.all(checked.reached):
+        return LogLikelihoodReport(honest.total, checked.total, checked.standard_error)
+    reached = {
+        "experiments": int(checked.reached.sum()),
+        "estimated": float(honest.each[checked.reached].sum()),
+        "verified": checked.total,
+        "standard_error": checked.standard_error,
+    }
+    return LogLikelihoodReport(honest.total, None, None, reached)
+
+
 def experiment_reports(
-    likelihood: Likelihood, alpha: Array, ids: Sequence[str], surface_error: Array
+    likelihood: Likelihood,
+    alpha: Array,
+    ids: Sequence[str],
+    surface_error: Array,
+    checked: Verification | None = None,
 ) -> tuple[ExperimentReport, ...]:
     """What the law alpha says of each experiment, beside its measured outcome."""
     moments, fitted = likelihood.moments(alpha), likelihood.fit(alpha)
@@ -107,6 +121,7 @@ def experiment_reports(
             pit=float(pit[l]),
             status=status[l],
             surface_error=float(surface_error[l]) if np.isfinite(surface_error[l]) else None,
+            verified=None if checked is None else bool(checked.reached[l]),
         )
         for l in range(len(ids))
     )

@@ -186,6 +186,18 @@ def test_what_was_not_done_is_not_told() -> None:
         assert words not in text
 
 
+def test_a_check_that_did_not_reach_all_is_not_called_a_verified_log_likelihood() -> None:
+    reached = {"experiments": 107, "estimated": 263.9, "verified": 264.1, "standard_error": 0.2}
+    likelihood = {
+        "estimated": 262.5, "verified": None, "verified_standard_error": None, "reached": reached,
+    }  # fmt: skip
+    text = " ".join(printed(terminal.render(result(log_likelihood=likelihood)), 200).split())
+    assert "verified in part 264.100 +- 0.2" in text
+    assert "the 107 experiments that it reaches; their densities say 263.900" in text
+    assert "agrees for 107 of " in text
+    assert "the simulator itself agrees." not in text
+
+
 def test_the_least_document_can_be_rendered() -> None:
     least = {
         "alpha": {"x.mean": {"estimate": 1.0}},

@@ -41,8 +41,9 @@ def refusals(
     if checked is None:
         return []
     gap = honest.each - checked.each
-    told = checked.effective >= FEW_SAMPLES
-    bad = np.flatnonzero(told & ~(np.abs(gap) < np.maximum(1.0, 5.0 * checked.each_error)))
+    bad = np.flatnonzero(
+        checked.reached & ~(np.abs(gap) < np.maximum(1.0, 5.0 * checked.each_error))
+    )
     if bad.size == 0:
         return []
     return [
@@ -61,11 +62,12 @@ def notes(
     checked: Verification | None,
     inference: Inference,
     problem: Problem,
+    alpha: Array,
     ids: Sequence[str],
     *,
     told: bool,
 ) -> list[Warning]:
-    """What the check could not see, what it sees in the total only, and what would follow of it.
+    """What the check did not see and that matters, what it sees in the total only, what follows.
 
     The last only if `told`: from an answer that is refused a step leads nowhere.
     """
@@ -75,31 +77,52 @@ def notes(
     if told and checked.score is not None:
         step = movement(checked.score, inference.free, inference.standard_error)
     return [
-        *_unseen(checked, ids),
+        *_unseen(checked, inference, problem, alpha, ids),
         *_total(honest, checked, step),
         *_moves(step, inference, problem),
     ]
 
 
-def _unseen(checked: Verification, ids: Sequence[str]) -> list[Warning]:
-    few = np.flatnonzero(checked.effective < FEW_SAMPLES)
+def _unseen(
+    checked: Verification, inference: Inference, problem: Problem, alpha: Array, ids: Sequence[str]
+) -> list[Warning]:
+    """Experiments that are not verified, where alpha would be another without them."""
+    few = np.flatnonzero(~checked.reached)
     if few.size == 0:
+        return []
+    moved = _without(few, inference, problem, alpha)
+    if moved <= LARGEST_MOVE:
         return []
     return [
         Warning(
             "verification",
             f"{named(few, ids)}: so far out under the identified law that fewer than "
             f"{FEW_SAMPLES} effective samples of the simulator fall there, even of those drawn "
-            "where the outcome should be explained; their log-densities are not verified",
+            "where the outcome should be explained; what they add to the log-likelihood is not "
+            f"verified, and without them alpha would move by {_size(moved)}",
             "look at these experiments: outliers, or a law with too little scatter or noise; or "
             "take more samples",
         )
     ]
 
 
+def _without(rows: NDArray[np.intp], inference: Inference, problem: Problem, alpha: Array) -> float:
+    """Standard errors by which an estimate moves, at most, to first order without some experiments.
+
+    H^-1 times the score of the others, which is minus that of these at the maximum: the
+    infinitesimal jackknife (Giordano et al., 2019). Infinite where the information has no inverse.
+    """
+    scores = problem.likelihood(alpha).scores
+    assert scores is not None
+    free = inference.free
+    if not inference.positive or not free.size:
+        return float("inf")
+    step = inference.covariance @ scores[rows][:, free].sum(axis=0)
+    return float(np.max(np.abs(step) / inference.standard_error[free]))
+
+
 def _total(honest: LogLikelihood, checked: Verification, step: Movement | None) -> list[Warning]:
-    told = checked.effective >= FEW_SAMPLES
-    gap = float(np.sum(honest.each[told] - checked.each[told]))
+    gap = float(np.sum(honest.each[checked.reached])) - checked.total
     allowed = max(0.1 + 0.002 * honest.each.size, 4.0 * checked.standard_error)
     if abs(gap) <= allowed:
         return []

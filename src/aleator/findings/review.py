@@ -86,7 +86,7 @@ def review(
         ),
         *surface_warnings(problem, surface_error, ids),
         *_quadrature_warnings(quadrature_gap(problem, found.alpha)),
-        *check.notes(honest, checked, inference, problem, ids, told=not refusals),
+        *check.notes(honest, checked, inference, problem, found.alpha, ids, told=not refusals),
     ]
     return (*refusals, *notes), not refusals
 

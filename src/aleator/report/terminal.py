@@ -194,6 +194,14 @@ def _log_likelihood(result: Result) -> RenderableType:
             _fixed(found["verified"]),
             f"+- {number(error, 2)}, Monte Carlo on the simulator",
         )
+    if part := found.get("reached"):
+        table.add_row(
+            "verified in part",
+            _fixed(part["verified"]),
+            f"+- {number(part['standard_error'], 2)}, Monte Carlo on the simulator of the "
+            f"{part['experiments']} experiments that it reaches; their densities say "
+            f"{_fixed(part['estimated'])}",
+        )
     baselines = result.get("baselines") or {}
     fit, linear = baselines.get("least_squares"), baselines.get("circe")
     if fit:
@@ -332,16 +340,24 @@ def _warnings(result: Result) -> Iterator[RenderableType]:
         yield text
 
 
+def _checked(result: Result) -> str:
+    found = result["log_likelihood"]
+    if part := found.get("reached"):
+        count = len(result["experiments"])
+        return (
+            f", and the simulator itself agrees for {part['experiments']} of {count} experiments; "
+            "the others lie too far out to be verified"
+        )
+    agrees = found.get("verified") is not None
+    return ", and the simulator itself agrees" if agrees else "; not verified"
+
+
 def _verdict(result: Result, files: Sequence[str]) -> RenderableType | None:
     text = Text()
     if "accepted" in result:
         if result["accepted"]:
             text.append("Accepted", style="bold green")
-            checked = result["log_likelihood"].get("verified") is not None
-            text.append(
-                ": the search converged, every density was solved"
-                + (", and the simulator itself agrees." if checked else "; not verified.")
-            )
+            text.append(f": the search converged, every density was solved{_checked(result)}.")
         else:
             text.append("NOT accepted", style="bold red")
             text.append(": do not use alpha before the warnings above are dealt with.")

@@ -121,15 +121,18 @@ def _verification(
         log_density = np.log(np.maximum(density, 0.0))
     # E log f^ = log f - var(f^)/(2 f^2); of use only where the relative error is small
     each = log_density + 0.5 * np.minimum(of_each, 1.0) ** 2
+    reached = (plain.effective >= FEW_SAMPLES) & (density > 0.0)
     # biases have signs: their sum is what they do together, their squares what may remain; the
     # lines are common to all experiments, so that their errors add
-    alone = np.sum(relative**2) + np.sum(bias**2)
-    common = np.array([np.sum(bias), error_of(of_lines.sum(axis=0)), np.sum(coarse)])
+    alone = np.sum(relative[reached] ** 2) + np.sum(bias[reached] ** 2)
+    lines = error_of(of_lines[reached].sum(axis=0))
+    common = np.array([np.sum(bias[reached]), lines, np.sum(coarse[reached])])
     return Verification(
         each,
         np.hypot(of_each, bias),
         plain.effective,
-        float(each.sum()),
+        reached,
+        float(each[reached].sum()),
         float(np.sqrt(alone + common @ common)),
         law.outcomes,
         law.x,

@@ -63,15 +63,17 @@ class Verification:
     """Monte Carlo log-likelihood at one alpha.
 
     `each` (N,) log-densities and `each_error` (N,) their standard errors; `effective` (N,) the
-    number of samples that count, (sum t)^2/sum t^2: where it is small the outcome lies where
-    hardly a sample falls, and neither value nor error means much; `total` and `standard_error`
-    of the sum; `outcomes` (N, S) of the simulator, noise-free; `x` (N, S, n), drawn from the law.
+    number of samples that count, (sum t)^2/sum t^2: where it is below ten the outcome lies where
+    hardly a sample falls, and neither value nor error means much; `reached` (N,) are the other
+    experiments, `total` and `standard_error` of their sum; `outcomes` (N, S) of the simulator,
+    noise-free; `x` (N, S, n), drawn from the law.
     `score` is None where it was not asked for or could not be told.
     """
 
     each: Array
     each_error: Array
     effective: Array
+    reached: NDArray[np.bool_]
     total: float
     standard_error: float
     outcomes: Array
