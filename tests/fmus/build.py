@@ -55,15 +55,16 @@ def compiled(version: int, folder: Path, step_sizes: bool = True) -> Path:
     return target
 
 
-def python_fmu(source: Path, folder: Path) -> Path:
-    """A Python file with an Fmi2Slave as an FMU."""
+def python_fmu(source: Path, folder: Path, *modules: Path) -> Path:
+    """A Python file with an Fmi2Slave, and modules that it imports, as an FMU."""
     from pythonfmu.builder import FmuBuilder
 
     known, path = set(sys.modules), [*sys.path]
+    sys.path[:0] = [str(module.parent) for module in modules]
     try:
-        return Path(FmuBuilder.build_FMU(source, dest=folder))
+        return Path(FmuBuilder.build_FMU(source, dest=folder, project_files=modules))
     finally:
         sys.path[:] = path
         for name in set(sys.modules) - known:
-            if name == source.stem:
+            if name in {file.stem for file in (source, *modules)}:
                 del sys.modules[name]
