@@ -49,7 +49,6 @@ class FMUSimulator:
     """
 
     block = SINGLE_BLOCK
-    vectorized = False
     vectorized = False  # slow runs are then kept one by one
 
     def __init__(
