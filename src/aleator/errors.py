@@ -40,6 +40,10 @@ class StoreError(AleatorError):
     """The store of runs cannot be opened, read or written."""
 
 
+class ClusterError(AleatorError):
+    """The workers of a cluster cannot be reached or used, or its scheduler was lost."""
+
+
 class InputsError(AleatorError):
     """A law, a hyperparameter, a bound or a box is inadmissible."""
 

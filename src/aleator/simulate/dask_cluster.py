@@ -1,0 +1,178 @@
+"""A Dask cluster: found, checked, and left again."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from concurrent.futures import Future
+from contextlib import contextmanager
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cloudpickle
+
+from aleator.errors import ClusterError
+from aleator.simulate.dask_executor import DaskExecutor
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+CONNECT = 10.0
+"""Seconds in which a scheduler has to answer at first."""
+_ANSWER = 60.0
+"""Seconds in which it has to answer later, when it may be busy."""
+_LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
+
+
+@contextmanager
+def dask_executor(
+    address: str | Path | Client, say: Callable[[str], None] = lambda _: None
+) -> Iterator[DaskExecutor]:
+    """The workers of the Dask cluster at `address`, as an executor for a Runner.
+
+    `address` is that of the scheduler ("tcp://host:8786"), its scheduler file, or a Client that is
+    connected, such as one of dask-jobqueue. `say` is told of workers that are lost or cannot be
+    used. In the end the cluster is left as it was; after an exception calls that run are given up.
+
+    Raises ClusterError within some CONNECT seconds if nobody answers there, at once if there are
+    workers but none has this Python (major and minor version) and this Aleator.
+
+    >>> with dask_executor("nobody") as executor:
+    ...     runner = Runner(simulator, experiments, ["stiffness"], executor=executor)
+    Traceback (most recent call last):
+        ...
+    aleator.errors.ClusterError: no Dask scheduler answers at nobody (missing port number ...
+    """
+    if find_spec("distributed") is None:
+        raise ClusterError(
+            "a Dask cluster needs the package distributed", "pip install 'aleator[dask]'"
+        )
+    with _quiet():
+        cluster = _DaskCluster(address)
+        try:
+            executor = DaskExecutor(cluster, say)
+        except BaseException:
+            cluster.close()
+            raise
+        try:
+            yield executor
+        except BaseException:
+            executor.shutdown(wait=False)
+            raise
+        executor.shutdown()
+
+
+class _DaskCluster:
+    """A connected client, in the words of DaskExecutor."""
+
+    def __init__(self, address: str | Path | Client) -> None:
+        self._own = isinstance(address, (str, Path))
+        self._client: Any = _connected(str(address)) if self._own else address
+        self._at = str(self._client.scheduler.address)
+        self._senders: dict[str, Any] = {}
+
+    def alive(self) -> bool:
+        return bool(self._client.status == "running")
+
+    def workers(self) -> Set[str]:
+        return frozenset(self._client.nthreads(callback_timeout=_ANSWER))
+
+    def faults(self, workers: Iterable[str]) -> Mapping[str, str]:
+        asked = [*workers]
+        if not asked:
+            return {}
+        answers = self._client.sync(
+            self._client.scheduler.broadcast,
+            msg={"op": "versions", "packages": ["aleator"]},
+            workers=asked,
+            on_error="ignore",
+            callback_timeout=_ANSWER,
+        )
+        return {worker: _fault(answer["packages"]) for worker, answer in answers.items()}
+
+    def send(self, worker: str, parcel: bytes) -> Future[Any]:
+        sender = self._senders.get(worker) or self._client.get_executor(
+            workers=[worker], allow_other_workers=False, pure=False
+        )
+        self._senders[worker] = sender
+        sent: Future[Any] = sender.submit(_call, parcel)
+        return sent
+
+    def killed(self, error: BaseException) -> bool:
+        from distributed import KilledWorker
+
+        return isinstance(error, KilledWorker)
+
+    def lost(self) -> ClusterError:
+        return ClusterError(
+            f"the Dask scheduler at {self._at} is gone, or does not answer any more",
+            "start it again with its workers, or leave the cluster out",
+        )
+
+    def close(self) -> None:
+        if self._own:
+            self._client.close(timeout=2.0)
+
+
+def _call(parcel: bytes) -> Any:
+    """What a worker runs."""
+    return cloudpickle.loads(parcel)()
+
+
+def _connected(address: str) -> Any:
+    import dask
+    import distributed
+
+    file = address if address.endswith(".json") else None
+    if file is not None and not Path(file).is_file():
+        raise ClusterError(
+            f"the scheduler file {file} does not exist",
+            "start the scheduler so: dask scheduler --scheduler-file FILE",
+        )
+    # A simulator that carries large tables is meant to.
+    dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"})
+    client: Any = distributed.Client
+    try:
+        return client(
+            None if file else address,
+            scheduler_file=file,
+            timeout=CONNECT,
+            name="aleator",
+            set_as_default=False,
+        )
+    except Exception as error:  # whatever else may listen there
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise ClusterError(
+            f"no Dask scheduler answers at {address} ({text})",
+            "name it as it calls itself, such as tcp://HOST:8786; start one with: dask scheduler",
+        ) from error
+
+
+def _fault(packages: Mapping[str, Any]) -> str:
+    """Why a worker with these versions cannot be used, as the end of a sentence."""
+    here = {"python": sys.version.split()[0], "aleator": version("aleator")}
+    python = str(packages["python"]).split(".")
+    if python[:2] != here["python"].split(".")[:2]:
+        return f"has Python {'.'.join(python[:3])}, and this is {here['python']}"
+    if packages["aleator"] is None:
+        return "has no Aleator installed"
+    if packages["aleator"] != here["aleator"]:
+        return f"has Aleator {packages['aleator']}, and this is {here['aleator']}"
+    return ""
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """No log of Dask on the terminal: what matters of it is told in one message."""
+    loggers = [logging.getLogger(name) for name in _LOGGERS]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

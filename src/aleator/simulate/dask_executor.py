@@ -1,0 +1,232 @@
+"""The workers of a cluster as an executor that knows which call a lost worker ran."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Set
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from concurrent.futures import wait as wait_for
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from queue import Empty, SimpleQueue
+from typing import Any, ParamSpec, Protocol, TypeVar
+
+import cloudpickle
+
+from aleator.errors import ClusterError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+LIVES = 3
+"""Workers that may be lost with one call before the call is held to be at fault."""
+LOOK = 0.5
+"""Seconds between two looks at which workers there are."""
+_SAME = "install there the same Python and the same Aleator as here"
+
+
+class WorkerLost(BrokenExecutor):
+    """LIVES workers were lost while they ran the same call; the executor goes on."""
+
+
+class Cluster(Protocol):
+    """What DaskExecutor needs of a cluster; its thread alone calls all but `lost`."""
+
+    def alive(self) -> bool:
+        """Whether the scheduler is there, as far as is known without asking it."""
+
+    def workers(self) -> Set[str]:
+        """The addresses of the worker processes; raises where the scheduler does not answer."""
+
+    def faults(self, workers: Iterable[str]) -> Mapping[str, str]:
+        """Why these workers cannot be used, "" for one that can, none for one that is silent."""
+
+    def send(self, worker: str, parcel: bytes) -> Future[Any]:
+        """Have this worker unpickle a call and make it, and no other."""
+
+    def killed(self, error: BaseException) -> bool:
+        """Whether the cluster says so of a worker."""
+
+    def lost(self) -> ClusterError:
+        """What is told where the scheduler is gone."""
+
+    def close(self) -> None:
+        """Leave the cluster, which lives on."""
+
+
+@dataclass(eq=False)
+class _Call:
+    parcel: bytes
+    future: Future[Any]
+    deaths: int = 0
+    begun: bool = False
+
+    def begin(self) -> bool:
+        """Whether it is still wanted; it cannot be cancelled any more."""
+        self.begun = self.begun or self.future.set_running_or_notify_cancel()
+        return self.begun
+
+
+class DaskExecutor(Executor):
+    """Calls for the workers of a cluster, which may come and go; `dask_executor` makes one.
+
+    Each worker process has one call at a time, so that no simulator meets another thread, and a
+    worker that is lost names the call that it had. That call goes to another worker, before all
+    that wait; where LIVES workers are lost with it, its future raises WorkerLost. Calls wait where
+    there is no worker. Where the scheduler is lost all futures and `submit` raise ClusterError.
+
+    `say` is told of workers that are lost, missing, or cannot be used. Cost: see docs/clusters.md.
+    Raises ClusterError if there are workers and none can be used.
+    """
+
+    def __init__(self, cluster: Cluster, say: Callable[[str], None]) -> None:
+        self._cluster, self._say = cluster, say
+        # What only the one thread `_serve` touches.
+        self._waiting: deque[_Call] = deque()
+        self._running: dict[str, tuple[_Call, Future[Any]]] = {}
+        self._judged: dict[str, str] = {}
+        # What it shares: events for it, and whether there is any use in them.
+        self._events: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._workers: Set[str] = frozenset()
+        self._open: set[Future[Any]] = set()
+        self._lock = threading.Lock()
+        self._end: Exception | None = None
+        self._stopped = False
+        self._look()
+        if self._judged and not self._workers:
+            worker, fault = next(iter(self._judged.items()))
+            raise ClusterError(f"no worker can be used: {worker} {fault}", _SAME)
+        if not self._workers:
+            say("no worker has joined the cluster yet: the runs wait for one")
+        self._thread = threading.Thread(target=self._serve, name="aleator-cluster", daemon=True)
+        self._thread.start()
+
+    @property
+    def slots(self) -> int:
+        """Calls that run at once: one for each worker of this moment, at least 1."""
+        return max(len(self._workers), 1)
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Have a worker call `fn`, which is pickled here and now."""
+        call = _Call(cloudpickle.dumps(partial(fn, *args, **kwargs)), Future())
+        with self._lock:
+            if self._end is not None:
+                raise self._end
+            self._open.add(call.future)
+            self._events.put(partial(self._waiting.append, call))
+        call.future.add_done_callback(self._open.discard)
+        return call.future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leave the cluster; without `wait` calls that run are given up, their outcomes lost."""
+        with self._lock:
+            self._end = self._end or RuntimeError("the executor was shut down")
+            pending = [*self._open]
+        if cancel_futures or not wait:
+            for future in pending:
+                future.cancel()
+        if wait:
+            wait_for(pending)
+        self._events.put(self._stop)
+        self._thread.join()
+        self._cluster.close()
+
+    def _serve(self) -> None:
+        """Do what comes, look at the workers now and then, and keep all of them at work."""
+        due = 0.0
+        while not self._stopped:
+            with suppress(Empty):
+                self._events.get(timeout=LOOK)()
+            try:
+                if not self._cluster.alive():
+                    raise self._cluster.lost()
+                if time.monotonic() >= due:
+                    self._look()
+                    due = time.monotonic() + LOOK
+                self._hand_out()
+            except Exception as error:
+                lost = error if isinstance(error, ClusterError) else self._cluster.lost()
+                lost.__cause__ = error if lost is not error else None
+                self._give_up(lost)
+                return
+        self._give_up(CancelledError())
+
+    def _stop(self) -> None:
+        self._stopped = True
+
+    def _give_up(self, error: Exception) -> None:
+        """Nothing that is open will come."""
+        with self._lock:
+            self._end = self._end or error
+            while not self._events.empty():
+                self._events.get()()
+        for call, inner in self._running.values():
+            inner.cancel()
+            call.future.set_exception(error)
+        for call in self._waiting:
+            if call.begin():
+                call.future.set_exception(error)
+        self._running.clear()
+        self._waiting.clear()
+
+    def _look(self) -> None:
+        now = self._cluster.workers()
+        for worker in self._running.keys() - now:
+            call, inner = self._running.pop(worker)
+            inner.cancel()
+            self._bury(call, worker)
+        for worker, fault in self._cluster.faults(now - self._judged.keys()).items():
+            self._judged[worker] = fault
+            if fault:
+                self._say(f"worker {worker} is not used: it {fault}")
+        before = self._workers
+        self._workers = frozenset(worker for worker in now if self._judged.get(worker) == "")
+        if before and not self._workers:
+            self._say("no worker is left: the runs wait for another to join")
+
+    def _bury(self, call: _Call, worker: str) -> None:
+        call.deaths += 1
+        if call.deaths < LIVES:
+            self._say(f"worker {worker} was lost; its runs go to another")
+            self._waiting.appendleft(call)
+        else:
+            call.future.set_exception(WorkerLost(f"{LIVES} workers were lost while they ran it"))
+
+    def _hand_out(self) -> None:
+        for worker in self._workers - self._running.keys() if self._waiting else ():
+            call = self._next()
+            if call is None:
+                return
+            inner = self._cluster.send(worker, call.parcel)
+            self._running[worker] = call, inner
+            inner.add_done_callback(partial(self._tell, worker))
+
+    def _next(self) -> _Call | None:
+        while self._waiting:
+            call = self._waiting.popleft()
+            if call.begin():
+                return call
+        return None
+
+    def _tell(self, worker: str, inner: Future[Any]) -> None:
+        """A call was made; told from another thread."""
+        self._events.put(partial(self._done, worker, inner))
+
+    def _done(self, worker: str, inner: Future[Any]) -> None:
+        call, mine = self._running.get(worker, (None, None))
+        if call is None or mine is not inner:
+            return
+        del self._running[worker]
+        if inner.cancelled():  # by the cluster: it was restarted, or is lost
+            self._waiting.appendleft(call)
+            return
+        error = inner.exception()
+        if error is None:
+            call.future.set_result(inner.result())
+        elif self._cluster.killed(error):
+            self._bury(call, worker)
+        else:
+            call.future.set_exception(error)
