@@ -69,9 +69,10 @@ class _DaskCluster:
     """A connected client, in the words of DaskExecutor."""
 
     def __init__(self, address: str | Path | Client) -> None:
+        self._client: Any
         self._own = isinstance(address, (str, Path))
-        self._client: Any = _connected(str(address)) if self._own else address
-        self._at = str(self._client.scheduler.address)
+        self._client = _connected(str(address)) if self._own else address
+        self._at = str(getattr(self._client.scheduler, "address", address))
         self._senders: dict[str, Any] = {}
 
     def alive(self) -> bool:

@@ -16,7 +16,7 @@ from typing import Any, ParamSpec, Protocol, TypeVar
 
 import cloudpickle
 
-from aleator.errors import ClusterError
+from aleator.errors import AleatorError, ClusterError
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -229,4 +229,6 @@ class DaskExecutor(Executor):
         elif self._cluster.killed(error):
             self._bury(call, worker)
         else:
+            if isinstance(error, AleatorError):
+                error.args = (f"on worker {worker}: {error}",)
             call.future.set_exception(error)
