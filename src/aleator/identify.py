@@ -104,7 +104,7 @@ def identify(
             with ledger.stage("verification"):
                 checked = _verify(answer, runner, verification, seed, ledger)
     return summary.assemble(
-        table.ids, answer.problem, answer.found, answer.inference, answer.profile, checked,
+        table, answer.problem, answer.found, answer.inference, answer.profile, checked,
         answer.baselines, seconds=ledger.seconds, runs_by_stage=ledger.runs, seed=seed,
         notes=[findings.MOMENTS_STAND_IN] if answer.problem.model.density != chosen else [],
     )  # fmt: skip

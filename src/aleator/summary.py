@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from aleator import findings
 from aleator.baselines import LeastSquares, LinearGaussian
 from aleator.comparison import density_distances
+from aleator.experiments import Experiments
 from aleator.identification import (
     QUANTILES,
     Estimate,
@@ -37,7 +38,7 @@ Array = NDArray[np.float64]
 
 
 def assemble(
-    ids: Sequence[str],
+    table: Experiments,
     problem: Problem,
     found: SearchResult,
     inference: Inference,
@@ -50,12 +51,21 @@ def assemble(
     seed: int,
     notes: Sequence[Warning] = (),
 ) -> Identification:
-    """The Identification of a finished search."""
+    """The Identification of a finished search of a table's experiments."""
+    ids = table.ids
     alpha, hyperparameters = found.alpha, problem.likelihood.hyperparameters
     honest = problem.likelihood.evaluate(alpha)
     surface_error = findings.surface_errors(problem, checked)
     warnings, accepted = findings.review(
-        problem, found, inference, profile, honest, checked, surface_error, ids
+        problem,
+        found,
+        inference,
+        profile,
+        honest,
+        checked,
+        surface_error,
+        ids,
+        table.conditions,
     )
     return Identification(
         alpha=_estimates(alpha, hyperparameters, inference, profile),

@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from aleator.densities import Status
+from aleator.cubature import GermGrid, SobolPoints, TensorGauss
+from aleator.densities import Convolution, Status
 from aleator.findings import check
+from aleator.findings.centering import centering_warnings
 from aleator.findings.naming import named
 from aleator.findings.surfaces import surface_warnings
 from aleator.identification import Warning
@@ -19,6 +22,7 @@ from aleator.likelihood import LogLikelihood
 from aleator.problem import Problem
 from aleator.profile import Profile
 from aleator.propagation import QuadraturePropagation, finer
+from aleator.response import ResponseSurface
 from aleator.search import SearchResult, wide_limits
 from aleator.verification import Verification
 
@@ -69,8 +73,9 @@ def review(
     checked: Verification | None,
     surface_error: Array,
     ids: Sequence[str],
+    conditions: pd.DataFrame,
 ) -> tuple[tuple[Warning, ...], bool]:
-    """All warnings, and whether the answer is accepted."""
+    """All warnings, and whether the answer is accepted; `conditions` has a row an experiment."""
     hyperparameters = problem.likelihood.hyperparameters
     refusals = [
         *_density_warnings(honest, ids),
@@ -84,8 +89,9 @@ def review(
             Warning("identifiability", sentence, "fix one of them, or vary the conditions more")
             for sentence in weak_directions(inference, found.alpha, hyperparameters)
         ),
+        *centering_warnings(problem, found.alpha, inference, conditions),
         *surface_warnings(problem, surface_error, ids),
-        *_quadrature_warnings(quadrature_gap(problem, found.alpha)),
+        *_quadrature_warnings(quadrature_gap(problem, found.alpha), problem),
         *check.notes(honest, checked, inference, problem, found.alpha, ids, told=not refusals),
     ]
     return (*refusals, *notes), not refusals
@@ -106,16 +112,36 @@ def _count_warnings(experiments: int, inference: Inference) -> list[Warning]:
     ]
 
 
-def _quadrature_warnings(gap: float) -> list[Warning]:
+def _quadrature_warnings(gap: float, problem: Problem) -> list[Warning]:
     if abs(gap) < LARGEST_QUADRATURE_GAP:
         return []
     return [
         Warning(
             "quadrature",
             f"with half as many nodes again the log-likelihood changes by {gap:.2g}",
-            "raise nodes in [propagation]",
+            _more_nodes(problem),
         )
     ]
+
+
+def _more_nodes(problem: Problem) -> str:
+    """The key of a study that makes the nodes more, with a value to try."""
+    way, choice = problem.likelihood.propagation, problem.model.propagation
+    assert isinstance(way, QuadraturePropagation)
+    assert isinstance(choice, ResponseSurface)
+    density, more = problem.model.density, finer(way.cubature)
+    if isinstance(more, TensorGauss):
+        return f"raise propagation.nodes, to {more.per_dimension}"
+    if isinstance(more, GermGrid):
+        alone = problem.model.inputs.scattering == 1 and choice.nodes is None
+        if alone and isinstance(density, Convolution):
+            kind = 'with density.kind = "convolution" '
+            return f"{kind}raise density.points, to {more.per_dimension}"
+        rule = f'{{rule = "germ_grid", per_dimension = {more.per_dimension}}}'
+    else:
+        assert isinstance(more, SobolPoints)
+        rule = f'{{rule = "sobol", points = {more.points}}}'
+    return f"raise the nodes: propagation.nodes = {rule}"
 
 
 def _density_warnings(honest: LogLikelihood, ids: Sequence[str]) -> list[Warning]:

@@ -1,0 +1,129 @@
+"""Remedies name what helps, and following them does help."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from aleator import (
+    Constant,
+    Free,
+    GradientMultistart,
+    Identification,
+    Inputs,
+    MaximumEntropy,
+    MonteCarlo,
+    Noise,
+    Normal,
+    ResponseSurface,
+    identify,
+)
+from aleator.cubature import Cubature, GermGrid, SobolPoints
+from aleator.densities import Convolution, Density, LogSpline, NodeDensity
+from aleator.laws import Law
+
+Array = NDArray[np.float64]
+
+TEMPERATURE = np.linspace(300.0, 350.0, 40)
+LENGTH = 2.0 + 0.05 * TEMPERATURE + 0.3 * np.random.default_rng(0).standard_normal(40)
+
+
+def remedies(found: Identification, about: str) -> list[str]:
+    return [w.remedy for w in found.warnings if w.about == about]
+
+
+# ------------------------------------------------------------------------------ centering
+
+
+def expanded(model: Callable[..., Array], a: Law) -> Identification:
+    table = pd.DataFrame({"T": TEMPERATURE, "day": 20.0, "length": LENGTH})
+    return identify(
+        model, table, Inputs({"a": a, "b": Constant(Free(0.0, 0.1))}), outcome="length",
+        vectorized=True, search=GradientMultistart(2), verification=MonteCarlo(0),
+    )  # fmt: skip
+
+
+def test_a_condition_far_from_zero_is_to_be_measured_from_its_middle() -> None:
+    far = expanded(lambda T, a, b: a + b * T, Normal(Free(-20.0, 20.0), Free(0.01, 2.0)))
+    (advice,) = (text for text in remedies(far, "identifiability") if "middle" in text)
+    assert "write (T - 325) for T" in advice
+    near = expanded(lambda T, a, b: a + b * (T - 325.0), Normal(Free(10.0, 30.0), Free(0.01, 2.0)))
+    assert remedies(near, "identifiability") == []
+    # the same line: at 325 the one is what the other says it is, and known better
+    a, b = far.alpha["a.mean"], far.alpha["b.value"]
+    assert near.alpha["a.mean"].estimate == pytest.approx(a.estimate + 325 * b.estimate, abs=1e-2)
+    assert near.alpha["b.value"].estimate == pytest.approx(b.estimate, abs=1e-3)
+    assert (near.alpha["a.mean"].standard_error or 1.0) < 0.1 * (a.standard_error or 0.0)
+
+
+def test_parameters_alike_for_another_reason_get_no_such_advice() -> None:
+    """The effects of a + b (1 + 0.02 k) are alike, and T has nothing to do with it."""
+    k = np.tile([-1.0, 0.0, 1.0, 0.0], 10)
+
+    def model(k: Array, a: Array, b: Array) -> Array:
+        return a + 100.0 * b * (1.0 + 0.02 * k)
+
+    table = pd.DataFrame({"T": TEMPERATURE, "k": k, "y": LENGTH})
+    found = identify(
+        model, table,
+        Inputs({"a": Normal(Free(-20.0, 40.0), Free(0.01, 4.0)), "b": Constant(Free(0.0, 0.3))}),
+        outcome="y", vectorized=True, search=GradientMultistart(2), verification=MonteCarlo(0),
+    )  # fmt: skip
+    given = remedies(found, "identifiability")
+    assert given
+    assert not any("middle" in text for text in given)
+
+
+# ------------------------------------------------------------------------------ nodes
+
+
+def found_with(density: Density | NodeDensity, nodes: int | Cubature | None) -> Identification:
+    rng = np.random.default_rng(0)
+    z = np.linspace(1.0, 2.0, 60)
+    y = np.exp(2.0 * z * (1.0 + 0.3 * rng.standard_normal(60))) + 0.1 * rng.standard_normal(60)
+    return identify(
+        lambda z, x: np.exp(2.0 * z * x), pd.DataFrame({"z": z, "y": y}),
+        Inputs({"x": Normal(1.0, Free(0.05, 0.5))}), outcome="y", vectorized=True,
+        noise=Noise(0.1), density=density, propagation=ResponseSurface(nodes=nodes),
+        search=GradientMultistart(2), verification=MonteCarlo(0),
+    )  # fmt: skip
+
+
+def test_too_few_nodes_are_told_and_more_of_them_end_it() -> None:
+    few = found_with(MaximumEntropy(4), 4)
+    assert remedies(few, "quadrature") == ["raise propagation.nodes, to 6"]
+    assert remedies(found_with(MaximumEntropy(4), 14), "quadrature") == []
+
+
+@pytest.mark.parametrize(
+    ("density", "nodes", "remedy"),
+    [
+        (
+            Convolution(), None,
+            'with density.kind = "convolution" raise density.points, to 601',
+        ),
+        (
+            Convolution(), GermGrid(201),
+            'raise the nodes: propagation.nodes = {rule = "germ_grid", per_dimension = 301}',
+        ),
+        (
+            LogSpline(8), None,
+            'raise the nodes: propagation.nodes = {rule = "germ_grid", per_dimension = 601}',
+        ),
+        (
+            Convolution(), SobolPoints(256),
+            'raise the nodes: propagation.nodes = {rule = "sobol", points = 512}',
+        ),
+    ],
+)  # fmt: skip
+def test_the_remedy_for_too_few_nodes_is_the_key_of_the_density_in_use(
+    density, nodes, remedy, monkeypatch
+) -> None:
+    module = importlib.import_module("aleator.findings.review")
+    monkeypatch.setattr(module, "quadrature_gap", lambda *_: 1.0)
+    assert remedies(found_with(density, nodes), "quadrature") == [remedy]
