@@ -1,0 +1,82 @@
+"""The commands of the pages run as printed, in a copy of what the pages speak of."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import aleator
+
+ROOT = Path(__file__).parents[1]
+PAGES = [
+    path.relative_to(ROOT)
+    for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *ROOT.glob("examples/*/*.md"))
+    if "```bash" in path.read_text(encoding="utf-8")
+]
+LIMIT = 300.0  # s, of a block that hangs
+
+
+def blocks(text: str) -> list[str]:
+    """What stands between ```bash and ```, in the order of the page."""
+    return re.findall(r"^```bash\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """The pages and the examples, without what studies wrote there."""
+    left = shutil.ignore_patterns("runs.sqlite*", "*.fmu", "__pycache__", "*_runs", "out")
+    for name in ("docs", "examples"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=left)
+    shutil.copy(ROOT / "README.md", tmp_path)
+    return tmp_path
+
+
+def run_page(page: Path, folder: Path) -> list[str]:
+    """What each block of a page prints; fails with the block that ends with an error."""
+    environment = {
+        **os.environ,
+        # This interpreter's commands, and the package that is tested.
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": str(Path(aleator.__file__).parents[1]),
+        "COLUMNS": "120",
+    }
+    printed = []
+    for block in blocks((folder / page).read_text(encoding="utf-8")):
+        ended = subprocess.run(
+            ["bash", "-euo", "pipefail", "-c", block],
+            cwd=folder, env=environment, capture_output=True, text=True, timeout=LIMIT,
+        )  # fmt: skip
+        said = f"{page}:\n{block}\n{ended.stdout[-2000:]}\n{ended.stderr[-2000:]}"
+        assert ended.returncode == 0, said
+        printed.append(ended.stdout)
+    return printed
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.stem != "three_ways"], ids=str)
+def test_the_commands_of_a_page_run(page: Path, copy: Path) -> None:
+    assert run_page(page, copy)
+
+
+def test_three_simulators_lead_to_one_answer_and_so_does_a_killed_study(copy: Path) -> None:
+    printed = run_page(Path("docs/three_ways.md"), copy)
+    found = {
+        way: json.loads((copy / "out" / way / "identification.json").read_text(encoding="utf-8"))
+        for way in ("function", "command", "fmu", "resumed")
+    }
+    for name, value in found["function"]["alpha"].items():
+        for way, other in found.items():
+            apart = abs(other["alpha"][name]["estimate"] - value["estimate"])
+            assert value["fixed"] or apart < 1e-4 * value["standard_error"], (name, way)
+    assert {way: answer["runs_by_stage"] for way, answer in found.items()} == dict.fromkeys(
+        found, found["function"]["runs_by_stage"]
+    )
+    assert all(answer["accepted"] for answer in found.values())
+    for answer in found.values():
+        del answer["seconds"]
+    assert found["resumed"] == found["command"]
+    assert printed[-1] == "the same\n"
