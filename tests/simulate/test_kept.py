@@ -17,7 +17,6 @@ from aleator.errors import SimulatorError
 from aleator.experiments import Conditions
 from aleator.simulate import FunctionSimulator, RunFailed, Runner, Store, keeping
 from aleator.simulate.inventory import KeptRun, kept_runs
-from aleator.simulate.kept import ENOUGH
 
 TABLE = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 4.0], "nr": [1, 2, 3]}))
 
@@ -220,16 +219,19 @@ def test_slow_runs_are_committed_one_by_one(store: Store, monkeypatch: pytest.Mo
     assert [run.seconds for run in all_runs(store)] == pytest.approx([0.2] * 5)
 
 
-def test_of_runs_cheaper_than_their_keeping_only_some_are_kept(store: Store) -> None:
-    said = list[str]()
-    x = np.random.default_rng(0).random((4 * ENOUGH, 1))
-    run = runner(lambda load, x: load * x, store, vectorized=True)
-    with keeping(run.kept, "study.toml", said.append):
-        outcome = run(np.zeros(len(x), int), x)
-    np.testing.assert_array_equal(outcome, x[:, 0])
-    kept = len(all_runs(store))
-    assert ENOUGH <= kept < 2.5 * ENOUGH
-    assert f"{4 * ENOUGH - kept:,} runs are not kept" in said[-1]
+def test_every_run_is_kept_however_cheap_and_many(store: Store) -> None:
+    calls = list[int]()
+
+    def product(load: np.ndarray, x: np.ndarray) -> np.ndarray:
+        calls.append(len(x))
+        return load * x
+
+    x = np.random.default_rng(0).random((40_000, 1))
+    index = np.arange(len(x)) % 3
+    for _ in range(2):
+        outcome = runner(product, store, vectorized=True)(index, x)
+        np.testing.assert_array_equal(outcome, np.array([1.0, 2.0, 4.0])[index] * x[:, 0])
+        assert sum(calls) == len(x) == len(all_runs(store))
 
 
 def test_a_simulator_that_no_longer_does_what_it_did_is_found_out(store: Store) -> None:

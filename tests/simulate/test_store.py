@@ -27,8 +27,8 @@ def path(tmp_path: Path) -> Path:
 
 
 def found(store: Store, x: float, case: Case = CASE, fingerprint: str = MODEL.fingerprint) -> dict:
-    back = store.find(fingerprint, case, [struct.pack("<d", x)])
-    return {struct.unpack("<d", key)[0]: outcome for key, outcome in back.items()}
+    back = store.find(fingerprint, [case], [(0, struct.pack("<d", x))])
+    return {x: back[0]} if back else {}
 
 
 @given(st.floats(), st.floats(allow_nan=False, allow_infinity=False))
@@ -40,7 +40,7 @@ def test_every_bit_of_a_run_comes_back(tmp_path: Path, x: float, outcome: float)
         fresh = Identity(struct.pack("<dd", x, outcome).hex(), "bits")
         store.add(fresh, [CASE], [row(x, outcome)])
         key = struct.pack("<d", x)
-        (back,) = store.find(fresh.fingerprint, CASE, [key]).values()
+        (back,) = store.find(fresh.fingerprint, [CASE], [(0, key)]).values()
         assert back is not None
         assert struct.pack("<d", back) == struct.pack("<d", outcome)
 
@@ -82,15 +82,28 @@ def test_a_failed_run_is_replaced_and_its_attempts_are_counted(path: Path) -> No
         assert found(store, 5.0) == {5.0: None}
 
 
-def test_many_runs_are_found_in_one_go(path: Path) -> None:
-    xs = np.arange(1000.0)
+def test_runs_of_many_cases_are_found_in_one_go(path: Path) -> None:
+    loads = np.random.default_rng(3).permutation(300)
+    cases = [Case.of({"load": float(load)}, ["k"]) for load in loads]
     with Store(path) as store:
-        store.add(MODEL, [CASE], [row(x, 2.0 * x) for x in xs[::2]])
-        keys = [struct.pack("<d", x) for x in xs]
-        back = store.find(MODEL.fingerprint, CASE, keys)
-    assert {struct.unpack("<d", key)[0]: v for key, v in back.items()} == {
-        x: 2.0 * x for x in xs[::2]
-    }
+        # every second case, and of it every third run, each with an outcome of its own
+        rows = [
+            row(float(x), 1e3 * k + x, k // 2) for k in range(0, 300, 2) for x in range(0, 9, 3)
+        ]
+        assert store.add(MODEL, cases[::2], rows) == len(rows)
+        keys = [(k, struct.pack("<d", float(x))) for x in range(9) for k in range(300)]
+        found = store.find(MODEL.fingerprint, cases, keys)
+    assert found == {300 * x + k: 1e3 * k + x for x in range(0, 9, 3) for k in range(0, 300, 2)}
+
+
+def test_a_run_that_is_sought_twice_is_found_twice(path: Path) -> None:
+    key = (0, struct.pack("<d", 4.0))
+    with Store(path) as store:
+        store.add(MODEL, [CASE, CASE], [row(4.0, 0.5), row(5.0, 0.6, case=1)])
+        assert store.find(MODEL.fingerprint, [CASE], [key, (0, b""), key]) == {0: 0.5, 2: 0.5}
+        assert store.find(MODEL.fingerprint, [CASE], []) == {}
+        assert store.find(MODEL.fingerprint, [], []) == {}
+        assert found(store, 5.0) == {5.0: 0.6}
 
 
 def test_a_block_is_written_whole_or_not_at_all(path: Path) -> None:

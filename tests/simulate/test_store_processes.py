@@ -115,7 +115,7 @@ with Store(path) as store:
         xs = [float(start + 10 * block + k) for k in range(20)]
         rows = [(0, struct.pack("<d", x), 2 * x, None, None, 0.0, name, 0.0, 1) for x in xs]
         store.add(Identity("f", "model"), [case], rows)
-        found = store.find("f", case, [row[1] for row in rows])
+        found = store.find("f", [case], [row[:2] for row in rows])
         assert [*found.values()].count(None) == 0 and len(found) == 20
 """
 

@@ -140,11 +140,11 @@ def read(store: Store, path: Path, simulator: Identity | None = None) -> Importe
         parsed.setdefault(identity, {}).setdefault(case, []).append(row)
     total = added = different = 0
     for identity, of_case in parsed.items():
-        rows: list[Row] = []
-        for k, (case, those) in enumerate(of_case.items()):
-            there = store.find(identity.fingerprint, case, [row[1] for row in those])
-            different += sum(row[1] in there and there[row[1]] != row[2] for row in those)
-            rows += [(k, *row[1:]) for row in those]
+        rows: list[Row] = [
+            (k, *row[1:]) for k, those in enumerate(of_case.values()) for row in those
+        ]
+        there = store.find(identity.fingerprint, [*of_case], [row[:2] for row in rows])
+        different += sum(outcome != rows[place][2] for place, outcome in there.items())
         added += store.add(identity, [*of_case], rows, again=False)
         total += len(rows)
     return Imported(added, total - added, different)

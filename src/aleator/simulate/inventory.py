@@ -45,6 +45,12 @@ class KeptRun:
 
 
 _OF_SIMULATOR = "fingerprint, simulators.name, description, version"
+_FORGET = (
+    'DELETE FROM runs WHERE "case" IN (SELECT cases.id FROM cases JOIN simulators '
+    "ON simulator = simulators.id WHERE fingerprint = ?)",
+    "DELETE FROM cases WHERE simulator IN (SELECT id FROM simulators WHERE fingerprint = ?)",
+    "DELETE FROM simulators WHERE fingerprint = ?",
+)
 _JOINED = 'runs JOIN cases ON runs."case" = cases.id JOIN simulators ON simulator = simulators.id'
 
 
@@ -118,9 +124,8 @@ def forget(store: Store, fingerprints: Sequence[str]) -> int:
     """Forget simulators with all their runs: the number of the runs."""
     gone = sum(h.runs for h in holdings(store) if h.simulator.fingerprint in fingerprints)
     with store_file.told(store.path), store_file.transaction(store.connection):
-        store.connection.executemany(
-            "DELETE FROM simulators WHERE fingerprint = ?", [(text,) for text in fingerprints]
-        )
+        for statement in _FORGET:
+            store.connection.executemany(statement, [(text,) for text in fingerprints])
     # The file shrinks unless another process is using it.
     with suppress(sqlite3.OperationalError):
         store.connection.execute("VACUUM")

@@ -18,19 +18,15 @@ from aleator.simulate.store import Case, Identity, Row, Store
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-CHEAP = 20e-6
-"""Seconds of a run that is sooner repeated than found in a store."""
-ENOUGH = 10_000
-"""Runs of a simulator as cheap as that which a store holds all the same."""
+# Runs that are sought in one query: what it takes in memory stays small.
+_TOGETHER = 8192
 
 
 class Kept:
     """A runner's side of a store.
 
     `conditions` are the columns (N,) that the simulator asks for, `parameters` names those of x.
-    Of a simulator whose runs take less than CHEAP only ENOUGH are kept: a million of them would
-    take longer to find than to run. `at_start` is what the store held of the simulator, `added`
-    counts the runs that were new to it, `left_out` those that were too cheap to be kept.
+    `at_start` is what the store held of the simulator, `added` counts the runs that were new to it.
     """
 
     def __init__(
@@ -49,33 +45,20 @@ class Kept:
         ]
         self._host = platform.node()
         self.at_start = store.counts(self.identity)
-        self.added = self.left_out = 0
-        self._sought = 0
-        self._ran, self._seconds = self.at_start.runs, self.at_start.seconds
-
-    @property
-    def cheap(self) -> bool:
-        """Whether the runs so far took less than CHEAP in the mean."""
-        return self._seconds < CHEAP * self._ran
+        self.added = 0
 
     def find(self, index: Ints, x: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Outcomes (R,) and which of the runs are known; one that failed is known as NaN."""
         outcome, known = np.full(len(index), np.nan), np.zeros(len(index), dtype=bool)
-        self._sought += len(index)
-        if self.cheap and self._sought > ENOUGH:
-            return outcome, known
-        keys = self._keys(x)
-        for at in np.unique(index).tolist():
-            mine = np.flatnonzero(index == at).tolist()
-            found = self.store.find(
-                self.identity.fingerprint, self.cases[at], [keys[k] for k in mine]
-            )
-            if not found:
-                continue
-            for k in mine:
-                if keys[k] in found:
-                    value = found[keys[k]]
-                    known[k], outcome[k] = True, np.nan if value is None else value
+        for start in range(0, len(index), _TOGETHER):
+            part = slice(start, start + _TOGETHER)
+            cases, position = self._cases_of(index[part])
+            keys = [*zip(position, self._keys(x[part]), strict=True)]
+            found = self.store.find(self.identity.fingerprint, cases, keys)
+            places = start + np.fromiter(found, np.intp, len(found))
+            known[places] = True
+            # None, of a failure, becomes NaN
+            outcome[places] = np.array([*found.values()], dtype=np.float64)
         return outcome, known
 
     def add(self, index: Ints, x: Floats, outcome: Floats, seconds: float) -> None:
@@ -100,29 +83,28 @@ class Kept:
         failures: Sequence[tuple[str, str | None] | None],
         seconds: float,
     ) -> None:
-        self._ran += len(index)
-        self._seconds += seconds * len(index)
         if not self.store.writable or not len(index):
             return
-        if self.cheap and self.at_start.runs + self.added >= ENOUGH:
-            self.left_out += len(index)
-            return
         now = time.time()
-        chosen, position = np.unique(index, return_inverse=True)
+        cases, position = self._cases_of(index)
         rows: list[Row] = [
             (case, key, None if failed else value, *(failed or (None, None)),
              seconds, self._host, now, 1)
             for case, key, value, failed in zip(
-                position.tolist(), self._keys(x), outcome, failures, strict=True
+                position, self._keys(x), outcome, failures, strict=True
             )
         ]  # fmt: skip
-        cases = [self.cases[k] for k in chosen.tolist()]
         try:
             self.added += self.store.add(self.identity, cases, rows)
         except KeyboardInterrupt:
             # Ctrl-C came while they were written, and took the transaction back.
             self.added += self.store.add(self.identity, cases, rows)
             raise
+
+    def _cases_of(self, index: Ints) -> tuple[list[Case], list[int]]:
+        """The different cases of some runs, and the position of each run's case among them."""
+        chosen, position = np.unique(index, return_inverse=True)
+        return [self.cases[k] for k in chosen.tolist()], position.tolist()
 
     def _keys(self, x: Floats) -> list[bytes]:
         size = 8 * len(self._order)
@@ -151,11 +133,6 @@ def keeping(
                 "on from there"
             )
         raise
-    if kept.left_out:
-        say(
-            f"{kept.left_out:,} runs are not kept: each took less than {1e6 * CHEAP:.0f} "
-            "microseconds, and is sooner repeated than found"
-        )
 
 
 def _tell_at_start(kept: Kept, study: str, say: Callable[[str], None]) -> None:

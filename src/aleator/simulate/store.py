@@ -12,6 +12,7 @@ import json
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -24,12 +25,12 @@ from aleator.simulate.function import Simulator
 SYNCED_AFTER = 1.0
 """Seconds of the simulator's work after which a commit waits for the disk."""
 
-# Values of one query; SQLite takes some thousands, and more gain nothing.
-_CHUNK = 200
-
 Row = tuple[int, bytes, float | None, str | None, str | None, float | None, str, float, int]
 """A run to be written: position of its case, x, outcome, failure, log, seconds, host, time,
 attempt. It has an outcome or a failure."""
+
+Key = tuple[int, bytes]
+"""A run that is sought: position of its case, x."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ class Case:
         """The names of the parameters as JSON."""
         return json.dumps(self.parameters, ensure_ascii=False)
 
-    @property
+    @cached_property
     def hash(self) -> str:
         """A short text that no other case of the simulator has."""
         return hashlib.sha256(f"{self.conditions}\n{self.names}".encode()).hexdigest()[:32]
@@ -122,8 +123,8 @@ class Store:
     >>> x = np.array([4.0]).tobytes()
     >>> with TemporaryDirectory() as folder, Store(f"{folder}/runs.sqlite") as store:
     ...     added = store.add(model, [case], [(0, x, 0.5, None, None, 1e-3, "bench", 0.0, 1)])
-    ...     added, store.find("3f2a", case, [x])[x]
-    (1, 0.5)
+    ...     added, store.find("3f2a", [case], [(0, x), (0, 2 * x)])
+    (1, {0: 0.5})
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -151,23 +152,22 @@ class Store:
         with store_file.told(self.path):
             self.connection.close()
 
-    def find(self, fingerprint: str, case: Case, xs: Sequence[bytes]) -> dict[bytes, float | None]:
-        """The outcomes of those runs that are there; None for one that failed."""
-        found: dict[bytes, float | None] = {}
-        with store_file.told(self.path):
-            row = self.connection.execute(
-                "SELECT cases.id FROM cases JOIN simulators ON cases.simulator = simulators.id "
-                "WHERE fingerprint = ? AND hash = ?",
-                (fingerprint, case.hash),
-            ).fetchone()
-            if row is None:
-                return found
-            for start in range(0, len(xs), _CHUNK):
-                part = xs[start : start + _CHUNK]
-                marks = ", ".join("?" * len(part))
-                query = f'SELECT x, outcome FROM runs WHERE "case" = ? AND x IN ({marks})'
-                found.update(self.connection.execute(query, (row[0], *part)))
-        return found
+    def find(
+        self, fingerprint: str, cases: Sequence[Case], keys: Sequence[Key]
+    ) -> dict[int, float | None]:
+        """The outcomes of those runs that are there, by place in `keys`; None for one that failed.
+
+        Cost: some 3 microseconds a run that is there, next to none where its case is not.
+        """
+        run = self.connection.execute
+        with store_file.told(self.path), store_file.transaction(self.connection, writing=False):
+            numbers = self._numbers(fingerprint, cases)
+            sought = (
+                (place, numbers[case], x) for place, (case, x) in enumerate(keys) if case in numbers
+            )
+            run("DELETE FROM sought_runs")
+            self.connection.executemany("INSERT INTO sought_runs VALUES (?, ?, ?)", sought)
+            return dict(run(_FOUND))
 
     def add(
         self, simulator: Identity, cases: Sequence[Case], rows: Sequence[Row], again: bool = True
@@ -214,8 +214,20 @@ class Store:
         """The number of runs ever added, as far as it tells how many are new in a transaction."""
         return int(self.connection.execute("SELECT coalesce(max(id), 0) FROM runs").fetchone()[0])
 
-    def _cases(self, simulator: Identity, cases: Sequence[Case]) -> list[int]:
-        """Their numbers in the file; asked every time, as another process may forget some."""
+    def _numbers(self, fingerprint: str, cases: Sequence[Case]) -> dict[int, int]:
+        """The numbers in the file of those cases that are there, by position.
+
+        Asked every time, as another process may forget some.
+        """
+        run = self.connection.execute
+        run("DELETE FROM sought_cases")
+        self.connection.executemany(
+            "INSERT INTO sought_cases VALUES (?, ?)", enumerate(case.hash for case in cases)
+        )
+        return dict(run(_NUMBERED, (fingerprint,)))
+
+    def _cases(self, simulator: Identity, cases: Sequence[Case]) -> dict[int, int]:
+        """Their numbers in the file, which has them afterwards, by position."""
         run = self.connection.execute
         run(
             "INSERT INTO simulators (fingerprint, name, description, version, first_seen) "
@@ -225,22 +237,16 @@ class Store:
                 time.time(),
             ),
         )  # fmt: skip
-        (owner,) = run(
-            "SELECT id FROM simulators WHERE fingerprint = ?", (simulator.fingerprint,)
-        ).fetchone()
-        numbers = []
-        for case in cases:
-            key = (owner, case.hash)
-            row = run("SELECT id FROM cases WHERE simulator = ? AND hash = ?", key).fetchone()
-            if row is None:
-                values = (*key, case.conditions, case.names)
-                row = run(
-                    "INSERT INTO cases (simulator, hash, conditions, parameters) "
-                    "VALUES (?, ?, ?, ?) RETURNING id",
-                    values,
-                ).fetchone()
-            numbers.append(int(row[0]))
-        return numbers
+        numbers = self._numbers(simulator.fingerprint, cases)
+        fresh = [case for k, case in enumerate(cases) if k not in numbers]
+        if not fresh:
+            return numbers
+        self.connection.executemany(
+            "INSERT INTO cases (simulator, hash, conditions, parameters) "
+            "SELECT id, ?, ?, ? FROM simulators WHERE fingerprint = ? ON CONFLICT DO NOTHING",
+            [(case.hash, case.conditions, case.names, simulator.fingerprint) for case in fresh],
+        )
+        return self._numbers(simulator.fingerprint, cases)
 
     def _hosts(self, names: Iterable[str]) -> dict[str, int]:
         run = self.connection.execute
@@ -249,6 +255,15 @@ class Store:
         return {name: number for number, name in run("SELECT id, name FROM hosts")}
 
 
+# A cross join is done in the order in which it is written.
+_NUMBERED = (
+    "SELECT place, cases.id FROM simulators CROSS JOIN sought_cases CROSS JOIN cases "
+    "ON cases.simulator = simulators.id AND cases.hash = sought_cases.hash WHERE fingerprint = ?"
+)
+_FOUND = (
+    "SELECT place, outcome FROM sought_runs CROSS JOIN runs "
+    'ON runs."case" = sought_runs."case" AND runs.x = sought_runs.x'
+)
 _INSERT = (
     'INSERT INTO runs ("case", x, outcome, failure, log, seconds, host, time, attempt) '
     "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
