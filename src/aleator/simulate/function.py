@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError, nearest
 from aleator.simulate.failure import RunFailed
+from aleator.simulate.sources import digests, require_same, source, sources
 
 # Large enough that arrays pay, small enough that an interruption loses little. Fixed, because the
 # last digits of an array operation may depend on its length.
@@ -111,6 +112,7 @@ class FunctionSimulator:
         self.version = version
         self.block = block or (ARRAY_BLOCK if vectorized else SINGLE_BLOCK)
         self._reference: tuple[str, str] | None = None
+        self._digests: dict[str, str] | None = None
         self.name = str(getattr(function, "__qualname__", type(function).__name__))
         self.description = f"{getattr(function, '__module__', None) or ''}:{self.name}"
         self._arguments = _arguments(function, self.name)
@@ -126,21 +128,22 @@ class FunctionSimulator:
     ) -> FunctionSimulator:
         """The function that a reference names (see `load_function`), also in other processes.
 
-        They import it from the same file, which they must see.
+        They import it from the same file, which they must see. Raises SimulatorError there if that
+        file, or one beside it, is not as it was here when it was loaded.
 
         >>> FunctionSimulator.named("statistics:fmean").name
         'fmean'
         """
         simulator = cls(load_function(reference, base_dir), vectorized, version, block)
         simulator._reference = reference, str(Path(base_dir).resolve())
+        simulator._digests = digests(simulator.function)
         return simulator
 
     def __reduce__(self) -> tuple[Any, ...]:
         """By name where it was named; else the function itself, as far as it can be pickled."""
-        options = self.vectorized, self.version, self.block
-        if self._reference is not None:
-            return FunctionSimulator.named, (*self._reference, *options)
-        return FunctionSimulator, (self.function, *options)
+        origin: tuple[Any, ...] = self._reference or (self.function,)
+        expected = digests(self.function) if self._digests is None else self._digests
+        return _arrived, (expected, *origin, self.vectorized, self.version, self.block)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
         """The conditions that the function has an argument for, in the order of `conditions`.
@@ -207,12 +210,23 @@ class FunctionSimulator:
         if self.version:
             digest.update(f" version {self.version}".encode())
             return digest.hexdigest()
-        sources = _sources(self.function)
-        for path in sources:
+        files = sorted(sources(self.function).values())
+        for path in files:
             digest.update(path.read_bytes())
-        if not sources:
-            digest.update(_source(self.function).encode())
+        if not files:
+            digest.update(source(self.function).encode())
         return digest.hexdigest()
+
+
+def _arrived(expected: dict[str, str], origin: Any, *rest: Any) -> FunctionSimulator:
+    """A simulator of another process, held against the files that it came from."""
+    if isinstance(origin, str):
+        simulator = FunctionSimulator.named(origin, *rest)
+    else:
+        simulator = FunctionSimulator(origin, *rest)
+    is_file = isinstance(origin, str) and origin.rpartition(":")[0].endswith(".py")
+    require_same(simulator.function, expected, read_again=is_file)
+    return simulator
 
 
 def _scalar(value: Any) -> float:
@@ -257,29 +271,6 @@ def _arguments(
         else:
             required.append(parameter.name)
     return tuple(required), tuple(optional), anything
-
-
-def _source(function: Callable[..., Any]) -> str:
-    try:
-        return inspect.getsource(function)
-    except (OSError, TypeError):
-        return ""  # written in C, or typed where nobody kept it
-
-
-def _sources(function: Callable[..., Any]) -> list[Path]:
-    module = sys.modules.get(getattr(function, "__module__", ""))
-    own = getattr(module, "__file__", None)
-    if module is None or own is None or module.__name__ == "__main__":
-        return []
-    package = module.__name__ if hasattr(module, "__path__") else module.__package__
-    folder = Path(own).parent
-    return sorted(
-        Path(file)
-        for name, other in list(sys.modules.items())
-        if (file := getattr(other, "__file__", None)) and str(file).endswith(".py")
-        if (package and (name == package or name.startswith(f"{package}.")))
-        or (not package and Path(file).parent == folder)
-    )
 
 
 def load_function(reference: str, base_dir: str | Path = ".") -> Callable[..., Any]:
