@@ -209,6 +209,15 @@ def run_elsewhere(job: tuple[FMUSimulator, float]) -> float:
         simulator.close()
 
 
+def test_a_worker_with_another_file_says_so(fmus: dict[int, Path], tmp_path: Path) -> None:
+    file = tmp_path / "copy.fmu"
+    file.write_bytes(fmus[2].read_bytes())
+    sent = pickle.dumps(FMUSimulator(file, Final("T"), variables=K))
+    file.write_bytes(fmus[2].read_bytes() + b" ")
+    with pytest.raises(SimulatorError, match=r"copy\.fmu is not the same for this worker"):
+        pickle.loads(sent)
+
+
 def test_a_simulator_in_use_travels_to_worker_processes(fmus: dict[int, Path]) -> None:
     simulator = FMUSimulator(fmus[2], Final("T"), variables=K)
     expected = simulator.run_one({}, {"k": 2.0})

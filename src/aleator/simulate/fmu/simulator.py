@@ -135,7 +135,7 @@ class FMUSimulator:
 
     def fingerprint(self) -> str:
         """A hash of the FMU's bytes, every setting, the outcome's source, and `version`."""
-        digest = hashlib.sha256(self.file.read_bytes())
+        digest = self._digest()
         settings = (self.course, dict(self._binding.names), self.constants, self.version)
         digest.update(repr(settings).encode())
         digest.update(self.outcome.fingerprint().encode())
@@ -160,11 +160,22 @@ class FMUSimulator:
 
     def __getstate__(self) -> dict[str, Any]:
         open_only = ("_engine", "_lock", "_finalizer", "_pid")
-        return {key: value for key, value in self.__dict__.items() if key not in open_only}
+        kept = {key: value for key, value in self.__dict__.items() if key not in open_only}
+        return {**kept, "sent": self._digest().hexdigest()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
+        sent = state.pop("sent")
         self.__dict__.update(state)
+        if not self.file.is_file() or self._digest().hexdigest() != sent:
+            raise SimulatorError(
+                f"{self.file} is not the same for this worker as it was where the study was "
+                "started, or not there",
+                "let both have the same files, and start the study again",
+            )
         self._idle()
+
+    def _digest(self) -> hashlib._Hash:
+        return hashlib.sha256(self.file.read_bytes())
 
     def _idle(self) -> None:
         self._engine = None
