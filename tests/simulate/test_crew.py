@@ -5,8 +5,9 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,7 @@ import pytest
 from aleator.errors import InputsError, SimulatorError
 from aleator.experiments import Conditions
 from aleator.simulate import FunctionSimulator, Runner, Store
+from aleator.simulate.dask_executor import WorkerLost
 from aleator.simulate.inventory import kept_runs
 from aleator.simulate.pool import ProcessPool
 
@@ -116,6 +118,31 @@ def test_a_worker_that_dies_is_one_failed_run(pool: ProcessPool, model: Path) ->
         (failed,) = [kept for kept in kept_runs(store) if kept.failure]
     assert failed.failure is not None
     assert failed.failure.startswith("the worker process died")
+
+
+class Losing(Executor):
+    """Loses whole batches in which experiment B has x near 0.5, and says so of each."""
+
+    slots = 3
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        _, conditions, parameters, _ = args
+        if np.any((conditions["load"] == 2.0) & (np.abs(parameters["x"] - 0.52) < 0.02)):
+            future.set_exception(WorkerLost("3 workers were lost while they ran it"))
+        else:
+            future.set_result(fn(*args, **kwargs))
+        return future
+
+
+def test_where_the_executor_knows_which_batch_it_was_the_run_is_found_too(model: Path) -> None:
+    run = Runner(named(model, "product"), TABLE, ["x"], executor=Losing())
+    outcome = run.attempt(INDEX, X)
+    bad = (INDEX == 1) & (np.abs(X[:, 0] - 0.52) < 0.02)
+    assert np.sum(bad) == 1
+    np.testing.assert_array_equal(np.isnan(outcome), bad)
+    np.testing.assert_array_equal(outcome[~bad], ((INDEX + 1) * X[:, 0])[~bad])
+    assert "3 workers were lost" in run.failures.messages[0]
 
 
 def test_a_run_that_fails_is_tried_again(pool: ProcessPool, model: Path) -> None:

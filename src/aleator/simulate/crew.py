@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import AleatorError, SimulatorError
+from aleator.simulate.dask_executor import WorkerLost
 from aleator.simulate.function import Simulator, describe
 from aleator.simulate.work import Columns, Failure, Work, work, work_of_parcel
 
@@ -50,8 +51,9 @@ class Crew:
     """The workers of an executor, and what they were given.
 
     `carry` yields batches as they complete, in any order. A batch whose worker died is run again
-    by halves, each alone, until the run at fault is found; that is a failure like any other. After
-    Ctrl-C `rest` yields what was running and submits nothing more.
+    by halves until the run at fault is found, which is a failure like any other; each half alone,
+    unless the executor told which batch it was (WorkerLost). After Ctrl-C `rest` yields what was
+    running and submits nothing more.
 
     Raises SimulatorError for a simulator that cannot be sent to another process, or be unpacked
     there.
@@ -126,6 +128,12 @@ class Crew:
             runs = self._running.pop(future)
             try:
                 done = future.result()
+            except WorkerLost as death:
+                if len(runs) == 1:
+                    yield runs, _dead(death)
+                else:
+                    self._waiting.extendleft(np.array_split(runs, 2))
+                continue
             except BrokenExecutor as death:
                 if len(runs) == 1 and not self._running and len(ready) == 1:
                     yield runs, _dead(death)
