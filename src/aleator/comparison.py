@@ -41,11 +41,11 @@ def density_distances(problem: Problem, alpha: Array) -> tuple[DensityDistance, 
     Empty without noise, without surfaces, or where the nodes cannot resolve the noise. Cost: a fit
     of each density, and the distances of at most 25 experiments.
     """
-    likelihood, way = problem.likelihood, problem.likelihood.propagation
+    likelihood, inputs = problem.likelihood, problem.model.inputs
     if not likelihood.noisy or problem.surface is None:
         return ()
-    assert isinstance(way, QuadraturePropagation)
-    grid = replace(way, cubature=default_cubature(way.inputs, Convolution(), runs=False))
+    cubature = default_cubature(inputs, Convolution(), runs=False)
+    grid = QuadraturePropagation(inputs, problem.response, cubature)
     exact = replace(likelihood, density=Convolution(), propagation=grid)
     reference = exact.evaluate(alpha)
     if np.any(reference.status != Status.SOLVED):

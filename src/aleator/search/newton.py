@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,21 @@ ARRIVED = 1e-5
 STEPS = 40
 
 
+@dataclass(frozen=True)
+class Summit:
+    """Where an ascent ended: `alpha` (K,), its `value` and `score` (K,).
+
+    `information` (F, F) is what the steps taught of the curvature over what moved, and `gain`
+    what is left to climb by it.
+    """
+
+    alpha: Array
+    value: float
+    score: Array
+    information: Array
+    gain: float
+
+
 def ascend(
     objective: Objective | Scored,
     alpha: Array,
@@ -26,7 +42,20 @@ def ascend(
     moving: Indices,
     information: Array,
 ) -> tuple[Array, float]:
-    """Climb over the `moving` (F,) hyperparameters within their limits; return alpha and value.
+    """Climb over the `moving` (F,) hyperparameters within their limits; return alpha and value."""
+    end = ascended(objective, alpha, hyperparameters, moving, information)
+    return end.alpha, end.value
+
+
+def ascended(
+    objective: Objective | Scored,
+    alpha: Array,
+    hyperparameters: Sequence[Hyperparameter],
+    moving: Indices,
+    information: Array,
+    arrived: float = ARRIVED,
+) -> Summit:
+    """Climb over the `moving` (F,) hyperparameters until `arrived` is all that is left to gain.
 
     BFGS whose first matrix is the given information (F, F), with an active set for the limits
     and a backtracking line search. Near a maximum it needs two to six evaluations, where a
@@ -43,24 +72,26 @@ def ascend(
         full = alpha.copy()
         full[moving] = x
         result = watched(full)
-        return result.total, result.score[moving]
+        return result.total, result.score
 
-    value, score = at(point)
+    value, whole = at(point)
+    gain = 0.0
     for _ in range(STEPS):
+        score = whole[moving]
         blocked = ((point <= lower) & (score < 0)) | ((point >= upper) & (score > 0))
         step = _newton_step(matrix, score, ~blocked)
-        gain = float(score @ step)
-        if 0.5 * gain < ARRIVED:
+        gain = 0.5 * float(score @ step)
+        if gain < arrived:
             break
-        moved = _line_search(at, point, value, gain, step, lower, upper)
+        moved = _line_search(at, point, value, 2.0 * gain, step, lower, upper)
         if moved is None:
             break
-        new_point, new_value, new_score = moved
-        matrix = _updated(matrix, new_point - point, score - new_score)
-        point, value, score = new_point, new_value, new_score
+        new_point, new_value, new_whole = moved
+        matrix = _updated(matrix, new_point - point, score - new_whole[moving])
+        point, value, whole = new_point, new_value, new_whole
     end = alpha.copy()
     end[moving] = point
-    return end, value
+    return Summit(end, value, whole, matrix, gain)
 
 
 def _newton_step(matrix: Array, score: Array, free: NDArray[np.bool_]) -> Array:
