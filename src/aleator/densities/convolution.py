@@ -114,18 +114,20 @@ class Convolution:
         check_weights(outcomes.weights, self.name)
         check_noise(noise_sd)
         usable = np.asarray(np.isfinite(outcomes.y).all(axis=1))
-        usable &= noise_sd > SMALLEST_SD
-        y = np.where(usable[:, None], outcomes.y, 0.0)
-        sd = max(noise_sd, SMALLEST_SD)
         if outcomes.lattice is None:
+            usable &= noise_sd > SMALLEST_SD
+            y = np.where(usable[:, None], outcomes.y, 0.0)
+            sd = max(noise_sd, SMALLEST_SD)
             rough = ripple(y, outcomes.weights, sd)
             return FittedConvolution(
                 y, outcomes.weights, sd, rough, rough > LARGEST_RIPPLE, ~usable
             )
         # the squares of their differences have to be finite
-        usable &= np.abs(y).max(axis=1) < _LARGEST_OUTCOME
-        y = np.where(usable[:, None], y, 0.0)
+        usable &= np.abs(np.where(usable[:, None], outcomes.y, 0.0)).max(axis=1) < _LARGEST_OUTCOME
+        y = np.where(usable[:, None], outcomes.y, 0.0)
+        sd = noise_sd if noise_sd > SMALLEST_SD else 0.0
         around = Linearized(y, outcomes.weights, outcomes.lattice, sd)
+        usable &= ~around.points.all(axis=1)
         return FittedConvolution(
             y, outcomes.weights, sd, around.bend, around.bend > LARGEST_BEND, ~usable, around
         )
@@ -219,7 +221,7 @@ class FittedConvolution:
         coarse: Mask = self.too_coarse & ~self.none
         return coarse
 
-    @property
+    @cached_property
     def _normal(self) -> NodeNormal:
         return NodeNormal(self.y, self.weights, self.noise_sd)
 
@@ -246,7 +248,10 @@ class FittedConvolution:
 
     def log_pdf(self, y: ArrayLike) -> Array:
         """Logarithm of the density at y (N,) or (N, G); -inf where there is none."""
-        value = self._sum.log_pdf(by_experiment(y, self.none.size, "the outcome"))
+        at = by_experiment(y, self.none.size, "the outcome")
+        value = self._sum.log_pdf(at)
+        if self.noise_sd == 0.0:
+            value = np.where(value < self._normal.beyond(at)[0], -np.inf, value)
         return np.where(self.none[:, None], -np.inf, value).reshape(np.shape(y))
 
     def pdf(self, y: ArrayLike) -> Array:
@@ -282,6 +287,8 @@ class FittedConvolution:
         none, coarse = self.none | ~np.isfinite(outcome), self._coarse
         outcome = np.where(none, 0.0, outcome)
         value, d_y, d_weights, d_noise = self._own(outcome)
+        if self.noise_sd == 0.0:
+            value, d_y = self._normal.lifted(outcome, value, d_y)
         if coarse.any():
             normal = self._normal.sensitivity(outcome)
             value, d_noise = np.where(coarse, (normal[0], normal[3]), (value, d_noise))

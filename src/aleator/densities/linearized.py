@@ -7,11 +7,14 @@ from functools import cached_property
 
 import numpy as np
 
-from aleator.densities.interface import Array
+from aleator.densities.interface import Array, Mask
 from aleator.outcomes import Lattice
 
 _FARTHEST_RATIO = 700.0
 _LEAST_SLOPE = 1e-300
+
+_NO_SPREAD = 1e-10
+"""Spread over outcome that is none but that of rounding."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,8 @@ class Linearized:
 
     The noise sigma_e smooths too, so that tau is no larger than it must be: tau^2 = T^2 exp(-t)
     with t = sigma_e^2/(2 T^2 G^2), T the lattice's width and G^2 = E sum_i g_i^2 of the experiment.
-    Cost O(N J n^2).
+    Without noise, sigma_e = 0, a component of no spread is a point mass: it has no density, and its
+    weight is zero. Cost O(N J n^2).
 
     >>> from aleator.cubature import GermGrid
     >>> from aleator.inputs import Inputs
@@ -50,8 +54,16 @@ class Linearized:
 
     @cached_property
     def variance(self) -> Array:
-        """(N, J), noise included."""
-        return self.noise_sd**2 + self._square[:, None] * self._steepness + self._curved
+        """(N, J), noise included; 1 for a point mass."""
+        return np.where(self.points, 1.0, self._spread)
+
+    @cached_property
+    def points(self) -> Mask:
+        """(N, J) nodes around which the outcome does not move, where there is no noise."""
+        if self.noise_sd > 0.0:
+            return np.zeros(self.y.shape, dtype=bool)
+        points: Mask = self._spread <= (_NO_SPREAD * self.y) ** 2
+        return points
 
     @cached_property
     def log_core(self) -> Array:
@@ -60,12 +72,16 @@ class Linearized:
         away = 0.5 * self.lattice.distance2 * (1.0 - 1.0 / core)
         with np.errstate(divide="ignore"):
             log_weights = np.log(self.weights)
-        return np.asarray(log_weights + away - 0.5 * len(self._slopes) * np.log(core))
+        log_core = log_weights + away - 0.5 * len(self._slopes) * np.log(core)
+        # without any scatter there is no density, and nothing to take away
+        scattered = ~self.points.all(axis=1, keepdims=True)
+        return np.where(self.points & scattered, -np.inf, log_core)
 
     @cached_property
     def bend(self) -> Array:
         """(N,) mean share of curvature in a component's standard deviation, between 0 and 1."""
-        return np.asarray(np.sqrt(self._curved / self.variance) @ self.weights)
+        share = np.where(self.points, 0.0, self._curved / self.variance)
+        return np.asarray(np.sqrt(share) @ self.weights)
 
     def chain(self, share: Array, by_mean: Array, by_variance: Array) -> tuple[Array, Array]:
         """Partials by y (N, J) and noise_sd (N,) of what has these by mean and variance (N, J).
@@ -79,9 +95,9 @@ class Linearized:
         by_ratio = -self._square * by_square
         slope = np.maximum(self._slope, _LEAST_SLOPE)
         d_y = self._transposed(by_mean, by_variance, -by_ratio * self._ratio / slope)
-        d_noise = 2.0 * (
-            self.noise_sd * by_variance.sum(1) + by_ratio * self._ratio / self.noise_sd
-        )
+        d_noise = 2.0 * self.noise_sd * by_variance.sum(1)
+        if self.noise_sd > 0.0:
+            d_noise += 2.0 * by_ratio * self._ratio / self.noise_sd
         return d_y, d_noise
 
     def _transposed(self, by_mean: Array, by_variance: Array, by_slope: Array) -> Array:
@@ -129,6 +145,10 @@ class Linearized:
         """sum_ik H_ik^2"""
         squares = sum(bend**2 for bend in self._bends)
         return np.asarray(squares + 2.0 * sum(twist**2 for twist in self._twists.values()))
+
+    @cached_property
+    def _spread(self) -> Array:
+        return self.noise_sd**2 + self._square[:, None] * self._steepness + self._curved
 
     @cached_property
     def _curved(self) -> Array:

@@ -10,6 +10,10 @@ import numpy as np
 from aleator.densities.interface import FAILED_SOLVE_PENALTY, FARTHEST, SMALLEST_SD, Array
 from aleator.errors import InputsError
 
+BEYOND = 40.0
+"""Logarithm by which the continuation lies under a density: the last node of a grid of the germ
+has a density e^-33 or more, so that only where there are no nodes the continuation is above."""
+
 
 @dataclass(frozen=True)
 class NodeNormal:
@@ -51,6 +55,25 @@ class NodeNormal:
         u = np.clip((outcome - self.mean) / self.sd, -FARTHEST, FARTHEST)
         value = -0.5 * u**2 - np.log(self.sd) - 0.5 * np.log(2.0 * np.pi) - FAILED_SOLVE_PENALTY
         return value, *self.chain(u / self.sd, (u**2 - 1.0) / self.sd)
+
+    def beyond(self, outcome: Array) -> tuple[Array, Array]:
+        """What a search sees where the nodes end: -BEYOND - log sd - u^2/18, (N, G), with its u.
+
+        u = (outcome - mean)/sd for outcomes (N, G).
+        """
+        sd = self.sd[:, None]
+        with np.errstate(over="ignore"):
+            u = np.clip((outcome - self.mean[:, None]) / sd, -FARTHEST, FARTHEST)
+        return -BEYOND - np.log(sd) - (u / 3.0) ** 2 / 2.0, u
+
+    def lifted(self, outcome: Array, value: Array, d_y: Array) -> tuple[Array, Array]:
+        """log(exp(value) + exp(beyond)) (N,) at the outcome (N,), and its partials (N, J) by y."""
+        far, u = (found[:, 0] for found in self.beyond(outcome[:, None]))
+        total = np.logaddexp(value, far)
+        share = np.exp(far - total)
+        by_mean, by_sd = share * u / (9.0 * self.sd), share * (u**2 / 9.0 - 1.0) / self.sd
+        own = np.exp(value - total)[:, None] * d_y
+        return total, own + self.chain(by_mean, by_sd)[0]
 
 
 def check_weights(weights: Array, name: str) -> None:
