@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from aleator.cubature import GermGrid, Smolyak, SobolPoints
-from aleator.densities import Gaussian, MaximumEntropy
+from aleator.densities import Convolution, Gaussian, MaximumEntropy
 from aleator.errors import AleatorError, ExperimentsError, SimulatorError, StudyError
 from aleator.expansion import Regression, SparseProjection
 from aleator.indices import Hyperbolic, TotalDegree
@@ -100,7 +100,7 @@ def test_the_least_study_has_defaults_for_the_rest(folder: Path) -> None:
     assert (study.title, study.seed, study.noise) == ("", 0, None)
     assert study.inputs.laws["offset"] == Constant(0.0)
     assert study.density is None
-    assert study.model.density == MaximumEntropy(4)
+    assert study.model.density == Convolution()
     assert study.search.starts == 10
     assert study.verification.samples == 1000
 

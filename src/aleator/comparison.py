@@ -1,4 +1,4 @@
-"""How far each density fitted to moments is from the exact one, where noise makes it known."""
+"""How far each density fitted to moments is from the exact one, where nodes make it known."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from aleator.densities import (
 )
 from aleator.identification import DensityDistance
 from aleator.likelihood import Likelihood
-from aleator.problem import Problem
+from aleator.problem import MOST_ON_LATTICE, Problem
 from aleator.propagation import QuadraturePropagation, default_cubature
 
 Array = NDArray[np.float64]
@@ -38,17 +38,19 @@ POINTS = 401
 def density_distances(problem: Problem, alpha: Array) -> tuple[DensityDistance, ...]:
     """Each moment density against the convolution at alpha, all from the same surfaces.
 
-    Empty without noise, without surfaces, or where the nodes cannot resolve the noise. Cost: a fit
-    of each density, and the distances of at most 25 experiments.
+    Empty without surfaces, without both noise and a lattice of nodes, or where the nodes cannot
+    resolve the density or do not reach an outcome. Cost: a fit of each density, and the distances
+    of at most 25 experiments.
     """
     likelihood, inputs = problem.likelihood, problem.model.inputs
-    if not likelihood.noisy or problem.surface is None:
+    on_lattice = 1 <= inputs.scattering <= MOST_ON_LATTICE
+    if problem.surface is None or not (likelihood.noisy or on_lattice):
         return ()
     cubature = default_cubature(inputs, Convolution(), runs=False)
     grid = QuadraturePropagation(inputs, problem.response, cubature)
     exact = replace(likelihood, density=Convolution(), propagation=grid)
     reference = exact.evaluate(alpha)
-    if np.any(reference.status != Status.SOLVED):
+    if np.any(reference.status != Status.SOLVED) or not np.isfinite(reference.total):
         return ()
     chosen = np.unique(np.linspace(0, likelihood.outcomes.size - 1, MOST).astype(np.intp))
     few = _only(exact, chosen)

@@ -41,7 +41,7 @@ class ParameterCorrelation:
 
 @dataclass(frozen=True)
 class DensityDistance:
-    """A density fitted to moments against the exact one of the noisy outcome, at the answer.
+    """A density fitted to moments against the exact one of the outcome, at the answer.
 
     `log_likelihood` is the difference of the log-likelihoods, `mean` and `worst` the earth mover's
     distance over the outcome's standard deviation, averaged over experiments and the largest;

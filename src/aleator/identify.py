@@ -27,7 +27,7 @@ from aleator.identification import Identification
 from aleator.inference import Inference, infer
 from aleator.inputs import Inputs
 from aleator.noise import Noise
-from aleator.problem import Model, Problem, default_density, prepare
+from aleator.problem import Model, Problem, default_density, has_lattice, prepare
 from aleator.profile import Profile, profile_intervals
 from aleator.progress import Progress, Silent
 from aleator.propagation import Collocation
@@ -74,11 +74,12 @@ def identify(
     `simulator` takes conditions and parameters by keyword and returns the outcome: once a run
     with floats, or with arrays of R runs if `vectorized`. `experiments` is an `Experiments`, or a
     data frame whose column `outcome` is the measured outcome and whose other columns are
-    conditions. `density` None is the exact convolution with the noise where there is noise (and
-    response surfaces), unless the nodes turn out too few for it; else maximum entropy of four
-    moments. Raises AleatorError for input that cannot be used; failures of numerics are
-    statuses and warnings on the result. Cost: the runs of the surfaces and of the verification,
-    and some milliseconds for each of some hundred evaluations of the likelihood.
+    conditions. `density` None is the density of the outcome itself (`Convolution`) where there are
+    response surfaces, and noise or up to three scattering parameters, unless the nodes turn out
+    too few for it; else maximum entropy of four moments. Raises AleatorError for input that cannot
+    be used; failures of numerics are statuses and warnings on the result. Cost: the runs of the
+    surfaces and of the verification, and some milliseconds for each of some hundred evaluations of
+    the likelihood.
 
     >>> from aleator.laws import Free, Normal
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
@@ -91,7 +92,7 @@ def identify(
     """
     table = _experiments(experiments, outcome)
     runner = as_runner(simulator, table, inputs.names, vectorized)
-    chosen = density or default_density(noise, propagation)
+    chosen = density or default_density(inputs, noise, propagation)
     model = Model(inputs, noise, propagation, chosen)
     _check_count(table, model)
     ledger = Ledger(runner, progress or Silent())
@@ -136,7 +137,7 @@ def _answered(
     With `moments` an answer that the nodes cannot resolve is left to four moments.
     """
     problem, baselines, found = _focused_search(runner, table, model, search, seed, ledger)
-    if moments and _too_coarse(problem, found.alpha):
+    if moments and _moments_serve(problem, found.alpha):
         runner.know(runner.completed)
         model = replace(model, density=MaximumEntropy(order=4))
         return _answered(runner, table, model, search, seed, ledger, moments=False)
@@ -155,13 +156,24 @@ def _answered(
     return _Answer(problem, found, inference, profile, baselines)
 
 
-def _too_coarse(problem: Problem, alpha: Array) -> bool:
-    """Whether a density over nodes needs more of them: by its status, or because more change it."""
+def _moments_serve(problem: Problem, alpha: Array) -> bool:
+    """Whether a density over nodes needs more of them, so that four moments do better.
+
+    By its status, or because more nodes change it; without noise four moments have to be nearer to
+    what more nodes give.
+    """
     if not isinstance(problem.model.density, NodeDensity):
         return False
-    coarse = np.any(problem.likelihood.fit(alpha).status == Status.TOO_COARSE)
-    allowed = max(COARSE, 1e-3 * problem.likelihood.outcomes.size)
-    return bool(coarse) or abs(findings.quadrature_gap(problem, alpha)) > allowed
+    likelihood = problem.likelihood
+    if np.any(likelihood.fit(alpha).status == Status.TOO_COARSE):
+        return True
+    gap = findings.quadrature_gap(problem, alpha)
+    if abs(gap) <= max(COARSE, 1e-3 * likelihood.outcomes.size):
+        return False
+    if likelihood.noisy:
+        return True
+    of_moments = replace(likelihood, density=MaximumEntropy(order=4)).evaluate(alpha)
+    return abs(of_moments.total - likelihood.evaluate(alpha).total - gap) < abs(gap)
 
 
 class Ledger:
@@ -304,9 +316,11 @@ def _check_count(table: Experiments, model: Model) -> None:
             f"{len(table.ids)} experiments cannot identify {free} hyperparameters",
             "fix some hyperparameters, or add experiments (ten for each is a start)",
         )
-    if isinstance(model.density, Convolution) and model.noise is None:
+    lattice = has_lattice(model.inputs, model.propagation)
+    if isinstance(model.density, Convolution) and model.noise is None and not lattice:
         raise InputsError(
-            "the convolution is a density of outcome plus noise, and there is no noise",
+            "without noise the convolution needs nodes on a lattice: response surfaces, up to "
+            "three scattering parameters, and nodes that are left out or a number",
             "add noise ([noise] sd, or noise=Noise(...)), or take MaximumEntropy or LogSpline",
         )
     if model.inputs.scattering == 0 and model.noise is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+from aleator.errors import InputsError
 from aleator.laws import Hyperparameter, Specification, resolve
 
 
@@ -13,7 +14,8 @@ class Noise:
     """Measured outcome = simulated outcome + e, e ~ Normal(0, sd^2), independent per experiment.
 
     `sd` carries the unit of the outcome: a number (known) or `Free(lower, upper)` (identified,
-    both limits needed). Raises InputsError where the limits are missing or out of order.
+    both limits needed). Raises InputsError where it is zero, or the limits are missing or out of
+    order.
 
     >>> Noise(0.002).hyperparameter.name
     'noise.sd'
@@ -23,9 +25,11 @@ class Noise:
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
+        if self.sd == 0:
+            raise InputsError("noise: sd = 0 is no noise", "leave the noise out")
         _ = self.hyperparameter
 
     @cached_property
     def hyperparameter(self) -> Hyperparameter:
         """The one hyperparameter, `noise.sd`."""
-        return resolve("sd", self.sd, (None, None), positive=True, zero=True).named("noise")
+        return resolve("sd", self.sd, (None, None), positive=True).named("noise")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aleator.densities import Density, NodeDensity, Status
+from aleator.densities import Density, MaximumEntropy, NodeDensity, Status
 from aleator.errors import InputsError, nearest
 from aleator.experiments import Conditions
 from aleator.focus import own_region
@@ -55,13 +56,17 @@ def predict(
     [[10.0, 1.0, 10.0]]
     """
     table = conditions if isinstance(conditions, Conditions) else Conditions.from_frame(conditions)
-    model = Model(inputs, noise, propagation, density or default_density(noise, propagation))
+    chosen = density or default_density(inputs, noise, propagation)
+    model = Model(inputs, noise, propagation, chosen)
     values = _in_order(model, alpha)
     runner = as_runner(simulator, table, inputs.names, vectorized)
     # there is no outcome to look at: any finite number will do where the likelihood wants one
     region = own_region(inputs, values)
     problem = prepare(runner, np.zeros(len(table.ids)), model, region, progress)
-    moments, fitted = problem.likelihood.moments(values), problem.likelihood.fit(values)
+    likelihood = problem.likelihood
+    moments, fitted = likelihood.moments(values), likelihood.fit(values)
+    if density is None and np.any(fitted.status == Status.TOO_COARSE):
+        fitted = replace(likelihood, density=MaximumEntropy(order=4)).fit(values)
     found = fitted.quantile(np.array(quantiles))
     columns: dict[str, Any] = {
         "id": list(table.ids),

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.cubature import Cubature, TensorGauss
+from aleator.cubature import Cubature, GermGrid, TensorGauss
 from aleator.densities import Convolution, Density, MaximumEntropy, NodeDensity
 from aleator.errors import InputsError
 from aleator.expansion import Regression
@@ -45,6 +45,9 @@ SHARES = (12.0, 24.0)
 DEGREES = (2, 3, 4)
 """Degrees of the expansions that are tried in many parameters, with one more to compare."""
 
+MOST_ON_LATTICE = 3
+"""Scattering parameters up to which the nodes of a density over nodes are a lattice."""
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -70,20 +73,35 @@ class Model:
 
 
 def default_density(
-    noise: Noise | None, propagation: ResponseSurface | Collocation
+    inputs: Inputs, noise: Noise | None, propagation: ResponseSurface | Collocation
 ) -> Density | NodeDensity:
     """The density where the user does not choose one.
 
-    The convolution where there is noise and nodes cost no run: it is exact. Else maximum entropy
-    of four moments.
+    The convolution where nodes cost no run, and there is noise or they are a lattice: it is exact.
+    Else maximum entropy of four moments.
 
-    >>> default_density(None, ResponseSurface()).name, default_density(
-    ...     Noise(0.1), ResponseSurface()).name
-    ('maximum_entropy(4)', 'convolution')
+    >>> from aleator.laws import Normal
+    >>> inputs = Inputs({"x": Normal(0.0, 1.0)})
+    >>> default_density(inputs, None, ResponseSurface()).name, default_density(
+    ...     inputs, None, Collocation()).name
+    ('convolution', 'maximum_entropy(4)')
     """
-    if noise is not None and isinstance(propagation, ResponseSurface):
+    surfaces = isinstance(propagation, ResponseSurface)
+    if surfaces and (
+        noise is not None or (inputs.scattering == 1 and has_lattice(inputs, propagation))
+    ):
         return Convolution()
     return MaximumEntropy(order=4)
+
+
+def has_lattice(inputs: Inputs, propagation: ResponseSurface | Collocation) -> bool:
+    """Whether a density over nodes gets a lattice of them, which it needs without noise.
+
+    A number of nodes a dimension is one of such a lattice; other nodes carry none.
+    """
+    if isinstance(propagation, Collocation) or not 1 <= inputs.scattering <= MOST_ON_LATTICE:
+        return False
+    return propagation.nodes is None or isinstance(propagation.nodes, int | GermGrid)
 
 
 @dataclass(frozen=True)
@@ -159,9 +177,13 @@ def _surface_propagation(
 ) -> QuadraturePropagation | ExpandedPropagation:
     """Nodes cost no run here: as many as are of use."""
     inputs = model.inputs
-    if chosen is not None:
+    own = isinstance(model.density, NodeDensity) and isinstance(chosen, int)
+    if chosen is not None and not own:
         return QuadraturePropagation(inputs, response, as_cubature(chosen))
     cubature = default_cubature(inputs, model.density, runs=False)
+    if isinstance(cubature, GermGrid) and isinstance(chosen, int):
+        # of a Gauss rule, no less than what such a density asks for
+        cubature = GermGrid(max(cubature.per_dimension, chosen))
     way = QuadraturePropagation(inputs, response, cubature)
     order = _order(model.density)
     if isinstance(cubature, TensorGauss):

@@ -17,6 +17,8 @@ from aleator import (
     LogNormal,
     MonteCarlo,
     Noise,
+    ResponseSurface,
+    SobolPoints,
     identify,
 )
 from aleator.errors import InputsError
@@ -65,10 +67,13 @@ def test_noise_of_a_thousandth_of_the_scatter_is_found_exactly() -> None:
     assert found.log_likelihood.estimated == pytest.approx(exact, abs=0.02)
 
 
-def test_a_convolution_needs_noise() -> None:
+def test_a_convolution_without_noise_needs_a_lattice() -> None:
     problem = replace(NOISY, noise=None)
-    with pytest.raises(InputsError, match="there is no noise"):
-        identified(problem, problem.draw(0, np.array([0.8, 0.4])), density=Convolution())
+    with pytest.raises(InputsError, match="without noise the convolution needs nodes on a lattice"):
+        identified(
+            problem, problem.draw(0, np.array([0.8, 0.4])), density=Convolution(),
+            propagation=ResponseSurface(nodes=SobolPoints(256)),
+        )  # fmt: skip
 
 
 def log_saturation(alpha: np.ndarray, z: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from aleator.identification import Warning
 from aleator.inference import Inference
 from aleator.laws import Hyperparameter
 from aleator.likelihood import LogLikelihood
-from aleator.problem import Problem
+from aleator.problem import Problem, has_lattice
 from aleator.verification import FEW_SAMPLES, Movement, Verification, movement
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ def notes(
         step = movement(checked.score, inference.free, inference.standard_error)
     return [
         *_unseen(checked, inference, problem, alpha, ids),
-        *_total(honest, checked, step),
+        *_total(honest, checked, step, problem),
         *_moves(step, inference, problem),
     ]
 
@@ -121,7 +121,9 @@ def _without(rows: NDArray[np.intp], inference: Inference, problem: Problem, alp
     return float(np.max(np.abs(step) / inference.standard_error[free]))
 
 
-def _total(honest: LogLikelihood, checked: Verification, step: Movement | None) -> list[Warning]:
+def _total(
+    honest: LogLikelihood, checked: Verification, step: Movement | None, problem: Problem
+) -> list[Warning]:
     gap = float(np.sum(honest.each[checked.reached])) - checked.total
     allowed = max(0.1 + 0.002 * honest.each.size, 4.0 * checked.standard_error)
     if abs(gap) <= allowed:
@@ -134,7 +136,7 @@ def _total(honest: LogLikelihood, checked: Verification, step: Movement | None) 
         Warning(
             "verification",
             f"the log-likelihood differs from Monte Carlo on the simulator by {gap:.2g}: {meaning}",
-            "compare with a higher order of the density, and with collocation",
+            _remedy(problem),
         )
     ]
 
@@ -161,6 +163,7 @@ def _size(step: float) -> str:
 def _remedy(problem: Problem) -> str:
     if isinstance(problem.model.density, Convolution):
         return "lower the tolerance of the surface, or take more points of the convolution"
-    if problem.model.noise is not None:
-        return 'take density.kind = "convolution", which is exact with noise, or a higher order'
+    model = problem.model
+    if model.noise is not None or has_lattice(model.inputs, model.propagation):
+        return 'take density.kind = "convolution", which is exact, or a higher order'
     return 'take a higher order (6) or density.kind = "logspline", and compare'

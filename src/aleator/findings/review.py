@@ -32,8 +32,8 @@ LARGEST_EDM = 1e-3
 """Distance to the maximum, in log-likelihood, that still counts as arrived."""
 MOMENTS_STAND_IN = Warning(
     "density",
-    "the noise is too small, or the outcome bends too much, for the nodes of the exact density, so "
-    "that four moments of the noisy outcome stand in",
+    "the outcome bends too much, or the noise is too small, for the nodes of the exact density, so "
+    "that four moments of the outcome stand in",
     'compare with kind = "maximum_entropy" of order 6, or with kind = "logspline"',
 )
 LARGEST_QUADRATURE_GAP = 0.1

@@ -61,13 +61,11 @@ def resolve(
     default: tuple[float | None, float | None],
     *,
     positive: bool = False,
-    zero: bool = False,
 ) -> Hyperparameter:
     """Fill a specification's gaps from the law's default limits, and check it.
 
-    `zero` admits a number that is zero although it must be positive. Raises InputsError where a
-    limit is missing, not finite, out of order, or not positive although it must be, and where the
-    start lies outside the limits.
+    Raises InputsError where a limit is missing, not finite, out of order, or not positive although
+    it must be, and where the start lies outside the limits.
     """
     if not isinstance(specification, Free):
         if not isinstance(specification, Real):
@@ -79,7 +77,7 @@ def resolve(
         _require(math.isfinite(value), f"{name} = {value} is not finite", "give a finite number")
         if positive:
             _require(value >= 0.0, f"{name} = {value} is negative", "give a number > 0")
-            _require(zero or value > 0.0, f"{name} = 0: no scatter", "use Constant instead")
+            _require(value > 0.0, f"{name} = 0: no scatter", "use Constant instead")
         return Hyperparameter(name, value, value, value, free=False, log=positive)
     lower = default[0] if specification.lower is None else float(specification.lower)
     upper = default[1] if specification.upper is None else float(specification.upper)

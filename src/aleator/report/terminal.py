@@ -239,7 +239,7 @@ def _densities(result: Result) -> RenderableType | None:
             f"{row['mean']:.2g}",
             f"no solution for {failed} experiments, a stand-in there" if failed else "",
         )
-    head = "Against the exact density of the noisy outcome; distances in standard deviations:"
+    head = "Against the exact density of the outcome; distances in standard deviations:"
     return Group(Text(head), table)
 
 

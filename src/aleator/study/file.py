@@ -54,7 +54,7 @@ class Study:
     @property
     def model(self) -> Model:
         """The choices that, with a simulator and a table, make a likelihood."""
-        density = self.density or default_density(self.noise, self.propagation)
+        density = self.density or default_density(self.inputs, self.noise, self.propagation)
         return Model(self.inputs, self.noise, self.propagation, density)
 
     def overridden(
