@@ -240,7 +240,7 @@ def test_runs_through_the_runner_and_keeps_what_completed_before_a_failure(tmp_p
     with pytest.raises(SimulatorError) as error:
         run([0, 0, 0], [[5.0], [3.0], [6.0]])
     assert error.value.problem.startswith(
-        "simulator 'program' raised for experiment 'a' with x=3: it ended with exit code 7 (kept in"
+        "simulator 'program' failed for experiment 'a' with x=3: it ended with exit code 7 (kept in"
     )
     assert error.value.problem.endswith("its log ends: no convergence")
     assert run.completed.outcome.tolist()[:3] == [1.0, 2.0, 5.0]

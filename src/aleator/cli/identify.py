@@ -18,6 +18,7 @@ from aleator.cli.program import (
     name_of,
     outcome_of,
     running,
+    say,
     shown,
 )
 from aleator.plot.identification import save_figures
@@ -108,10 +109,13 @@ def identify(
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     folder = output or Path("out") / name_of(study)
     documents.make_folder(folder)
+    for line in () if quiet else value.told():
+        say(f"{value.simulator.name}, {line}")
     with running(value, store, no_store, quiet) as runner, shown(quiet) as progress:
         result = identified(value, runner, progress)
+    called = {"simulator": {"name": value.simulator.name, "notes": value.told()}}
     document = documents.linked(
-        result.to_dict(), value.title, study, value.sha256, outcome_of(value), folder
+        result.to_dict() | called, value.title, study, value.sha256, outcome_of(value), folder
     )
     documents.write_json(document, folder / IDENTIFICATION)
     files = [str(folder / IDENTIFICATION)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -104,7 +104,7 @@ def running(
         raise AleatorError("--store and --no-store contradict each other", "leave one of them out")
     with nullcontext() if no_store else Store(store or study.store) as kept:
         runner = study.runner(conditions, kept)
-        with keeping(runner.kept, str(study.file), None if quiet else say):
+        with closing(study), keeping(runner.kept, str(study.file), None if quiet else say):
             yield runner
 
 

@@ -16,8 +16,8 @@ from aleator.errors import AleatorError
 # What a reader looks for first comes first; keys that are not named here follow as they came.
 _ORDER = (
     "title", "study", "accepted", "alpha", "correlation", "parameter_correlations",
-    "log_likelihood", "baselines",
-    "warnings", "density", "propagation", "search", "surface", "runs", "runs_by_stage",
+    "log_likelihood", "baselines", "warnings", "simulator",
+    "density", "propagation", "search", "surface", "runs", "runs_by_stage",
     "experiments", "seed", "versions", "seconds",
 )  # fmt: skip
 _NEEDED = ("alpha", "log_likelihood", "experiments")

@@ -290,6 +290,9 @@ def _effort(result: Result) -> RenderableType:
 
 def _efforts(result: Result) -> Iterator[tuple[str, str]]:
     search, surface = result.get("search"), result.get("surface")
+    simulator = result.get("simulator") or {}
+    if simulator.get("notes"):
+        yield "simulator", "\n".join([str(simulator.get("name", "")), *simulator["notes"]])
     if search:
         optima = [
             f"{_fixed(optimum.get('log_likelihood'))} ({_count(optimum.get('starts', 0), 'start')})"

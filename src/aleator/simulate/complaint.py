@@ -56,10 +56,13 @@ class Complaint:
                 "set vectorized = false if it computes one run at a time (as float() and the "
                 "functions of math do); else let it take arrays, with the functions of numpy",
             )
+        what, who = (
+            ("failed", "simulator") if failure.kind == "RunFailed" else ("raised", "function")
+        )
         return NoOutcome(
-            f"simulator '{self.simulator}' raised for experiment '{self.ids[at]}' with "
+            f"simulator '{self.simulator}' {what} for experiment '{self.ids[at]}' with "
             f"{self.at(x)}: {_told(failure)}",
-            f"mend the function for the conditions {self.values(at)}{self._texts()}",
+            f"mend the {who} for the conditions {self.values(at)}{self._texts()}",
             x[None, :],
         )
 

@@ -22,6 +22,7 @@ from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
 from aleator.search import GradientMultistart, Search
 from aleator.simulate import Runner, Simulator, Store
+from aleator.simulate.fmu import FMUSimulator
 from aleator.study.sections import ExperimentsSection, StudyFile, pairs
 from aleator.verification import MonteCarlo
 
@@ -80,6 +81,21 @@ class Study:
         table = conditions or self.experiments
         return Runner(self.simulator, table, self.inputs.names, store=store)
 
+    def told(self) -> tuple[str, ...]:
+        """What its user should know of the simulator: how an FMU is bound, and how runs of it went.
+
+        Empty for what has nothing to tell.
+        """
+        if not isinstance(self.simulator, FMUSimulator):
+            return ()
+        tried = [*map(str, self.experiments.conditions.columns)]
+        return (*self.simulator.bindings(tried, self.inputs.names), *self.simulator.notes)
+
+    def close(self) -> None:
+        """End the processes that the simulator holds; a later run starts them again."""
+        if isinstance(self.simulator, FMUSimulator):
+            self.simulator.close()
+
     def read_conditions(self, path: str | Path) -> Conditions:
         """Read a table of new conditions, written as the study's table is; it has no outcomes.
 
@@ -114,17 +130,22 @@ def load_study(path: str | Path) -> Study:
     except ValidationError as error:
         raise _study_error(error, document, path) from None
     study = _build(file, path, hashlib.sha256(raw).hexdigest())
-    study.runner()
+    _made(path, file.simulator.key, study.runner)
     return study
+
+
+def _made(path: Path, key: str, make: Callable[[], T]) -> T:
+    """What a section makes; its errors tell the key."""
+    try:
+        return make()
+    except AleatorError as error:
+        kind = SimulatorError if isinstance(error, SimulatorError) else StudyError
+        raise kind(f"{path}: key '{key}': {error.problem}", error.remedy) from error
 
 
 def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     def made(key: str, make: Callable[[], T]) -> T:
-        try:
-            return make()
-        except AleatorError as error:
-            kind = SimulatorError if isinstance(error, SimulatorError) else StudyError
-            raise kind(f"{path}: key '{key}': {error.problem}", error.remedy) from error
+        return _made(path, key, make)
 
     table = file.experiments
     laws = {

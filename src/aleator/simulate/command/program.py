@@ -70,9 +70,11 @@ class Program:
 
     @property
     def name(self) -> str:
-        """What messages call the program."""
+        """What messages call the program: "solver", or with its script "python3 model.py"."""
         text = self.texts[0].fill(_Shown())
-        return Path(text.split()[0] if self.shell else text).name
+        own = Path(text.split()[0] if self.shell else text).name
+        named = [] if self.shell else [path.name for path in self.files()[1:] if path.name != own]
+        return " ".join([own, *named[:1]])
 
     def arguments(self, values: Values) -> list[str]:
         """What is started, with the values in place; in a shell each value is quoted."""

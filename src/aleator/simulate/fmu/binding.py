@@ -73,6 +73,22 @@ class Binding:
             for name, cell in cells.items()
         }
 
+    def told(self, names: Sequence[str]) -> str:
+        """Conditions or parameters with the variable of each where its name differs, and its unit.
+
+        >>> from pathlib import Path
+        >>> k = Variable("spring.k", "Real", "parameter", "fixed", "exact", unit="N/mm")
+        >>> fmu = Description(Path("a.fmu"), "2.0", (), {k.name: k}, None, None, None, None, False)
+        >>> Binding(fmu, {"stiffness": "spring.k"}).told(["stiffness"])
+        'stiffness = spring.k [N/mm]'
+        """
+        words = []
+        for name in names:
+            variable = self.variable(name)
+            other = "" if variable.name == name else f" = {variable.name}"
+            words.append(f"{name}{other}{f' [{variable.unit}]' if variable.unit else ''}")
+        return ", ".join(words)
+
     def _check_parameter(self, name: str) -> None:
         variable = self.names.get(name, name)
         if variable not in self.fmu.variables:

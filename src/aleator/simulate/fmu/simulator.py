@@ -148,6 +148,24 @@ class FMUSimulator:
         """What a user should know of how the runs went: a reset that was given up."""
         return tuple(self._notes)
 
+    def bindings(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
+        """How it is run, which variables are set and recorded, with units, and what is not passed.
+
+        Raises SimulatorError as `asks` does.
+        """
+        asked = self.asks(conditions, parameters)
+        course = self.course
+        kind = "co-simulation" if course.kind == "co_simulation" else "model exchange"
+        span = f"{course.start_time:g} to {course.stop_time:g} s in steps of {course.step:g} s"
+        recorded = (self.fmu.variables[name] for name in self._records)
+        units = (f"{v.name} [{v.unit}]" if v.unit else v.name for v in recorded)
+        lines = [f"FMI {self.fmu.version}, {kind} from {span}, recorded: {', '.join(units)}"]
+        for what, names in (("conditions", asked), ("parameters", parameters)):
+            lines.append(f"{what}: {self._binding.told(names) or 'none'}")
+        if left := [name for name in conditions if name not in asked]:
+            lines.append(f"no variables of the FMU, hence not passed: {', '.join(left)}")
+        return tuple(lines)
+
     def describe(self) -> str:
         """The variables that can be set and those that can be recorded, with units."""
         chosen = [v for v in self.fmu.variables.values() if v.settable or v.causality == "output"]
