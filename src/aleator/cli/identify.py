@@ -97,10 +97,10 @@ def identify(
       [noise]       sd: normal measurement noise, a number or {lower = ..., upper = ...}
       [propagation] method = "response_surface" (tolerance = 0.005, max_runs = 1000, nodes)
                     or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
-      [density]     kind = "automatic": the convolution where there is noise and response
-                    surfaces, else maximum entropy of order 4. Or "maximum_entropy" (order),
-                    "gaussian", "gaussian_mixture", "convolution" (points = 400) or
-                    "logspline" (knots = 32, smoothing = 1e-5)
+      [density]     kind = "automatic": with response surfaces the convolution where there
+                    is noise or one scattering parameter, else maximum entropy of order 4.
+                    Or "maximum_entropy" (order), "gaussian", "gaussian_mixture",
+                    "convolution" (points = 400) or "logspline" (knots = 32, smoothing)
       [search]      method = "gradient" (starts = 10, evaluations = 60), "genetic",
                     "differential_evolution" or "cmaes"
       [verification] samples = 1000 simulator runs an experiment; 0 = off
