@@ -6,11 +6,13 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 import aleator
+from aleator.study.sections import StudyFile
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -21,9 +23,9 @@ PAGES = [
 LIMIT = 300.0  # s, of a block that hangs
 
 
-def blocks(text: str) -> list[str]:
+def blocks(text: str, kind: str = "bash") -> list[str]:
     """What stands between ```bash and ```, in the order of the page."""
-    return re.findall(r"^```bash\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
+    return re.findall(rf"^```{kind}\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
 
 
 @pytest.fixture
@@ -80,3 +82,9 @@ def test_three_simulators_lead_to_one_answer_and_so_does_a_killed_study(copy: Pa
         del answer["seconds"]
     assert found["resumed"] == found["command"]
     assert printed[-1] == "the same\n"
+
+
+def test_the_studies_for_other_tools_have_keys_that_exist() -> None:
+    page = (ROOT / "docs" / "tools.md").read_text(encoding="utf-8")
+    studies = [StudyFile.model_validate(tomllib.loads(text)) for text in blocks(page, "toml")]
+    assert [study.simulator.key for study in studies] == 6 * ["simulator"]
