@@ -8,6 +8,7 @@ import click
 from rich.console import Console
 
 from aleator.cli.program import FILE, SEED, keeps_runs, main, running, shown
+from aleator.cli.workers import PROCESSES
 from aleator.feasibility import feasible_box
 from aleator.report import box as report
 from aleator.report import documents
@@ -24,6 +25,7 @@ from aleator.study import load_study
 )
 @SEED
 @keeps_runs
+@PROCESSES
 @click.option("--quiet", is_flag=True, help="Do not show progress.")
 def box(
     study: Path,

@@ -21,6 +21,7 @@ from aleator.cli.program import (
     say,
     shown,
 )
+from aleator.cli.workers import PROCESSES
 from aleator.plot.identification import save_figures
 from aleator.report import documents, terminal
 from aleator.study import load_study
@@ -44,6 +45,7 @@ IDENTIFICATION = "identification.json"
 )
 @click.option("--no-verify", is_flag=True, help="Leave out the Monte Carlo check on the simulator.")
 @keeps_runs
+@PROCESSES
 @click.option("--no-figures", is_flag=True, help="Draw no figures.")
 @click.option("--quiet", is_flag=True, help="Print neither progress nor report, only errors.")
 def identify(

@@ -8,6 +8,7 @@ import click
 from rich.console import Console
 
 from aleator.cli.program import FILE, keeps_runs, main, outcome_of, running, shown
+from aleator.cli.workers import PROCESSES
 from aleator.prediction import predict as predict_outcomes
 from aleator.report import documents, terminal
 from aleator.study import load_study
@@ -32,6 +33,7 @@ from aleator.study import load_study
     help="The study file, if it is no longer where the identification says.",
 )
 @keeps_runs
+@PROCESSES
 @click.option("--quiet", is_flag=True, help="Do not show progress.")
 def predict(
     identification: Path,

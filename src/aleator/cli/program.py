@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import click
 from rich.console import Console
 
+from aleator.cli.workers import chosen_executor, on_clusters
 from aleator.errors import AleatorError
 from aleator.experiments import Conditions
 from aleator.identification import Identification
@@ -31,7 +32,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 def keeps_runs(command: Command) -> Command:
-    """Give a command the options that say where the simulator's runs are kept."""
+    """Give a command the options that say where the simulator's runs are made, and kept."""
     store = click.option(
         "--store",
         type=click.Path(path_type=Path, dir_okay=False),
@@ -39,7 +40,7 @@ def keeps_runs(command: Command) -> Command:
         help="Keep the runs there [default: the study's, runs.sqlite beside it].",
     )
     none = click.option("--no-store", is_flag=True, help="Keep no runs, and use none.")
-    return store(none(command))
+    return on_clusters(store(none(command)))
 
 
 class _Commands(click.Group):
@@ -91,6 +92,10 @@ def say(text: str) -> None:
     click.echo(f"aleator: {text}", err=True)
 
 
+def _silent(text: str) -> None:
+    """No note."""
+
+
 @contextmanager
 def running(
     study: Study,
@@ -99,11 +104,14 @@ def running(
     quiet: bool,
     conditions: Conditions | None = None,
 ) -> Iterator[Runner]:
-    """The study's simulator with the store of its runs, which is closed in the end."""
+    """The study's simulator with its workers and the store of its runs, closed in the end."""
     if no_store and store is not None:
         raise AleatorError("--store and --no-store contradict each other", "leave one of them out")
-    with nullcontext() if no_store else Store(store or study.store) as kept:
-        runner = study.runner(conditions, kept)
+    with (
+        chosen_executor(_silent if quiet else say) as executor,
+        nullcontext() if no_store else Store(store or study.store) as kept,
+    ):
+        runner = study.runner(conditions, kept, executor)
         with closing(study), keeping(runner.kept, str(study.file), None if quiet else say):
             yield runner
 

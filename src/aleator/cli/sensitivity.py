@@ -18,6 +18,7 @@ from aleator.cli.program import (
     running,
     shown,
 )
+from aleator.cli.workers import PROCESSES
 from aleator.plot.sensitivity import save_sensitivity
 from aleator.report import documents
 from aleator.report import sensitivity as report
@@ -45,6 +46,7 @@ from aleator.study import load_study
     help="Only these experiments [default: all].",
 )
 @keeps_runs
+@PROCESSES
 @click.option("--no-figures", is_flag=True, help="Draw no figure.")
 @click.option("--quiet", is_flag=True, help="Print neither progress nor tables, only errors.")
 def sensitivity(

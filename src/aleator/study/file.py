@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -72,14 +73,20 @@ class Study:
             verification=self.verification if verified else MonteCarlo(0),
         )
 
-    def runner(self, conditions: Conditions | None = None, store: Store | None = None) -> Runner:
+    def runner(
+        self,
+        conditions: Conditions | None = None,
+        store: Store | None = None,
+        executor: Executor | None = None,
+    ) -> Runner:
         """The simulator on the study's experiments, or on other conditions.
 
-        Runs are found in `store` and added to it; None keeps them in memory only. Raises
-        SimulatorError where the function does not take these conditions and parameters.
+        Runs are found in `store` and added to it; None keeps them in memory only. The workers of
+        `executor` make them; None makes them here. Raises SimulatorError where the function does
+        not take these conditions and parameters.
         """
         table = conditions or self.experiments
-        return Runner(self.simulator, table, self.inputs.names, store=store)
+        return Runner(self.simulator, table, self.inputs.names, store=store, executor=executor)
 
     def told(self) -> tuple[str, ...]:
         """What its user should know of the simulator: how an FMU is bound, and how runs of it went.

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from aleator.errors import nearest
-from aleator.simulate import FunctionSimulator, Simulator, load_function
+from aleator.simulate import FunctionSimulator, Simulator
 from aleator.simulate.command import (
     CommandSimulator,
     CsvFeed,
@@ -56,8 +56,7 @@ class FunctionSection(KindSection):
 
     def build(self, folder: Path) -> Simulator:
         """The library's simulator; `folder` is the study's."""
-        function = load_function(self.function, folder)
-        return FunctionSimulator(function, self.vectorized, self.version)
+        return FunctionSimulator.named(self.function, folder, self.vectorized, self.version)
 
 
 # Of each way to find a program's outcome: the library's choice, and the keys beside the way's own.
