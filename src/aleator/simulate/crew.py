@@ -124,7 +124,8 @@ class Crew:
 
     def _completed(self) -> Iterator[tuple[Ints, Work]]:
         ready, _ = wait(self._running, return_when=FIRST_COMPLETED)
-        for future in ready:
+        # What is done first: where an executor is lost its futures raise, and nothing comes after.
+        for future in sorted(ready, key=lambda future: future.exception() is not None):
             runs = self._running.pop(future)
             try:
                 done = future.result()

@@ -168,6 +168,8 @@ def _fault(packages: Mapping[str, Any]) -> str:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """No log of Dask on the terminal: what matters of it is told in one message."""
+    import distributed  # noqa: F401  # sets the levels of its loggers when it is imported
+
     loggers = [logging.getLogger(name) for name in _LOGGERS]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
