@@ -94,6 +94,12 @@ def found_with(density: Density | NodeDensity, nodes: int | Cubature | None) -> 
     )  # fmt: skip
 
 
+def test_of_an_outcome_without_density_nothing_is_said_of_the_nodes(monkeypatch) -> None:
+    module = importlib.import_module("aleator.findings.review")
+    monkeypatch.setattr(module, "quadrature_gap", lambda *_: float("nan"))
+    assert remedies(found_with(Convolution(), None), "quadrature") == []
+
+
 def test_too_few_nodes_are_told_and_more_of_them_end_it() -> None:
     few = found_with(MaximumEntropy(4), 4)
     assert remedies(few, "quadrature") == ["raise propagation.nodes, to 6"]

@@ -11,7 +11,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from aleator import Free, GradientMultistart, Identification, Inputs, MonteCarlo, Normal, identify
+from aleator import (
+    Free,
+    GradientMultistart,
+    Identification,
+    Inputs,
+    MaximumEntropy,
+    MonteCarlo,
+    Normal,
+    identify,
+)
 from aleator.verification import Verification
 
 Array = NDArray[np.float64]
@@ -24,7 +33,7 @@ def found_from(y: Array) -> Identification:
     law = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))})
     return identify(
         lambda x: x, pd.DataFrame({"y": y}), law, outcome="y", vectorized=True,
-        search=GradientMultistart(2), verification=MonteCarlo(1024),
+        density=MaximumEntropy(4), search=GradientMultistart(2), verification=MonteCarlo(1024),
     )  # fmt: skip
 
 

@@ -113,7 +113,8 @@ def _count_warnings(experiments: int, inference: Inference) -> list[Warning]:
 
 
 def _quadrature_warnings(gap: float, problem: Problem) -> list[Warning]:
-    if abs(gap) < LARGEST_QUADRATURE_GAP:
+    # of an outcome without density there is no difference, and it is told as such
+    if not np.isfinite(gap) or abs(gap) < LARGEST_QUADRATURE_GAP:
         return []
     return [
         Warning(
