@@ -190,6 +190,13 @@ if sys.argv[3] == "wait":
 """
 
 
+def assert_nothing_is_left(folder: Path) -> None:
+    deadline = time.monotonic() + 30.0
+    while list(folder.glob("aleator_fmu_*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert list(folder.glob("aleator_fmu_*")) == []
+
+
 @pytest.mark.parametrize(("isolated", "ending"), [("0", "end"), ("1", "wait")])
 def test_nothing_is_left_of_a_program_that_ends_or_is_killed(
     fmus: dict[int, Path], tmp_path: Path, isolated: str, ending: str
@@ -206,7 +213,30 @@ def test_nothing_is_left_of_a_program_that_ends_or_is_killed(
         program.send_signal(signal.SIGKILL)
     program.wait()
     program.stdout.close()
-    deadline = time.monotonic() + 30.0
-    while list(tmp_path.glob("aleator_fmu_*")) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert list(tmp_path.glob("aleator_fmu_*")) == []
+    assert_nothing_is_left(tmp_path)
+
+
+BUSY = """
+import sys
+from aleator.simulate.fmu import Course, Final, FMUSimulator
+simulator = FMUSimulator(sys.argv[1], Final("travel"), course=Course(stop_time=1.0, step=0.5))
+print(simulator.run_one({}, {"nap": 0.0}), flush=True)
+simulator.run_one({}, {"nap": 0.5})
+"""
+
+
+def test_nothing_is_left_of_a_program_that_is_killed_while_the_fmu_runs(
+    spring: Path, tmp_path: Path
+) -> None:
+    program = subprocess.Popen(
+        [sys.executable, "-c", BUSY, str(spring)],
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        stdout=subprocess.PIPE,
+    )
+    assert program.stdout is not None
+    assert float(program.stdout.readline()) == 0.5
+    time.sleep(0.2)
+    program.send_signal(signal.SIGKILL)
+    program.wait()
+    program.stdout.close()
+    assert_nothing_is_left(tmp_path)

@@ -320,17 +320,18 @@ def serve() -> None:
         reply("failed", str(error), getattr(error, "log", ""), True)
         shutil.rmtree(setup["folder"], ignore_errors=True)
         return
-    reply("ready")
-    while True:
-        try:
+    try:
+        reply("ready")
+        while True:
             values, logging = pickle.load(requests)
-        except EOFError:
-            break
-        try:
-            reply("done", session.run(values, logging), session.note)
-        except Failed as failure:
-            reply("failed", failure.message, failure.log, failure.fatal)
-    session.close()
+            try:
+                reply("done", session.run(values, logging), session.note)
+            except Failed as failure:
+                reply("failed", failure.message, failure.log, failure.fatal)
+    except (EOFError, BrokenPipeError):
+        pass  # whoever asked has closed the session, or was killed while the FMU ran
+    finally:
+        session.close()
 
 
 if __name__ == "__main__":
