@@ -96,9 +96,12 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "nothing": (model("None"), ["experiment 'A'", "returned None"]),
     "returns NaN": (
         model("load * softness if softness < 1 else float('nan')"),
-        ["returned nan for experiment 'A' with softness=", "narrow the box", "from above"],
+        ["too many to go on", "experiment 'A' with softness=", "it returned nan", "from above"],
     ),
-    "returns infinity": (model("float('inf')"), ["returned inf for experiment 'A'", "softness"]),
+    "returns infinity": (
+        model("float('inf')"),
+        ["runs failed", "experiment 'A' with softness=", "it returned inf"],
+    ),
     "unreachable outcome": (table("3.2", "9.9"), ["C", "9.9", "noise"]),
     "too few experiments": (
         lambda folder: (folder / "springs.csv").write_text("load,length\n1,1.1\n") and None,

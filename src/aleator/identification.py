@@ -104,6 +104,20 @@ class ExperimentReport:
 
 
 @dataclass(frozen=True)
+class FailureReport:
+    """Runs without an outcome: `runs` of the `needed`, in `experiments`, all within `region`.
+
+    `region` is a box, [lowest, highest] of each parameter; `message` is what the first one said.
+    """
+
+    runs: int
+    needed: int
+    experiments: tuple[str, ...]
+    region: Mapping[str, tuple[float, float]]
+    message: str
+
+
+@dataclass(frozen=True)
 class Identification:
     """An identified law: alpha with its uncertainty, its log-likelihood, and how it was found.
 
@@ -128,6 +142,7 @@ class Identification:
     runs_by_stage: Mapping[str, int]
     seconds: Mapping[str, float]
     seed: int
+    failures: FailureReport | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
     parameter_correlations: tuple[ParameterCorrelation, ...] = ()
     density_distances: tuple[DensityDistance, ...] = ()
@@ -151,6 +166,7 @@ class Identification:
             "propagation": self.propagation,
             "runs": self.runs,
             "runs_by_stage": dict(self.runs_by_stage),
+            "failures": None if self.failures is None else _failures(self.failures),
             "search": dict(self.search),
             "surface": None if self.surface is None else dict(self.surface),
             "baselines": dict(self.baselines),
@@ -164,3 +180,8 @@ class Identification:
 def _estimate(value: Estimate) -> dict[str, Any]:
     interval = None if value.interval is None else list(value.interval)
     return {**vars(value), "interval": interval}
+
+
+def _failures(report: FailureReport) -> dict[str, Any]:
+    region = {name: list(ends) for name, ends in report.region.items()}
+    return {**vars(report), "experiments": list(report.experiments), "region": region}

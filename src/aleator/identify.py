@@ -107,6 +107,7 @@ def identify(
     return summary.assemble(
         table, answer.problem, answer.found, answer.inference, answer.profile, checked,
         answer.baselines, seconds=ledger.seconds, runs_by_stage=ledger.runs, seed=seed,
+        failures=findings.failure_report(runner),
         notes=[findings.MOMENTS_STAND_IN] if answer.problem.model.density != chosen else [],
     )  # fmt: skip
 
@@ -291,7 +292,7 @@ def _verify(
     model, likelihood, surface = problem.model, problem.likelihood, problem.surface
     emulator = surface and SurfaceEmulator(surface, problem.region, problem.condition)
     return verify(
-        runner, model.inputs, alpha, model.noise_sd(alpha), likelihood.outcomes, choice,
+        runner.attempt, model.inputs, alpha, model.noise_sd(alpha), likelihood.outcomes, choice,
         seed=seed, lower=likelihood.lower, upper=likelihood.upper, emulator=emulator,
         steps=findings.score_steps(answer.inference, alpha, likelihood.hyperparameters),
         progress=ledger.progress,

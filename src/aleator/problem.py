@@ -141,7 +141,7 @@ def prepare(
     count, inputs = first.size, model.inputs
 
     def run(index: Indices, x: Array) -> Array:
-        return runner(first[index], x)
+        return runner.attempt(first[index], x)
 
     chosen = model.propagation
     surface: Surface | None

@@ -20,6 +20,7 @@ from aleator.identification import (
     QUANTILES,
     Estimate,
     ExperimentReport,
+    FailureReport,
     Identification,
     LogLikelihoodReport,
     ParameterCorrelation,
@@ -49,6 +50,7 @@ def assemble(
     seconds: Mapping[str, float],
     runs_by_stage: Mapping[str, int],
     seed: int,
+    failures: FailureReport | None = None,
     notes: Sequence[Warning] = (),
 ) -> Identification:
     """The Identification of a finished search of a table's experiments."""
@@ -73,7 +75,7 @@ def assemble(
         density=problem.model.density.name,
         propagation=problem.name,
         accepted=accepted,
-        warnings=(*warnings, *notes),
+        warnings=(*warnings, *findings.failure_warnings(failures), *notes),
         experiments=experiment_reports(problem.likelihood, alpha, ids, surface_error, checked),
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
@@ -82,6 +84,7 @@ def assemble(
         baselines=_baselines(*baselines, problem.model.inputs.names, hyperparameters),
         runs=sum(runs_by_stage.values()),
         runs_by_stage=runs_by_stage,
+        failures=failures,
         seconds={**seconds, "total": sum(seconds.values())},
         seed=seed,
         versions=_versions(),

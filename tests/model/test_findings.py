@@ -12,12 +12,9 @@ from problems import FRONTIER, REGRESSION, SAMPLE, log_frontier
 
 from aleator import (
     Collocation,
-    Free,
     Gaussian,
     Identification,
-    Inputs,
     MonteCarlo,
-    Normal,
     ResponseSurface,
     identify,
 )
@@ -123,26 +120,6 @@ def test_a_surface_that_stalls_and_one_that_ran_out_of_runs_are_told_apart() -> 
 
 
 # ------------------------------------------------------------------------------ simulators
-
-
-def test_a_law_that_reaches_beyond_the_simulator_is_given_the_box_that_mends_it() -> None:
-    def model(z: Array, x: Array) -> Array:
-        return z * np.sqrt(x)
-
-    z = np.linspace(1.0, 2.0, 20)
-    x = 1.5 + 0.1 * np.random.default_rng(0).standard_normal(20)
-    table = pd.DataFrame({"z": z, "y": model(z, x)})
-    wide = Inputs({"x": Normal(mean=Free(0.5, 2.0), sd=Free(0.05, 1.0))})
-    with pytest.raises(SimulatorError) as caught:
-        identify(model, table, wide, outcome="y", vectorized=True)
-    lines = [line.strip() for line in caught.value.remedy.splitlines()]
-    assert "[parameters.x]" in lines
-    assert 'law = "truncated_normal"' in lines
-    (box,) = (line for line in lines if line.startswith("box = "))
-    low, high = (float(end) for end in box.removeprefix("box = [").rstrip("]").split(","))
-    assert 0.0 <= low < 0.5
-    assert high > 2.0
-    assert "aleator box" in caught.value.remedy
 
 
 def test_a_simulator_that_draws_random_numbers_is_refused_at_once() -> None:

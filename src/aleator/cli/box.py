@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.program import FILE, SEED, keeps_runs, main, running, shown
-from aleator.cli.workers import PROCESSES
+from aleator.cli.program import FILE, SEED, main, shown
+from aleator.cli.running import RunOptions, makes_runs, running
 from aleator.feasibility import feasible_box
 from aleator.report import box as report
 from aleator.report import documents
@@ -24,16 +24,12 @@ from aleator.study import load_study
     help="Write DIR/box.json.",
 )
 @SEED
-@keeps_runs
-@PROCESSES
-@click.option("--quiet", is_flag=True, help="Do not show progress.")
+@makes_runs
 def box(
     study: Path,
     output: Path | None,
     seed: int | None,
-    store: Path | None,
-    no_store: bool,
-    quiet: bool,
+    options: RunOptions,
 ) -> None:
     """Find the largest box of the parameters in which every experiment has an outcome.
 
@@ -42,7 +38,7 @@ def box(
     box which experiment limits it, and where it failed.
     """
     value = load_study(study).overridden(seed)
-    with running(value, store, no_store, quiet) as runner, shown(quiet) as progress:
+    with running(value, options) as runner, shown(options.quiet) as progress:
         progress.stage("feasible box")
         found = feasible_box(runner, value.inputs, seed=value.seed, progress=progress)
     Console().print(report.render(found))

@@ -13,15 +13,12 @@ from aleator.cli.program import (
     SEED,
     can_draw,
     identified,
-    keeps_runs,
     main,
     name_of,
     outcome_of,
-    running,
-    say,
     shown,
 )
-from aleator.cli.workers import PROCESSES
+from aleator.cli.running import RunOptions, makes_runs, running, say
 from aleator.plot.identification import save_figures
 from aleator.report import documents, terminal
 from aleator.study import load_study
@@ -44,20 +41,16 @@ IDENTIFICATION = "identification.json"
     help="Starts of the gradient search [default: the study's].",
 )
 @click.option("--no-verify", is_flag=True, help="Leave out the Monte Carlo check on the simulator.")
-@keeps_runs
-@PROCESSES
+@makes_runs
 @click.option("--no-figures", is_flag=True, help="Draw no figures.")
-@click.option("--quiet", is_flag=True, help="Print neither progress nor report, only errors.")
 def identify(
     study: Path,
     output: Path | None,
     seed: int | None,
     starts: int | None,
     no_verify: bool,
-    store: Path | None,
-    no_store: bool,
     no_figures: bool,
-    quiet: bool,
+    options: RunOptions,
 ) -> None:
     """Identify the law that STUDY.toml asks for.
 
@@ -111,9 +104,9 @@ def identify(
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     folder = output or Path("out") / name_of(study)
     documents.make_folder(folder)
-    for line in () if quiet else value.told():
+    for line in () if options.quiet else value.told():
         say(f"{value.simulator.name}, {line}")
-    with running(value, store, no_store, quiet) as runner, shown(quiet) as progress:
+    with running(value, options) as runner, shown(options.quiet) as progress:
         result = identified(value, runner, progress)
     called = {"simulator": {"name": value.simulator.name, "notes": value.told()}}
     document = documents.linked(
@@ -122,8 +115,8 @@ def identify(
     documents.write_json(document, folder / IDENTIFICATION)
     files = [str(folder / IDENTIFICATION)]
     if not no_figures:
-        files += _figures(document, folder, quiet)
-    if not quiet:
+        files += _figures(document, folder, options.quiet)
+    if not options.quiet:
         Console().print(terminal.render(document, files))
 
 

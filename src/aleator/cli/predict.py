@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.program import FILE, keeps_runs, main, outcome_of, running, shown
-from aleator.cli.workers import PROCESSES
+from aleator.cli.program import FILE, main, outcome_of, shown
+from aleator.cli.running import RunOptions, makes_runs, running
 from aleator.prediction import predict as predict_outcomes
 from aleator.report import documents, terminal
 from aleator.study import load_study
@@ -32,17 +32,13 @@ from aleator.study import load_study
     metavar="STUDY.toml",
     help="The study file, if it is no longer where the identification says.",
 )
-@keeps_runs
-@PROCESSES
-@click.option("--quiet", is_flag=True, help="Do not show progress.")
+@makes_runs
 def predict(
     identification: Path,
     conditions: Path,
     output: Path | None,
     study: Path | None,
-    store: Path | None,
-    no_store: bool,
-    quiet: bool,
+    options: RunOptions,
 ) -> None:
     """Predict the outcome's distribution for conditions that were never tested.
 
@@ -57,7 +53,7 @@ def predict(
     if value.sha256 != (document.get("study") or {}).get("sha256"):
         click.echo(f"aleator: note: {value.file} has changed since the identification", err=True)
     table = value.read_conditions(conditions)
-    with running(value, store, no_store, quiet, table) as runner, shown(quiet) as progress:
+    with running(value, options, table) as runner, shown(options.quiet) as progress:
         progress.stage("prediction")
         found = predict_outcomes(
             runner,

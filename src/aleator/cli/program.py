@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 from rich.console import Console
 
-from aleator.cli.workers import chosen_executor, on_clusters
+from aleator.cli.running import say
 from aleator.errors import AleatorError
-from aleator.experiments import Conditions
 from aleator.identification import Identification
 from aleator.identify import identify as identify_law
 from aleator.progress import Progress, Silent
 from aleator.report import live
-from aleator.simulate import Runner, Store, keeping
+from aleator.simulate import Runner
 from aleator.study import Study
 
 STOPPED = 130  # what shells report for a program ended by Ctrl-C
@@ -27,20 +26,6 @@ FILE = click.Path(path_type=Path)
 SEED = click.option(
     "--seed", type=click.IntRange(min=0), help="Seed of everything random [default: the study's]."
 )
-
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-
-def keeps_runs(command: Command) -> Command:
-    """Give a command the options that say where the simulator's runs are made, and kept."""
-    store = click.option(
-        "--store",
-        type=click.Path(path_type=Path, dir_okay=False),
-        metavar="FILE",
-        help="Keep the runs there [default: the study's, runs.sqlite beside it].",
-    )
-    none = click.option("--no-store", is_flag=True, help="Keep no runs, and use none.")
-    return on_clusters(store(none(command)))
 
 
 class _Commands(click.Group):
@@ -85,35 +70,6 @@ def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = Fal
     if not (found or quiet):
         say(f"{missing} matplotlib, pip install 'aleator[plot]'")
     return found
-
-
-def say(text: str) -> None:
-    """A note on the standard error."""
-    click.echo(f"aleator: {text}", err=True)
-
-
-def _silent(text: str) -> None:
-    """No note."""
-
-
-@contextmanager
-def running(
-    study: Study,
-    store: Path | None,
-    no_store: bool,
-    quiet: bool,
-    conditions: Conditions | None = None,
-) -> Iterator[Runner]:
-    """The study's simulator with its workers and the store of its runs, closed in the end."""
-    if no_store and store is not None:
-        raise AleatorError("--store and --no-store contradict each other", "leave one of them out")
-    with (
-        chosen_executor(_silent if quiet else say) as executor,
-        nullcontext() if no_store else Store(store or study.store) as kept,
-    ):
-        runner = study.runner(conditions, kept, executor)
-        with closing(study), keeping(runner.kept, str(study.file), None if quiet else say):
-            yield runner
 
 
 def identified(study: Study, runner: Runner, progress: Progress) -> Identification:

@@ -8,7 +8,8 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.program import FILE, SEED, identified, keeps_runs, main, running, shown
+from aleator.cli.program import FILE, SEED, identified, main, shown
+from aleator.cli.running import RunOptions, makes_runs, running
 from aleator.errors import AleatorError, nearest
 from aleator.progress import Progress
 from aleator.recovery import recover as recover_law
@@ -25,11 +26,6 @@ from aleator.study import Study, load_study
     default=40,
     show_default=True,
     help="Number of virtual data sets.",
-)
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    help="Processes that identify at once; the answer is the same [default: one a core].",
 )
 @click.option(
     "--output",
@@ -50,19 +46,15 @@ from aleator.study import Study, load_study
     metavar="NAME=VALUE",
     help="The true value of one hyperparameter, such as v.sd=0.03; may be given several times.",
 )
-@keeps_runs
-@click.option("--quiet", is_flag=True, help="Do not show progress.")
+@makes_runs
 def recover(
     study: Path,
     replicates: int,
-    workers: int | None,
     output: Path | None,
     seed: int | None,
     law: Path | None,
     truth: tuple[str, ...],
-    store: Path | None,
-    no_store: bool,
-    quiet: bool,
+    options: RunOptions,
 ) -> None:
     """Check that the method finds a law that is known.
 
@@ -71,7 +63,7 @@ def recover(
     bias with its Monte Carlo error, the scatter, and how often the 95 % interval holds the truth.
     """
     value = load_study(study).overridden(seed, verified=False)
-    with running(value, store, no_store, quiet) as runner, shown(quiet) as progress:
+    with running(value, options) as runner, shown(options.quiet) as progress:
         alpha = _truth(value, runner, law, truth, progress)
         found = recover_law(
             runner,
@@ -80,7 +72,7 @@ def recover(
             alpha,
             replicates=replicates,
             seed=value.seed,
-            workers=workers or os.cpu_count() or 1,
+            workers=options.workers or os.cpu_count() or 1,
             progress=progress,
         )
     files = []

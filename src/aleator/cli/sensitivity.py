@@ -11,14 +11,12 @@ from aleator.cli.program import (
     FILE,
     SEED,
     can_draw,
-    keeps_runs,
     main,
     name_of,
     outcome_of,
-    running,
     shown,
 )
-from aleator.cli.workers import PROCESSES
+from aleator.cli.running import RunOptions, makes_runs, running
 from aleator.plot.sensitivity import save_sensitivity
 from aleator.report import documents
 from aleator.report import sensitivity as report
@@ -45,20 +43,16 @@ from aleator.study import load_study
     metavar="ID,ID,...",
     help="Only these experiments [default: all].",
 )
-@keeps_runs
-@PROCESSES
+@makes_runs
 @click.option("--no-figures", is_flag=True, help="Draw no figure.")
-@click.option("--quiet", is_flag=True, help="Print neither progress nor tables, only errors.")
 def sensitivity(
     study: Path,
     output: Path | None,
     seed: int | None,
     runs: int | None,
     experiments: str | None,
-    store: Path | None,
-    no_store: bool,
     no_figures: bool,
-    quiet: bool,
+    options: RunOptions,
 ) -> None:
     """Tell which parameters deserve a law: whose scatter moves the outcome, and whose acts alike.
 
@@ -74,7 +68,7 @@ def sensitivity(
     folder = output or Path("out") / name_of(study)
     documents.make_folder(folder)
     ids = None if experiments is None else [name.strip() for name in experiments.split(",")]
-    with running(value, store, no_store, quiet) as runner, shown(quiet) as progress:
+    with running(value, options) as runner, shown(options.quiet) as progress:
         progress.stage("sensitivity")
         runner.progress = progress
         found = screen(
@@ -89,7 +83,7 @@ def sensitivity(
     files = [folder / "sensitivity.json", folder / "sensitivity.csv"]
     documents.write_json(result, files[0])
     documents.write_text(found.table().to_csv(index=False, lineterminator="\n"), files[1])
-    if not no_figures and can_draw("no figure is drawn: it needs", quiet):
+    if not no_figures and can_draw("no figure is drawn: it needs", options.quiet):
         files.append(save_sensitivity(result, folder))
-    if not quiet:
+    if not options.quiet:
         Console().print(report.render(result, [str(file) for file in files]))

@@ -1,12 +1,51 @@
-"""What to do where the simulator fails at parameters that a law without a box can take."""
+"""Runs that failed: what the result tells of them, and what to do about them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
+
+from aleator.findings.naming import named
+from aleator.identification import FailureReport, Warning
 from aleator.inputs import Inputs
 from aleator.simulate import NoOutcome, Runner, working_box
+
+
+def failure_report(runner: Runner) -> FailureReport | None:
+    """What a runner's failures have in common; None without any."""
+    failed = runner.failures
+    if not len(failed):
+        return None
+    return FailureReport(
+        len(failed),
+        runner.runs,
+        tuple(runner.ids[k] for k in np.unique(failed.index)),
+        {
+            name: (float(low), float(high))
+            for name, (low, high) in zip(runner.parameters, failed.region, strict=True)
+        },
+        failed.messages[0],
+    )
+
+
+def failure_warnings(report: FailureReport | None) -> list[Warning]:
+    """That runs failed, where, and what that means for the answer."""
+    if report is None:
+        return []
+    where = ", ".join(f"{k} in [{low:.4g}, {high:.4g}]" for k, (low, high) in report.region.items())
+    which = named(np.arange(len(report.experiments)), report.experiments)
+    return [
+        Warning(
+            "simulator",
+            f"{report.runs:,} of {report.needed:,} runs failed ({which}), with {where}; the first: "
+            f"{report.message}. Surfaces and verification go without them: what the law holds "
+            "there is a guess by the surface, whose estimated error says so",
+            "see them with `aleator runs list STUDY.toml --failures`, mend the simulator and "
+            "`aleator runs retry` them, or narrow the box (`aleator box STUDY.toml`)",
+        )
+    ]
 
 
 @contextmanager

@@ -32,8 +32,12 @@ def surface_errors(problem: Problem, checked: Verification | None) -> Array:
     index = np.repeat(condition, samples)
     x = checked.x.reshape(count * samples, -1)[:, problem.moving]
     guess = surface.at(index, x).reshape(count, samples)
-    rms = np.sqrt(np.mean((guess - checked.outcomes) ** 2, axis=1))
-    scatter = checked.outcomes.std(axis=1)
+    worked = np.isfinite(checked.outcomes)
+    some = np.maximum(worked.sum(axis=1, keepdims=True), 1)
+    outcomes = np.where(worked, checked.outcomes, 0.0)
+    away = np.where(worked, outcomes - outcomes.sum(axis=1, keepdims=True) / some, 0.0)
+    rms = np.sqrt((np.where(worked, guess - outcomes, 0.0) ** 2).sum(axis=1) / some[:, 0])
+    scatter = np.sqrt((away**2).sum(axis=1) / some[:, 0])
     return np.asarray(rms / np.where(scatter > 0.0, scatter, np.inf))
 
 

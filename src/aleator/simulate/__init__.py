@@ -3,15 +3,19 @@
 from aleator.simulate.failure import NoOutcome, RunFailed, working_box
 from aleator.simulate.function import FunctionSimulator, Simulator, load_function
 from aleator.simulate.kept import Kept, keeping
-from aleator.simulate.record import Runs
-from aleator.simulate.runner import Runner, as_runner, as_simulator
+from aleator.simulate.pool import ProcessPool
+from aleator.simulate.record import Failures, Runs
+from aleator.simulate.runner import MAX_FAILED, Runner, as_runner, as_simulator
 from aleator.simulate.store import Identity, Store
 
 __all__ = [
+    "MAX_FAILED",
     "NoOutcome",
+    "Failures",
     "FunctionSimulator",
     "Identity",
     "Kept",
+    "ProcessPool",
     "RunFailed",
     "Runner",
     "Runs",

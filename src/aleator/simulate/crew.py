@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import contextmanager
 
 import cloudpickle
 import numpy as np
@@ -27,6 +30,8 @@ MOST_HERE, MOST = 8192, 65_536
 """Runs of one batch, however cheap: in this process, and of a worker."""
 WAITING = 2
 """Batches for each worker that are submitted: one runs, one waits. Memory holds no more."""
+LISTENING = 0.2
+"""Seconds after which a note of Ctrl-C is looked for."""
 
 
 def carried(simulator: Simulator, give: Give, runs: Ints) -> Iterator[tuple[Ints, Work]]:
@@ -52,8 +57,9 @@ class Crew:
 
     `carry` yields batches as they complete, in any order. A batch whose worker died is run again
     by halves until the run at fault is found, which is a failure like any other; each half alone,
-    unless the executor told which batch it was (WorkerLost). After Ctrl-C `rest` yields what was
-    running and submits nothing more.
+    unless the executor told which batch it was (WorkerLost). After Ctrl-C it submits nothing more
+    and yields what was running, then raises KeyboardInterrupt; a second Ctrl-C does so at once.
+    `rest` yields what is running for whoever stops of its own.
 
     Raises SimulatorError for a simulator that cannot be sent to another process, or be unpacked
     there.
@@ -76,16 +82,25 @@ class Crew:
                 return number
         return os.cpu_count() or 1
 
-    def carry(self, give: Give, runs: Ints) -> Iterator[tuple[Ints, Work]]:
-        """Have `runs` done by the workers; `give` tells conditions and parameters of some."""
+    def carry(
+        self, give: Give, runs: Ints, stopping: Callable[[int], None]
+    ) -> Iterator[tuple[Ints, Work]]:
+        """Have `runs` done by the workers; `give` tells conditions and parameters of some.
+
+        `stopping` is told of how many batches are running when Ctrl-C comes.
+        """
         self._waiting = deque([runs] if len(runs) else [])
-        while self._waiting or self._running or self._suspect:
-            most = 1 if self._suspect else WAITING * self.slots
-            while self._waiting and not self._suspect and len(self._running) < most:
-                self._submit(give, self._next())
-            if self._suspect and not self._running:
-                self._submit(give, self._suspect.pop())
-            yield from self._completed()
+        with interruptions_noted() as interrupted:
+            while self._waiting or self._running or self._suspect:
+                while self._waiting and not self._suspect and self._has_room():
+                    self._submit(give, self._next())
+                if self._suspect and not self._running:
+                    self._submit(give, self._suspect.pop())
+                yield from self._completed()
+                if interrupted():
+                    stopping(len(self._running))
+                    yield from self.rest()
+                    raise KeyboardInterrupt
 
     def rest(self) -> Iterator[tuple[Ints, Work]]:
         """What is running, when it is done; what is not begun is taken back."""
@@ -97,10 +112,8 @@ class Crew:
             self._waiting.clear()
             self._suspect.clear()
 
-    @property
-    def running(self) -> int:
-        """Batches that were submitted and have not come back."""
-        return len(self._running)
+    def _has_room(self) -> bool:
+        return len(self._running) < WAITING * self.slots
 
     def _next(self) -> Ints:
         """The next batch: BATCH seconds of runs, fewer at the end, so that all workers end alike.
@@ -123,8 +136,8 @@ class Crew:
         self._running[future] = runs
 
     def _completed(self) -> Iterator[tuple[Ints, Work]]:
-        ready, _ = wait(self._running, return_when=FIRST_COMPLETED)
-        # What is done first: where an executor is lost its futures raise, and nothing comes after.
+        ready, _ = wait(self._running, LISTENING, return_when=FIRST_COMPLETED)
+        # those with outcomes first: an executor that is lost must not take them along
         for future in sorted(ready, key=lambda future: future.exception() is not None):
             runs = self._running.pop(future)
             try:
@@ -152,6 +165,26 @@ class Crew:
             if len(done) < len(runs):
                 self._waiting.appendleft(runs[len(done) :])
             yield runs[: len(done)], done
+
+
+@contextmanager
+def interruptions_noted() -> Iterator[Callable[[], bool]]:
+    """The first Ctrl-C is noted, so that it cannot come between a run and its keeping."""
+    noted: list[int] = []
+
+    def note(signum: int, _frame: object) -> None:
+        noted.append(signum)
+        if len(noted) > 1:
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False  # Ctrl-C is the main thread's
+        return
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: bool(noted)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _dead(death: BaseException) -> Work:

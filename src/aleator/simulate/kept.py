@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.simulate.failure import RunFailed
-from aleator.simulate.function import Simulator, describe
+from aleator.simulate.function import Simulator
 from aleator.simulate.store import Case, Identity, Row, Store
+from aleator.simulate.work import Work, not_finite
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -43,55 +42,47 @@ class Kept:
             Case.of({name: column[k] for name, column in conditions.items()}, parameters)
             for k in range(number)
         ]
-        self._host = platform.node()
         self.at_start = store.counts(self.identity)
         self.added = 0
 
-    def find(self, index: Ints, x: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Outcomes (R,) and which of the runs are known; one that failed is known as NaN."""
-        outcome, known = np.full(len(index), np.nan), np.zeros(len(index), dtype=bool)
+    def find(self, index: Ints, x: Floats) -> tuple[Floats, dict[int, tuple[str, int]]]:
+        """Outcomes (R,), NaN where there is none, and of runs that failed message and attempts."""
+        outcome = np.full(len(index), np.nan)
+        failed: dict[int, tuple[str, int]] = {}
         for start in range(0, len(index), _TOGETHER):
             part = slice(start, start + _TOGETHER)
             cases, position = self._cases_of(index[part])
             keys = [*zip(position, self._keys(x[part]), strict=True)]
             found = self.store.find(self.identity.fingerprint, cases, keys)
             places = start + np.fromiter(found, np.intp, len(found))
-            known[places] = True
             # None, of a failure, becomes NaN
             outcome[places] = np.array([*found.values()], dtype=np.float64)
-        return outcome, known
+            without = [place for place, value in found.items() if value is None]
+            if without:
+                some = [keys[place] for place in without]
+                told = self.store.failed(self.identity.fingerprint, cases, some)
+                failed |= {start + without[k]: reason for k, reason in told.items()}
+        return outcome, failed
 
-    def add(self, index: Ints, x: Floats, outcome: Floats, seconds: float) -> None:
-        """Commit runs that took so many seconds each; one that is not finite failed."""
-        failures = [
-            None if np.isfinite(value) else (f"it returned {value:g}", None) for value in outcome
-        ]
-        self._commit(index, x, outcome.tolist(), failures, seconds)
-
-    def add_failure(self, at: np.intp, x: Floats, error: BaseException, seconds: float) -> None:
-        """Commit one run that raised."""
-        message, log = describe(error), None
-        if isinstance(error, RunFailed):
-            message, log = error.message, error.log or None
-        self._commit(np.array([at]), x[None, :], [np.nan], [(message, log)], seconds)
-
-    def _commit(
-        self,
-        index: Ints,
-        x: Floats,
-        outcome: Sequence[float],
-        failures: Sequence[tuple[str, str | None] | None],
-        seconds: float,
-    ) -> None:
+    def add(self, index: Ints, x: Floats, done: Work) -> None:
+        """Commit runs as a worker brings them; one whose outcome is not finite failed, too."""
         if not self.store.writable or not len(index):
             return
+        failures: dict[int, tuple[str, str | None]] = {
+            k: (not_finite(done.outcome[k]), None)
+            for k in np.flatnonzero(~np.isfinite(done.outcome)).tolist()
+        }
+        failures |= {failure.position: (failure.message, failure.log) for failure in done.failures}
         now = time.time()
         cases, position = self._cases_of(index)
         rows: list[Row] = [
-            (case, key, None if failed else value, *(failed or (None, None)),
-             seconds, self._host, now, 1)
-            for case, key, value, failed in zip(
-                position, self._keys(x), outcome, failures, strict=True
+            (case, key, None if k in failures else value, *failures.get(k, (None, None)),
+             seconds, done.host, now, 1)
+            for k, (case, key, value, seconds) in enumerate(
+                zip(
+                    position, self._keys(x), done.outcome.tolist(), done.seconds.tolist(),
+                    strict=True,
+                )
             )
         ]  # fmt: skip
         try:

@@ -15,13 +15,12 @@ from aleator.experiments import Conditions, Experiments, transformed
 from aleator.progress import Progress, Silent
 from aleator.simulate.complaint import Complaint, Tried
 from aleator.simulate.crew import Crew, carried
-from aleator.simulate.failure import RunFailed
 from aleator.simulate.function import FunctionSimulator, Simulator
 from aleator.simulate.kept import Kept
 from aleator.simulate.record import Failures, Runs
 from aleator.simulate.store import Store
 from aleator.simulate.tally import Tally
-from aleator.simulate.work import Columns, Failure, Work
+from aleator.simulate.work import Columns, Failure, Work, not_finite
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -29,11 +28,10 @@ Ints = NDArray[np.intp]
 REPEATABLE = 1e-6
 """Relative difference of two outcomes of the same run that is no cause for concern."""
 
-MOST_FAILED = 0.2
+MAX_FAILED = 0.2
 """Share of failed runs at which a study stops."""
 FEW = 10
 """Failures of which no share is too large yet."""
-BEFORE = "it failed before: `aleator runs list` tells why"
 
 
 def as_simulator(simulator: Simulator | Callable[..., Any], vectorized: bool = False) -> Simulator:
@@ -79,7 +77,7 @@ class Runner:
 
     Runs are made here, one batch after the other, or by the workers of an `executor` (any
     concurrent.futures.Executor); outcomes do not depend on it. One that fails is tried again
-    `retries` times. Where more than the share `most_failed` of the runs of this runner failed, and
+    `retries` times. Where more than the share `max_failed` of the runs of this runner failed, and
     at least ten, `attempt` stops.
 
     `group` (N,) is, for each experiment, the first one under the same conditions.
@@ -109,15 +107,15 @@ class Runner:
         *,
         executor: Executor | None = None,
         retries: int = 0,
-        most_failed: float = MOST_FAILED,
+        max_failed: float = MAX_FAILED,
     ) -> None:
-        _check(retries, most_failed)
+        _check(retries, max_failed)
         self.simulator = as_simulator(simulator)
         self.ids = experiments.ids
         self.parameters = tuple(parameters)
         self.transform = experiments.transform
         self.progress = progress or Silent()
-        self.executor, self.retries, self.most_failed = executor, retries, most_failed
+        self.executor, self.retries, self.max_failed = executor, retries, max_failed
         asked = self.simulator.asks([*map(str, experiments.conditions.columns)], self.parameters)
         self._conditions = {name: experiments.conditions[name].to_numpy() for name in asked}
         self.group = _groups([*self._conditions.values()], len(self.ids))
@@ -177,27 +175,32 @@ class Runner:
         """Run as a call does, but a run that raises or is not finite is NaN and stops nothing.
 
         A run that is known, even as failed, is not repeated. Raises SimulatorError for a wrong
-        shape, and NoOutcome where more than the share `most` (the runner's `most_failed`) failed.
+        shape, and NoOutcome where more than the share `most` (the runner's `max_failed`) failed.
         """
         at, points, keys, inverse = self._distinct(index, x)
-        outcome, known = self._recalled(at, points, keys)
-        for k, key in enumerate(keys):
-            known[k] |= key in self._failed
+        outcome, failed = self._recalled(at, points, keys)
+        known = np.isfinite(outcome) | np.array([key in self._failed for key in keys], dtype=bool)
+        known[[k for k, (_, attempts) in failed.items() if attempts > self.retries]] = True
         new = np.flatnonzero(~known)
         self.runs += len(keys)
         self.reused += int(np.sum(known))
-        share = self.most_failed if most is None else most
+        share = self.max_failed if most is None else most
         outcome[new], failures = self._done(at[new], points[new], int(np.sum(known)), share)
-        reasons = {int(new[k]): failure for k, failure in failures.items()}
-        without = np.flatnonzero(~np.isfinite(transformed(outcome, self.transform))).tolist()
-        fresh = [k for k in without if keys[k] not in self._failed]
-        reasons = {k: reasons.get(k, Failure(k, BEFORE)) for k in fresh}
+        seen = np.array(transformed(outcome, self.transform))
+        seen[~np.isfinite(seen)] = np.nan
+        lost = {k: Failure(k, message) for k, (message, _) in failed.items()}
+        lost |= {int(new[k]): failure for k, failure in failures.items()}
+        reasons = {
+            k: lost.get(k, Failure(k, not_finite(outcome[k])))
+            for k in np.flatnonzero(np.isnan(seen)).tolist()
+            if keys[k] not in self._failed
+        }
         if reasons:
             self._stop_if_too_many(_tried(at, points, outcome, reasons), self.runs, share)
         self._failed.update(
             {keys[k]: (int(at[k]), points[k], reason.message) for k, reason in reasons.items()}
         )
-        return transformed(outcome[inverse], self.transform)
+        return np.asarray(seen[inverse])
 
     def require_repeatable(self, x: ArrayLike) -> None:
         """Run the first experiment at x (n,) twice, and once only if that run is known.
@@ -240,14 +243,14 @@ class Runner:
 
     def _recalled(
         self, index: Ints, x: Floats, keys: Sequence[bytes]
-    ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Outcomes (R,) and which of the runs are known; one that failed is known as NaN."""
+    ) -> tuple[Floats, dict[int, tuple[str, int]]]:
+        """Outcomes (R,), NaN where none is known, and of those that failed message and attempts."""
         outcome = np.array([self._known.get(key, np.nan) for key in keys], dtype=np.float64)
-        known = ~np.isnan(outcome)
-        if self.kept is not None and not np.all(known):
-            rest = np.flatnonzero(~known)
-            outcome[rest], known[rest] = self.kept.find(self.group[index[rest]], x[rest])
-        return outcome, known
+        rest = np.flatnonzero(np.isnan(outcome))
+        if self.kept is None or not len(rest):
+            return outcome, {}
+        outcome[rest], failed = self.kept.find(self.group[index[rest]], x[rest])
+        return outcome, {int(rest[k]): reason for k, reason in failed.items()}
 
     def _done(
         self, index: Ints, x: Floats, known: int, most: float | None
@@ -300,11 +303,7 @@ class Runner:
             return
         crew = Crew(self.simulator, self.executor)
         try:
-            yield from crew.carry(give, runs)
-        except KeyboardInterrupt:
-            tally.stopping(crew.running)
-            yield from crew.rest()
-            raise
+            yield from crew.carry(give, runs, tally.stopping)
         except GeneratorExit:
             for some, done in crew.rest():
                 self._received(index[some], x[some], done)
@@ -315,26 +314,15 @@ class Runner:
         raised = {failure.position for failure in done.failures}
         good = np.isfinite(transformed(done.outcome, self.transform))
         bad = [
-            Failure(k, f"it returned {done.outcome[k]:g}", None, "NotFinite")
+            Failure(k, not_finite(done.outcome[k]), None, "NotFinite")
             for k in np.flatnonzero(~good).tolist()
             if k not in raised
         ]
         if self.kept is not None:
-            self._keep(index, x, done)
+            self.kept.add(self.group[index], x, done)
         if np.any(good):
             self._blocks.append(Runs(index[good], x[good].copy(), done.outcome[good].copy()))
         return (*done.failures, *bad)
-
-    def _keep(self, index: Ints, x: Floats, done: Work) -> None:
-        raised = [failure.position for failure in done.failures]
-        rest = np.setdiff1d(np.arange(len(done)), raised)
-        each = float(done.seconds.mean()) if len(done) else 0.0
-        kept, group = self.kept, self.group[index]
-        assert kept is not None
-        kept.add(group[rest], x[rest], done.outcome[rest], each)
-        for failure in done.failures:
-            error = RunFailed(failure.message, failure.log or "")
-            kept.add_failure(group[failure.position], x[failure.position], error, each)
 
     def _keys(self, index: Ints, x: Floats) -> list[bytes]:
         rows = np.column_stack([self.group[index], x])
@@ -348,11 +336,11 @@ def _tried(index: Ints, x: Floats, outcome: Floats, failures: dict[int, Failure]
     return Tried(index[rows], x[rows], outcome[rows], placed)
 
 
-def _check(retries: int, most_failed: float) -> None:
+def _check(retries: int, max_failed: float) -> None:
     if retries < 0:
         raise SimulatorError(f"retries {retries}", "choose 0 or more")
-    if not 0.0 <= most_failed <= 1.0:
-        raise SimulatorError(f"most_failed {most_failed}", "choose a share in [0, 1], such as 0.2")
+    if not 0.0 <= max_failed <= 1.0:
+        raise SimulatorError(f"max_failed {max_failed}", "choose a share in [0, 1], such as 0.2")
 
 
 def _groups(columns: Sequence[NDArray[Any]], number: int) -> Ints:

@@ -159,6 +159,18 @@ class Store:
 
         Cost: some 3 microseconds a run that is there, next to none where its case is not.
         """
+        return dict(self._sought(_FOUND, fingerprint, cases, keys))
+
+    def failed(
+        self, fingerprint: str, cases: Sequence[Case], keys: Sequence[Key]
+    ) -> dict[int, tuple[str, int]]:
+        """Message and number of attempts of those runs that failed, by place in `keys`."""
+        rows = self._sought(_FAILED, fingerprint, cases, keys)
+        return {place: (message, attempt) for place, message, attempt in rows}
+
+    def _sought(
+        self, query: str, fingerprint: str, cases: Sequence[Case], keys: Sequence[Key]
+    ) -> list[tuple[Any, ...]]:
         run = self.connection.execute
         with store_file.told(self.path), store_file.transaction(self.connection, writing=False):
             numbers = self._numbers(fingerprint, cases)
@@ -167,7 +179,7 @@ class Store:
             )
             run("DELETE FROM sought_runs")
             self.connection.executemany("INSERT INTO sought_runs VALUES (?, ?, ?)", sought)
-            return dict(run(_FOUND))
+            return run(query).fetchall()
 
     def add(
         self, simulator: Identity, cases: Sequence[Case], rows: Sequence[Row], again: bool = True
@@ -260,10 +272,12 @@ _NUMBERED = (
     "SELECT place, cases.id FROM simulators CROSS JOIN sought_cases CROSS JOIN cases "
     "ON cases.simulator = simulators.id AND cases.hash = sought_cases.hash WHERE fingerprint = ?"
 )
-_FOUND = (
-    "SELECT place, outcome FROM sought_runs CROSS JOIN runs "
+_SOUGHT = (
+    "FROM sought_runs CROSS JOIN runs "
     'ON runs."case" = sought_runs."case" AND runs.x = sought_runs.x'
 )
+_FOUND = f"SELECT place, outcome {_SOUGHT}"
+_FAILED = f"SELECT place, failure, attempt {_SOUGHT} WHERE failure IS NOT NULL"
 _INSERT = (
     'INSERT INTO runs ("case", x, outcome, failure, log, seconds, host, time, attempt) '
     "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"

@@ -94,6 +94,11 @@ def work(simulator: Simulator, conditions: Columns, parameters: Columns, budget:
     return _joined(done)
 
 
+def not_finite(outcome: float) -> str:
+    """What is said of a run whose outcome is no finite number."""
+    return f"it returned {outcome:g}"
+
+
 def work_of_parcel(parcel: bytes, conditions: Columns, parameters: Columns, budget: float) -> Work:
     """`work` in another process: `parcel` is the simulator, pickled; unpacked once a process."""
     return work(_unpacked(parcel), conditions, parameters, budget)

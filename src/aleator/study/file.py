@@ -35,7 +35,8 @@ class Study:
     """A study file, read and checked: what `aleator.identify` takes, and where it came from.
 
     `file` is the study file, `sha256` the hash of its bytes, `store` the file of the simulator's
-    runs, which need not exist.
+    runs, which need not exist; a run that fails is tried again `retries` times, and a share of
+    failures above `max_failed` stops a study.
     """
 
     file: Path
@@ -52,6 +53,8 @@ class Study:
     verification: MonteCarlo
     table: ExperimentsSection
     store: Path
+    retries: int
+    max_failed: float
 
     @property
     def model(self) -> Model:
@@ -81,12 +84,15 @@ class Study:
     ) -> Runner:
         """The simulator on the study's experiments, or on other conditions.
 
-        Runs are found in `store` and added to it; None keeps them in memory only. The workers of
-        `executor` make them; None makes them here. Raises SimulatorError where the function does
-        not take these conditions and parameters.
+        Runs are found in `store` and added to it; None keeps them in memory only. They are made by
+        the workers of `executor`; None makes them here. Raises
+        SimulatorError where the function does not take these conditions and parameters.
         """
         table = conditions or self.experiments
-        return Runner(self.simulator, table, self.inputs.names, store=store, executor=executor)
+        return Runner(
+            self.simulator, table, self.inputs.names, store=store, executor=executor,
+            retries=self.retries, max_failed=self.max_failed,
+        )  # fmt: skip
 
     def told(self) -> tuple[str, ...]:
         """What its user should know of the simulator: how an FMU is bound, and how runs of it went.
@@ -184,6 +190,8 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         verification=made("verification", file.verification.build),
         table=table,
         store=path.parent / file.simulator.store,
+        retries=file.simulator.retries,
+        max_failed=file.simulator.max_failed,
     )
 
 

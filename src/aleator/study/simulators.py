@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from aleator.errors import nearest
-from aleator.simulate import FunctionSimulator, Simulator
+from aleator.simulate import MAX_FAILED, FunctionSimulator, Simulator
 from aleator.simulate.command import (
     CommandSimulator,
     CsvFeed,
@@ -40,9 +40,15 @@ _KINDS = {
 
 
 class KindSection(Section):
-    """Keys of every kind of simulator: `store` is the file of its runs."""
+    """Keys of every kind of simulator.
+
+    `store` is the file of its runs, `retries` how often a failed run is tried again, `max_failed`
+    the share of failed runs that stops a study.
+    """
 
     store: str = "runs.sqlite"
+    retries: Annotated[int, Field(ge=0)] = 0
+    max_failed: Annotated[float, Field(ge=0.0, le=1.0)] = MAX_FAILED
 
 
 class FunctionSection(KindSection):
@@ -53,10 +59,13 @@ class FunctionSection(KindSection):
     function: str
     vectorized: bool = False
     version: str = ""
+    block: Annotated[int, Field(ge=1)] | None = None
 
     def build(self, folder: Path) -> Simulator:
         """The library's simulator; `folder` is the study's."""
-        return FunctionSimulator.named(self.function, folder, self.vectorized, self.version)
+        return FunctionSimulator.named(
+            self.function, folder, self.vectorized, self.version, self.block
+        )
 
 
 # Of each way to find a program's outcome: the library's choice, and the keys beside the way's own.

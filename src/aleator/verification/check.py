@@ -68,7 +68,8 @@ def verify(
     gets as many again by importance sampling. With an `emulator` the samples correct the
     emulator's exact density instead (module `control`), where that has the smaller error and the
     two agree; and where `steps` (K,) are positive, of about a quarter of a standard error, the
-    score is told too. The bias -var/2 of the logarithm is corrected. Cost: N S runs, S more for an
+    score is told too. The bias -var/2 of the logarithm is corrected. A run that failed, NaN, is
+    left out: the density is that of an outcome where there is one. Cost: N S runs, S more for an
     experiment far out, and LEVELS times 512 for it without an emulator.
     """
     rng, count = np.random.default_rng(seed), measured.size
@@ -134,7 +135,7 @@ def _verification(
         reached,
         float(each[reached].sum()),
         float(np.sqrt(alone + common @ common)),
-        law.outcomes,
+        np.where(law.weight > 0.0, law.outcomes, np.nan),
         law.x,
         score,
     )
@@ -193,12 +194,12 @@ def _from_law(
     full[:, list(inputs.scattered)] = uniform
     x = inputs.sample(alpha, full).reshape(count, -1, n)
     index = np.arange(count)
-    outcomes = _run_in_chunks(run, index, x, progress)
+    outcomes, weight = _of_those_that_worked(_run_in_chunks(run, index, x, progress))
     kernel: Kernel = Noise(measured, noise_sd)
     if noise_sd == 0.0:
         kernel = Window.of(measured, *ends, outcomes)
     germ = special.ndtri(uniform).reshape(count, x.shape[1], uniform.shape[1])
-    return Samples(index, germ, np.ones(outcomes.shape), x, outcomes, kernel)
+    return Samples(index, germ, weight, x, outcomes, kernel)
 
 
 def _explaining(
@@ -224,11 +225,23 @@ def _explaining(
     germ, weight = defended(found, uniforms(far.size, inputs.scattering, points, rng))
     germ = germ.reshape(far.size, -1, germ.shape[-1])
     x = inputs.image(alpha, flat(germ))[0].reshape(*germ.shape[:2], -1)
-    outcomes = _run_in_chunks(run, far, x, progress)
+    outcomes, worked = _of_those_that_worked(_run_in_chunks(run, far, x, progress))
     if isinstance(kernel, Window):
         near = outcomes[:, moved(outcomes.shape[1])]
         kernel = Window.of(kernel.y, kernel.lower, kernel.upper, near)
-    return Samples(far, germ, weight.reshape(germ.shape[:2]), x, outcomes, kernel)
+    return Samples(far, germ, worked * weight.reshape(germ.shape[:2]), x, outcomes, kernel)
+
+
+def _of_those_that_worked(outcomes: Array) -> tuple[Array, Array]:
+    """Outcomes (m, S) and weights (m, S): a run that failed, NaN, gives its weight to the others.
+
+    What is estimated is then the density of an outcome given that there is one.
+    """
+    worked = ~np.isnan(outcomes)
+    share = worked.mean(axis=1, keepdims=True)
+    weight = worked / np.where(share > 0.0, share, 1.0)
+    first = np.take_along_axis(outcomes, np.argmax(worked, axis=1)[:, None], axis=1)
+    return np.where(worked, outcomes, np.nan_to_num(first)), weight
 
 
 def _steepest(law: Samples) -> Indices:

@@ -66,7 +66,7 @@ class Verification:
     number of samples that count, (sum t)^2/sum t^2: where it is below ten the outcome lies where
     hardly a sample falls, and neither value nor error means much; `reached` (N,) are the other
     experiments, `total` and `standard_error` of their sum; `outcomes` (N, S) of the simulator,
-    noise-free; `x` (N, S, n), drawn from the law.
+    noise-free, NaN where a run failed; `x` (N, S, n), drawn from the law.
     `score` is None where it was not asked for or could not be told.
     """
 

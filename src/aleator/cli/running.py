@@ -1,0 +1,124 @@
+"""Where a command's runs are made and kept: the options that say so, and what they open."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import click
+
+from aleator.errors import AleatorError
+from aleator.experiments import Conditions
+from aleator.simulate import ProcessPool, Runner, Store, keeping
+from aleator.simulate.dask_cluster import dask_executor
+from aleator.simulate.mpi_workers import mpi_executor
+from aleator.study import Study
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """The user's choice: the file of the runs (None: the study's), or none, and who makes them.
+
+    At most one of `workers`, `dask` and `mpi`; without any, this process.
+    """
+
+    store: Path | None
+    no_store: bool
+    workers: int | None
+    dask: str | None
+    mpi: bool
+    quiet: bool
+
+    def say(self, text: str) -> None:
+        """A note, unless they are not wanted."""
+        if not self.quiet:
+            say(text)
+
+
+def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options of its runs, as the one argument `options`."""
+
+    @click.option(
+        "--store",
+        type=click.Path(path_type=Path, dir_okay=False),
+        metavar="FILE",
+        help="Keep the runs there [default: the study's, runs.sqlite beside it].",
+    )
+    @click.option("--no-store", is_flag=True, help="Keep no runs, and use none.")
+    @click.option(
+        "--workers",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Run the simulator in N processes at once; the answer is the same "
+        "[default: in this one].",
+    )
+    @click.option(
+        "--dask",
+        metavar="ADDRESS",
+        help="Run it on the workers of a Dask cluster: its scheduler's address, or its file.",
+    )
+    @click.option(
+        "--mpi", is_flag=True, help="Run it in the processes of this MPI job (docs/clusters.md)."
+    )
+    @click.option(
+        "--quiet",
+        is_flag=True,
+        help="Show neither progress nor notes, and no report that is written to a file too.",
+    )
+    @functools.wraps(command)
+    def collected(**given: Any) -> Any:
+        chosen = {field.name: given.pop(field.name) for field in fields(RunOptions)}
+        return command(options=RunOptions(**chosen), **given)
+
+    return collected
+
+
+@contextmanager
+def running(
+    study: Study, options: RunOptions, conditions: Conditions | None = None
+) -> Iterator[Runner]:
+    """The study's simulator with its workers and the store of its runs; all closed in the end."""
+    if options.no_store and options.store is not None:
+        raise AleatorError("--store and --no-store contradict each other", "leave one of them out")
+    keeps = nullcontext() if options.no_store else Store(options.store or study.store)
+    with _workers(options) as executor, keeps as kept:
+        runner = study.runner(conditions, kept, executor)
+        told = None if options.quiet else say
+        with closing(study), keeping(runner.kept, str(study.file), told):
+            yield runner
+
+
+def say(text: str) -> None:
+    """A note on the standard error."""
+    click.echo(f"aleator: {text}", err=True)
+
+
+def _workers(options: RunOptions) -> AbstractContextManager[Executor | None]:
+    """Those that the options ask for; None is this process."""
+    ways = {"--workers": options.workers, "--dask": options.dask, "--mpi": options.mpi}
+    chosen = [name for name, value in ways.items() if value]
+    if len(chosen) > 1:
+        raise AleatorError(f"{' and '.join(chosen)} contradict each other", "choose one of them")
+    if options.dask:
+        return dask_executor(options.dask, options.say)
+    if options.mpi:
+        return mpi_executor()
+    return nullcontext() if options.workers is None else _processes(options.workers)
+
+
+@contextmanager
+def _processes(number: int) -> Iterator[Executor]:
+    """What was at work at Ctrl-C has been waited for, as far as was wanted."""
+    pool = ProcessPool(number)
+    try:
+        yield pool
+    except KeyboardInterrupt:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    finally:
+        pool.shutdown()

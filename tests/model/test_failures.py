@@ -1,0 +1,106 @@
+"""Studies in which some runs have no outcome: the answer stands on the others, and says so."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from numpy.typing import NDArray
+
+from aleator import cli
+from aleator.errors import SimulatorError
+from aleator.identify import identify
+from aleator.inputs import Inputs
+from aleator.laws import Free, Normal, TruncatedNormal
+from aleator.verification import MonteCarlo
+
+Array = NDArray[np.float64]
+Z = np.linspace(1.0, 2.0, 40)
+X = 1.5 + 0.2 * np.random.default_rng(3).standard_normal(40)
+
+
+def model(z: Array, x: Array) -> Array:
+    return z * np.sqrt(x)
+
+
+TABLE = pd.DataFrame({"z": Z, "y": model(Z, X)})
+MEAN, SD = X.mean(), X.std()  # the exact maximum: every x is told by its outcome
+WIDE = Inputs({"x": Normal(mean=Free(0.5, 2.0), sd=Free(0.05, 1.0))})
+BOXED = Inputs({"x": TruncatedNormal((0.3, 2.7), mean=Free(0.5, 2.5), sd=Free(0.05, 0.5))})
+
+
+def test_runs_that_fail_here_and_there_leave_the_answer() -> None:
+    def brittle(z: Array, x: Array) -> Array:
+        hashed = np.modf(1e4 * np.abs(np.sin(1e4 * x + z)))[0]
+        return np.where(hashed < 0.06, np.nan, model(z, x))
+
+    check = MonteCarlo(64)
+    whole = identify(model, TABLE, BOXED, outcome="y", vectorized=True, verification=check)
+    result = identify(brittle, TABLE, BOXED, outcome="y", vectorized=True, verification=check)
+    error = {name: value.standard_error or 0.0 for name, value in whole.alpha.items()}
+    for name, value in result.alpha.items():
+        assert abs(value.estimate - whole.alpha[name].estimate) < 0.02 * error[name]
+    assert result.accepted
+    assert result.failures is not None
+    share = result.failures.runs / result.failures.needed
+    assert share == pytest.approx(0.06, abs=0.02)
+    assert result.failures.message == "it returned nan"
+    low, high = result.failures.region["x"]
+    assert low < MEAN < high
+    assert any("runs failed" in warning.message for warning in result.warnings)
+    assert json.dumps(result.to_dict()["failures"])
+    assert whole.failures is None
+
+
+def test_a_failed_corner_is_told_and_costs_accuracy_only_there() -> None:
+    def hot(z: Array, x: Array) -> Array:
+        return np.where((x > 2.2) & (z > 1.7), np.nan, model(z, x))
+
+    result = identify(hot, TABLE, BOXED, outcome="y", vectorized=True)
+    assert result.alpha["x.mean"].estimate == pytest.approx(MEAN, abs=0.1 * SD / 40**0.5)
+    assert result.failures is not None
+    low, high = result.failures.region["x"]
+    assert 2.2 < low < high <= 2.7
+    assert set(result.failures.experiments) <= {str(k + 1) for k in range(40) if Z[k] > 1.7}
+
+
+def test_a_law_that_reaches_far_beyond_the_simulator_is_given_the_box_that_mends_it() -> None:
+    with pytest.raises(SimulatorError) as caught:
+        identify(model, TABLE, WIDE, outcome="y", vectorized=True)
+    assert "too many to go on" in caught.value.problem
+    lines = [line.strip() for line in caught.value.remedy.splitlines()]
+    assert 'law = "truncated_normal"' in lines
+    (box,) = (line for line in lines if line.startswith("box = "))
+    low, high = (float(end) for end in box.removeprefix("box = [").rstrip("]").split(","))
+    assert 0.0 <= low < 0.5
+    assert high > 2.0
+    assert "aleator box" in caught.value.remedy
+
+
+def test_the_study_says_how_many_failures_are_too_many(tmp_path: Path) -> None:
+    (tmp_path / "model.py").write_text(
+        "def model(z, x):\n    if 1.0 < x < 1.1: raise ValueError('stuck')\n    return z * x**0.5\n"
+    )
+    TABLE.to_csv(tmp_path / "table.csv", index=False)
+    study = tmp_path / "study.toml"
+    text = (
+        '[experiments]\nfile = "table.csv"\noutcome = "y"\n[simulator]\n'
+        'function = "model.py:model"\n{}\n[parameters.x]\nlaw = "truncated_normal"\n'
+        "box = [0.3, 2.7]\n[verification]\nsamples = 50\n"
+    )
+    out = ["--output", str(tmp_path / "out"), "--no-figures"]
+    study.write_text(text.format("max_failed = 0.01"))
+    refused = CliRunner().invoke(cli.main, ["identify", str(study), *out])
+    assert refused.exit_code == 2
+    assert "stuck" in refused.stderr
+    assert "too many to go on" in refused.stderr
+    study.write_text(text.format("max_failed = 0.5\nretries = 1"))
+    done = CliRunner().invoke(cli.main, ["identify", str(study), *out])
+    assert done.exit_code == 0, done.stderr
+    document = json.loads((tmp_path / "out" / "identification.json").read_text())
+    low, high = document["failures"]["region"]["x"]
+    assert 1.0 < low < high < 1.1
+    assert "stuck" in document["failures"]["message"]
+    assert "runs failed" in done.stdout.replace("\n", " ")
