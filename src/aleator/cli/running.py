@@ -85,8 +85,10 @@ def running(
     """The study's simulator with its workers and the store of its runs; all closed in the end."""
     if options.no_store and options.store is not None:
         raise AleatorError("--store and --no-store contradict each other", "leave one of them out")
-    keeps = nullcontext() if options.no_store else Store(options.store or study.store)
-    with _workers(options) as executor, keeps as kept:
+    with (
+        _workers(options) as executor,
+        nullcontext() if options.no_store else Store(options.store or study.store) as kept,
+    ):
         runner = study.runner(conditions, kept, executor)
         told = None if options.quiet else say
         with closing(study), keeping(runner.kept, str(study.file), told):
