@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -66,20 +67,21 @@ def identify(
     verification: MonteCarlo = DEFAULT_VERIFICATION,
     seed: int = 0,
     progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> Identification:
     """Identify the law of the inputs from experiments, by maximum likelihood.
 
     alpha* = arg max sum_l log f_Yl(y_l | alpha) (paper, eq. (MLE)).
 
-    `simulator` takes conditions and parameters by keyword and returns the outcome: once a run
-    with floats, or with arrays of R runs if `vectorized`. `experiments` is an `Experiments`, or a
-    data frame whose column `outcome` is the measured outcome and whose other columns are
-    conditions. `density` None is the density of the outcome itself (`Convolution`) where there are
-    response surfaces, and noise or up to three scattering parameters, unless the nodes turn out
-    too few for it; else maximum entropy of four moments. Raises AleatorError for input that cannot
-    be used; failures of numerics are statuses and warnings on the result. Cost: the runs of the
-    surfaces and of the verification, and some milliseconds for each of some hundred evaluations of
-    the likelihood.
+    `simulator` takes conditions and parameters by keyword and returns the outcome: once a run with
+    floats, or with arrays of R runs if `vectorized`. `experiments` is an `Experiments`, or a data
+    frame whose column `outcome` is the measured outcome and whose other columns are conditions.
+    `density` None is the density of the outcome itself (`Convolution`) where there are response
+    surfaces, and noise or up to three scattering parameters, unless the nodes turn out too few for
+    it; else maximum entropy of four moments. Runs are made by the workers of `executor`, or here;
+    the result does not depend on it. Raises AleatorError for input that cannot be used; failures of
+    numerics are statuses and warnings on the result. Cost: the runs of the surfaces and of the
+    verification, and some milliseconds for each of some hundred evaluations of the likelihood.
 
     >>> from aleator.laws import Free, Normal
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
@@ -91,7 +93,7 @@ def identify(
     1.031
     """
     table = _experiments(experiments, outcome)
-    runner = as_runner(simulator, table, inputs.names, vectorized)
+    runner = as_runner(simulator, table, inputs.names, vectorized, executor)
     chosen = density or default_density(inputs, noise, propagation)
     model = Model(inputs, noise, propagation, chosen)
     _check_count(table, model)

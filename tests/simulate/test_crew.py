@@ -15,10 +15,14 @@ import pytest
 
 from aleator.errors import InputsError, SimulatorError
 from aleator.experiments import Conditions
+from aleator.identify import identify
+from aleator.inputs import Inputs
+from aleator.laws import Free, Normal
 from aleator.simulate import FunctionSimulator, Runner, Store
 from aleator.simulate.dask_executor import WorkerLost
 from aleator.simulate.inventory import kept_runs
 from aleator.simulate.pool import ProcessPool
+from aleator.verification import MonteCarlo
 
 TABLE = Conditions(("A", "B"), pd.DataFrame({"load": [1.0, 2.0]}))
 INDEX, X = np.repeat([0, 1], 20), np.tile(np.linspace(0.0, 1.0, 20), 2)[:, None]
@@ -225,3 +229,18 @@ def test_what_cannot_be_sent_or_run_elsewhere_is_told(pool: ProcessPool, model: 
 def test_a_pool_needs_a_worker() -> None:
     with pytest.raises(InputsError, match="0 workers"):
         ProcessPool(0)
+
+
+def test_an_identification_by_workers_is_the_same(pool: ProcessPool) -> None:
+    table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
+    law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
+    results = [
+        identify(
+            lambda load, x: load * x, table, law, outcome="y", verification=MonteCarlo(50),
+            executor=executor,
+        ).to_dict()
+        for executor in (None, pool)
+    ]  # fmt: skip
+    for result in results:
+        del result["seconds"]
+    assert results[0] == results[1]
