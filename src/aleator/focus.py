@@ -7,6 +7,8 @@ where a law has none; and after each search it asks whether the region still fit
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -93,8 +95,13 @@ def own_region(inputs: Inputs, alpha: Array) -> Array:
     return _padded(law_region(inputs, [alpha]), inputs.box)
 
 
-def next_region(problem: Problem, alpha: Array) -> Array | None:
+def next_region(
+    problem: Problem, alpha: Array, likely: Sequence[Array] | None = None
+) -> Array | None:
     """A region that fits the answer alpha better, or None where the present one does.
+
+    It holds the laws of the alphas that are `likely`: three standard errors either way unless they
+    are given.
 
     It moves when the law reaches out of it, and narrows when the surfaces are too rough for the
     outcome's scatter under the law and a region of less than 0.6 of the volume suffices.
@@ -104,16 +111,16 @@ def next_region(problem: Problem, alpha: Array) -> Array | None:
         return None
     region, box = problem.region, problem.model.inputs.box
     width = np.diff(region, axis=1)[:, 0]
-    if np.any(_beyond(region, _likely_region(problem, alpha, errors=0.0))):
+    if np.any(_beyond(region, law_region(problem.model.inputs, [alpha]))):
         # beyond the region the likelihood is flat, so that how far beyond alpha lies says nothing
-        wanted = _padded(_likely_region(problem, alpha), box)
+        wanted = _padded(_likely_region(problem, alpha, likely), box)
         reach = region + width[:, None] * np.array([-1.0, 1.0])
         return _hull(region, np.clip(wanted, reach[:, :1], reach[:, 1:]))
     sd = problem.likelihood.moments(alpha).sd
     rough = surface.error[problem.condition] / np.where(sd > 0.0, sd, np.inf)
     if np.quantile(rough, 0.9) <= FINE:
         return None
-    wanted = _padded(_likely_region(problem, alpha), box)
+    wanted = _padded(_likely_region(problem, alpha, likely), box)
     shares = np.diff(wanted, axis=1)[problem.moving, 0] / width[problem.moving]
     return wanted if np.prod(shares) < SHRINK else None
 
@@ -148,19 +155,20 @@ def widened(region: Array, box: Array) -> Array:
     return _within(box, np.stack([middle - half, middle + half], axis=1))
 
 
-def _likely_region(problem: Problem, alpha: Array, errors: float = SURE) -> Array:
-    """Region of the laws at alpha and at alpha moved by some standard errors, one at a time."""
+def _likely_region(problem: Problem, alpha: Array, likely: Sequence[Array] | None) -> Array:
+    """Region of the laws at alpha and at the likely ones, or some standard errors off."""
     inputs, hyperparameters = problem.model.inputs, problem.likelihood.hyperparameters
+    if likely is not None:
+        return law_region(inputs, [alpha, *(other[: inputs.size] for other in likely)])
     alphas = [alpha]
-    if errors > 0.0:
-        error = infer(problem.likelihood, alpha, hyperparameters).standard_error
-        for k in np.flatnonzero(np.isfinite(error[: inputs.size])):
-            h = hyperparameters[k]
-            reach = min(errors * error[k], 0.25 * (h.upper - h.lower))
-            for sign in (-1.0, 1.0):
-                moved = alpha.copy()
-                moved[k] = min(max(alpha[k] + sign * reach, h.lower), h.upper)
-                alphas.append(moved)
+    error = infer(problem.likelihood, alpha, hyperparameters).standard_error
+    for k in np.flatnonzero(np.isfinite(error[: inputs.size])):
+        h = hyperparameters[k]
+        reach = min(SURE * error[k], 0.25 * (h.upper - h.lower))
+        for sign in (-1.0, 1.0):
+            moved = alpha.copy()
+            moved[k] = min(max(alpha[k] + sign * reach, h.lower), h.upper)
+            alphas.append(moved)
     return law_region(inputs, alphas)
 
 

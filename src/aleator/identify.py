@@ -21,6 +21,7 @@ from aleator.baselines import (
     linear_gaussian,
     start_point,
 )
+from aleator.concentration import Concentration
 from aleator.densities import Convolution, Density, MaximumEntropy, NodeDensity, Status
 from aleator.errors import InputsError
 from aleator.experiments import Experiments
@@ -139,14 +140,33 @@ def _answered(
 
     With `moments` an answer that the nodes cannot resolve is left to four moments.
     """
-    problem, baselines, found = _focused_search(runner, table, model, search, seed, ledger)
+    follows = isinstance(model.propagation, ResponseSurface) and model.propagation.tolerance is None
+    if follows:
+        concentration = Concentration(
+            runner, table.outcomes, model, _full(search, seed, ledger), ledger.stage,
+            ledger.progress, table.ids,
+        )  # fmt: skip
+        with ledger.stage("response surface"):
+            concentration.begin(focus.first_region(runner, model, table.outcomes, seed))
+        problem, found = concentration.search()
+        with ledger.stage("baselines"):
+            baselines = _baselines(problem, search, seed)
+    else:
+        problem, baselines, found = _focused_search(runner, table, model, search, seed, ledger)
     if moments and _moments_serve(problem, found.alpha):
         runner.know(runner.completed)
         model = replace(model, density=MaximumEntropy(order=4))
         return _answered(runner, table, model, search, seed, ledger, moments=False)
     with ledger.stage("inference"):
         found, inference, profile = infer_at(problem, found)
-    for _ in range(WIDER):
+    for _ in range(WIDER if follows else 0):
+        held = concentration.hold(problem, found, inference, profile.intervals)
+        if held is None:
+            break
+        problem, found = held
+        with ledger.stage("inference"):
+            found, inference, profile = infer_at(problem, found)
+    for _ in range(0 if follows else WIDER):
         region = focus.interval_region(problem, found.alpha, profile.intervals)
         if region is None:
             break
@@ -179,6 +199,20 @@ def _moments_serve(problem: Problem, alpha: Array) -> bool:
     return abs(of_moments.total - likelihood.evaluate(alpha).total - gap) < abs(gap)
 
 
+def _full(
+    search: Search, seed: int, ledger: Ledger
+) -> Callable[[Problem, list[Array]], SearchResult]:
+    """The search from guesses, with the baselines of the same surfaces among them."""
+
+    def full(problem: Problem, guess: list[Array]) -> SearchResult:
+        with ledger.stage("baselines"):
+            baselines = _baselines(problem, search, seed)
+        with ledger.stage("search"):
+            return _search(problem, search, baselines, guess, seed, ledger)
+
+    return full
+
+
 class Ledger:
     """Seconds and simulator runs by stage."""
 
@@ -187,11 +221,14 @@ class Ledger:
         self.runs: dict[str, int] = {}
         self.progress = progress
         self._runner = runner
+        self._last = ""
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Announce a stage, and note what it takes; a stage may come again."""
-        self.progress.stage(name)
+        """Announce a stage, and note what it takes; a stage may come again, or go on."""
+        if name != self._last:
+            self.progress.stage(name)
+        self._last = name
         began, before = time.perf_counter(), self._runner.runs
         try:
             yield

@@ -34,7 +34,7 @@ from aleator.propagation import (
     moving_parameters,
 )
 from aleator.response import ResponseSurface, Surface, build_surface
-from aleator.simulate import Runner
+from aleator.simulate import NoOutcome, Runner
 
 ALIKE = 1e-3
 """Moments, in standard deviations, that agree to this (rms over experiments) are the same to a
@@ -132,22 +132,24 @@ def prepare(
     model: Model,
     region: Array,
     progress: Progress | None = None,
+    surface: Surface | None = None,
 ) -> Problem:
     """Build the likelihood of outcomes (N,); response surfaces on the region (n, 2) first.
 
+    Unless they are given: `surface`, of the parameters whose region has a width.
+
     Experiments under equal conditions are one to the simulator: U surfaces for N experiments.
+    Surfaces go through the runs that worked; collocation needs every run. Raises NoOutcome that
+    names the experiments in which hardly a run worked, and where too many runs failed altogether.
     """
     first, condition = np.unique(runner.group, return_inverse=True)
     count, inputs = first.size, model.inputs
 
-    def run(index: Indices, x: Array) -> Array:
-        return runner.attempt(first[index], x)
-
     chosen = model.propagation
-    surface: Surface | None
     propagation: NodePropagation
     if isinstance(chosen, ResponseSurface):
-        surface = _built(run, region, count, chosen, progress)
+        surface = surface or _built(attempts(runner, region), region, count, chosen, progress)
+        _require_surfaces(surface, runner, condition)
         # the surface's own error must not shut an outcome out of the reachable range
         margin = 3.0 * surface.error
         lower, upper = surface.lower - margin, surface.upper + margin
@@ -156,7 +158,9 @@ def prepare(
         propagation = _surface_propagation(model, response, region, chosen.nodes)
     else:
         surface, name = None, chosen.name
-        response = DirectResponse(run, count, inputs.box, chosen.difference_step)
+        response = DirectResponse(
+            lambda index, x: runner(first[index], x), count, inputs.box, chosen.difference_step
+        )
         lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
         propagation = _direct_propagation(model, response, chosen)
     likelihood = Likelihood(
@@ -219,19 +223,48 @@ def _built(
     run: Run, region: Array, count: int, choice: ResponseSurface, progress: Progress | None
 ) -> Surface:
     """Surfaces of the parameters whose region has a width; the others are known."""
+    return build_surface(run, region[moving_parameters(region)], count, choice, told(progress))
+
+
+def attempts(runner: Runner, region: Array) -> Run:
+    """`run(index (R,), x (R, moving)) -> (R,)` of the distinct conditions, NaN where it fails.
+
+    Of the parameters whose region (n, 2) has a width; the others are known. Raises InputsError
+    where all are.
+    """
     moving = moving_parameters(region)
     if moving.size == 0:
         raise InputsError(
             "every parameter is known: there is nothing to identify but noise",
             "free a hyperparameter, or give a parameter a law",
         )
+    first = np.unique(runner.group)
+    known = region[:, 0]
 
-    def partly(index: Indices, x: Array) -> Array:
-        full = np.tile(region[:, 0], (x.shape[0], 1))
+    def run(index: Indices, x: Array) -> Array:
+        full = np.tile(known, (x.shape[0], 1))
         full[:, moving] = x
-        return run(index, full)
+        return runner.attempt(first[index], full)
 
-    return build_surface(partly, region[moving], count, choice, _told(progress))
+    return run
+
+
+def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> None:
+    """Raise NoOutcome for experiments with so few runs that worked that they have no surface."""
+    lost = np.flatnonzero(np.isinf(surface.error)[condition])
+    if not lost.size:
+        return
+    mine = condition == condition[lost[0]]
+    failures = runner.failures
+    failed = failures.x[np.isin(failures.index, np.flatnonzero(mine))]
+    raise NoOutcome(
+        f"experiment '{runner.ids[lost[0]]}': {surface.failed[condition[lost[0]]]} of its "
+        f"{surface.runs[condition[lost[0]]]} runs failed, too many for a response surface"
+        + (f"; so it is with {lost.size - 1} more of {len(runner.ids)}" if lost.size > 1 else ""),
+        "see why they failed, check the conditions of the experiment, or narrow the box or the "
+        f"bounds of {' or '.join(runner.parameters)}; or leave the experiment out",
+        failed,
+    )
 
 
 def _enough_nodes(
@@ -300,7 +333,8 @@ def _compared(way: Propagation, alpha: Array, order: int) -> Array:
     return np.concatenate([(m.mean / sd)[:, None], np.log(sd)[:, None], shape], axis=1)
 
 
-def _told(progress: Progress | None) -> Callable[[int, int, int], None] | None:
+def told(progress: Progress | None) -> Callable[[int, int, int], None] | None:
+    """A listener to surfaces that become exact."""
     if progress is None:
         return None
     listener = progress

@@ -16,13 +16,17 @@ from aleator.response.surface import Surface
 Progress = Callable[[int, int, int], None]
 
 GROWTH = 1.3
+# The tolerance where none is chosen.
+EXACT = 0.005
 
 
 @dataclass(frozen=True)
 class ResponseSurface:
     """The choice of response surfaces: how exact, and at what price.
 
-    tolerance: estimated root-mean-square error over the scatter of the outcome, in (0, 1).
+    tolerance: estimated root-mean-square error over the scatter of the outcome on the region, in
+    (0, 1). None, for an identification: no more exact than the answer needs, and where the law has
+    its mass; where there is no answer to look at, 0.005.
     max_runs: the most runs for one experiment, at most 4096.
     validation: runs of each experiment that are never fitted, at least 4.
     accuracy: relative accuracy of the simulator, in [0, 1); an error below accuracy times the size
@@ -37,7 +41,7 @@ class ResponseSurface:
     1000
     """
 
-    tolerance: float = 0.005
+    tolerance: float | None = None
     max_runs: int = 1000
     validation: int = 12
     accuracy: float = 1e-6
@@ -46,7 +50,11 @@ class ResponseSurface:
 
     def __post_init__(self) -> None:
         checks = (
-            ("tolerance", 0.0 < self.tolerance < 1.0, "choose one in (0, 1), e.g. 0.02"),
+            (
+                "tolerance",
+                0.0 < (self.tolerance or EXACT) < 1.0 and self.tolerance != 0.0,
+                "choose one in (0, 1), e.g. 0.02",
+            ),
             ("validation", self.validation >= 4, "choose at least 4 runs"),
             (
                 "max_runs",
@@ -114,7 +122,7 @@ def build_surface(
         run, box, experiments,
         most=choice.max_runs - choice.validation,
         check=_validation_points(choice, len(box)),
-        tolerance=choice.tolerance,
+        tolerance=choice.tolerance or EXACT,
         accuracy=choice.accuracy,
     )  # fmt: skip
     count = first

@@ -119,17 +119,19 @@ class Judged(NamedTuple):
 
     indices: Ints
     coefficients: Floats  # (P, A)
-    expected: Floats  # (A,) root-mean-square error that the prior expects
+    expected: Floats  # (A,) root-mean-square error over the box that the prior expects
+    there: Floats  # (A,) the same at the points that were asked for, or over the box
     residual: Floats  # (M, A) leave-one-out
 
 
 @single_threaded
-def judged(prior: Prior, z: Floats, y: Floats) -> Judged:
-    """Return the surfaces with the error that the prior expects over the box.
+def judged(prior: Prior, z: Floats, y: Floats, where: Floats | None = None) -> Judged:
+    """Return the surfaces with the error that the prior expects over the box, or at some points.
 
     The posterior covariance of the coefficients is s^2 W (I - Q Q') W; its trace is the mean
     square error over the box, because the basis is orthonormal there. s^2 is the mean square of
-    the leave-one-out residuals over their variances 1 / [K^-1]_ii.
+    the leave-one-out residuals over their variances 1 / [K^-1]_ii. At points `where` (J, n) it is
+    the mean of s^2 (W phi)' (I - Q Q') W phi.
     """
     indices, weight, matrix = _scaled(prior, z)
     q, r = np.linalg.qr(matrix)
@@ -137,6 +139,20 @@ def judged(prior: Prior, z: Floats, y: Floats) -> Judged:
     precision = (inverse**2).sum(axis=1)[:, None]
     dual = inverse @ (inverse.T @ y)
     variance = (dual**2 / precision).mean(axis=0)
+    trace = _over_box(q, weight)
+    there = trace if where is None else _at(q, weight, products(indices, where))
+    coefficients = weight[:, None] * (q[: len(weight)] @ solve_triangular(r, y, trans="T"))
+    return Judged(
+        indices,
+        coefficients,
+        np.sqrt(variance * trace),
+        np.sqrt(variance * there),
+        dual / precision,
+    )
+
+
+def _over_box(q: Floats, weight: Floats) -> float:
+    """Return the mean posterior variance over the box, in units of s^2."""
     unknown = 1.0 - (q[: len(weight)] ** 2).sum(axis=1)
     # 1 - |q|^2 loses all digits where a coefficient is all but known: square the small vector
     # itself there, and take what is left at the level of rounding for nothing.
@@ -145,9 +161,15 @@ def judged(prior: Prior, z: Floats, y: Floats) -> Judged:
     rest[near, np.arange(len(near))] += 1.0
     unknown[near] = (rest**2).sum(axis=0)
     unknown[unknown < 1e-24] = 0.0
-    trace = float(weight**2 @ np.maximum(unknown, 0.0))
-    coefficients = weight[:, None] * (q[: len(weight)] @ solve_triangular(r, y, trans="T"))
-    return Judged(indices, coefficients, np.sqrt(variance * trace), dual / precision)
+    return float(weight**2 @ np.maximum(unknown, 0.0))
+
+
+def _at(q: Floats, weight: Floats, basis: Floats) -> float:
+    """Return the mean posterior variance at points with basis (P, J), in units of s^2."""
+    own = weight[:, None] * basis
+    rest = -(q @ (q[: len(weight)].T @ own))
+    rest[: len(weight)] += own
+    return float((rest**2).sum(axis=0).mean())
 
 
 @single_threaded

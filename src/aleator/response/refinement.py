@@ -8,10 +8,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.errors import SimulatorError
-from aleator.response.assembly import Piece, degrees_of, merged, outcome_range
+from aleator.response.assembly import degrees_of, merged, outcome_range
 from aleator.response.basis import products
-from aleator.response.fit import Judged, Prior, first_priors, fitted, judged, search
+from aleator.response.fit import Judged, Prior, first_priors, judged
+from aleator.response.masked import (
+    checked_outcomes,
+    chosen_priors,
+    fitted_pieces,
+    least_runs,
+    left_out,
+)
 from aleator.response.points import Floats, Ints, shares, spread
 from aleator.response.surface import Surface
 
@@ -25,9 +31,6 @@ ROUNDING = 1e-12
 STALL = 0.8
 # An error that falls by more than half in one round, or seems to, is believed by half only.
 DOUBT = 0.5
-# Sets of runs that worked, for which priors are searched; experiments with any other set (runs that
-# fail here and there, differently in each) choose among the priors that were found for these.
-SEARCHED = 6
 
 
 class Refinement:
@@ -64,26 +67,24 @@ class Refinement:
         self._ask(count)
         worked = np.isfinite(self.values).sum(axis=1)
         active = self.active[worked[self.active] >= least_runs(len(self.box))]
-        estimate, scatter, level = np.empty((3, len(active)))
-        for rows, runs, priors, best in self._priors(active):
-            z, y = self.z[runs], self.values[np.ix_(active[rows], runs)].T
-            share = shares(z)
-            level[rows] = np.abs(y).max(axis=0)
-            for k in np.unique(best):
-                mine = np.flatnonzero(best == k)
-                fit = judged(priors[k], z, y[:, mine])
-                scatter[rows[mine]] = np.sqrt((fit.coefficients[1:] ** 2).sum(axis=0))
-                misfit = fit.coefficients.T @ products(fit.indices, self.check)
-                misfit -= self.truth[active[rows[mine]]]
-                estimate[rows[mine]] = _estimate(fit, share, misfit)
-                for row in active[rows[mine]]:
-                    self.prior[row] = priors[k]
-        self._conclude(active, estimate, scatter, level)
+        place = np.empty(len(self.error), dtype=np.intp)
+        place[active] = np.arange(len(active))
+        estimate, scatter = np.empty((2, len(active)))
+        groups, self.pool = chosen_priors(self.z, self.values, active, self.pool)
+        for prior, members, runs in groups:
+            fit = judged(prior, self.z[runs], self.values[np.ix_(members, runs)].T)
+            misfit = fit.coefficients.T @ products(fit.indices, self.check) - self.truth[members]
+            scatter[place[members]] = np.sqrt((fit.coefficients[1:] ** 2).sum(axis=0))
+            estimate[place[members]] = _estimate(fit, shares(self.z[runs]), misfit)
+            for row in members:
+                self.prior[row] = prior
+        self._conclude(active, estimate, scatter)
 
-    def _conclude(self, active: Ints, estimate: Floats, scatter: Floats, level: Floats) -> None:
+    def _conclude(self, active: Ints, estimate: Floats, scatter: Floats) -> None:
         """Take over the estimates of the active experiments, and tell who is done."""
         error = np.maximum(estimate, DOUBT * self.last[active])
         self.last[active], self.error[active] = estimate, error
+        level = np.nanmax(np.abs(self.values[active]), axis=1)
         seen = np.hstack([self.values[active], self.truth[active]])
         constant = np.nanmax(seen, axis=1) - np.nanmin(seen, axis=1) <= ROUNDING * level
         self.error[active[constant]] = 0.0
@@ -91,21 +92,6 @@ class Refinement:
         self.converged[active] = good | constant
         self.history.append(self.error.copy())
         self.active = active[~(self.converged[active] | self._stalled(active))]
-
-    def _priors(self, active: Ints) -> list[tuple[Ints, Ints, list[Prior], Ints]]:
-        """For each set of runs that worked: whose, which runs, priors and the best for each."""
-        pool: dict[Prior, None] = {}
-        out = []
-        for k, (rows, runs) in enumerate(_patterns(np.isfinite(self.values[active]))):
-            z, y = self.z[runs], self.values[np.ix_(active[rows], runs)].T
-            if k < SEARCHED:
-                priors, best, found = search(self.pool, z, y)
-                pool |= dict.fromkeys(found)
-            else:
-                priors, best, _ = search([*pool], z, y, sweeps=1)
-            out.append((rows, runs, priors, best))
-        self.pool = [*pool] or self.pool
-        return out
 
     def _ask(self, count: int) -> None:
         """Run the simulator once, for all active experiments at all new points."""
@@ -117,13 +103,9 @@ class Refinement:
         low, high = self.box.T
         x = np.clip(0.5 * (low + high) + 0.5 * (high - low) * fresh, low, high)
         index = np.repeat(active, len(x))
-        outcome = np.asarray(self.run(index, np.tile(x, (len(active), 1))), dtype=np.float64)
-        if outcome.shape != index.shape or np.isinf(outcome).any():
-            raise SimulatorError(
-                f"outcomes of shape {outcome.shape} for {len(index)} runs, or infinite",
-                "return one number for each run: finite, or NaN where the run failed",
-            )
-        outcome = outcome.reshape(len(active), len(x))
+        outcome = checked_outcomes(
+            self.run(index, np.tile(x, (len(active), 1))), (len(active), len(x))
+        )
         values = np.full((len(self.values), count), np.nan)
         values[:, :done] = self.values
         values[active, done:] = outcome[:, : count - done]
@@ -141,18 +123,7 @@ class Refinement:
     def surface(self) -> Surface:
         """Fit every experiment through those of its runs that worked."""
         worked = np.isfinite(self.values)
-        pieces: list[Piece] = []
-        for rows, runs in _patterns(worked):
-            if len(runs) < least_runs(len(self.box)):
-                pieces.append(_constants(rows, self.values[np.ix_(rows, runs)], len(self.box)))
-                continue
-            shared: dict[Prior, list[int]] = {}
-            for row in rows.tolist():
-                shared.setdefault(self.prior[row], []).append(row)
-            for prior, some in shared.items():
-                members = np.array(some, dtype=np.intp)
-                y = self.values[np.ix_(members, runs)].T
-                pieces.append((members, *fitted(prior, self.z[runs], y)))
+        pieces = fitted_pieces(self.z, self.values, self.prior)
         known = np.isfinite(self.error)
         indices, groups, terms = merged(pieces, np.where(known, self.error, 0.0))
         surface = Surface(
@@ -170,36 +141,15 @@ class Refinement:
         return replace(surface, lower=lower, upper=upper)
 
 
-def least_runs(n: int) -> int:
-    """Runs that must work before there is a surface in n parameters: twice a linear one's."""
-    return 2 * n + 2
-
-
-def _patterns(worked: Flags) -> list[tuple[Ints, Ints]]:
-    """Rows (A,) and columns (M,) of each different row of `worked`, the most frequent first."""
-    sets, inverse, count = np.unique(worked, axis=0, return_inverse=True, return_counts=True)
-    order = np.lexsort((np.arange(len(sets)), -count))
-    return [(np.flatnonzero(inverse.ravel() == k), np.flatnonzero(sets[k])) for k in order.tolist()]
-
-
-def _constants(members: Ints, outcomes: Floats, n: int) -> Piece:
-    """Surfaces of experiments with hardly a run: the mean of what there is."""
-    mean = outcomes.sum(axis=1) / max(outcomes.shape[1], 1)
-    return members, np.zeros((1, n), dtype=np.intp), mean[None, :]
-
-
 def _estimate(fit: Judged, share: Floats, misfit: Floats) -> Floats:
     """Return the estimated root-mean-square error (A,) over the box.
 
-    A run left out of well-spread ones leaves a hole twice as wide as any other, so its residual is
-    larger than the error elsewhere: hence 0.7. The least of some forty leave-one-out errors is
-    too small by chance when the runs are few: hence 1 + 8/M. Both were set on the wet clutch at
-    tolerance 0.02, where 95 % of true errors then stay below the estimate (86 to 89 % at 0.01 and
-    0.005). On outcomes that were not used to set them: 95 to 98 % on other boxes of the clutch,
-    random fronts and random peaks, but 72 % on random kinks, with true errors up to 1.9 times the
-    estimate. So it is an estimate, not a bound.
+    The factors in `left_out` were set on the wet clutch at tolerance 0.02, where 95 % of true
+    errors then stay below the estimate (86 to 89 % at 0.01 and 0.005). On outcomes that were not
+    used to set them: 95 to 98 % on other boxes of the clutch, random fronts and random peaks, but
+    72 % on random kinks, with true errors up to 1.9 times the estimate. So it is an estimate, not
+    a bound.
     """
-    left_out = np.sqrt(share @ fit.residual**2) * 0.7 * (1.0 + 8.0 / len(share))
     known = np.isfinite(misfit)
     checked = np.sqrt(np.nansum(misfit**2, axis=1) / np.maximum(known.sum(axis=1), 1))
-    return np.asarray(np.maximum(np.maximum(left_out, fit.expected), checked))
+    return np.asarray(np.maximum(np.maximum(left_out(fit, share), fit.expected), checked))

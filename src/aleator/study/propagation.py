@@ -78,7 +78,7 @@ class SurfaceSection(Section):
     """`method = "response_surface"`: one surface an experiment on the box, built once."""
 
     method: Literal["response_surface"] = "response_surface"
-    tolerance: float = 0.005
+    tolerance: float | None = None
     max_runs: int = 1000
     nodes: Nodes | None = None
 
