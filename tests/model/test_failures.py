@@ -14,6 +14,7 @@ from aleator.errors import SimulatorError
 from aleator.identify import identify
 from aleator.inputs import Inputs
 from aleator.laws import Free, Normal, TruncatedNormal
+from aleator.response import ResponseSurface
 from aleator.verification import MonteCarlo
 
 Array = NDArray[np.float64]
@@ -67,8 +68,9 @@ def test_a_failed_corner_is_told_and_costs_accuracy_only_there() -> None:
 
 
 def test_a_law_that_reaches_far_beyond_the_simulator_is_given_the_box_that_mends_it() -> None:
+    everywhere = ResponseSurface(tolerance=0.005)
     with pytest.raises(SimulatorError) as caught:
-        identify(model, TABLE, WIDE, outcome="y", vectorized=True)
+        identify(model, TABLE, WIDE, outcome="y", vectorized=True, propagation=everywhere)
     assert "too many to go on" in caught.value.problem
     lines = [line.strip() for line in caught.value.remedy.splitlines()]
     assert 'law = "truncated_normal"' in lines
@@ -77,6 +79,17 @@ def test_a_law_that_reaches_far_beyond_the_simulator_is_given_the_box_that_mends
     assert 0.0 <= low < 0.5
     assert high > 2.0
     assert "aleator box" in caught.value.remedy
+
+
+def test_surfaces_that_follow_the_law_leave_what_fails_behind() -> None:
+    def rooted(z: Array, x: Array) -> Array:
+        return np.where(x > 0.0, model(z, np.abs(x)), np.nan)
+
+    result = identify(rooted, TABLE, WIDE, outcome="y", vectorized=True, verification=MonteCarlo(0))
+    assert result.alpha["x.mean"].estimate == pytest.approx(MEAN, abs=1e-3)
+    assert result.alpha["x.sd"].estimate == pytest.approx(SD, abs=1e-3)
+    assert result.failures is not None
+    assert result.failures.region["x"][1] <= 0.0
 
 
 def test_the_study_says_how_many_failures_are_too_many(tmp_path: Path) -> None:
