@@ -26,6 +26,7 @@ from benchmarks.densities import density_rows, failure_table
 from benchmarks.expansions import expansion_rows
 from benchmarks.offline import offline_rows
 from benchmarks.row import Row
+from benchmarks.runs import print_runs
 from benchmarks.searches import print_searches
 
 CLUTCH = Path(__file__).parent.parent / "examples" / "wet_clutch" / "study.toml"
@@ -197,6 +198,7 @@ def main() -> None:
     print_table(console, rows)
     failure_table(console)
     print_searches(console)
+    print_runs()
     if options.replicates:
         recovery_table(console, study, options.replicates, options.workers)
 

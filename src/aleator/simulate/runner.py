@@ -326,7 +326,8 @@ class Runner:
 
     def _keys(self, index: Ints, x: Floats) -> list[bytes]:
         rows = np.column_stack([self.group[index], x])
-        return [row.tobytes() for row in rows]
+        whole, size = rows.tobytes(), rows.itemsize * rows.shape[1]
+        return [whole[k : k + size] for k in range(0, len(whole), size)]
 
 
 def _tried(index: Ints, x: Floats, outcome: Floats, failures: dict[int, Failure]) -> Tried:
