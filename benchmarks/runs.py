@@ -5,7 +5,8 @@ processes, and through the store alone; a third way is the same as arrays. Fifty
 many experiments as it takes. It is a process of its own, whose memory is then that of the runs.
 
 Overhead is what a run takes besides the simulator: wall-clock time, less the seconds that the
-simulator took where it ran, shared by the workers. "Again" is what another runner takes, which finds every run in the store.
+simulator took where it ran, shared by the workers. "Again" is what another runner takes, which
+finds every run in the store.
 """
 
 from __future__ import annotations
