@@ -24,6 +24,7 @@ from aleator.simulate import Runner
 from aleator.study import Study, load_study
 from benchmarks.densities import density_rows, failure_table
 from benchmarks.expansions import expansion_rows
+from benchmarks.few_runs import print_few_runs
 from benchmarks.offline import offline_rows
 from benchmarks.row import Row
 from benchmarks.runs import print_runs
@@ -198,6 +199,7 @@ def main() -> None:
     print_table(console, rows)
     failure_table(console)
     print_searches(console)
+    print_few_runs(console)
     print_runs()
     if options.replicates:
         recovery_table(console, study, options.replicates, options.workers)

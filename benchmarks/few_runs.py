@@ -168,8 +168,8 @@ def curve_table(reference: Reference, found: list[Point]) -> Table:
     table = Table(
         "way", "runs", "error of alpha", "log-likelihood",
         title=f"wet clutch: runs an experiment; error of alpha in standard errors (target {ERROR})"
-        f"; log-likelihood less the dense one at the same alpha (target {LOG_LIKELIHOOD}); the dense "
-        f"reference made {reference.runs:.0f} runs an experiment",
+        f"; log-likelihood less the dense one at the same alpha (target {LOG_LIKELIHOOD}); "
+        f"the dense reference made {reference.runs:.0f} runs an experiment",
     )  # fmt: skip
     for point in found:
         table.add_row(
