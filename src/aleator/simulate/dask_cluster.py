@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import logging
 import sys
+from asyncio import run_coroutine_threadsafe
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import cloudpickle
 
 from aleator.errors import ClusterError
 from aleator.simulate.dask_executor import DaskExecutor
@@ -24,6 +23,8 @@ CONNECT = 10.0
 """Seconds in which a scheduler has to answer at first."""
 _ANSWER = 60.0
 """Seconds in which it has to answer later, when it may be busy."""
+_LEAVE = 2.0
+"""Seconds that taking leave may take."""
 _LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
 
 
@@ -73,7 +74,10 @@ class _DaskCluster:
         self._own = isinstance(address, (str, Path))
         self._client = _connected(str(address)) if self._own else address
         self._at = str(getattr(self._client.scheduler, "address", address))
+        self._loop = self._client.loop.asyncio_loop
+        self._call = _caller()
         self._senders: dict[str, Any] = {}
+        self._asked: dict[str, Future[dict[str, Any]]] = {}
 
     def alive(self) -> bool:
         return bool(self._client.status == "running")
@@ -82,24 +86,32 @@ class _DaskCluster:
         return frozenset(self._client.nthreads(callback_timeout=_ANSWER))
 
     def faults(self, workers: Iterable[str]) -> Mapping[str, str]:
-        asked = [*workers]
-        if not asked:
-            return {}
-        answers = self._client.sync(
-            self._client.scheduler.broadcast,
-            msg={"op": "versions", "packages": ["aleator"]},
-            workers=asked,
-            on_error="ignore",
-            callback_timeout=_ANSWER,
+        found = {}
+        for worker in workers:
+            answer = self._asked.get(worker)
+            if answer is None:
+                asking = self._versions(worker)
+                self._asked[worker] = run_coroutine_threadsafe(asking, self._loop)
+            elif answer.done():
+                del self._asked[worker]
+                if answer.exception() is None:
+                    found[worker] = _fault(answer.result())
+        return found
+
+    async def _versions(self, worker: str) -> dict[str, Any]:
+        question = {"op": "versions", "packages": ["aleator"]}
+        answers = await self._client.scheduler.broadcast(
+            msg=question, workers=[worker], on_error="ignore"
         )
-        return {worker: _fault(answer["packages"]) for worker, answer in answers.items()}
+        packages: dict[str, Any] = answers[worker]["packages"]
+        return packages
 
     def send(self, worker: str, parcel: bytes) -> Future[Any]:
         sender = self._senders.get(worker) or self._client.get_executor(
             workers=[worker], allow_other_workers=False, pure=False
         )
         self._senders[worker] = sender
-        sent: Future[Any] = sender.submit(_call, parcel)
+        sent: Future[Any] = sender.submit(self._call, parcel)
         return sent
 
     def killed(self, error: BaseException) -> bool:
@@ -114,13 +126,22 @@ class _DaskCluster:
         )
 
     def close(self) -> None:
+        for answer in self._asked.values():
+            answer.cancel()
         if self._own:
-            self._client.close(timeout=2.0)
+            with suppress(TimeoutError, OSError):  # of a scheduler that does not answer
+                self._client.close(timeout=_LEAVE)
 
 
-def _call(parcel: bytes) -> Any:
-    """What a worker runs."""
-    return cloudpickle.loads(parcel)()
+def _caller() -> Callable[[bytes], Any]:
+    """What a worker runs; made here so that it travels whole: the scheduler need not import it."""
+
+    def call(parcel: bytes) -> Any:
+        import pickle
+
+        return pickle.loads(parcel)()
+
+    return call
 
 
 def _connected(address: str) -> Any:

@@ -25,6 +25,8 @@ LIVES = 3
 """Workers that may be lost with one call before the call is held to be at fault."""
 LOOK = 0.5
 """Seconds between two looks at which workers there are."""
+PATIENCE = 10.0
+"""Seconds in which workers have to say what they are, or else are used when they do."""
 _SAME = "install there the same Python and the same Aleator as here"
 
 
@@ -42,7 +44,7 @@ class Cluster(Protocol):
         """The addresses of the worker processes; raises where the scheduler does not answer."""
 
     def faults(self, workers: Iterable[str]) -> Mapping[str, str]:
-        """Why these workers cannot be used, "" for one that can, none for one that is silent."""
+        """Why these workers cannot be used, "" for one that can, nothing for one that is silent."""
 
     def send(self, worker: str, parcel: bytes) -> Future[Any]:
         """Have this worker unpickle a call and make it, and no other."""
@@ -88,6 +90,7 @@ class DaskExecutor(Executor):
         self._waiting: deque[_Call] = deque()
         self._running: dict[str, tuple[_Call, Future[Any]]] = {}
         self._judged: dict[str, str] = {}
+        self._silent: Set[str] = frozenset()
         # What it shares: events for it, and whether there is any use in them.
         self._events: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._workers: Set[str] = frozenset()
@@ -95,7 +98,7 @@ class DaskExecutor(Executor):
         self._lock = threading.Lock()
         self._end: Exception | None = None
         self._stopped = False
-        self._look()
+        self._meet()
         if self._judged and not self._workers:
             worker, fault = next(iter(self._judged.items()))
             raise ClusterError(f"no worker can be used: {worker} {fault}", _SAME)
@@ -133,6 +136,14 @@ class DaskExecutor(Executor):
         self._events.put(self._stop)
         self._thread.join()
         self._cluster.close()
+
+    def _meet(self) -> None:
+        """Wait for what the workers that are there at first say of themselves, but not for long."""
+        end = time.monotonic() + PATIENCE
+        self._look()
+        while self._silent and time.monotonic() < end:
+            time.sleep(0.01)
+            self._look()
 
     def _serve(self) -> None:
         """Do what comes, look at the workers now and then, and keep all of them at work."""
@@ -182,6 +193,7 @@ class DaskExecutor(Executor):
             self._judged[worker] = fault
             if fault:
                 self._say(f"worker {worker} is not used: it {fault}")
+        self._silent = now - self._judged.keys()
         before = self._workers
         self._workers = frozenset(worker for worker in now if self._judged.get(worker) == "")
         if before and not self._workers:
