@@ -4,9 +4,11 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -47,19 +49,37 @@ def run_page(page: Path, folder: Path) -> list[str]:
         "PYTHONPATH": str(Path(aleator.__file__).parents[1]),
         "COLUMNS": "120",
     }
-    printed = []
-    for block in blocks((folder / page).read_text(encoding="utf-8")):
-        ended = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", block],
-            cwd=folder, env=environment, capture_output=True, text=True, timeout=LIMIT,
-        )  # fmt: skip
-        said = f"{page}:\n{block}\n{ended.stdout[-2000:]}\n{ended.stderr[-2000:]}"
-        assert ended.returncode == 0, said
-        printed.append(ended.stdout)
+    printed: list[str] = []
+    started: list[int] = []
+    try:
+        for block in blocks((folder / page).read_text(encoding="utf-8")):
+            shell = subprocess.Popen(
+                ["bash", "-euo", "pipefail", "-c", block], cwd=folder, env=environment, text=True,
+                stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+            )  # fmt: skip
+            started.append(shell.pid)
+            said = shell.communicate(timeout=LIMIT)
+            told = f"{page}:\n{block}\n{said[0][-2000:]}\n{said[1][-2000:]}"
+            assert shell.returncode == 0, told
+            printed.append(said[0])
+    except BaseException:
+        for group in started:  # what a block left at work for a later one
+            with suppress(ProcessLookupError):
+                os.killpg(group, signal.SIGKILL)
+        raise
     return printed
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page.stem != "three_ways"], ids=str)
+def test_a_study_whose_worker_is_killed_gives_the_same_answer(copy: Path) -> None:
+    printed = run_page(Path("docs/clusters.md"), copy)
+    assert "its runs go to another" in printed[1]
+    assert "the same\n" in printed
+
+
+OTHERS = [page for page in PAGES if page.stem not in {"three_ways", "clusters"}]
+
+
+@pytest.mark.parametrize("page", OTHERS, ids=str)
 def test_the_commands_of_a_page_run(page: Path, copy: Path) -> None:
     assert run_page(page, copy)
 
