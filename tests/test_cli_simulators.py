@@ -110,9 +110,9 @@ def test_a_program_that_fails_is_told_by_its_script_and_its_log(folder: Path) ->
     simulator = 'command = ["python3", "{study}/model.py", "{force}", "{stiffness}"]\nkeep = "none"'
     done = identify(folder, simulator)
     assert done.exit_code == 2
-    assert "simulator 'python3 model.py' failed for experiment 'A'" in done.stderr
+    assert "simulator 'python3 model.py': 10 of 10 runs failed" in done.stderr
     assert "the license is gone" in done.stderr
-    assert "mend the simulator" in done.stderr
+    assert "mend the simulator: no run of it worked" in done.stderr
 
 
 def test_what_an_fmu_is_given_is_told_with_units(

@@ -72,6 +72,8 @@ class Complaint:
         failure, at = tried.failures[row], int(tried.index[row])
         mine = tried.index == at
         hint = self.separating(tried.x[mine], tried.good[mine])
+        if failed == asked:
+            hint = "mend the simulator: no run of it worked"
         return NoOutcome(
             f"simulator '{self.simulator}': {failed:,} of {asked:,} runs failed, too many to go "
             f"on; the first for experiment '{self.ids[at]}' with {self.at(tried.x[row])}: "
