@@ -43,27 +43,36 @@ class Imported:
 
 def table(runs: Iterable[KeptRun]) -> pd.DataFrame:
     """Runs as a data frame, a row a run; text conditions are as they are in a CSV file."""
-    rows = [
-        {
-            "fingerprint": run.simulator.fingerprint,
-            "simulator": run.simulator.name,
-            "description": run.simulator.description,
-            "version": run.simulator.version,
-            **{f"{_CONDITION}{name}": as_cell(value) for name, value in run.conditions.items()},
-            **{f"{_PARAMETER}{name}": value for name, value in run.parameters.items()},
-            "outcome": run.outcome,
-            "failure": run.failure,
-            "log": run.log,
-            "seconds": run.seconds,
-            "host": run.host,
-            "time": datetime.fromtimestamp(run.time, UTC).isoformat(),
-            "attempt": run.attempt,
-        }
-        for run in runs
-    ]
-    names = {name: None for row in rows for name in row}
-    order = [*_OWN, *(n for n in names if n not in _OWN and n not in _REST), *_REST]
-    return pd.DataFrame({name: [row.get(name) for row in rows] for name in order})
+    columns: dict[str, list[Any]] = {}
+    number = 0
+    for number, run in enumerate(runs, start=1):
+        for name, value in _cells(run).items():
+            cells = columns.setdefault(name, [])
+            cells.extend([None] * (number - 1 - len(cells)))
+            cells.append(value)
+    order = [*_OWN, *(n for n in columns if n not in _OWN and n not in _REST), *_REST]
+    padded = {name: columns.pop(name, []) for name in order}
+    for cells in padded.values():
+        cells.extend([None] * (number - len(cells)))
+    return pd.DataFrame(padded)
+
+
+def _cells(run: KeptRun) -> dict[str, Any]:
+    return {
+        "fingerprint": run.simulator.fingerprint,
+        "simulator": run.simulator.name,
+        "description": run.simulator.description,
+        "version": run.simulator.version,
+        **{f"{_CONDITION}{name}": as_cell(value) for name, value in run.conditions.items()},
+        **{f"{_PARAMETER}{name}": value for name, value in run.parameters.items()},
+        "outcome": run.outcome,
+        "failure": run.failure,
+        "log": run.log,
+        "seconds": run.seconds,
+        "host": run.host,
+        "time": datetime.fromtimestamp(run.time, UTC).isoformat(),
+        "attempt": run.attempt,
+    }
 
 
 def as_cell(value: Any) -> Any:

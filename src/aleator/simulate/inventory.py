@@ -7,6 +7,7 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -96,12 +97,17 @@ def kept_runs(
             yield _kept_run(row)
 
 
+# Runs of one case come together: its texts are read once, and a million runs share them.
+_read = lru_cache(maxsize=1024)(json.loads)
+_identity = lru_cache(maxsize=64)(Identity)
+
+
 def _kept_run(row: Sequence[Any]) -> KeptRun:
-    names, x = json.loads(row[6]), np.frombuffer(row[7], dtype="<f8").tolist()
+    names, x = _read(row[6]), np.frombuffer(row[7], dtype="<f8").tolist()
     return KeptRun(
         row[0],
-        Identity(*row[1:5]),
-        json.loads(row[5]),
+        _identity(*row[1:5]),
+        dict(_read(row[5])),
         dict(zip(names, x, strict=True)),
         *row[8:],
     )
