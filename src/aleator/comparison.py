@@ -31,6 +31,8 @@ COMPARED: tuple[Density, ...] = (
 MOST = 25
 """Experiments whose distances are averaged; more would say the same and take longer."""
 REACH = 8.0
+SMALLEST = 1e-8
+"""Least eigenvalue of the scores' correlation matrix that still tells a direction."""
 POINTS = 401
 """Points over 16 standard deviations: the distance is then good to a thousandth of one."""
 
@@ -42,17 +44,13 @@ def density_distances(problem: Problem, alpha: Array) -> tuple[DensityDistance, 
     resolve the density or do not reach an outcome. Cost: a fit of each density, and the distances
     of at most 25 experiments.
     """
-    likelihood, inputs = problem.likelihood, problem.model.inputs
-    on_lattice = 1 <= inputs.scattering <= MOST_ON_LATTICE
-    if problem.surface is None or not (likelihood.noisy or on_lattice):
+    exact = _exact(problem)
+    if exact is None:
         return ()
-    cubature = default_cubature(inputs, Convolution(), runs=False)
-    grid = QuadraturePropagation(inputs, problem.response, cubature)
-    exact = replace(likelihood, density=Convolution(), propagation=grid)
     reference = exact.evaluate(alpha)
     if np.any(reference.status != Status.SOLVED) or not np.isfinite(reference.total):
         return ()
-    chosen = np.unique(np.linspace(0, likelihood.outcomes.size - 1, MOST).astype(np.intp))
+    chosen = np.unique(np.linspace(0, exact.outcomes.size - 1, MOST).astype(np.intp))
     few = _only(exact, chosen)
     moments = few.moments(alpha)
     steps = np.linspace(-REACH, REACH, POINTS)
@@ -74,6 +72,48 @@ def density_distances(problem: Problem, alpha: Array) -> tuple[DensityDistance, 
             )
         )
     return tuple(rows)
+
+
+def exact_movement(problem: Problem, alpha: Array) -> float:
+    """Standard errors by which an estimate would move, at most, if the density were exact.
+
+    One step of Fisher scoring with the convolution, its information by outer products of the
+    scores (as `verification.movement`). Infinite where an outcome has no density at alpha; zero
+    where the convolution is not to be had, its nodes are too coarse or nothing is identified. Cost:
+    one log-likelihood with its score.
+    """
+    exact = _exact(problem)
+    if exact is None:
+        return 0.0
+    found = exact(alpha)
+    if np.any(found.status != Status.SOLVED):
+        return 0.0
+    if not np.isfinite(exact.evaluate(alpha).total):
+        return float("inf")
+    assert found.scores is not None
+    inside = [h.free and h.lower < a < h.upper
+              for h, a in zip(exact.hyperparameters, alpha, strict=True)]  # fmt: skip
+    scores = found.scores[:, inside]
+    size = np.sqrt(np.sum(scores**2, axis=0))
+    if not np.all(size > 0.0):
+        return 0.0
+    values, vectors = np.linalg.eigh(scores.T @ scores / np.outer(size, size))
+    if values.size == 0 or values[0] < SMALLEST:
+        return 0.0
+    inverse = (vectors / values) @ vectors.T
+    step = inverse @ (scores.sum(axis=0) / size)
+    return float(np.max(np.abs(step) / np.sqrt(np.diag(inverse))))
+
+
+def _exact(problem: Problem) -> Likelihood | None:
+    """The likelihood of the convolution on the same surfaces, where there is one."""
+    inputs = problem.model.inputs
+    on_lattice = 1 <= inputs.scattering <= MOST_ON_LATTICE
+    if problem.surface is None or not (problem.likelihood.noisy or on_lattice):
+        return None
+    cubature = default_cubature(inputs, Convolution(), runs=False)
+    grid = QuadraturePropagation(inputs, problem.response, cubature)
+    return replace(problem.likelihood, density=Convolution(), propagation=grid)
 
 
 def _only(likelihood: Likelihood, chosen: NDArray[np.intp]) -> Likelihood:

@@ -21,6 +21,7 @@ from aleator.baselines import (
     linear_gaussian,
     start_point,
 )
+from aleator.comparison import exact_movement
 from aleator.concentration import Concentration
 from aleator.densities import Convolution, Density, MaximumEntropy, NodeDensity, Status
 from aleator.errors import InputsError
@@ -34,7 +35,7 @@ from aleator.profile import Profile, profile_intervals
 from aleator.progress import Progress, Silent
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
-from aleator.search import GradientMultistart, Search, SearchResult, ascend
+from aleator.search import GradientMultistart, Near, Search, SearchResult, ascend
 from aleator.simulate import Runner, Simulator, as_runner
 from aleator.verification import MonteCarlo, SurfaceEmulator, Verification, verify
 
@@ -48,6 +49,9 @@ WIDER = 3
 
 COARSE = 0.1
 """Change of the log-likelihood with more nodes that says that they are too few."""
+
+MOVES = 0.1
+"""Standard errors by which the exact density has to move an estimate to be worth its time."""
 
 DEFAULT_PROPAGATION = ResponseSurface()
 DEFAULT_SEARCH = GradientMultistart()
@@ -102,7 +106,7 @@ def identify(
     with findings.boxes_proposed(runner, inputs):
         with ledger.stage("repeated run"):
             runner.require_repeatable(np.clip(start_point(inputs), *inputs.box.T))
-        answer = _answered(runner, table, model, search, seed, ledger, moments=density is None)
+        answer = _answered(runner, table, model, search, seed, ledger, freely=density is None)
         checked = None
         if verification.samples:
             with ledger.stage("verification"):
@@ -111,7 +115,7 @@ def identify(
         table, answer.problem, answer.found, answer.inference, answer.profile, checked,
         answer.baselines, seconds=ledger.seconds, runs_by_stage=ledger.runs, seed=seed,
         failures=findings.failure_report(runner),
-        notes=[findings.MOMENTS_STAND_IN] if answer.problem.model.density != chosen else [],
+        notes=[findings.MOMENTS_STAND_IN] if answer.stands_in else [],
     )  # fmt: skip
 
 
@@ -124,6 +128,8 @@ class _Answer:
     inference: Inference
     profile: Profile
     baselines: tuple[LeastSquares, LinearGaussian]
+    stands_in: bool = False
+    """Whether four moments serve although the exact density was tried."""
 
 
 def _answered(
@@ -134,11 +140,11 @@ def _answered(
     seed: int,
     ledger: Ledger,
     *,
-    moments: bool,
+    freely: bool,
 ) -> _Answer:
     """Search on surfaces that fit the answer, and widen them until they hold its intervals.
 
-    With `moments` an answer that the nodes cannot resolve is left to four moments.
+    A density that was `freely` chosen is changed where another does better at the answer.
     """
     follows = isinstance(model.propagation, ResponseSurface) and model.propagation.tolerance is None
     if follows:
@@ -153,10 +159,13 @@ def _answered(
             baselines = _baselines(problem, search, seed)
     else:
         problem, baselines, found = _focused_search(runner, table, model, search, seed, ledger)
-    if moments and _moments_serve(problem, found.alpha):
+    other = _other_density(problem, found.alpha) if freely else None
+    if other is not None:
         runner.know(runner.completed)
-        model = replace(model, density=MaximumEntropy(order=4))
-        return _answered(runner, table, model, search, seed, ledger, moments=False)
+        exact, changed = isinstance(other, Convolution), replace(model, density=other)
+        again = Near(found.alpha) if exact else search
+        answer = _answered(runner, table, changed, again, seed, ledger, freely=exact)
+        return answer if exact else replace(answer, stands_in=True)
     with ledger.stage("inference"):
         found, inference, profile = infer_at(problem, found)
     for _ in range(WIDER if follows else 0):
@@ -179,14 +188,19 @@ def _answered(
     return _Answer(problem, found, inference, profile, baselines)
 
 
+def _other_density(problem: Problem, alpha: Array) -> Density | NodeDensity | None:
+    """What does better than the default density: the exact one, or four moments in its place."""
+    if isinstance(problem.model.density, Convolution):
+        return MaximumEntropy(order=4) if _moments_serve(problem, alpha) else None
+    return Convolution() if exact_movement(problem, alpha) > MOVES else None
+
+
 def _moments_serve(problem: Problem, alpha: Array) -> bool:
     """Whether a density over nodes needs more of them, so that four moments do better.
 
     By its status, or because more nodes change it; without noise four moments have to be nearer to
     what more nodes give.
     """
-    if not isinstance(problem.model.density, NodeDensity):
-        return False
     likelihood = problem.likelihood
     if np.any(likelihood.fit(alpha).status == Status.TOO_COARSE):
         return True

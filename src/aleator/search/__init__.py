@@ -17,6 +17,7 @@ from aleator.search.interface import (
     objective_of,
 )
 from aleator.search.limits import wide_limits
+from aleator.search.near import Near
 from aleator.search.newton import ascend
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "DifferentialEvolution",
     "GeneticAlgorithm",
     "GradientMultistart",
+    "Near",
     "Objective",
     "Optimum",
     "Scored",

@@ -1,0 +1,54 @@
+"""A few ascents from where the maximum of nearly the same likelihood is known to be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.laws import Hyperparameter
+from aleator.progress import Progress
+from aleator.search.gradient import GradientMultistart
+from aleator.search.interface import Objective, Scored, SearchResult
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Near:
+    """Climb from `alpha` (K,), the hyperparameters' start and a guess: `GradientMultistart(3)`.
+
+    For a likelihood that costs much, after a search of a cheaper one that is nearly the same. It
+    finds no optimum that the other did not lead to.
+
+    >>> Near(np.array([1.0])).name
+    'gradient_multistart(3)'
+    """
+
+    alpha: Array
+
+    @property
+    def name(self) -> str:
+        """How the result names this choice."""
+        return self._multistart.name
+
+    def maximize(
+        self,
+        objective: Objective | Scored,
+        hyperparameters: Sequence[Hyperparameter],
+        *,
+        seed: int,
+        guesses: Sequence[Array] = (),
+        progress: Progress | None = None,
+    ) -> SearchResult:
+        """The best of the three ends; errors as `GradientMultistart`."""
+        known = [self.alpha, *guesses]
+        return self._multistart.maximize(
+            objective, hyperparameters, seed=seed, guesses=known, progress=progress
+        )
+
+    @property
+    def _multistart(self) -> GradientMultistart:
+        return GradientMultistart(3)
