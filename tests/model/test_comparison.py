@@ -8,7 +8,7 @@ from problems import GROWTH, NOISY, Problem
 from scipy import integrate, stats
 
 from aleator import Inputs, MaximumEntropy, Noise, Normal, ResponseSurface
-from aleator.comparison import density_distances
+from aleator.comparison import density_distances, exact_movement
 from aleator.densities import Convolution
 from aleator.experiments import Experiments
 from aleator.focus import law_region
@@ -78,3 +78,17 @@ def test_without_noise_the_reference_is_the_density_in_closed_form() -> None:
     own = ready.likelihood.evaluate(GROWTH.alpha).total
     gap = rows["maximum_entropy(4)"].log_likelihood
     assert gap == pytest.approx(own - exact, abs=0.1 * abs(own - exact) + 1e-3)
+
+
+def test_the_step_to_the_exact_maximum_is_told_in_standard_errors() -> None:
+    """Outcomes exp(z x): the exact estimates are mean and scatter of log(y)/z."""
+    ready = prepared(GROWTH, MaximumEntropy(4))
+    x = np.log(ready.likelihood.outcomes) / GROWTH.z
+    best = np.array([x.mean(), x.std()])
+    assert exact_movement(ready, best) < 0.05
+    # a step is exact to first order, where scores are those of seven experiments
+    moved = np.array([best[0] + 0.2 * x.std() / np.sqrt(x.size), best[1]])
+    assert exact_movement(ready, moved) == pytest.approx(0.2, rel=0.5)
+    assert exact_movement(ready, best) < exact_movement(ready, moved)
+    # an outcome of which the law knows nothing
+    assert exact_movement(ready, np.array([best[0], 0.02])) == np.inf

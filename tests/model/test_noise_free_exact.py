@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from problems import BINDING, GROWTH, Problem
-from scipy import stats
+from scipy import optimize, stats
 
 from aleator import (
     Convolution,
@@ -24,6 +24,7 @@ from aleator import (
     predict,
 )
 from aleator.errors import InputsError
+from aleator.quadrature import gauss_hermite
 
 # Millions of revolutions to failure of 23 ball bearings: Lieblein and Zelen, J. Res. Nat. Bur.
 # Stand. 57 (1956) 273, as in Lawless, Statistical Models and Methods for Lifetime Data (1982).
@@ -121,3 +122,31 @@ def test_a_number_of_nodes_asks_for_no_less_than_the_density_needs() -> None:
 def test_a_noise_of_zero_is_refused() -> None:
     with pytest.raises(InputsError, match="sd = 0 is no noise"):
         Noise(0.0)
+
+
+def test_of_two_parameters_the_exact_density_is_taken_where_it_moves_an_estimate() -> None:
+    """y = w exp(x) is normal given x, which a Gauss rule integrates."""
+    rng, (node, weight) = np.random.default_rng(5), gauss_hermite(60)
+    y = (1.0 + 0.1 * rng.standard_normal(25)) * np.exp(0.5 * rng.standard_normal(25))
+    law = Inputs(
+        {"x": Normal(mean=0.0, sd=Free(0.1, 1.0)), "w": Normal(mean=Free(0.5, 2.0), sd=0.1)}
+    )
+    found = identify(
+        lambda x, w: w * np.exp(x), pd.DataFrame({"y": y}), law, outcome="y", vectorized=True,
+        verification=MonteCarlo(0), search=GradientMultistart(2),
+        propagation=ResponseSurface(tolerance=1e-3),
+    )  # fmt: skip
+    assert found.density == "convolution"
+    assert found.accepted
+
+    def exact(p: np.ndarray) -> float:
+        factor = np.exp(p[0] * node)
+        return -float(
+            np.log(stats.norm.pdf(y[:, None] / factor, p[1], 0.1) / factor @ weight).sum()
+        )
+
+    end = optimize.minimize(exact, [0.5, 1.0], method="Nelder-Mead")
+    for name, value in zip(("x.sd", "w.mean"), end.x, strict=True):
+        estimate = found.alpha[name]
+        assert estimate.standard_error is not None
+        assert abs(estimate.estimate - value) < 0.05 * estimate.standard_error

@@ -93,7 +93,8 @@ def identify(
       [propagation] method = "response_surface" (tolerance = 0.005, max_runs = 1000, nodes)
                     or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
       [density]     kind = "automatic": with response surfaces the convolution where there
-                    is noise or one scattering parameter, else maximum entropy of order 4.
+                    is noise, one scattering parameter, or two or three whose estimates
+                    it would move; else maximum entropy of order 4.
                     Or "maximum_entropy" (order), "gaussian", "gaussian_mixture",
                     "convolution" (points = 400) or "logspline" (knots = 32, smoothing)
       [search]      method = "gradient" (starts = 10, evaluations = 60), "genetic",

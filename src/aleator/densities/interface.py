@@ -74,7 +74,7 @@ _EXPLANATIONS = {
         "add measurement noise or leave the experiment out"
     ),
     Status.TOO_COARSE: (
-        "the nodes lie too far apart for the noise, so that their density is a row of spikes: "
+        "the nodes lie too far apart for the noise, or for an outcome that bends or turns: "
         "take more nodes or maximum_entropy"
     ),
     Status.NO_MIXTURE: ("no mixture of two normals has these moments: take maximum_entropy"),
