@@ -42,7 +42,7 @@ def exponential(x: np.ndarray) -> np.ndarray:
 def identified(y: np.ndarray, **more: object) -> Identification:
     return identify(
         exponential, pd.DataFrame({"y": y}), EXPONENT, outcome="y", vectorized=True,
-        verification=MonteCarlo(0), **more,
+        verification=MonteCarlo(0), search=GradientMultistart(3), **more,
     )  # type: ignore[arg-type]  # fmt: skip
 
 
@@ -79,9 +79,7 @@ def test_a_skewness_of_four_and_an_outlier_cost_nothing(
     """The tolerance is relative to the scatter, which an outlier makes large beside the others."""
     rng = np.random.default_rng(2)
     y = np.exp(4.0 + 0.8 * np.append(rng.standard_normal(59), extra))
-    found = identified(
-        y, propagation=ResponseSurface(tolerance=tolerance), search=GradientMultistart(3)
-    )
+    found = identified(y, propagation=ResponseSurface(tolerance=tolerance))
     assert found.accepted
     assert {e.status for e in found.experiments} == {"solved"}
     assert np.abs(offset(found, y)).max() < 0.1

@@ -79,14 +79,15 @@ class Convolution:
     Nodes too coarse (`ripple` above 0.02, or on a lattice `Linearized.bend` above 0.3) have status
     TOO_COARSE, and the normal density of the same mean and variance stands in.
 
-    Without noise only a lattice has a density; that of other nodes has status DEGENERATE. It is the
-    law's own, pushed forward: error of log f below 2e-4 from 1e-4 to 1 - 1e-4 of probability for
+    Without noise only a lattice has a density; other nodes have status DEGENERATE. It is the law's
+    own, pushed forward: the error of log f is below 6e-4 from 1e-4 to 1 - 1e-4 of probability for
     lognormal outcomes of one parameter (401 nodes) up to a logarithmic sd of 1.5, and at the edges
     of a uniform or truncated law; a singularity, where the outcome turns, is cut at some 0.001 of
-    its scale. Beyond the nodes it is zero, and a search sees a normal tail e^-40 below. Raises InputsError for points under 2, for a
-    negative weight (a sparse grid has them; a sum with them is no density), or a noise that is
-    negative or not finite. Cost O(N J) for a value with all its derivatives, O(N J n^2) on a
-    lattice.
+    its scale. Beyond the nodes it is zero, and a search sees a normal tail e^-40 below.
+
+    Raises InputsError for points under 2, for a negative weight (a sparse grid has them; a sum with
+    them is no density), or a noise that is negative or not finite. Cost O(N J) for a value with all
+    its derivatives, O(N J n^2) on a lattice.
 
     >>> nodes = Outcomes(np.array([[0.0, 1.0]]), np.array([0.5, 0.5]))
     >>> fitted = Convolution().fit_nodes(nodes, 1.0, -np.inf, np.inf)
