@@ -99,8 +99,8 @@ def memory() -> float:
 def growth_table(name: str, costs: list[Cost], workers: int) -> Table:
     """A row for each number of runs."""
     table = Table(
-        "runs", "seconds", "µs a run", "simulator, µs", "overhead, µs", "again, µs", "store, MB",
-        title=name,
+        "runs", "seconds", "a run", "simulator", "overhead", "again", "MB",
+        title=f"{name}; microseconds",
     )  # fmt: skip
     for c in costs:
         table.add_row(

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aleator import cli
-from aleator.simulate import Store, exchange, inventory
+from aleator.simulate import Identity, Store, exchange, inventory
+from aleator.simulate.inventory import KeptRun
 
 STUDY = """\
 [experiments]
@@ -204,6 +205,30 @@ def test_parquet_needs_an_extra(study: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert run("export", study, "runs.parquet").exit_code == 0
     frame = pd.read_parquet("runs.parquet")
     assert frame["outcome"].notna().sum() == sum(run.outcome is not None for run in contents())
+
+
+def test_runs_of_different_simulators_are_rows_of_one_table() -> None:
+    def kept(number: int, conditions: dict[str, float], parameters: dict[str, float]) -> KeptRun:
+        return KeptRun(
+            number,
+            Identity("f", "model"),
+            conditions,
+            parameters,
+            1.0,
+            None,
+            None,
+            0.1,
+            "h",
+            0.0,
+            1,
+        )
+
+    runs = [kept(1, {"a": 2.0}, {"x": 3.0}), kept(2, {"b": 4.0}, {"x": 5.0, "y": 6.0})]
+    frame = exchange.table(runs)
+    rows = frame[["condition.a", "condition.b", "parameter.x", "parameter.y"]].fillna(-1.0)
+    assert rows.to_numpy().tolist() == [[2.0, -1.0, 3.0, -1.0], [-1.0, 4.0, 5.0, 6.0]]
+    assert [*frame.columns[:4]] == ["fingerprint", "simulator", "description", "version"]
+    assert [*exchange.table([]).columns] == [*frame.columns[:4], *frame.columns[8:]]
 
 
 @given(st.text(max_size=8) | st.floats(allow_nan=False))
