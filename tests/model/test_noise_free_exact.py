@@ -85,6 +85,23 @@ def test_a_skewness_of_four_and_an_outlier_cost_nothing(
     assert np.abs(offset(found, y)).max() < 0.1
 
 
+@pytest.mark.parametrize(
+    ("sd", "propagation"), [(0.8, ResponseSurface()), (1.5, ResponseSurface(tolerance=0.005))]
+)
+def test_no_outcome_is_out_of_reach_of_a_normal_law_without_a_box(
+    sd: float, propagation: ResponseSurface
+) -> None:
+    """A pilot that is linear in x knows little of exp(x) over six decades."""
+    y = np.exp(2.0 + sd * np.random.default_rng(0).standard_normal(60))
+    wide = Inputs({"x": Normal(mean=Free(-5.0, 10.0), sd=Free(0.02, 3.0))})
+    found = identify(
+        exponential, pd.DataFrame({"y": y}), wide, outcome="y", vectorized=True,
+        verification=MonteCarlo(0), search=GradientMultistart(3), propagation=propagation,
+    )  # fmt: skip
+    assert found.accepted
+    assert np.abs(offset(found, y)).max() < 0.1
+
+
 @pytest.mark.parametrize("problem", [GROWTH, BINDING])
 def test_the_likelihood_and_its_score_are_exact(problem: Problem) -> None:
     y, alpha = problem.draw(4), problem.alpha
