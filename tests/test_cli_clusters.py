@@ -138,12 +138,12 @@ def test_a_study_whose_scheduler_is_killed_keeps_its_runs_and_goes_on(
 def test_an_mpi_job_finds_the_same_answer(tmp_path: Path, alone: dict[str, Any]) -> None:
     folder = study_in(tmp_path / "springs")
     mpiexec = str(Path(sys.executable).with_name("mpiexec"))
-    done = aleator_run(folder, "--mpi", launch=(mpiexec, "-n", "3"))
+    done = aleator_run(folder, "--mpi", launch=(mpiexec, "-n", "2"))
     assert done.returncode == 0, done.stderr
     assert answer(folder) == alone
     assert set(kept(folder)) == set(runs_made(folder))
     (folder / "model.py").write_text("def length(load): return load")
-    wrong = aleator_run(folder, "--mpi", launch=(mpiexec, "-n", "2"))
+    wrong = aleator_run(folder, "--mpi", launch=(mpiexec, "-n", "1"))
     assert wrong.returncode == 2
     assert "has no argument for the parameter 'softness'" in wrong.stderr
 
