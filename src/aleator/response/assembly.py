@@ -6,8 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from aleator.response.group import Group
 from aleator.response.points import Floats, Ints, fixed_shift, low_discrepancy
-from aleator.response.surface import Group, Surface
+from aleator.response.surface import Surface
 
 # A term is left out where all that is left out stays under this part of the error: it then adds
 # half a percent to it (root of 1 + 0.1^2).
@@ -78,6 +79,13 @@ def degrees_of(indices: Ints, terms: Floats, error: Floats) -> Ints:
             beyond = (terms[:, degree > d] ** 2).sum(axis=1)
             out[beyond > floor, i] = d + 1
     return out
+
+
+def sampled_scatter(surface: Surface) -> Floats:
+    """Return the standard deviation (N,) of each surface over 1024 points of the box."""
+    z = low_discrepancy(1024, len(surface.box), fixed_shift(len(surface.box)))
+    low, high = surface.box.T
+    return np.asarray(surface.evaluate(low + 0.5 * (z + 1.0) * (high - low)).std(axis=1))
 
 
 def outcome_range(surface: Surface, outcomes: Floats) -> tuple[Floats, Floats]:

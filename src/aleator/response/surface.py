@@ -9,24 +9,13 @@ import numpy as np
 
 from aleator.errors import InputsError
 from aleator.response.basis import products, products_with_gradient
+from aleator.response.crease import Crease
+from aleator.response.group import Group, sums, sums_at, sums_with_gradient
 from aleator.response.points import Floats, Ints
 from aleator.threads import single_threaded
 
 # Numbers held at once by one block of basis functions: 32 MB.
 BLOCK = 4_000_000
-
-
-@dataclass(frozen=True)
-class Group:
-    """Experiments that share one index set: the first `size` rows of the common list."""
-
-    members: Ints
-    coefficients: Floats  # (members, size)
-
-    @property
-    def size(self) -> int:
-        """Number of polynomial terms."""
-        return int(self.coefficients.shape[1])
 
 
 @dataclass(frozen=True)
@@ -44,6 +33,9 @@ class Surface:
     degree of each parameter beyond which all terms together are smaller than the error. Where
     hardly a run worked there is no surface: `error` is infinite.
 
+    `creases` add h_l(x) q_l(x) to the experiments that have a kink (module `crease`); at its border
+    the gradient is that of one of the two sides.
+
     Outside the box the polynomial is an extrapolation and grows without limit: evaluation there
     is not refused, and not to be trusted.
     """
@@ -59,6 +51,7 @@ class Surface:
     degrees: Ints
     lower: Floats = field(default_factory=lambda: np.empty(0))
     upper: Floats = field(default_factory=lambda: np.empty(0))
+    creases: tuple[Crease, ...] = ()
 
     @property
     def total_runs(self) -> int:
@@ -72,8 +65,9 @@ class Surface:
         out = np.empty((len(self.error), len(x)))
         for part in self._blocks(len(x), 1):
             basis = products(self.indices, self._unit(x[part]))
-            for group in self.groups:
-                out[group.members, part] = group.coefficients @ basis[: group.size]
+            out[:, part] = sums(self.groups, len(out), basis)
+            for crease in self.creases:
+                out[crease.members, part] += crease.value(self._unit(x[part]))
         return out
 
     @single_threaded
@@ -90,13 +84,11 @@ class Surface:
         for part in self._blocks(len(x), 1 + n):
             basis = products_with_gradient(self.indices, self._unit(x[part]))
             basis[:, 1:] /= width[:, None]
-            columns = basis.reshape(len(basis), -1)
-            for group in self.groups:
-                both = (group.coefficients @ columns[: group.size]).reshape(
-                    len(group.members), 1 + n, -1
-                )
-                value[group.members, part] = both[:, 0]
-                slope[group.members, :, part] = both[:, 1:]
+            value[:, part], slope[:, :, part] = sums_with_gradient(self.groups, len(value), basis)
+            for crease in self.creases:
+                added, steeper = crease.value_and_slope(self._unit(x[part]))
+                value[crease.members, part] += added
+                slope[crease.members, :, part] += steeper / width[:, None]
         return value, slope.transpose(0, 2, 1)
 
     @single_threaded
@@ -114,17 +106,14 @@ class Surface:
                 f"surface: no experiment {strangers[0]}", f"count from 0 to {len(self.error) - 1}"
             )
         out = np.empty(len(x))
-        where = np.empty(len(self.error), dtype=np.intp)
-        which = np.empty(len(self.error), dtype=np.intp)
-        for g, group in enumerate(self.groups):
-            where[group.members], which[group.members] = np.arange(len(group.members)), g
-        for g, group in enumerate(self.groups):
-            wanted = np.flatnonzero(which[index] == g)
-            for part in self._blocks(len(wanted), 1):
-                rows = wanted[part]
-                basis = products(self.indices[: group.size], self._unit(x[rows]))
-                terms = group.coefficients[where[index[rows]]]
-                out[rows] = np.einsum("rp,pr->r", terms, basis)
+        for part in self._blocks(len(x), 1):
+            z = self._unit(x[part])
+            out[part] = sums_at(self.groups, self.indices, index[part], z)
+            for crease in self.creases:
+                place = np.full(len(self.error), -1)
+                place[crease.members] = np.arange(len(crease.members))
+                rows = np.flatnonzero(place[index[part]] >= 0)
+                out[part][rows] += crease.at(place[index[part][rows]], z[rows])
         return out
 
     def _points(self, x: Floats) -> Floats:
