@@ -41,7 +41,12 @@ CLUTCH = Path(__file__).parent.parent / "examples" / "wet_clutch" / "study.toml"
 FIGURE = Path("out") / "few_runs.png"
 DENSITY = MaximumEntropy(4)
 DENSE = ResponseSurface(tolerance=0.001, max_runs=1000)
-TOLERANCES = (0.2, 0.1, 0.05, 0.02, 0.01)
+SURFACES = {
+    "own surfaces, as the answer needs": [
+        ResponseSurface(max_runs=most) for most in (34, 40, 1000)
+    ],
+    "own surfaces, as exact everywhere": [ResponseSurface(tolerance=t) for t in (0.1, 0.05, 0.02)],
+}
 EVALUATIONS = 20
 APART = 1.3
 """Rows of one ascent: as many times more runs than the row before."""
@@ -151,8 +156,8 @@ def by_runs(way: str, study: Study, choice: Collocation) -> list[Point]:
 
 def points(study: Study) -> Iterator[Point]:
     """Every way, from few runs to many."""
-    for tolerance in TOLERANCES:
-        yield by_surfaces("own surfaces", study, ResponseSurface(tolerance=tolerance))
+    for way, choices in SURFACES.items():
+        yield from (by_surfaces(way, study, choice) for choice in choices)
     yield from by_runs(
         "collocation, 25 for every alpha", study,
         Collocation(nodes=5, moments="expansion", degree=4),
