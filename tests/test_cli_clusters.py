@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -33,6 +32,7 @@ starts = 2
 [verification]
 samples = 0
 """
+MPIEXEC = Path(sys.executable).with_name("mpiexec")
 # Runs are logged, and slow enough for several batches; one of them ends a process, once.
 MODEL = """\
 import os, pathlib, signal, time
@@ -134,16 +134,15 @@ def test_a_study_whose_scheduler_is_killed_keeps_its_runs_and_goes_on(
     assert len(repeated) <= 1  # the one that is repeated on purpose
 
 
-@pytest.mark.skipif(shutil.which("mpiexec", path=Path(sys.executable).parent) is None, reason="-")
+@pytest.mark.skipif(not MPIEXEC.exists(), reason="no MPI")
 def test_an_mpi_job_finds_the_same_answer(tmp_path: Path, alone: dict[str, Any]) -> None:
     folder = study_in(tmp_path / "springs")
-    mpiexec = str(Path(sys.executable).with_name("mpiexec"))
-    done = aleator_run(folder, "--mpi", launch=(mpiexec, "-n", "2"))
+    done = aleator_run(folder, "--mpi", launch=(str(MPIEXEC), "-n", "2"))
     assert done.returncode == 0, done.stderr
     assert answer(folder) == alone
     assert set(kept(folder)) == set(runs_made(folder))
     (folder / "model.py").write_text("def length(load): return load")
-    wrong = aleator_run(folder, "--mpi", launch=(mpiexec, "-n", "1"))
+    wrong = aleator_run(folder, "--mpi", launch=(str(MPIEXEC), "-n", "1"))
     assert wrong.returncode == 2
     assert "has no argument for the parameter 'softness'" in wrong.stderr
 
