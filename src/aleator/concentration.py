@@ -19,11 +19,12 @@ from scipy.stats import qmc
 from aleator import findings, focus
 from aleator.inference import Inference, infer
 from aleator.laws import Hyperparameter
-from aleator.problem import Model, Problem, attempts, prepare, told
+from aleator.problem import Model, Problem, prepare, told
 from aleator.progress import Progress
 from aleator.propagation import moving_parameters
-from aleator.response import ResponseSurface, Sharpened
+from aleator.response import ResponseSurface
 from aleator.search import SearchResult, ascend
+from aleator.sharing import first_surfaces, later_surfaces
 from aleator.simulate import Runner
 
 Array = NDArray[np.float64]
@@ -77,8 +78,8 @@ class Concentration:
         self.choice = self.model.propagation
         count = np.unique(self.runner.group).size
         self.region = region
-        self.state = Sharpened(attempts(self.runner, region), self._box(region), count)
         self.where = self._everywhere()
+        self.state = first_surfaces(self.runner, region, self.choice, self.where)
         self.past = np.full((PATIENCE, count), np.inf)
         self.held = False
         self._complete()
@@ -151,6 +152,8 @@ class Concentration:
         region = None if self.held else focus.next_region(problem, alpha, [*likely])
         if region is not None:
             self._move(region)
+        self.state = later_surfaces(self.state, self.choice)
+        self.state.judge(self.where)
         members = np.flatnonzero(self._wanting(tolerance))
         if members.size:
             self.past[:, members] = np.roll(self.past[:, members], -1, axis=0)

@@ -34,6 +34,8 @@ class ResponseSurface:
     seed: of the validation points.
     nodes: Gauss nodes a parameter, or a cubature, when the surfaces are propagated; None leaves it
     open.
+    shared: whether all experiments share one surface, over conditions and parameters; None leaves
+    it to the estimated error. Only without a tolerance.
 
     Raises InputsError for a value outside these ranges.
 
@@ -47,6 +49,7 @@ class ResponseSurface:
     accuracy: float = 1e-6
     seed: int = 0
     nodes: int | Cubature | None = None
+    shared: bool | None = None
 
     def __post_init__(self) -> None:
         checks = (
@@ -63,6 +66,7 @@ class ResponseSurface:
             ),
             ("accuracy", 0.0 <= self.accuracy < 1.0, "choose one in [0, 1), e.g. 1e-6"),
             ("seed", self.seed >= 0, "choose a seed >= 0"),
+            ("shared", not (self.shared and self.tolerance), "leave out the tolerance"),
             ("nodes", not isinstance(self.nodes, int) or self.nodes >= 1, "choose at least 1"),
         )
         for name, good, remedy in checks:

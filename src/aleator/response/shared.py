@@ -11,18 +11,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aleator.errors import SimulatorError
 from aleator.response.assembly import degrees_of, merged, outcome_range
 from aleator.response.basis import ball, products
 from aleator.response.joint import Covariance, Posterior, learned
+from aleator.response.masked import Flags, checked_outcomes
 from aleator.response.points import CLUSTER, Floats, Ints, fixed_shift, low_discrepancy
-from aleator.response.refinement import Flags, Run
+from aleator.response.refinement import Run
+from aleator.response.samples import Samples
+from aleator.response.sharpened import Sharpened
 from aleator.response.surface import Surface
 
 # Runs of all experiments together that the first round has, where the experiments are few.
 FIRST = 800
 # Runs that one fit may have: its cost is their number cubed.
 MOST = 4000
+# Runs an experiment with which it may as well have its own surface.
+EACH = 40
 # Runs from which the covariance is learned, and steps of that: at first, and later.
 LEARNED = 500
 STEPS = (60, 20)
@@ -96,10 +100,24 @@ class Shared:
         """Runs made of each experiment, (N,), wherever they lie."""
         return np.bincount(self.made.index, minlength=len(self.conditions))
 
+    @staticmethod
+    def fits(experiments: int, n: int) -> bool:
+        """Whether one fit takes the first runs and as many again."""
+        return 2 * experiments * first_runs(experiments, n) <= MOST
+
     @property
     def full(self) -> bool:
-        """Whether one fit takes no more runs."""
-        return len(self.made.y) + len(self.conditions) > MOST
+        """Whether there are all the runs that one fit takes."""
+        return len(self.made.y) + len(self.conditions) > min(MOST, EACH * len(self.conditions))
+
+    def own_surfaces(self) -> Sharpened:
+        """A surface for each experiment instead, from the runs that it has."""
+        members, x, y = self.made.index, self.made.x, self.made.y
+        outcome = np.full((len(self.conditions), len(y)), np.nan)
+        asked = np.zeros(outcome.shape, dtype=np.bool_)
+        column = np.arange(len(y))
+        outcome[members, column], asked[members, column] = y, True
+        return Sharpened(self.run, self.box, len(outcome), Samples(x, outcome, asked))
 
     def move(self, box: Floats) -> None:
         """Take the surfaces to another box; runs outside still tell of it."""
@@ -111,7 +129,7 @@ class Shared:
         As many more as make the runs of the experiment that has most of them grow by `growth`.
         """
         most = int(self.runs[members].max())
-        room = (MOST - len(self.made.y)) // len(members)
+        room = max((MOST - len(self.made.y)) // len(members), 1)
         self._ask(members, min(int(np.ceil(growth * most)), room), draws)
 
     def judge(self, where: Floats) -> None:
@@ -164,12 +182,7 @@ class Shared:
         even = ((even[each] + self.shift[members, None]) % 1.0).reshape(-1, n)
         x = self._over_box(even) if draws is None else self._over_law(even, draws)
         index = np.repeat(members, count)
-        y = np.asarray(self.run(index, x), dtype=np.float64)
-        if y.shape != index.shape or np.isinf(y).any():
-            raise SimulatorError(
-                f"outcomes of shape {y.shape} for {len(index)} runs, or infinite",
-                "return one number for each run: finite, or NaN where the run failed",
-            )
+        y = checked_outcomes(self.run(index, x), (len(members), count)).ravel()
         self.made, self.stale = self.made.joined(index, x, y), True
 
     def _over_box(self, even: Floats) -> Floats:

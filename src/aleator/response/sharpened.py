@@ -36,17 +36,21 @@ class Sharpened:
     surfaces are wanted: `move` takes it elsewhere, and the runs inside serve there too. `sharpen`
     makes runs of some experiments where draws of a law lie, `judge` tells how exact the surfaces
     are at points of a law, and `surface` gives them as they are. All points are determined by
-    these calls: no run that somebody else has made changes where the next one is.
+    these calls: no run that somebody else has made changes where the next one is. Runs may be
+    `given` to begin with, at points that differ from experiment to experiment.
 
     `error` (N,) is the estimated root-mean-square error and `scatter` (N,) the standard deviation
     of the surface, both at the points that were judged last; `level` (N,) is the outcome's size and
     `reach` (N,) the error over all the box.
     """
 
-    def __init__(self, run: Run, box: Floats, experiments: int) -> None:
+    def __init__(
+        self, run: Run, box: Floats, experiments: int, given: Samples | None = None
+    ) -> None:
         n = len(box)
         self.run = run
-        self.every = Samples.none(experiments, n)
+        self.every = given or Samples.none(experiments, n)
+        self.given = self.every.x
         self.pool = first_priors(n)
         self.error = np.full(experiments, np.inf)
         self.scatter, self.level, self.reach = np.zeros((3, experiments))
@@ -71,7 +75,9 @@ class Sharpened:
         As many more as make the points that these have in the box grow by `growth`, and at least
         as many as a first round has.
         """
-        known = self.samples.x[self.samples.asked[members].any(axis=0)]
+        x = self.samples.x
+        common = ~np.isin(x[:, 0], self.given[:, 0])
+        known = x[self.samples.asked[members].any(axis=0) & common]
         count = max(int(np.ceil(growth * len(known))), first_runs(len(self.box)) - len(known), 1)
         self._ask(members, self._real(continued(self._unit(known), self._unit(draws), count)))
 

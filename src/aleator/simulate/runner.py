@@ -171,6 +171,11 @@ class Runner:
             raise self._words.first(_tried(at[new], points[new], outcome[new], failures))
         return transformed(outcome[inverse], self.transform)
 
+    @property
+    def conditions(self) -> dict[str, NDArray[Any]]:
+        """Columns (N,) of the conditions that the simulator asks for."""
+        return dict(self._conditions)
+
     def attempt(self, index: ArrayLike, x: ArrayLike, most: float | None = None) -> Floats:
         """Run as a call does, but a run that raises or is not finite is NaN and stops nothing.
 

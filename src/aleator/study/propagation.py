@@ -81,6 +81,7 @@ class SurfaceSection(Section):
     tolerance: float | None = None
     max_runs: int = 1000
     nodes: Nodes | None = None
+    shared: bool | None = None
 
     def build(self) -> ResponseSurface | Collocation:
         """The library's choice."""
