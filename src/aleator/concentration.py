@@ -22,7 +22,7 @@ from aleator.laws import Hyperparameter
 from aleator.problem import Model, Problem, prepare, told
 from aleator.progress import Progress
 from aleator.propagation import moving_parameters
-from aleator.response import ResponseSurface
+from aleator.response import ResponseSurface, Shared
 from aleator.search import SearchResult, ascend
 from aleator.sharing import first_surfaces, later_surfaces
 from aleator.simulate import Runner
@@ -35,6 +35,8 @@ SURFACE = "response surface"
 """What the rounds are called in the account of runs and seconds."""
 ROUGH = 0.05
 """Estimated error of a surface under the law, over the outcome's scatter, that asks for runs."""
+ROUGH_SHARED = 0.1
+"""The same of a shared surface: its estimate is more cautious."""
 FINEST = 1e-3
 """The same, below which no error can matter to an answer."""
 STILL = 0.1
@@ -102,7 +104,7 @@ class Concentration:
         ends = _ends(found.alpha, inference, intervals, problem.likelihood.hyperparameters)
         draws = np.concatenate([self.where, *(self._law(problem, end) for end in ends)])
         self.state.judge(draws)
-        wanting = self._wanting(2.0 * ROUGH)
+        wanting = self._wanting(2.0 * self.rough)
         if region is None and not wanting.any():
             return None
         with self.stage(SURFACE):
@@ -120,11 +122,11 @@ class Concentration:
 
         `searched` is the number of runs at which it has been made.
         """
-        tolerance, calm = ROUGH, False
+        tolerance, calm = self.rough, False
         for _ in range(ROUNDS):
             inference = self._look(problem, found.alpha)
             wanting = self._wanting(tolerance)
-            halved = tolerance < ROUGH
+            halved = tolerance < self.rough
             while (calm or not wanting.any()) and not (calm and halved) and tolerance > FINEST:
                 tolerance, calm = 0.5 * tolerance, False
                 wanting = self._wanting(tolerance)
@@ -135,7 +137,7 @@ class Concentration:
                 before, found = found, best
                 if self._calm(before, best, inference):
                     break
-                tolerance, calm = ROUGH, False
+                tolerance, calm = self.rough, False
             else:
                 with self.stage(SURFACE):
                     self._refine(problem, found.alpha, inference, tolerance)
@@ -162,8 +164,13 @@ class Concentration:
             self.state.judge(self.where)
         tell = told(self.progress)
         if tell:
-            good = ~self.state.rough(ROUGH, self.choice.accuracy)
+            good = ~self.state.rough(self.rough, self.choice.accuracy)
             tell(int(self.state.runs.sum()), int(good.sum()), good.size)
+
+    @property
+    def rough(self) -> float:
+        """Estimated error of a surface under the law, over its scatter, that asks for runs."""
+        return ROUGH_SHARED if isinstance(self.state, Shared) else ROUGH
 
     def _wanting(self, tolerance: float) -> Flags:
         """Whose surface is too rough, where more runs may help."""
@@ -218,7 +225,7 @@ class Concentration:
             self.state.judge(self.where)
 
     def _problem(self) -> Problem:
-        surface = self.state.surface(~self.state.rough(ROUGH, self.choice.accuracy))
+        surface = self.state.surface(~self.state.rough(self.rough, self.choice.accuracy))
         return prepare(self.runner, self.outcomes, self.model, self.region, self.progress, surface)
 
     def _move(self, region: Array) -> None:

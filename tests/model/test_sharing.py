@@ -1,0 +1,95 @@
+"""Whether experiments share a surface, and what an identification on it finds."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from aleator import Free, Inputs, MaximumEntropy, MonteCarlo, Normal, ResponseSurface, identify
+from aleator.errors import InputsError
+from aleator.experiments import Experiments
+from aleator.response import Shared, Sharpened
+from aleator.sharing import first_surfaces, later_surfaces
+from aleator.simulate import FunctionSimulator, Runner
+
+RNG = np.random.default_rng(8)
+EFFECTS = RNG.normal(size=(40, 2))
+REGION = np.array([[0.5, 1.5], [-1.0, 1.0]])
+WHERE = REGION[:, 0] + RNG.random((64, 2)) * np.diff(REGION, axis=1).T
+
+
+def smooth(speed, load, a, b):
+    return np.exp(0.5 * a * speed) + load * b + 0.3 * speed * a * b
+
+
+def unexplained(specimen, a, b):
+    effect = EFFECTS[specimen.astype(int)]
+    return np.sin(1.5 * effect[:, 0] * a + 1.5 * effect[:, 1] * b)
+
+
+def runner_of(function, **conditions) -> Runner:
+    table = pd.DataFrame({**conditions, "y": np.ones(40)})
+    return Runner(
+        FunctionSimulator(function, vectorized=True),
+        Experiments.from_frame(table, outcome="y"),
+        ["a", "b"],
+    )
+
+
+def test_experiments_that_their_conditions_explain_share_a_surface() -> None:
+    runner = runner_of(smooth, speed=RNG.uniform(1.0, 2.0, 40), load=RNG.uniform(0.0, 5.0, 40))
+    state = first_surfaces(runner, REGION, ResponseSurface(), WHERE)
+    assert isinstance(state, Shared)
+    assert state.runs.tolist() == [8] * 40
+    assert later_surfaces(state, ResponseSurface()) is state
+
+
+def test_experiments_that_no_condition_explains_have_their_own_and_no_run_is_lost() -> None:
+    runner = runner_of(unexplained, specimen=np.arange(40.0))
+    state = first_surfaces(runner, REGION, ResponseSurface(), WHERE)
+    assert isinstance(state, Sharpened)
+    made = state.every.asked.sum(axis=1)
+    assert state.every.outcome[state.every.asked].size == runner.runs
+    assert np.all(made > 8)
+    state.judge(WHERE)
+    for _ in range(2):
+        state.sharpen(np.arange(40), WHERE, 0.5)
+        state.judge(WHERE)
+    truth = np.sin(1.5 * EFFECTS @ WHERE.T)
+    error = state.surface(~state.rough(0.1, 1e-6)).evaluate(WHERE) - truth
+    assert np.quantile(np.sqrt((error**2).mean(axis=1)), 0.9) < 0.05
+    assert np.all(state.runs < 60)
+
+
+@pytest.mark.parametrize("conditions", [{}, {"load": np.full(40, 2.0)}])
+def test_without_conditions_that_vary_there_is_nothing_to_share(
+    conditions: dict[str, NDArray[np.float64]],
+) -> None:
+    def alone(a, b, load=1.0):
+        return a * load + b
+
+    runner = runner_of(alone, **conditions)
+    assert isinstance(first_surfaces(runner, REGION, ResponseSurface(), WHERE), Sharpened)
+    with pytest.raises(InputsError, match="no surface can be shared"):
+        first_surfaces(runner, REGION, ResponseSurface(shared=True), WHERE)
+
+
+def test_a_shared_surface_has_no_tolerance_of_its_own() -> None:
+    with pytest.raises(InputsError, match="leave out the tolerance"):
+        ResponseSurface(tolerance=0.01, shared=True)
+
+
+def test_a_shared_surface_leads_to_the_exact_maximum() -> None:
+    load = RNG.uniform(1.0, 3.0, 40)
+    x = RNG.normal(1.0, 0.1, 40)
+    table = pd.DataFrame({"load": load, "y": load * x + np.sin(load)})
+    inputs = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
+    result = identify(
+        lambda load, x: load * x + np.sin(load), table, inputs, outcome="y",
+        propagation=ResponseSurface(shared=True), density=MaximumEntropy(order=4),
+        verification=MonteCarlo(0),
+    )  # fmt: skip
+    assert result.alpha["x.mean"].estimate == pytest.approx(x.mean(), abs=0.02 * x.std())
+    assert result.alpha["x.sd"].estimate == pytest.approx(x.std(), rel=0.02)
+    assert result.surface is not None
+    assert result.surface["runs"] <= 40 * 16
