@@ -11,6 +11,7 @@ from aleator.experiments import Experiments
 from aleator.response import Shared, Sharpened
 from aleator.sharing import first_surfaces, later_surfaces
 from aleator.simulate import FunctionSimulator, Runner
+from aleator.study.propagation import SurfaceSection
 
 RNG = np.random.default_rng(8)
 EFFECTS = RNG.normal(size=(40, 2))
@@ -38,15 +39,15 @@ def runner_of(function, **conditions) -> Runner:
 
 def test_experiments_that_their_conditions_explain_share_a_surface() -> None:
     runner = runner_of(smooth, speed=RNG.uniform(1.0, 2.0, 40), load=RNG.uniform(0.0, 5.0, 40))
-    state = first_surfaces(runner, REGION, ResponseSurface(), WHERE)
+    state = first_surfaces(runner, REGION, ResponseSurface(shared=None), WHERE)
     assert isinstance(state, Shared)
     assert state.runs.tolist() == [8] * 40
-    assert later_surfaces(state, ResponseSurface()) is state
+    assert later_surfaces(state, ResponseSurface(shared=None)) is state
 
 
 def test_experiments_that_no_condition_explains_have_their_own_and_no_run_is_lost() -> None:
     runner = runner_of(unexplained, specimen=np.arange(40.0))
-    state = first_surfaces(runner, REGION, ResponseSurface(), WHERE)
+    state = first_surfaces(runner, REGION, ResponseSurface(shared=None), WHERE)
     assert isinstance(state, Sharpened)
     made = state.every.asked.sum(axis=1)
     assert state.every.outcome[state.every.asked].size == runner.runs
@@ -69,9 +70,22 @@ def test_without_conditions_that_vary_there_is_nothing_to_share(
         return a * load + b
 
     runner = runner_of(alone, **conditions)
-    assert isinstance(first_surfaces(runner, REGION, ResponseSurface(), WHERE), Sharpened)
+    assert isinstance(
+        first_surfaces(runner, REGION, ResponseSurface(shared=None), WHERE), Sharpened
+    )
     with pytest.raises(InputsError, match="no surface can be shared"):
         first_surfaces(runner, REGION, ResponseSurface(shared=True), WHERE)
+
+
+def test_each_has_its_own_unless_asked() -> None:
+    runner = runner_of(smooth, speed=RNG.uniform(1.0, 2.0, 40), load=RNG.uniform(0.0, 5.0, 40))
+    assert isinstance(first_surfaces(runner, REGION, ResponseSurface(), WHERE), Sharpened)
+
+
+@pytest.mark.parametrize(("value", "expected"), [(None, False), (True, True), ("automatic", None)])
+def test_the_key_of_the_study(value: object, expected: bool | None) -> None:
+    section = SurfaceSection(**({} if value is None else {"shared": value}))
+    assert section.build().shared is expected
 
 
 def test_a_shared_surface_has_no_tolerance_of_its_own() -> None:

@@ -34,8 +34,8 @@ class ResponseSurface:
     seed: of the validation points.
     nodes: Gauss nodes a parameter, or a cubature, when the surfaces are propagated; None leaves it
     open.
-    shared: whether all experiments share one surface, over conditions and parameters; None leaves
-    it to the estimated error. Only without a tolerance.
+    shared: whether all experiments share one surface, over conditions and parameters; with None
+    the estimated error decides. Only without a tolerance.
 
     Raises InputsError for a value outside these ranges.
 
@@ -49,7 +49,7 @@ class ResponseSurface:
     accuracy: float = 1e-6
     seed: int = 0
     nodes: int | Cubature | None = None
-    shared: bool | None = None
+    shared: bool | None = False
 
     def __post_init__(self) -> None:
         checks = (

@@ -81,11 +81,15 @@ class SurfaceSection(Section):
     tolerance: float | None = None
     max_runs: int = 1000
     nodes: Nodes | None = None
-    shared: bool | None = None
+    shared: bool | Literal["automatic"] = False
 
     def build(self) -> ResponseSurface | Collocation:
         """The library's choice."""
-        return ResponseSurface(**self.given("method", "nodes"), nodes=_nodes(self.nodes))
+        return ResponseSurface(
+            **self.given("method", "nodes", "shared"),
+            nodes=_nodes(self.nodes),
+            shared=None if self.shared == "automatic" else self.shared,
+        )
 
 
 class CollocationSection(Section):
