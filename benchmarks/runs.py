@@ -27,7 +27,7 @@ from rich.table import Table
 
 from aleator.experiments import Conditions
 from aleator.simulate import FunctionSimulator, Runner, Store
-from aleator.simulate.pool import ProcessPool
+from aleator.simulate.workers.pool import ProcessPool
 
 WORKERS = 2
 EACH = 50

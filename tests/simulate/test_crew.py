@@ -19,9 +19,9 @@ from aleator.identify import identify
 from aleator.inputs import Inputs
 from aleator.laws import Free, Normal
 from aleator.simulate import FunctionSimulator, Runner, Store
-from aleator.simulate.dask_executor import WorkerLost
 from aleator.simulate.inventory import kept_runs
-from aleator.simulate.pool import ProcessPool
+from aleator.simulate.workers.dask_executor import WorkerLost
+from aleator.simulate.workers.pool import ProcessPool
 from aleator.verification import MonteCarlo
 
 TABLE = Conditions(("A", "B"), pd.DataFrame({"load": [1.0, 2.0]}))

@@ -14,7 +14,7 @@ from aleator.errors import ClusterError, SimulatorError
 from aleator.experiments import Conditions
 from aleator.simulate import FunctionSimulator, Runner
 from aleator.simulate import dask_cluster as tested
-from aleator.simulate.dask_cluster import dask_executor
+from aleator.simulate.workers.dask_cluster import dask_executor
 
 MODEL = """\
 import os, pathlib, time

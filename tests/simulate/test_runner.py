@@ -218,7 +218,7 @@ def test_slow_runs_tell_their_progress(monkeypatch: pytest.MonkeyPatch) -> None:
         def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
             self.texts.append(f"{text} {done} {total}")
 
-    monkeypatch.setattr("aleator.simulate.crew.HERE", 0.0)
+    monkeypatch.setattr("aleator.simulate.workers.crew.HERE", 0.0)
     clock = iter(np.arange(0.0, 100.0, 2.0))
     monkeypatch.setattr("aleator.simulate.tally.time.monotonic", lambda: next(clock))
     listener = Listener()

@@ -15,8 +15,8 @@ import click
 from aleator.errors import AleatorError
 from aleator.experiments import Conditions
 from aleator.simulate import ProcessPool, Runner, Store, keeping
-from aleator.simulate.dask_cluster import dask_executor
-from aleator.simulate.mpi_workers import mpi_executor
+from aleator.simulate.workers.dask_cluster import dask_executor
+from aleator.simulate.workers.mpi_job import mpi_executor
 from aleator.study import Study
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError
 from aleator.simulate.failure import NoOutcome
-from aleator.simulate.work import Failure
+from aleator.simulate.workers.work import Failure
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from aleator.simulate.function import Simulator
 from aleator.simulate.store import Case, Identity, Row, Store
-from aleator.simulate.work import Work, not_finite
+from aleator.simulate.workers.work import Work, not_finite
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]

@@ -14,13 +14,13 @@ from aleator.errors import SimulatorError
 from aleator.experiments import Conditions, Experiments, transformed
 from aleator.progress import Progress, Silent
 from aleator.simulate.complaint import Complaint, Tried
-from aleator.simulate.crew import Crew, carried
 from aleator.simulate.function import FunctionSimulator, Simulator
 from aleator.simulate.kept import Kept
 from aleator.simulate.record import Failures, Runs
 from aleator.simulate.store import Store
 from aleator.simulate.tally import Tally
-from aleator.simulate.work import Columns, Failure, Work, not_finite
+from aleator.simulate.workers.crew import Crew, carried
+from aleator.simulate.workers.work import Columns, Failure, Work, not_finite
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]

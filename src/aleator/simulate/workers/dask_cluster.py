@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from aleator.errors import ClusterError
-from aleator.simulate.dask_executor import DaskExecutor
+from aleator.simulate.workers.dask_executor import DaskExecutor
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import AleatorError, SimulatorError
-from aleator.simulate.dask_executor import WorkerLost
 from aleator.simulate.function import Simulator, describe
-from aleator.simulate.work import Columns, Failure, Work, work, work_of_parcel
+from aleator.simulate.workers.dask_executor import WorkerLost
+from aleator.simulate.workers.work import Columns, Failure, Work, work, work_of_parcel
 
 Ints = NDArray[np.intp]
 Give = Callable[[Ints], tuple[Columns, Columns]]

@@ -1,0 +1,1 @@
+"""Who makes the runs: this process, or the workers of any executor, and the executors there are."""
