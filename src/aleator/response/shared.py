@@ -126,11 +126,11 @@ class Shared:
     def sharpen(self, members: Ints, draws: Floats, growth: float) -> None:
         """Run experiments `members` (A,) at more points among draws (D, n) of a law.
 
-        As many more as make the runs of the experiment that has most of them grow by `growth`.
+        As many more of each as make their runs grow by `growth`.
         """
-        most = int(self.runs[members].max())
         room = max((MOST - len(self.made.y)) // len(members), 1)
-        self._ask(members, min(int(np.ceil(growth * most)), room), draws)
+        more = int(np.ceil(growth * self.runs[members].mean()))
+        self._ask(members, min(more, room), draws)
 
     def judge(self, where: Floats) -> None:
         """Estimate the errors at points (J, n) of a law."""
@@ -245,7 +245,7 @@ class Shared:
         n = len(self.box)
         indices, size = ball((1.0,) * n, 2.0, TERMS[min(n, len(TERMS)) - 1])
         even = 0.5 * (low_discrepancy(int(POINTS * len(indices)), n, fixed_shift(n)) + 1.0)
-        z = self._unit(np.vstack([self._over_box(even), self._over_law(even[::2], self.where)]))
+        z = self._unit(np.vstack([self._over_box(even), self._over_law(even, self.where)]))
         y = self._mean(z).T - self.posterior.level
         # Keeps what the points do not determine, in the corners of many parameters, from growing.
         ridge = np.diag(RIDGE * (1.0 + size**2))
