@@ -60,7 +60,7 @@ ALPHAS, EACH = 32, 16
 
 @dataclass
 class Concentration:
-    """An identification on surfaces that follow it; `search` begins it, `hold` widens it.
+    """An identification on surfaces that follow it; `search` makes it, `hold` widens it.
 
     `full` is the user's search from guesses. Only what this identification has run decides where
     the next run is, so that it is the same whether runs come from a store or not.
@@ -74,43 +74,42 @@ class Concentration:
     progress: Progress
     ids: Sequence[str]
 
-    def begin(self, region: Array) -> None:
-        """First surfaces on the region (n, 2), of as few runs as tell anything."""
+    def search(self, seed: int) -> tuple[Problem, SearchResult]:
+        """The answer that further runs do not move."""
         assert isinstance(self.model.propagation, ResponseSurface)
         self.choice = self.model.propagation
-        count = np.unique(self.runner.group).size
-        self.region = region
-        self.where = self._everywhere()
-        self.state = first_surfaces(self.runner, region, self.choice, self.where)
-        self.past = np.full((PATIENCE, count), np.inf)
-        self.held = False
-        self._complete()
-
-    def search(self) -> tuple[Problem, SearchResult]:
-        """The answer that further runs do not move."""
         with self.stage(SURFACE):
+            self._begin(focus.first_region(self.runner, self.model, self.outcomes, seed))
             problem = self._reachable()
         return self._settled(problem, self.full(problem, []), self.state.runs.sum())
+
+    def _begin(self, region: Array) -> None:
+        """First surfaces on the region (n, 2), of as few runs as tell anything."""
+        self.region, self.held = region, False
+        self.where, self.noise_sd = self._everywhere(), 0.0
+        self.state = first_surfaces(self.runner, region, self.choice, self.where)
+        self.past = np.full((PATIENCE, np.unique(self.runner.group).size), np.inf)
+        self._complete()
 
     def hold(
         self, problem: Problem, found: SearchResult, inference: Inference, intervals: Array
     ) -> tuple[Problem, SearchResult] | None:
         """The answer on surfaces that hold the laws at the ends of the intervals, or None if so."""
-        region = focus.interval_region(problem, found.alpha, intervals)
+        region = focus.interval_region(problem, found.alpha, intervals, generous=False)
         if region is not None:
             self.held = True
             with self.stage(SURFACE):
                 self._move(region)
         ends = _ends(found.alpha, inference, intervals, problem.likelihood.hyperparameters)
         draws = np.concatenate([self.where, *(self._law(problem, end) for end in ends)])
-        self.state.judge(draws)
+        self._judge(draws)
         wanting = self._wanting(2.0 * self.rough)
         if region is None and not wanting.any():
             return None
         with self.stage(SURFACE):
             if wanting.any():
                 self.state.sharpen(np.flatnonzero(wanting), draws, GROWTH)
-            self.state.judge(self.where)
+            self._judge(self.where)
             problem = self._reachable()
             found = self._climbed(problem, found, inference)
         return self._settled(problem, found, -1)
@@ -161,7 +160,7 @@ class Concentration:
             self.past[:, members] = np.roll(self.past[:, members], -1, axis=0)
             self.past[-1, members] = self._relative()[members]
             self.state.sharpen(members, self._likely(problem, likely), GROWTH)
-            self.state.judge(self.where)
+            self._judge(self.where)
         tell = told(self.progress)
         if tell:
             good = ~self.state.rough(self.rough, self.choice.accuracy)
@@ -185,9 +184,12 @@ class Concentration:
 
     def _look(self, problem: Problem, alpha: Array) -> Inference:
         """Judge the surfaces under the law alpha."""
-        self.where = self._law(problem, alpha)
-        self.state.judge(self.where)
+        self.where, self.noise_sd = self._law(problem, alpha), self.model.noise_sd(alpha)
+        self._judge(self.where)
         return infer(problem.likelihood, alpha, problem.likelihood.hyperparameters)
+
+    def _judge(self, where: Array) -> None:
+        self.state.judge(where, self.noise_sd)
 
     def _climbed(self, problem: Problem, found: SearchResult, inference: Inference) -> SearchResult:
         alpha, value = ascend(
@@ -212,7 +214,7 @@ class Concentration:
             lost = findings.unreachable(problem.likelihood)
             if not lost.size:
                 return problem
-            self.state.judge(self._everywhere())
+            self._judge(self._everywhere())
             rough = np.flatnonzero(self._wanting(FINEST))
             members = np.intersect1d(problem.condition[lost], rough)
             box = self.model.inputs.box
@@ -222,7 +224,7 @@ class Concentration:
                 self.state.sharpen(members, self._everywhere(), GROWTH)
             else:
                 findings.refuse_unreachable(problem.likelihood, self.ids)
-            self.state.judge(self.where)
+            self._judge(self.where)
 
     def _problem(self) -> Problem:
         surface = self.state.surface(~self.state.rough(self.rough, self.choice.accuracy))
@@ -236,12 +238,12 @@ class Concentration:
 
     def _complete(self) -> None:
         """Enough runs for a surface of every experiment; it is up to `prepare` to refuse one."""
-        self.state.judge(self.where)
+        self._judge(self.where)
         for _ in range(2):
             few = np.flatnonzero(np.isinf(self.state.error))
             if few.size:
                 self.state.sharpen(few, self._everywhere(), GROWTH)
-                self.state.judge(self.where)
+                self._judge(self.where)
 
     def _box(self, region: Array) -> Array:
         return region[moving_parameters(region)]

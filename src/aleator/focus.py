@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 TAIL = 1e-7
 """Probability left out at either end of a law's region: 5.2 standard deviations of a normal."""
+OPEN_TAIL = 1e-3
+"""The same of laws that are only possible."""
 SURE = 3.0
 """Standard errors of alpha by which the region is widened."""
 PAD = 0.1
@@ -33,19 +35,21 @@ FINE = 0.15
 """Surface error, over the outcome's sd under the law, that needs no narrower region."""
 SHRINK = 0.6
 """A region is made anew only if that makes it smaller than this share of itself."""
+SLIGHT = 0.8
+"""The same where the runs inside serve the new region."""
 PILOT = 60
 """Experiments that the pilot looks at."""
 
 
-def law_region(inputs: Inputs, alphas: list[Array]) -> Array:
-    """The smallest region (n, 2) that holds all but 2e-7 of each parameter's law, for all alphas.
+def law_region(inputs: Inputs, alphas: list[Array], tail: float = TAIL) -> Array:
+    """The smallest region (n, 2) that holds each parameter's law but for its tails, for all alphas.
 
     >>> from aleator.laws import Constant, Normal
     >>> inputs = Inputs({"v": Normal(0.0, 1.0), "b": Constant(2.0)})
     >>> law_region(inputs, [np.array([0.0, 1.0, 2.0])]).round(2).tolist()
     [[-5.2, 5.2], [2.0, 2.0]]
     """
-    ends = np.array([[TAIL] * len(inputs.names), [1.0 - TAIL] * len(inputs.names)])
+    ends = np.array([[tail] * len(inputs.names), [1.0 - tail] * len(inputs.names)])
     x = np.concatenate([inputs.marginal(alpha, ends) for alpha in alphas])
     return np.stack([x.min(axis=0), x.max(axis=0)], axis=1)
 
@@ -118,16 +122,23 @@ def next_region(
         return _hull(region, np.clip(wanted, reach[:, :1], reach[:, 1:]))
     sd = problem.likelihood.moments(alpha).sd
     rough = surface.error[problem.condition] / np.where(sd > 0.0, sd, np.inf)
-    if np.quantile(rough, 0.9) <= FINE:
+    if np.quantile(rough, 0.9 if likely is None else 1.0) <= FINE:
         return None
     wanted = _padded(_likely_region(problem, alpha, likely), box)
+    if likely is not None:
+        # these laws are wide enough, and no run inside is lost
+        wanted = _within(region, _likely_region(problem, alpha, likely))
     shares = np.diff(wanted, axis=1)[problem.moving, 0] / width[problem.moving]
-    return wanted if np.prod(shares) < SHRINK else None
+    return wanted if np.prod(shares) < (SHRINK if likely is None else SLIGHT) else None
 
 
-def interval_region(problem: Problem, alpha: Array, intervals: Array) -> Array | None:
+def interval_region(
+    problem: Problem, alpha: Array, intervals: Array, *, generous: bool = True
+) -> Array | None:
     """A region that holds the laws at the ends of the intervals (K, 2), or None if it does.
 
+    Half as wide again where it has to be wider, if `generous`; else just wide enough for all but a
+    thousandth of these laws at either end.
     Beyond its region a surface is flat, and the profile of the likelihood means nothing there.
     """
     if problem.surface is None:
@@ -139,11 +150,13 @@ def interval_region(problem: Problem, alpha: Array, intervals: Array) -> Array |
             moved = alpha.copy()
             moved[k] = end
             alphas.append(moved)
-    wanted = law_region(inputs, alphas)
+    wanted = law_region(inputs, alphas, TAIL if generous else OPEN_TAIL)
     beyond = _beyond(problem.region, wanted)
     if not np.any(beyond):
         return None
     hull = _hull(problem.region, wanted)
+    if not generous:
+        return _within(inputs.box, hull)
     pad = 0.5 * np.diff(hull, axis=1) * np.array([-1.0, 1.0])
     return _within(inputs.box, hull + np.where(beyond, pad, 0.0))
 
@@ -159,7 +172,8 @@ def _likely_region(problem: Problem, alpha: Array, likely: Sequence[Array] | Non
     """Region of the laws at alpha and at the likely ones, or some standard errors off."""
     inputs, hyperparameters = problem.model.inputs, problem.likelihood.hyperparameters
     if likely is not None:
-        return law_region(inputs, [alpha, *(other[: inputs.size] for other in likely)])
+        some = law_region(inputs, [other[: inputs.size] for other in likely], OPEN_TAIL)
+        return _hull(law_region(inputs, [alpha]), some)
     alphas = [alpha]
     error = infer(problem.likelihood, alpha, hyperparameters).standard_error
     for k in np.flatnonzero(np.isfinite(error[: inputs.size])):

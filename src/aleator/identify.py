@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aleator import findings, focus, summary
+from aleator import findings, summary
 from aleator.baselines import (
     LeastSquares,
     LinearGaussian,
@@ -30,19 +30,17 @@ from aleator.identification import Identification
 from aleator.inference import Inference, infer
 from aleator.inputs import Inputs
 from aleator.noise import Noise
-from aleator.problem import Model, Problem, default_density, has_lattice, prepare
+from aleator.problem import Model, Problem, default_density, has_lattice
 from aleator.profile import Profile, profile_intervals
 from aleator.progress import Progress, Silent
 from aleator.propagation import Collocation
 from aleator.response import ResponseSurface
 from aleator.search import GradientMultistart, Near, Search, SearchResult, ascend
 from aleator.simulate import Runner, Simulator, as_runner
+from aleator.uniform import Uniform
 from aleator.verification import MonteCarlo, SurfaceEmulator, Verification, verify
 
 Array = NDArray[np.float64]
-
-ROUNDS = 6
-"""Regions that an identification may try before it takes what it has."""
 
 WIDER = 3
 """Times that the region may be widened so that it holds the intervals."""
@@ -146,19 +144,12 @@ def _answered(
 
     A density that was `freely` chosen is changed where another does better at the answer.
     """
+    searched = _Searched(search, seed, ledger)
     follows = isinstance(model.propagation, ResponseSurface) and model.propagation.tolerance is None
-    if follows:
-        concentration = Concentration(
-            runner, table.outcomes, model, _full(search, seed, ledger), ledger.stage,
-            ledger.progress, table.ids,
-        )  # fmt: skip
-        with ledger.stage("response surface"):
-            concentration.begin(focus.first_region(runner, model, table.outcomes, seed))
-        problem, found = concentration.search()
-        with ledger.stage("baselines"):
-            baselines = _baselines(problem, search, seed)
-    else:
-        problem, baselines, found = _focused_search(runner, table, model, search, seed, ledger)
+    way = (Concentration if follows else Uniform)(
+        runner, table.outcomes, model, searched, ledger.stage, ledger.progress, table.ids
+    )
+    problem, found = way.search(seed)
     other = _other_density(problem, found.alpha) if freely else None
     if other is not None:
         runner.know(runner.completed)
@@ -168,24 +159,14 @@ def _answered(
         return answer if exact else replace(answer, stands_in=True)
     with ledger.stage("inference"):
         found, inference, profile = infer_at(problem, found)
-    for _ in range(WIDER if follows else 0):
-        held = concentration.hold(problem, found, inference, profile.intervals)
+    for _ in range(WIDER):
+        held = way.hold(problem, found, inference, profile.intervals)
         if held is None:
             break
         problem, found = held
         with ledger.stage("inference"):
             found, inference, profile = infer_at(problem, found)
-    for _ in range(0 if follows else WIDER):
-        region = focus.interval_region(problem, found.alpha, profile.intervals)
-        if region is None:
-            break
-        with ledger.stage("response surface"):
-            problem = prepare(runner, table.outcomes, model, region, ledger.progress)
-        with ledger.stage("search"):
-            found = _search(problem, search, baselines, [found.alpha], seed, ledger)
-        with ledger.stage("inference"):
-            found, inference, profile = infer_at(problem, found)
-    return _Answer(problem, found, inference, profile, baselines)
+    return _Answer(problem, found, inference, profile, searched.baselines)
 
 
 def _other_density(problem: Problem, alpha: Array) -> Density | NodeDensity | None:
@@ -213,20 +194,6 @@ def _moments_serve(problem: Problem, alpha: Array) -> bool:
     return abs(of_moments.total - likelihood.evaluate(alpha).total - gap) < abs(gap)
 
 
-def _full(
-    search: Search, seed: int, ledger: Ledger
-) -> Callable[[Problem, list[Array]], SearchResult]:
-    """The search from guesses, with the baselines of the same surfaces among them."""
-
-    def full(problem: Problem, guess: list[Array]) -> SearchResult:
-        with ledger.stage("baselines"):
-            baselines = _baselines(problem, search, seed)
-        with ledger.stage("search"):
-            return _search(problem, search, baselines, guess, seed, ledger)
-
-    return full
-
-
 class Ledger:
     """Seconds and simulator runs by stage."""
 
@@ -252,42 +219,6 @@ class Ledger:
             self.runs[name] = self.runs.get(name, 0) + runs
 
 
-def _focused_search(
-    runner: Runner,
-    table: Experiments,
-    model: Model,
-    search: Search,
-    seed: int,
-    ledger: Ledger,
-) -> tuple[Problem, tuple[LeastSquares, LinearGaussian], SearchResult]:
-    """Search, and again on surfaces in a region that fits the answer, until the region does.
-
-    Collocation runs the simulator where the law is, and needs no second round.
-    """
-    stage = "response surface" if isinstance(model.propagation, ResponseSurface) else "preparation"
-    outcomes, box = table.outcomes, model.inputs.box
-    guess: list[Array] = []
-    with ledger.stage(stage):
-        region = focus.first_region(runner, model, outcomes, seed)
-    for last in (*[False] * (ROUNDS - 1), True):
-        with ledger.stage(stage):
-            problem = prepare(runner, outcomes, model, region, ledger.progress)
-        if findings.unreachable(problem.likelihood).size:
-            if np.array_equal(region, box) or last:
-                findings.refuse_unreachable(problem.likelihood, table.ids)
-            region = focus.widened(region, box)
-            continue
-        with ledger.stage("baselines"):
-            baselines = _baselines(problem, search, seed)
-        with ledger.stage("search"):
-            found = _search(problem, search, baselines, guess, seed, ledger)
-            better = None if last else focus.next_region(problem, found.alpha)
-        if better is None:
-            break
-        region, guess = better, [found.alpha]
-    return problem, baselines, found
-
-
 def infer_at(problem: Problem, found: SearchResult) -> tuple[SearchResult, Inference, Profile]:
     """Standard errors and profile intervals; climbs on if the profile meets a better maximum."""
     objective, hyperparameters = problem.likelihood, problem.likelihood.hyperparameters
@@ -304,27 +235,31 @@ def infer_at(problem: Problem, found: SearchResult) -> tuple[SearchResult, Infer
     return found, inference, profile
 
 
-def _search(
-    problem: Problem,
-    search: Search,
-    baselines: tuple[LeastSquares, LinearGaussian],
-    guess: list[Array],
-    seed: int,
-    ledger: Ledger,
-) -> SearchResult:
-    fit, linear = baselines
-    hyperparameters = problem.likelihood.hyperparameters
-    around = np.array([h.start for h in hyperparameters])
-    inputs = problem.model.inputs
-    for law, part, value in zip(inputs.laws.values(), inputs.slices, fit.x, strict=True):
-        around[part] = law.filling(value)
-    return search.maximize(
-        problem.likelihood,
-        hyperparameters,
-        seed=seed,
-        guesses=[*guess, around, linear.alpha],
-        progress=ledger.progress,
-    )
+class _Searched:
+    """The user's search, with the baselines of the same surfaces among its guesses."""
+
+    baselines: tuple[LeastSquares, LinearGaussian]
+
+    def __init__(self, search: Search, seed: int, ledger: Ledger) -> None:
+        self.search, self.seed, self.ledger = search, seed, ledger
+
+    def __call__(self, problem: Problem, guess: list[Array]) -> SearchResult:
+        with self.ledger.stage("baselines"):
+            self.baselines = _baselines(problem, self.search, self.seed)
+        fit, linear = self.baselines
+        hyperparameters = problem.likelihood.hyperparameters
+        around = np.array([h.start for h in hyperparameters])
+        inputs = problem.model.inputs
+        for law, part, value in zip(inputs.laws.values(), inputs.slices, fit.x, strict=True):
+            around[part] = law.filling(value)
+        with self.ledger.stage("search"):
+            return self.search.maximize(
+                problem.likelihood,
+                hyperparameters,
+                seed=self.seed,
+                guesses=[*guess, around, linear.alpha],
+                progress=self.ledger.progress,
+            )
 
 
 def _baselines(problem: Problem, search: Search, seed: int) -> tuple[LeastSquares, LinearGaussian]:

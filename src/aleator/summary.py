@@ -80,7 +80,7 @@ def assemble(
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
         search=_search(found, inference, hyperparameters),
-        surface=findings.surface_report(problem.surface),
+        surface=findings.surface_report(problem),
         baselines=_baselines(*baselines, problem.model.inputs.names, hyperparameters),
         runs=sum(runs_by_stage.values()),
         runs_by_stage=runs_by_stage,

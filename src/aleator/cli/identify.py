@@ -90,7 +90,8 @@ def identify(
                     {lower = ..., upper = ..., start = ...}
       [correlation] a.b: of the parameters a and b, a number or {lower = ..., upper = ...}
       [noise]       sd: normal measurement noise, a number or {lower = ..., upper = ...}
-      [propagation] method = "response_surface" (tolerance = 0.005, max_runs = 1000, nodes)
+      [propagation] method = "response_surface" (tolerance: as exact as the answer needs;
+                    max_runs = 1000, nodes)
                     or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
       [density]     kind = "automatic": with response surfaces the convolution where there
                     is noise, one scattering parameter, or two or three whose estimates

@@ -41,8 +41,15 @@ def surface_errors(problem: Problem, checked: Verification | None) -> Array:
     return np.asarray(rms / np.where(scatter > 0.0, scatter, np.inf))
 
 
-def surface_report(surface: Surface | None) -> dict[str, Any] | None:
-    """How good the surfaces are over the box, relative to the outcome's scatter there."""
+def follows(problem: Problem) -> bool:
+    """Whether the surfaces were made exact under the law, and not all over their region."""
+    choice = problem.model.propagation
+    return isinstance(choice, ResponseSurface) and choice.tolerance is None
+
+
+def surface_report(problem: Problem) -> dict[str, Any] | None:
+    """How good the surfaces are, relative to the outcome's scatter under the law or on the box."""
+    surface = problem.surface
     if surface is None:
         return None
     relative = surface.error / np.where(surface.scatter > 0.0, surface.scatter, np.inf)
@@ -51,6 +58,7 @@ def surface_report(surface: Surface | None) -> dict[str, Any] | None:
         "experiments": int(surface.converged.size),
         "median_error": float(np.median(relative)),
         "worst_error": float(np.max(relative)),
+        "where": "under the law" if follows(problem) else "on the box",
         "runs": int(surface.total_runs),
     }
 
@@ -59,7 +67,8 @@ def surface_warnings(problem: Problem, surface_error: Array, ids: Sequence[str])
     """Surfaces that did not reach their tolerance, and surfaces too rough for the answer."""
     if problem.surface is None:
         return []
-    warnings = _unconverged(problem, problem.surface, ids)
+    unexact = _unexact if follows(problem) else _unconverged
+    warnings = unexact(problem, problem.surface, ids)
     with np.errstate(invalid="ignore"):
         rough = np.flatnonzero(surface_error > LARGEST_SURFACE_ERROR)
     if rough.size:
@@ -73,6 +82,24 @@ def surface_warnings(problem: Problem, surface_error: Array, ids: Sequence[str])
             )
         )
     return warnings
+
+
+def _unexact(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Warning]:
+    """Surfaces that are rough under the law: more runs did not help, or did not move the answer."""
+    rough = surface.error > LARGEST_SURFACE_ERROR * surface.scatter
+    rows = np.flatnonzero((rough & ~surface.converged)[problem.condition])
+    if not rows.size:
+        return []
+    return [
+        Warning(
+            "response surface",
+            f"{named(rows, ids)}: estimated error above {LARGEST_SURFACE_ERROR:.0%} of the "
+            "outcome's scatter under the law, where further runs no longer helped, or no longer "
+            "moved the answer",
+            "see what the verification says of these experiments; choose a tolerance, such as "
+            "0.005, or allow more runs (max_runs)",
+        )
+    ]
 
 
 def _unconverged(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Warning]:

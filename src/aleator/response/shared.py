@@ -132,8 +132,8 @@ class Shared:
         more = int(np.ceil(growth * self.runs[members].mean()))
         self._ask(members, min(more, room), draws)
 
-    def judge(self, where: Floats) -> None:
-        """Estimate the errors at points (J, n) of a law."""
+    def judge(self, where: Floats, noise_sd: float = 0.0) -> None:
+        """Estimate the errors at points (J, n) of a law, and the scatter of the noisy outcome."""
         self._fit()
         factor = CAUTION * self._surprise()
         self.where = where[:COMPARED]
@@ -141,7 +141,7 @@ class Shared:
         self.error = factor * self._left(self._unit(where[:JUDGED]))
         box = low_discrepancy(JUDGED, len(self.box), fixed_shift(len(self.box)))
         self.reach = np.maximum(factor * self._left(box), self.error)
-        self.scatter = self.expected.std(axis=1)
+        self.scatter = np.hypot(self.expected.std(axis=1), noise_sd)
         good = self.made.worked
         self.level = np.zeros(len(self.conditions))
         np.maximum.at(self.level, good.index, np.abs(good.y))

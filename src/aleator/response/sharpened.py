@@ -40,7 +40,7 @@ class Sharpened:
     `given` to begin with, at points that differ from experiment to experiment.
 
     `error` (N,) is the estimated root-mean-square error and `scatter` (N,) the standard deviation
-    of the surface, both at the points that were judged last; `level` (N,) is the outcome's size and
+    of the outcome, both at the points that were judged last; `level` (N,) is the outcome's size and
     `reach` (N,) the error over all the box.
     """
 
@@ -81,8 +81,11 @@ class Sharpened:
         count = max(int(np.ceil(growth * len(known))), first_runs(len(self.box)) - len(known), 1)
         self._ask(members, self._real(continued(self._unit(known), self._unit(draws), count)))
 
-    def judge(self, where: Floats) -> None:
-        """Estimate the errors at points (J, n) of a law; an infinite one where runs are lacking."""
+    def judge(self, where: Floats, noise_sd: float = 0.0) -> None:
+        """Estimate the errors at points (J, n) of a law; an infinite one where runs are lacking.
+
+        The scatter that they are compared with is that of the outcome with its noise.
+        """
         z, at, values = self._unit(self.samples.x), self._unit(where), self.samples.outcome
         count = np.isfinite(values).sum(axis=1)
         self.error = np.full(len(values), np.inf)
@@ -91,7 +94,8 @@ class Sharpened:
             y = values[np.ix_(members, runs)].T
             fit = judged(prior, z[runs], y, at)
             outcome = fit.coefficients.T @ products(fit.indices, at)
-            self.scatter[members], self.level[members] = outcome.std(axis=1), np.abs(y).max(axis=0)
+            self.scatter[members] = np.hypot(outcome.std(axis=1), noise_sd)
+            self.level[members] = np.abs(y).max(axis=0)
             error = np.maximum(fit.there, left_out(fit, shares(z[runs], at)))
             constant = np.ptp(y, axis=0) <= ROUNDING * self.level[members]
             self.error[members] = np.where(constant, 0.0, error)

@@ -75,7 +75,7 @@ def _nodes(value: int | RuleSection | None) -> int | Cubature | None:
 
 
 class SurfaceSection(Section):
-    """`method = "response_surface"`: one surface an experiment on the box, built once."""
+    """`method = "response_surface"`: one surface an experiment, in rounds or of one tolerance."""
 
     method: Literal["response_surface"] = "response_surface"
     tolerance: float | None = None
