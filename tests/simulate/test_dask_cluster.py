@@ -13,7 +13,7 @@ from dask_processes import DaskProcesses, until
 from aleator.errors import ClusterError, SimulatorError
 from aleator.experiments import Conditions
 from aleator.simulate import FunctionSimulator, Runner
-from aleator.simulate import dask_cluster as tested
+from aleator.simulate.workers import dask_cluster as tested
 from aleator.simulate.workers.dask_cluster import dask_executor
 
 MODEL = """\
