@@ -126,7 +126,7 @@ def test_the_bench_regenerates_the_clutch_measurements() -> None:
 
 def test_the_clutch_law_is_as_measured(clutch: Identification) -> None:
     """Along the ridge on which the two means trade, the log-likelihood falls by 0.1 in half a
-    standard error, which is what surfaces of this tolerance may err in total: so the means are
+    standard error, which is what these surfaces may err in total: so the means are
     held to half a standard error, and the log-likelihood to the 0.5 by which Monte Carlo with a
     thousand runs an experiment could tell.
     """
@@ -153,9 +153,14 @@ def test_the_clutch_measurements_hardly_determine_one_scatter(clutch: Identifica
 
 def test_the_clutch_surfaces_keep_their_promise(clutch: Identification) -> None:
     assert clutch.surface is not None
-    assert clutch.surface["converged"] == clutch.surface["experiments"] == 108
-    assert clutch.surface["worst_error"] < 0.02
-    assert clutch.runs_by_stage["response surface"] <= 12_000
+    assert clutch.surface["experiments"] == 108
+    assert clutch.surface["converged"] >= 106
+    assert clutch.surface["worst_error"] < 0.1
+    assert clutch.runs_by_stage["response surface"] <= 60 * 108
+    # as the runs of the check tell, which no surface was fitted to
+    errors = np.array([experiment.surface_error for experiment in clutch.experiments], dtype=float)
+    assert np.median(errors) < 0.01
+    assert np.max(errors) < 0.15
 
 
 def test_random_parameters_explain_more_than_the_best_point(clutch: Identification) -> None:
