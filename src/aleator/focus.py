@@ -19,7 +19,7 @@ from aleator.problem import Model, Problem
 from aleator.propagation import DirectResponse
 from aleator.response import ResponseSurface
 from aleator.search import GradientMultistart
-from aleator.simulate import Runner
+from aleator.simulate import NoOutcome, Runner
 
 Array = NDArray[np.float64]
 
@@ -59,12 +59,30 @@ def first_region(runner: Runner, model: Model, outcomes: Array, seed: int) -> Ar
 
     The pilot fits one point to at most 60 experiments by least squares on the simulator itself,
     and a linear-Gaussian law at that point; some tens of runs for each of these experiments.
+    Those of which a run fails are left out, up to half of them; then the failure is raised.
     """
     inputs = model.inputs
     if inputs.bounded or not isinstance(model.propagation, ResponseSurface):
         return inputs.box
+    count = np.unique(runner.group).size
+    chosen = np.unique(np.linspace(0, count - 1, PILOT).astype(np.intp))
+    enough = 0.5 * chosen.size
+    while True:
+        try:
+            return _pilot_region(runner, model, outcomes, chosen, seed)
+        except NoOutcome as failure:
+            first = np.unique(runner.group)
+            chosen = chosen[~np.isin(first[chosen], runner.group[failure.index])]
+            if chosen.size < enough:
+                raise
+
+
+def _pilot_region(
+    runner: Runner, model: Model, outcomes: Array, chosen: NDArray[np.intp], seed: int
+) -> Array:
+    """The region that the `chosen` of the different conditions tell."""
+    inputs = model.inputs
     first, condition = np.unique(runner.group, return_inverse=True)
-    chosen = np.unique(np.linspace(0, first.size - 1, PILOT).astype(np.intp))
     rows = np.flatnonzero(np.isin(condition, chosen))
     local = np.searchsorted(chosen, condition[rows])
     response = DirectResponse(

@@ -256,14 +256,15 @@ def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> N
         return
     mine = condition == condition[lost[0]]
     failures = runner.failures
-    failed = failures.x[np.isin(failures.index, np.flatnonzero(mine))]
+    failed = np.isin(failures.index, np.flatnonzero(mine))
     raise NoOutcome(
         f"experiment '{runner.ids[lost[0]]}': {surface.failed[condition[lost[0]]]} of its "
         f"{surface.runs[condition[lost[0]]]} runs failed, too many for a response surface"
         + (f"; so it is with {lost.size - 1} more of {len(runner.ids)}" if lost.size > 1 else ""),
         "see why they failed, check the conditions of the experiment, or narrow the box or the "
         f"bounds of {' or '.join(runner.parameters)}; or leave the experiment out",
-        failed,
+        failures.x[failed],
+        failures.index[failed],
     )
 
 

@@ -55,6 +55,24 @@ def test_runs_that_fail_here_and_there_leave_the_answer() -> None:
     assert whole.failures is None
 
 
+def test_the_first_look_of_a_law_without_a_box_leaves_out_what_fails() -> None:
+    free = Inputs({"x": Normal(mean=Free(1.2, 1.8), sd=Free(0.05, 0.25))})
+
+    def brittle(z: Array, x: Array) -> Array:
+        lost = (np.abs(x - 1.5) < 1e-3) & (np.abs(z - Z[3]) < 1e-9)
+        return np.where(lost, np.nan, model(z, x))
+
+    check = MonteCarlo(64)
+    whole = identify(model, TABLE, free, outcome="y", vectorized=True, verification=check)
+    result = identify(brittle, TABLE, free, outcome="y", vectorized=True, verification=check)
+    for name, value in result.alpha.items():
+        error = whole.alpha[name].standard_error
+        assert error is not None
+        assert abs(value.estimate - whole.alpha[name].estimate) < 0.05 * error
+    assert result.failures is not None
+    assert "4" in result.failures.experiments
+
+
 def test_a_failed_corner_is_told_and_costs_accuracy_only_there() -> None:
     def hot(z: Array, x: Array) -> Array:
         return np.where((x > 2.2) & (z > 1.7), np.nan, model(z, x))

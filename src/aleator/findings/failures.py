@@ -58,7 +58,7 @@ def boxes_proposed(runner: Runner, inputs: Inputs) -> Iterator[None]:
         yield
     except NoOutcome as error:
         remedy = f"{error.remedy}{_sections(error, runner, inputs)}"
-        raise NoOutcome(error.problem, remedy, error.failed) from error
+        raise NoOutcome(error.problem, remedy, error.failed, error.index) from error
 
 
 def _sections(error: NoOutcome, runner: Runner, inputs: Inputs) -> str:

@@ -64,6 +64,7 @@ class Complaint:
             f"{self.at(x)}: {_told(failure)}",
             f"mend the {who} for the conditions {self.values(at)}{self._texts()}",
             x[None, :],
+            tried.index[[row]],
         )
 
     def too_many(self, tried: Tried, failed: int, asked: int) -> SimulatorError:
@@ -81,6 +82,7 @@ class Complaint:
             (hint or f"narrow the box or the bounds of {' or '.join(self.parameters)}")
             + f"; or check the conditions of the experiment: {self.values(at)}{self._texts()}",
             tried.x[~tried.good],
+            tried.index[~tried.good],
         )
 
     def at(self, x: Floats) -> str:
@@ -117,6 +119,7 @@ class Complaint:
             (hint or f"narrow the box or the bounds of {' or '.join(self.parameters)}")
             + f"; or check the conditions of the experiment: {self.values(at)}",
             tried.x[~good],
+            tried.index[~good],
         )
 
     def _texts(self) -> str:

@@ -35,11 +35,11 @@ class RunFailed(Exception):
 
 
 class NoOutcome(SimulatorError):
-    """The simulator raised or returned no finite number at parameters `failed` (F, n)."""
+    """The simulator gave no outcome at parameters `failed` (F, n) of experiments `index` (F,)."""
 
-    def __init__(self, problem: str, remedy: str, failed: Floats) -> None:
+    def __init__(self, problem: str, remedy: str, failed: Floats, index: NDArray[np.intp]) -> None:
         super().__init__(problem, remedy)
-        self.failed = failed
+        self.failed, self.index = failed, index
 
 
 def working_box(worked: Floats, failed: Floats, open_ended: Sequence[int]) -> Floats:

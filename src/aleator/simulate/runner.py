@@ -168,6 +168,11 @@ class Runner:
         self.reused += len(keys) - int(np.sum(new))
         outcome[new], failures = self._done(at[new], points[new], int(np.sum(~new)), None)
         if failures:
+            rows = np.flatnonzero(new)
+            self._failed.update(
+                {keys[rows[k]]: (int(at[rows[k]]), points[rows[k]], failure.message)
+                 for k, failure in failures.items()}
+            )  # fmt: skip
             raise self._words.first(_tried(at[new], points[new], outcome[new], failures))
         return transformed(outcome[inverse], self.transform)
 
