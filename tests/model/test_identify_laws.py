@@ -141,7 +141,11 @@ class Line:
         return self.evaluate(x), slope
 
 
-@pytest.mark.parametrize("law", [ScipyLaw(WEIBULL), Gamma(MEAN, 0.4), Normal(MEAN, SD)], ids=str)
+@pytest.mark.parametrize(
+    "law",
+    [ScipyLaw(WEIBULL), Gamma(MEAN, 0.4), Normal(MEAN, SD)],
+    ids=lambda law: type(law).__name__,
+)
 def test_the_linear_gaussian_law_takes_any_law(law: Law) -> None:
     """Its log-likelihood is that of Normal(z m + b, z^2 s^2 + noise^2) with the law's m and s."""
     inputs = Inputs({"x": law, "b": Constant(Free(-5.0, 5.0))})
