@@ -282,6 +282,9 @@ def test_a_value_that_does_not_have_the_format() -> None:
 def test_ctrl_c_ends_the_program_and_passes_on(tmp_path: Path) -> None:
     program = script(tmp_path, f"echo $$ > {tmp_path}/pid; sleep 60")
     code = (
+        "import signal\n"
+        # it may be ignored where the tests run in the background
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from aleator.simulate.command import CommandSimulator\n"
         f"CommandSimulator([{program!r}], base=__import__('pathlib').Path({str(tmp_path)!r}))"
         ".run_one({}, {})\n"
