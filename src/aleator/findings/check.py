@@ -18,6 +18,8 @@ from aleator.verification import FEW_SAMPLES, Movement, Verification, movement
 
 Array = NDArray[np.float64]
 
+MOST = 0.5
+"""Share of the experiments that a check must reach for an answer to be accepted."""
 LARGEST_MOVE = 0.25
 """Standard errors by which an estimate may be off before a reader must know."""
 
@@ -40,6 +42,15 @@ def refusals(
     """Where the densities and the check disagree in a single experiment."""
     if checked is None:
         return []
+    if np.mean(checked.reached) < MOST:
+        return [
+            Warning(
+                "verification",
+                f"the check reaches {np.sum(checked.reached)} of {len(ids)} experiments: under "
+                "the identified law the others have no outcome near the measured one",
+                "search from more starts, widen the limits of the law, or take more samples",
+            )
+        ]
     gap = honest.each - checked.each
     bad = np.flatnonzero(
         checked.reached & ~(np.abs(gap) < np.maximum(1.0, 5.0 * checked.each_error))

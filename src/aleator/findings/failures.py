@@ -42,7 +42,7 @@ def failure_warnings(report: FailureReport | None) -> list[Warning]:
             f"{report.runs:,} of {report.needed:,} runs failed ({which}), with {where}; the first: "
             f"{report.message}. Surfaces and verification go without them: what the law holds "
             "there is a guess by the surface, whose estimated error says so",
-            "see them with `aleator runs list STUDY.toml --failures`, mend the simulator and "
+            "see them with `aleator runs show STUDY.toml --failures`, mend the simulator and "
             "`aleator runs retry` them, or narrow the box (`aleator box STUDY.toml`)",
         )
     ]

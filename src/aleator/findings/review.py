@@ -14,7 +14,7 @@ from aleator.densities import Convolution, Status
 from aleator.findings import check
 from aleator.findings.centering import centering_warnings
 from aleator.findings.naming import named
-from aleator.findings.surfaces import surface_warnings
+from aleator.findings.surfaces import surface_refusals, surface_warnings
 from aleator.identification import Warning
 from aleator.inference import Inference, weak_directions
 from aleator.laws import Hyperparameter
@@ -81,6 +81,7 @@ def review(
         *_density_warnings(honest, ids),
         *_search_refusals(inference, hyperparameters),
         *check.refusals(honest, checked, ids),
+        *surface_refusals(problem, found.alpha, checked, surface_error, ids),
     ]
     notes = [
         *_count_warnings(len(ids), inference),

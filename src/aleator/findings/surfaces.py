@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 LARGEST_SURFACE_ERROR = 0.1
 """Error of a surface under the identified law, over the outcome's sd, worth a warning."""
+USELESS = 0.5
+"""The same, noise included, at which an answer is not accepted."""
 
 
 def surface_errors(problem: Problem, checked: Verification | None) -> Array:
@@ -61,6 +63,40 @@ def surface_report(problem: Problem) -> dict[str, Any] | None:
         "where": "under the law" if follows(problem) else "on the box",
         "runs": int(surface.total_runs),
     }
+
+
+def surface_refusals(
+    problem: Problem,
+    alpha: Array,
+    checked: Verification | None,
+    surface_error: Array,
+    ids: Sequence[str],
+) -> list[Warning]:
+    """Surfaces that say next to nothing of the outcome under the law: alpha rests on them."""
+    surface = problem.surface
+    if surface is None:
+        return []
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if checked is not None:
+            noise = problem.model.noise_sd(alpha) / np.nanstd(checked.outcomes, axis=1)
+            relative = surface_error / np.hypot(1.0, noise)
+        elif follows(problem):
+            relative = (surface.error / surface.scatter)[problem.condition]
+        else:
+            return []
+        useless = np.flatnonzero(relative > USELESS)
+    if not useless.size:
+        return []
+    return [
+        Warning(
+            "response surface",
+            f"{named(useless, ids)}: the error of the surface is above {USELESS:.0%} of the "
+            "outcome's scatter under the identified law, so that the answer rests on no surface",
+            "choose a tolerance, such as 0.005, for surfaces that are exact on all of their region "
+            'whatever the answer; take transform = "log" where the outcome spans decades; or '
+            "narrow the box",
+        )
+    ]
 
 
 def surface_warnings(problem: Problem, surface_error: Array, ids: Sequence[str]) -> list[Warning]:

@@ -66,7 +66,11 @@ class ResponseSurface:
             ),
             ("accuracy", 0.0 <= self.accuracy < 1.0, "choose one in [0, 1), e.g. 1e-6"),
             ("seed", self.seed >= 0, "choose a seed >= 0"),
-            ("shared", not (self.shared and self.tolerance), "leave out the tolerance"),
+            (
+                "shared",
+                self.shared is False or self.tolerance is None,
+                "leave out the tolerance: a shared surface is made exact where the law is",
+            ),
             ("nodes", not isinstance(self.nodes, int) or self.nodes >= 1, "choose at least 1"),
         )
         for name, good, remedy in checks:

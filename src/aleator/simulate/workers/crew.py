@@ -72,6 +72,7 @@ class Crew:
         self._waiting: deque[Ints] = deque()
         self._suspect: list[Ints] = []
         self._each = 0.0
+        self._most = MOST
 
     @property
     def slots(self) -> int:
@@ -124,7 +125,7 @@ class Crew:
         runs, block = self._waiting.popleft(), self._simulator.block
         left = len(runs) + sum(map(len, self._waiting))
         size = max(1.0, min(BATCH / self._each, left / (WAITING * self.slots))) if self._each else 1
-        size = min(int(size), MOST)
+        size = min(int(size), self._most)
         if getattr(self._simulator, "vectorized", False):
             size = max(size // block, 1) * block
         if len(runs) > size:
@@ -149,6 +150,8 @@ class Crew:
                     self._waiting.extendleft(np.array_split(runs, 2))
                 continue
             except BrokenExecutor as death:
+                # small batches for a while: the next death then costs fewer runs
+                self._most = max(1, len(runs) // 4)
                 if len(runs) == 1 and not self._running and len(ready) == 1:
                     yield runs, _dead(death)
                 else:
@@ -162,6 +165,7 @@ class Crew:
                     "let the workers have the same Python, packages and files as this process",
                 ) from error
             self._each = float(done.seconds.mean()) + 1e-9
+            self._most = min(2 * self._most, MOST)
             if len(done) < len(runs):
                 self._waiting.appendleft(runs[len(done) :])
             yield runs[: len(done)], done

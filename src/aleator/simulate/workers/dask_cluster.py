@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import logging
+import socket
 import sys
 from asyncio import run_coroutine_threadsafe
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
@@ -12,6 +14,7 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 from aleator.errors import ClusterError
 from aleator.simulate.workers.dask_executor import DaskExecutor
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
 
 CONNECT = 10.0
 """Seconds in which a scheduler has to answer at first."""
+SCHEDULER = 8786
+"""The port where a scheduler listens if nothing else is said."""
 _ANSWER = 60.0
 """Seconds in which it has to answer later, when it may be busy."""
 _LEAVE = 2.0
@@ -41,11 +46,11 @@ def dask_executor(
     Raises ClusterError within some CONNECT seconds if nobody answers there, at once if there are
     workers but none has this Python (major and minor version) and this Aleator.
 
-    >>> with dask_executor("nobody") as executor:
+    >>> with dask_executor("tcp://127.0.0.1:1") as executor:
     ...     runner = Runner(simulator, experiments, ["stiffness"], executor=executor)
     Traceback (most recent call last):
         ...
-    aleator.errors.ClusterError: no Dask scheduler answers at nobody (missing port number ...
+    aleator.errors.ClusterError: no Dask scheduler answers at tcp://127.0.0.1:1 (...
     """
     if find_spec("distributed") is None:
         raise ClusterError(
@@ -158,6 +163,8 @@ def _connected(address: str) -> Any:
     dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"})
     client: Any = distributed.Client
     try:
+        # A client that finds nobody complains once more, and late, when it is collected.
+        _knock(json.loads(Path(file).read_text())["address"] if file else address)
         return client(
             None if file else address,
             scheduler_file=file,
@@ -171,6 +178,13 @@ def _connected(address: str) -> Any:
             f"no Dask scheduler answers at {address} ({text})",
             "name it as it calls itself, such as tcp://HOST:8786; start one with: dask scheduler",
         ) from error
+
+
+def _knock(address: str) -> None:
+    """Raises an OSError or a ValueError where nobody listens."""
+    parts = urlsplit(address if "://" in address else f"tcp://{address}")
+    with socket.create_connection((parts.hostname or "", parts.port or SCHEDULER), CONNECT):
+        return
 
 
 def _fault(packages: Mapping[str, Any]) -> str:

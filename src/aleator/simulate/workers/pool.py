@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -38,12 +39,13 @@ class ProcessPool(Executor):
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Hand a call to a worker, to a new one where the last ones died."""
-        try:
-            return self._inner.submit(fn, *args, **kwargs)
-        except BrokenProcessPool:
-            self._inner.shutdown(wait=False)
-            self._inner = self._started()
-            return self._inner.submit(fn, *args, **kwargs)
+        with _no_interruption():
+            try:
+                return self._inner.submit(fn, *args, **kwargs)
+            except BrokenProcessPool:
+                self._inner.shutdown(wait=False)
+                self._inner = self._started()
+                return self._inner.submit(fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the workers; without `wait` those that are busy are killed."""
@@ -57,9 +59,24 @@ class ProcessPool(Executor):
         return ProcessPoolExecutor(self.slots, mp_context=context, initializer=_begin)
 
 
+@contextmanager
+def _no_interruption() -> Iterator[None]:
+    """A worker that starts here is deaf to Ctrl-C from its start; this process hears it later."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 _limits: list[Any] = []
 
 
 def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     _limits.append(threadpool_limits(1))
