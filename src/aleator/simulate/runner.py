@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from typing import Any
@@ -169,10 +169,7 @@ class Runner:
         outcome[new], failures = self._done(at[new], points[new], int(np.sum(~new)), None)
         if failures:
             rows = np.flatnonzero(new)
-            self._failed.update(
-                {keys[rows[k]]: (int(at[rows[k]]), points[rows[k]], failure.message)
-                 for k, failure in failures.items()}
-            )  # fmt: skip
+            self._note(at, points, keys, {int(rows[k]): f for k, f in failures.items()})
             raise self._words.first(_tried(at[new], points[new], outcome[new], failures))
         return transformed(outcome[inverse], self.transform)
 
@@ -205,11 +202,9 @@ class Runner:
             for k in np.flatnonzero(np.isnan(seen)).tolist()
             if keys[k] not in self._failed
         }
-        if reasons:
-            self._stop_if_too_many(_tried(at, points, outcome, reasons), self.runs, share)
-        self._failed.update(
-            {keys[k]: (int(at[k]), points[k], reason.message) for k, reason in reasons.items()}
-        )
+        if self._too_many(len(reasons), self.runs, share):
+            raise self._complaint(_tried(at, points, outcome, reasons), self.runs)
+        self._note(at, points, keys, reasons)
         return np.asarray(seen[inverse])
 
     def require_repeatable(self, x: ArrayLike) -> None:
@@ -279,25 +274,38 @@ class Runner:
                 for rows, done in batches:
                     outcome[rows] = done.outcome
                     if attempt:
-                        failures = {k: f for k, f in failures.items() if k not in rows}
+                        for k in rows.tolist():
+                            failures.pop(k, None)
                     for failure in self._received(index[rows], x[rows], done):
                         failures[int(rows[failure.position])] = failure
                     tally.count(len(rows), len(failures))
                     if failures and attempt == self.retries:
                         if most is None:
                             return outcome, failures
-                        tried = _tried(index, x, outcome, failures)
-                        self._stop_if_too_many(tried, self.runs - tally.left, most)
+                        asked = self.runs - tally.left
+                        if self._too_many(len(failures), asked, most):
+                            tried = _tried(index, x, outcome, failures)
+                            raise self._complaint(tried, asked)
             again = np.array(sorted(failures), dtype=np.intp)
             if not len(again):
                 break
             tally.retry(len(again))
         return outcome, failures
 
-    def _stop_if_too_many(self, tried: Tried, asked: int, most: float) -> None:
-        failed = len(self._failed) + len(tried.failures)
-        if failed >= FEW and failed > most * asked:
-            raise self._words.too_many(tried, failed, asked)
+    def _too_many(self, more: int, asked: int, most: float) -> bool:
+        """Whether `more` failures than were noted are too large a share of all that was asked."""
+        failed = len(self._failed) + more
+        return more > 0 and failed >= FEW and failed > most * asked
+
+    def _complaint(self, tried: Tried, asked: int) -> SimulatorError:
+        return self._words.too_many(tried, len(self._failed) + len(tried.failures), asked)
+
+    def _note(
+        self, index: Ints, x: Floats, keys: Sequence[bytes], failures: Mapping[int, Failure]
+    ) -> None:
+        """Remember failures by the rows of a call, for `failures` and so that none is repeated."""
+        for k, failure in failures.items():
+            self._failed[keys[k]] = int(index[k]), x[k], failure.message
 
     def _carried(
         self, index: Ints, x: Floats, runs: Ints, tally: Tally
