@@ -35,7 +35,7 @@ demo-%: $(STAMP)
 	$(BIN)/aleator identify examples/$*/study.toml --output out/$*
 
 reproduce: $(STAMP) ## Compute the paper's figures and judge its claims, into out/paper
-	$(BIN)/aleator reproduce paper --output out/paper
+	$(BIN)/python -m reproduction --output out/paper
 
 test: $(STAMP) ## Run the tests, the doctests of the source and the README
 	$(BIN)/pytest --numprocesses auto --dist loadfile
@@ -46,7 +46,7 @@ bench: $(PEERS) ## Run the benchmarks, against peers that only they need
 lint: $(STAMP) ## Check style, formatting, types and layers
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy --strict src
+	$(BIN)/mypy --strict src reproduction
 	$(BIN)/lint-imports
 
 lock: ## Write requirements.lock anew (UPGRADE=--upgrade takes newer versions)
@@ -58,7 +58,7 @@ lock: ## Write requirements.lock anew (UPGRADE=--upgrade takes newer versions)
 clean: ## Remove results, caches and build outputs (not .venv)
 	rm -rf out build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis \
 	    .import_linter_cache $(VENV)-lock
-	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find src tests reproduction benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .venv: $(STAMP)
 

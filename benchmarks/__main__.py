@@ -17,11 +17,11 @@ from rich.table import Table
 
 from aleator.clutch.reference import reference_shifting_time
 from aleator.clutch.simulator import shifting_time
-from aleator.problem import Problem, prepare
-from aleator.recovery import recover
+from aleator.likelihood.problem import Problem, prepare
 from aleator.search import GradientMultistart
-from aleator.simulate import Runner
+from aleator.simulators import Runner
 from aleator.study import Study, load_study
+from aleator.tasks.recover import recover
 from benchmarks.densities import density_rows, failure_table
 from benchmarks.expansions import expansion_rows
 from benchmarks.few_runs import print_few_runs

@@ -22,10 +22,10 @@ from rich.table import Table
 from scipy import integrate, optimize, stats
 
 from aleator.densities import MaximumEntropy
-from aleator.moments import Moments
+from aleator.densities.moments import Moments
+from aleator.types import Array
 from benchmarks.row import Row
 
-Array = NDArray[np.float64]
 HONEST = 1e-6
 BATCH = 5_400
 FEW = 20

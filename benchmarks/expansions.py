@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 
 from aleator.expansion import Basis, Design, Regression
-from aleator.indices import TotalDegree
+from aleator.expansion.sobol import sobol_indices
 from aleator.laws import Uniform
-from aleator.sobol import sobol_indices
+from aleator.polynomials.indices import TotalDegree
 from benchmarks.row import Row
 
 EXPERIMENTS = 50

@@ -21,21 +21,21 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from aleator.baselines import linear_gaussian, start_point
-from aleator.cubature import MonteCarloPoints
 from aleator.densities import MaximumEntropy
 from aleator.errors import AleatorError
-from aleator.focus import law_region
-from aleator.identify import identify
-from aleator.inference import infer
-from aleator.likelihood import Likelihood, LogLikelihood
-from aleator.problem import prepare
-from aleator.propagation import Collocation
-from aleator.response import ResponseSurface
+from aleator.inference.information import infer
+from aleator.inference.verification import MonteCarlo
+from aleator.likelihood.likelihood import Likelihood, LogLikelihood
+from aleator.likelihood.problem import prepare
+from aleator.likelihood.propagation import Collocation
+from aleator.quadrature import MonteCarloPoints
 from aleator.search import GradientMultistart
-from aleator.simulate import Runner
+from aleator.simulators import Runner
 from aleator.study import Study, load_study
-from aleator.verification import MonteCarlo
+from aleator.surrogates import ResponseSurface
+from aleator.tasks.baselines import linear_gaussian, start_point
+from aleator.tasks.identify import identify
+from aleator.tasks.region import law_region
 
 CLUTCH = Path(__file__).parent.parent / "examples" / "wet_clutch" / "study.toml"
 FIGURE = Path("out") / "few_runs.png"

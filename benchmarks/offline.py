@@ -15,7 +15,7 @@ from math import comb
 import numpy as np
 import pandas as pd
 
-from aleator.expansion_moments import (
+from aleator.expansion.moments import (
     Basis,
     Galerkin,
     PushFork,
@@ -24,8 +24,8 @@ from aleator.expansion_moments import (
     raw_moment,
     raw_moments,
 )
-from aleator.indices import TotalDegree
-from aleator.polynomials import hermite_recurrence
+from aleator.polynomials.indices import TotalDegree
+from aleator.polynomials.recurrence import hermite_recurrence
 from benchmarks.row import Row
 
 Case = tuple[int, int, int]

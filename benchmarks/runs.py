@@ -25,9 +25,9 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from aleator.experiments import Conditions
-from aleator.simulate import FunctionSimulator, Runner, Store
-from aleator.simulate.workers.pool import ProcessPool
+from aleator.observations.experiments import Conditions
+from aleator.simulators import FunctionSimulator, Runner, Store
+from aleator.simulators.workers.pool import ProcessPool
 
 WORKERS = 2
 EACH = 50

@@ -13,7 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from aleator.problem import prepare
+from aleator.likelihood.problem import prepare
 from aleator.search import (
     CMAES,
     DifferentialEvolution,

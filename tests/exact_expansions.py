@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 from problems import from_raw
 
-from aleator.expansion_moments import (
+from aleator.expansion.moments import (
     Automatic,
     Basis,
     Galerkin,
     PushFork,
     TensorGauss,
 )
-from aleator.polynomials import hermite_recurrence
+from aleator.polynomials.recurrence import hermite_recurrence
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 Recurrence = tuple[Array, Array]
 
 WAYS = [PushFork(), TensorGauss(), Galerkin(), Automatic()]

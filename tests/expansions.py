@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.expansion import (
     Basis,
@@ -17,7 +16,6 @@ from aleator.expansion import (
     SparseProjection,
 )
 from aleator.expansion.design import drawn
-from aleator.indices import Anisotropic, Hyperbolic, TotalDegree
 from aleator.laws import (
     Constant,
     Law,
@@ -25,8 +23,8 @@ from aleator.laws import (
     TruncatedNormal,
     Uniform,
 )
-
-Array = NDArray[np.float64]
+from aleator.polynomials.indices import Anisotropic, Hyperbolic, TotalDegree
+from aleator.types import Array
 
 
 def basis_of(*laws: tuple[Law, tuple[float, ...]]) -> Basis:

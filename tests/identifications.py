@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from problems import Problem
 from scipy import optimize
 
 from aleator import GradientMultistart, Identification, MaximumEntropy, MonteCarlo, identify
 from aleator.densities import Density
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 def identified(

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.laws import Hyperparameter
-from aleator.likelihood import LogLikelihood
-
-Array = NDArray[np.float64]
+from aleator.likelihood.likelihood import LogLikelihood
+from aleator.types import Array
 
 
 def result(value: float, gradient: Array) -> LogLikelihood:

@@ -20,10 +20,10 @@ from scipy.special import log_ndtr
 from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal
 from aleator.densities import Density, MaximumEntropy, NodeDensity
 from aleator.laws import Hyperparameter
-from aleator.likelihood import Likelihood
-from aleator.propagation import QuadraturePropagation, as_cubature, default_cubature
+from aleator.likelihood.likelihood import Likelihood
+from aleator.likelihood.propagation import QuadraturePropagation, as_cubature, default_cubature
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 INFINITE = float("inf")
 
 

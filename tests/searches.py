@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import optimize
 
 from aleator.search import (
@@ -14,8 +12,7 @@ from aleator.search import (
     GeneticAlgorithm,
     GradientMultistart,
 )
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 def simplex(value, lower, upper, start, rng) -> Array:  # noqa: ARG001

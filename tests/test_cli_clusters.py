@@ -13,8 +13,8 @@ from dask_processes import DaskProcesses
 
 import aleator
 from aleator import cli
-from aleator.simulate import Store
-from aleator.simulate.inventory import kept_runs
+from aleator.simulators import Store
+from aleator.simulators.inventory import kept_runs
 
 STUDY = """\
 [experiments]

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aleator import cli
-from aleator.simulate import Identity, Store, exchange, inventory
-from aleator.simulate.inventory import KeptRun
+from aleator.simulators import Identity, Store, exchange, inventory
+from aleator.simulators.inventory import KeptRun
 
 STUDY = """\
 [experiments]

@@ -9,7 +9,7 @@ from click.testing import CliRunner, Result
 from fmus.build import compiled, python_fmu
 
 from aleator.cli import main
-from aleator.simulate.fmu import FMUSimulator
+from aleator.simulators.fmu import FMUSimulator
 
 STUDY = """\
 [experiments]

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from aleator.errors import ExperimentsError
-from aleator.experiments import Conditions, Experiments
+from aleator.observations.experiments import Conditions, Experiments
 
 
 def written(folder: Path, text: str | bytes) -> Path:

@@ -12,11 +12,11 @@ from click.testing import CliRunner
 from aleator.cli import main
 from aleator.clutch import design, shifting_time
 from aleator.errors import SimulatorError
-from aleator.experiments import Conditions
-from aleator.feasibility import FeasibleBox, feasible_box, largest_box
-from aleator.inputs import Inputs
 from aleator.laws import TruncatedNormal
-from aleator.simulate import Runner, as_simulator
+from aleator.laws.inputs import Inputs
+from aleator.observations.experiments import Conditions
+from aleator.simulators import Runner, as_simulator
+from aleator.tasks.box import FeasibleBox, feasible_box, largest_box
 
 TWO = Conditions(("mild", "hard"), pd.DataFrame({"load": [1.0, 2.0]}))
 

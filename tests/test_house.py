@@ -14,26 +14,11 @@ PACKAGE = ROOT / "src" / "aleator"
 
 LONGEST_FILE = 400
 EMPTY_NAMES = {"utils", "util", "helpers", "helper", "manager", "process", "data", "common", "misc"}
-NUMERICS = {
-    "laws",
-    "inputs",
-    "polynomials",
-    "quadrature",
-    "indices",
-    "cubature",
-    "correlation",
-    "expansion",
-    "expansion_moments",
-    "sobol",
-    "moments",
-    "outcomes",
-    "densities",
-    "distances",
-}
+NUMERICS = {"polynomials", "laws", "quadrature", "expansion", "densities"}
 # What a single module of the numerics may import besides, inside a function: an optional extra.
 EXTRAS = {"expansion.sparse": {"sklearn"}}
-WITHOUT_SIMULATOR = {"likelihood", "densities", "moments", "outcomes"}
-RECEIVES_THE_CLUTCH = ("clutch", "cli", "reproduce")
+WITHOUT_SIMULATOR = NUMERICS | {"observations"}
+RECEIVES_THE_CLUTCH = ("clutch", "cli")
 
 
 def sources() -> Iterator[tuple[str, Path]]:
@@ -90,24 +75,24 @@ def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
     )
     assert list(imports("densities.mixture", module)) == [
         "numpy",
-        "aleator.simulate",
+        "aleator.simulators",
         "aleator.densities.gaussian",
         "aleator.laws.normal.Normal",
         "aleator.clutch.bench",
     ]
 
 
-def test_the_clutch_is_a_guest_of_the_command_line_and_of_the_reproduction() -> None:
+def test_the_clutch_is_a_guest_of_the_command_line() -> None:
     assert offences(None, "aleator.clutch", but=RECEIVES_THE_CLUTCH) == []
 
 
-def test_likelihood_densities_and_moments_never_see_a_simulator() -> None:
-    assert offences(WITHOUT_SIMULATOR, "aleator.simulate") == []
+def test_numerics_and_observations_never_see_a_simulator() -> None:
+    assert offences(WITHOUT_SIMULATOR, "aleator.simulators") == []
 
 
 def test_numerics_import_numpy_scipy_and_each_other_only() -> None:
     allowed = sys.stdlib_module_names | {"numpy", "scipy"}
-    house = NUMERICS | {"errors", "threads"}
+    house = NUMERICS | {"errors", "threads", "types"}
     strangers = [
         f"{name} imports {imported}"
         for name, path in sources()

@@ -9,11 +9,11 @@ from scipy import stats
 
 from aleator.clutch import design, shifting_time
 from aleator.errors import InputsError, SimulatorError
-from aleator.experiments import Conditions
-from aleator.inputs import Inputs
 from aleator.laws import Constant, Free, Normal, TruncatedNormal, Uniform
-from aleator.screening import CONFOUNDED, screen
-from aleator.simulate import FunctionSimulator, Runner
+from aleator.laws.inputs import Inputs
+from aleator.observations.experiments import Conditions
+from aleator.simulators import FunctionSimulator, Runner
+from aleator.tasks.screen import CONFOUNDED, screen
 
 Z = np.array([0.5, 1.0, 2.0, 4.0])
 

@@ -4,16 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from aleator.cubature import GermGrid, Smolyak, SobolPoints
 from aleator.densities import Convolution, Gaussian, MaximumEntropy
 from aleator.errors import AleatorError, ExperimentsError, SimulatorError, StudyError
 from aleator.expansion import Regression, SparseProjection
-from aleator.indices import Hyperbolic, TotalDegree
 from aleator.laws import Constant, Free, Normal, TruncatedNormal
-from aleator.propagation import Collocation
-from aleator.response import ResponseSurface
+from aleator.likelihood.propagation import Collocation
+from aleator.polynomials.indices import Hyperbolic, TotalDegree
+from aleator.quadrature import GermGrid, Smolyak, SobolPoints
 from aleator.search import GradientMultistart
 from aleator.study import Study, load_study
+from aleator.surrogates import ResponseSurface
 
 STUDY = """\
 title = "Springs"

@@ -1,9 +1,8 @@
 """The random fatigue-limit model of concrete: how many cycles one specimen endures."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 def kilocycles(ratio: Array, v: Array, b0: Array, b1: Array) -> Array:

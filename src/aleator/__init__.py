@@ -1,22 +1,11 @@
 """Aleator identifies the probability law of uncertain parameters from experiments."""
 
-from aleator.cubature import (
-    GermGrid,
-    MonteCarloPoints,
-    ProbabilityGrid,
-    Smolyak,
-    SobolPoints,
-    TensorGauss,
-)
 from aleator.densities import Convolution, Gaussian, GaussianMixture, LogSpline, MaximumEntropy
-from aleator.distances import earth_movers_distance
+from aleator.densities.distances import earth_movers_distance
 from aleator.errors import AleatorError
 from aleator.expansion import Projection, Regression, Sparse, SparseProjection
-from aleator.experiments import Experiments
-from aleator.identification import Identification
-from aleator.identify import identify
-from aleator.indices import Anisotropic, Hyperbolic, TotalDegree
-from aleator.inputs import Inputs
+from aleator.expansion.sobol import sobol_indices
+from aleator.inference.verification import MonteCarlo
 from aleator.laws import (
     Beta,
     Constant,
@@ -28,10 +17,19 @@ from aleator.laws import (
     TruncatedNormal,
     Uniform,
 )
-from aleator.noise import Noise
-from aleator.prediction import predict
-from aleator.propagation import Collocation
-from aleator.response import ResponseSurface
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.propagation import Collocation
+from aleator.observations.experiments import Experiments
+from aleator.observations.noise import Noise
+from aleator.polynomials.indices import Anisotropic, Hyperbolic, TotalDegree
+from aleator.quadrature import (
+    GermGrid,
+    MonteCarloPoints,
+    ProbabilityGrid,
+    Smolyak,
+    SobolPoints,
+    TensorGauss,
+)
 from aleator.search import (
     CMAES,
     CustomSearch,
@@ -39,8 +37,10 @@ from aleator.search import (
     GeneticAlgorithm,
     GradientMultistart,
 )
-from aleator.sobol import sobol_indices
-from aleator.verification import MonteCarlo
+from aleator.surrogates import ResponseSurface
+from aleator.tasks.identify import identify
+from aleator.tasks.predict import predict
+from aleator.tasks.result import Identification
 
 __all__ = [
     "identify",

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-from aleator.moments import Moments
+from aleator.densities.moments import Moments
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 _X, _W = np.polynomial.legendre.leggauss(500)
 
 

@@ -7,7 +7,7 @@ from densities.targets import single
 from scipy import stats
 
 from aleator.densities import Gaussian, MaximumEntropy, Status
-from aleator.moments import Moments
+from aleator.densities.moments import Moments
 
 
 @pytest.mark.parametrize("order", range(2, 9))

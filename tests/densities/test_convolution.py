@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import integrate, stats
 
 from aleator.densities import (
@@ -16,11 +15,10 @@ from aleator.densities import (
     Status,
 )
 from aleator.densities.convolution import LARGEST_RIPPLE, ripple
+from aleator.densities.outcomes import Outcomes
 from aleator.errors import InputsError
-from aleator.outcomes import Outcomes
-from aleator.quadrature import gauss_hermite
-
-Array = NDArray[np.float64]
+from aleator.polynomials.gauss import gauss_hermite
+from aleator.types import Array
 
 
 def fit(y: Array, weights: Array, noise_sd: float) -> FittedConvolution:

@@ -2,17 +2,16 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 
-from aleator.cubature import GermGrid
 from aleator.densities import Convolution, FittedConvolution, Status
-from aleator.inputs import Inputs, Nodes
+from aleator.densities.outcomes import Outcomes
 from aleator.laws import Normal
-from aleator.outcomes import Outcomes
-from aleator.quadrature import gauss_hermite
+from aleator.laws.inputs import Inputs, Nodes
+from aleator.polynomials.gauss import gauss_hermite
+from aleator.quadrature import GermGrid
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 SD_V, SD_K = 0.4, 0.5
 
 

@@ -4,17 +4,16 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 
-from aleator.cubature import GermGrid
 from aleator.densities import Convolution, FittedConvolution, Status
+from aleator.densities.outcomes import Outcomes
 from aleator.densities.stand_in import BEYOND
-from aleator.inputs import Inputs
 from aleator.laws import Normal, TruncatedNormal, Uniform
-from aleator.outcomes import Outcomes
+from aleator.laws.inputs import Inputs
+from aleator.quadrature import GermGrid
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 NORMAL = Inputs({"x": Normal(0.0, 1.0)})
 TWO = Inputs({"x": Normal(0.0, 1.0), "z": Normal(0.0, 1.0)})
 FLAT = Inputs({"x": Uniform(mean=0.5, sd=12.0**-0.5)})

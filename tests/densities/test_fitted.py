@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.integrate import quad
 
 from aleator.densities import FittedDensity, Gaussian, MaximumEntropy, Status
-from aleator.moments import Moments
+from aleator.densities.moments import Moments
 
 
 def moments_by_quad(fitted: FittedDensity, index: int, moments: Moments, order: int) -> list[float]:

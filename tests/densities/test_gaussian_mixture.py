@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy import optimize, stats
 from scipy.special import expit
 
@@ -20,11 +19,10 @@ from aleator.densities import (
     Sensitivity,
     Status,
 )
+from aleator.densities.moments import Moments, weighted_moments
 from aleator.densities.pearson import mixture_moments, two_normals
 from aleator.errors import InputsError
-from aleator.moments import Moments, weighted_moments
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 def moments(standardized: Array, mean: float = 0.0, sd: float = 1.0) -> Moments:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from aleator.densities.histogram import HistogramSpline
 from aleator.densities.interface import Status
+from aleator.densities.outcomes import Outcomes
 from aleator.errors import AleatorError
-from aleator.outcomes import Outcomes
+from reproduction.histogram import HistogramSpline
 
 
 def sampled(law, size: int, count: int = 1) -> Outcomes:

@@ -14,8 +14,8 @@ from aleator.densities import (
     Sensitivity,
     Status,
 )
+from aleator.densities.moments import Moments
 from aleator.errors import InputsError
-from aleator.moments import Moments
 
 INF = np.array([np.inf])
 

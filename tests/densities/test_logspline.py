@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 
 from aleator.densities import (
@@ -17,12 +16,12 @@ from aleator.densities import (
     NodeSensitivity,
     Status,
 )
+from aleator.densities.moments import weighted_moments
+from aleator.densities.outcomes import Outcomes
 from aleator.densities.splines import NoisyPowers, evaluate, noisy, splines
 from aleator.errors import InputsError
-from aleator.moments import weighted_moments
-from aleator.outcomes import Outcomes
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 COUNT = 2000
 LEVELS = (np.arange(COUNT) + 0.5) / COUNT
 EQUAL = np.full(COUNT, 1.0 / COUNT)

@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 from densities.targets import cubics, row, varied
-from numpy.typing import NDArray
 from scipy.integrate import quad_vec
 from scipy.linalg import eigh
 
 from aleator.densities import FittedDensity, MaximumEntropy, Status
+from aleator.densities.moments import Moments
 from aleator.densities.reach import reach_of, support_of
-from aleator.moments import Moments
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 UNBOUNDED = (-np.inf, np.inf)
 
 

@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from densities.targets import mixed
-from numpy.typing import NDArray
 
 from aleator.densities import Gaussian, MaximumEntropy, Sensitivity, Status
-from aleator.moments import Moments, weighted_moments, weighted_moments_with_gradient
+from aleator.densities.moments import Moments, weighted_moments, weighted_moments_with_gradient
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 Change = Callable[[float], tuple[Moments, Array, Array]]
 
 

@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 from aleator import (
     Constant,
@@ -23,11 +22,10 @@ from aleator import (
     ResponseSurface,
     identify,
 )
-from aleator.cubature import Cubature, GermGrid, SobolPoints
 from aleator.densities import Convolution, Density, LogSpline, NodeDensity
 from aleator.laws import Law
-
-Array = NDArray[np.float64]
+from aleator.quadrature import Cubature, GermGrid, SobolPoints
+from aleator.types import Array
 
 TEMPERATURE = np.linspace(300.0, 350.0, 40)
 LENGTH = 2.0 + 0.05 * TEMPERATURE + 0.3 * np.random.default_rng(0).standard_normal(40)
@@ -95,7 +93,7 @@ def found_with(density: Density | NodeDensity, nodes: int | Cubature | None) -> 
 
 
 def test_of_an_outcome_without_density_nothing_is_said_of_the_nodes(monkeypatch) -> None:
-    module = importlib.import_module("aleator.findings.review")
+    module = importlib.import_module("aleator.inference.diagnostics.review")
     monkeypatch.setattr(module, "quadrature_gap", lambda *_: float("nan"))
     assert remedies(found_with(Convolution(), None), "quadrature") == []
 
@@ -130,6 +128,6 @@ def test_too_few_nodes_are_told_and_more_of_them_end_it() -> None:
 def test_the_remedy_for_too_few_nodes_is_the_key_of_the_density_in_use(
     density, nodes, remedy, monkeypatch
 ) -> None:
-    module = importlib.import_module("aleator.findings.review")
+    module = importlib.import_module("aleator.inference.diagnostics.review")
     monkeypatch.setattr(module, "quadrature_gap", lambda *_: 1.0)
     assert remedies(found_with(density, nodes), "quadrature") == [remedy]

@@ -6,14 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from problems import GROWTH, REGRESSION, SAMPLE, Exact, Problem
 from scipy import optimize, stats
 
 from aleator import Constant, Free, GradientMultistart, Inputs, Noise, Normal
-from aleator.baselines import LinearGaussian, least_squares, linear_gaussian
-
-Array = NDArray[np.float64]
+from aleator.tasks.baselines import LinearGaussian, least_squares, linear_gaussian
+from aleator.types import Array
 
 LINE = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 40))
 

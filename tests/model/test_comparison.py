@@ -3,21 +3,19 @@
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from problems import GROWTH, NOISY, Problem
 from scipy import integrate, stats
 
 from aleator import Inputs, MaximumEntropy, Noise, Normal, ResponseSurface
-from aleator.comparison import density_distances, exact_movement
 from aleator.densities import Convolution
-from aleator.experiments import Experiments
-from aleator.focus import law_region
-from aleator.problem import Model, prepare
-from aleator.problem import Problem as Prepared
-from aleator.propagation import ExpandedPropagation
-from aleator.simulate import Runner, as_simulator
-
-Array = NDArray[np.float64]
+from aleator.likelihood.comparison import density_distances, exact_movement
+from aleator.likelihood.problem import Model, prepare
+from aleator.likelihood.problem import Problem as Prepared
+from aleator.likelihood.propagation import ExpandedPropagation
+from aleator.observations.experiments import Experiments
+from aleator.simulators import Runner, as_simulator
+from aleator.tasks.region import law_region
+from aleator.types import Array
 
 
 def prepared(problem: Problem, density) -> Prepared:

@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 from aleator import (
     Experiments,
@@ -16,13 +15,12 @@ from aleator import (
     TruncatedNormal,
     identify,
 )
-from aleator.concentration import likely_alphas
-from aleator.identification import Identification
-from aleator.inference import Inference
+from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
-from aleator.simulate import Runner, Store
-
-Array = NDArray[np.float64]
+from aleator.simulators import Runner, Store
+from aleator.tasks.concentration import likely_alphas
+from aleator.tasks.result import Identification
+from aleator.types import Array
 
 Z = np.linspace(0.5, 2.0, 20)
 RANDOM = np.random.default_rng(5)

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from rich.console import Console
 from scipy import optimize, stats
 
@@ -29,8 +28,7 @@ from aleator import (
 from aleator.errors import StudyError
 from aleator.report.terminal import render
 from aleator.study import load_study
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 COEFFICIENTS = "abc"
 

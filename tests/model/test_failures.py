@@ -7,17 +7,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from numpy.typing import NDArray
 
 from aleator import cli
 from aleator.errors import SimulatorError
-from aleator.identify import identify
-from aleator.inputs import Inputs
+from aleator.inference.verification import MonteCarlo
 from aleator.laws import Free, Normal, TruncatedNormal
-from aleator.response import ResponseSurface
-from aleator.verification import MonteCarlo
+from aleator.laws.inputs import Inputs
+from aleator.surrogates import ResponseSurface
+from aleator.tasks.identify import identify
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 Z = np.linspace(1.0, 2.0, 40)
 X = 1.5 + 0.2 * np.random.default_rng(3).standard_normal(40)
 

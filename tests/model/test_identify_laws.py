@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from aleator import (
@@ -27,11 +26,11 @@ from aleator import (
     Uniform,
     identify,
 )
-from aleator.baselines import linear_gaussian, start_point
 from aleator.laws import Law
 from aleator.search import GradientMultistart
+from aleator.tasks.baselines import linear_gaussian, start_point
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 COUNT, NOISE = 60, 0.5
 Z = np.linspace(0.5, 1.5, COUNT)
 WEIBULL = stats.weibull_min(2.0)

@@ -6,17 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from problems import BINDING, FRONTIER, REGRESSION, SAMPLE, Problem
 from scipy import optimize, stats
 
 from aleator import Constant, Free, Gaussian, GradientMultistart, Inputs, Noise, Normal
-from aleator.inference import Inference, infer, observed_information, weak_directions
-from aleator.likelihood import Likelihood
-from aleator.profile import profile_intervals
+from aleator.inference.information import Inference, infer, observed_information, weak_directions
+from aleator.inference.profile import profile_intervals
+from aleator.likelihood.likelihood import Likelihood
 from aleator.search import SearchResult
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 DROP = 0.5 * stats.chi2.ppf(0.95, 1)
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from problems import (
     BINDING,
     FRONTIER,
@@ -22,12 +21,12 @@ from problems import (
 )
 
 from aleator import Free, Gaussian, Inputs, MaximumEntropy, Normal
-from aleator.cubature import TensorGauss
 from aleator.densities import DEGENERATE_VALUE, FAILED_SOLVE_PENALTY, Density, Status
-from aleator.likelihood import Likelihood, LogLikelihood
-from aleator.propagation import DirectResponse, QuadraturePropagation
-
-Array = NDArray[np.float64]
+from aleator.likelihood.likelihood import Likelihood, LogLikelihood
+from aleator.likelihood.propagation import QuadraturePropagation
+from aleator.quadrature import TensorGauss
+from aleator.surrogates.responses import DirectResponse
+from aleator.types import Array
 
 DENSITIES = [Gaussian(), *(MaximumEntropy(order) for order in (2, 3, 4, 5, 6))]
 

@@ -22,7 +22,7 @@ from aleator import (
     identify,
 )
 from aleator.errors import InputsError
-from aleator.quadrature import gauss_hermite
+from aleator.polynomials.gauss import gauss_hermite
 
 
 def identified(problem: Problem, y: np.ndarray, **more: object) -> Identification:

@@ -12,7 +12,7 @@ from scipy import stats
 
 from aleator import Collocation, Gaussian, MaximumEntropy
 from aleator.errors import InputsError
-from aleator.prediction import predict
+from aleator.tasks.predict import predict
 
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 COLUMNS = [f"q{p:g}" for p in QUANTILES]

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aleator.inference import infer
+from aleator.inference.information import infer
+from aleator.inference.profile import CLOSE, TARGET, profile_intervals
 from aleator.laws import Hyperparameter
-from aleator.likelihood import LogLikelihood
-from aleator.profile import CLOSE, TARGET, profile_intervals
+from aleator.likelihood.likelihood import LogLikelihood
 from aleator.search import GradientMultistart
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 @dataclass

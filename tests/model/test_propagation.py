@@ -10,22 +10,22 @@ from numpy.typing import NDArray
 from problems import BINDING, GROWTH, PROBLEMS, PRODUCT, REGRESSION, SQUARE, Exact, Problem, title
 
 from aleator import Collocation, Constant, Free, Inputs, Normal, ResponseSurface, TruncatedNormal
-from aleator.cubature import GermGrid, Smolyak, SobolPoints, TensorGauss
 from aleator.densities import Convolution, MaximumEntropy
+from aleator.densities.moments import Moments, weighted_moments
 from aleator.errors import InputsError
 from aleator.expansion import Regression, Sparse
-from aleator.indices import TotalDegree
-from aleator.moments import Moments, weighted_moments
-from aleator.propagation import (
-    DirectResponse,
+from aleator.likelihood.propagation import (
     QuadraturePropagation,
     check_nodes,
     default_cubature,
     finer,
 )
-from aleator.response import build_surface
+from aleator.polynomials.indices import TotalDegree
+from aleator.quadrature import GermGrid, Smolyak, SobolPoints, TensorGauss
+from aleator.surrogates import build_surface
+from aleator.surrogates.responses import DirectResponse
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 NAMES = ("mean", "sd", "standardized")
 
 

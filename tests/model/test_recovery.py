@@ -11,10 +11,10 @@ from problems import BINDING, SAMPLE, Problem
 
 from aleator import Gaussian, GradientMultistart, MaximumEntropy, ResponseSurface
 from aleator.errors import InputsError
-from aleator.experiments import Conditions
-from aleator.problem import Model
-from aleator.recovery import Recovery, recover
-from aleator.simulate import FunctionSimulator, Runner
+from aleator.likelihood.problem import Model
+from aleator.observations.experiments import Conditions
+from aleator.simulators import FunctionSimulator, Runner
+from aleator.tasks.recover import Recovery, recover
 
 
 def recovered(problem: Problem, truth: dict[str, float], replicates: int, **more) -> Recovery:

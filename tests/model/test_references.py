@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from problems import BINDING, GROWTH, NOISY, PRODUCT, REGRESSION, SAMPLE, SQUARE, Exact, Problem
 from scipy import stats
 
 from aleator import Constant, Free, Inputs, Normal, Projection, Regression, TotalDegree
-from aleator.cubature import (
+from aleator.densities import Convolution, Gaussian, MaximumEntropy
+from aleator.densities.outcomes import Outcomes
+from aleator.errors import InputsError
+from aleator.quadrature import (
     Cubature,
     MonteCarloPoints,
     ProbabilityGrid,
@@ -17,11 +19,9 @@ from aleator.cubature import (
     SobolPoints,
     TensorGauss,
 )
-from aleator.densities import Convolution, Gaussian, MaximumEntropy
-from aleator.densities.histogram import HistogramSpline
-from aleator.errors import InputsError
-from aleator.outcomes import Outcomes
-from aleator.references import (
+from aleator.types import Array
+from reproduction.histogram import HistogramSpline
+from reproduction.references import (
     SampledLikelihood,
     Sampling,
     density_of,
@@ -29,8 +29,6 @@ from aleator.references import (
     log_likelihoods,
     samples_needed,
 )
-
-Array = NDArray[np.float64]
 
 
 def sampling(problem: Problem, cubature: Cubature) -> Sampling:

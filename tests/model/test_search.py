@@ -8,18 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from problems import BINDING, FRONTIER, GROWTH, REGRESSION, SAMPLE, SQUARE, Problem
 from scipy import optimize, stats
 
 from aleator import Free, Gaussian, GradientMultistart, Inputs, MaximumEntropy, Normal
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
-from aleator.likelihood import LogLikelihood
+from aleator.likelihood.likelihood import LogLikelihood
 from aleator.search import ascend
 from aleator.search.coordinates import Coordinates
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 class Counted:

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from aleator import Free, Inputs, MaximumEntropy, MonteCarlo, Normal, ResponseSurface, identify
 from aleator.errors import InputsError
-from aleator.experiments import Experiments
-from aleator.response import Shared, Sharpened
-from aleator.sharing import first_surfaces, later_surfaces
-from aleator.simulate import FunctionSimulator, Runner
+from aleator.observations.experiments import Experiments
+from aleator.simulators import FunctionSimulator, Runner
 from aleator.study.propagation import SurfaceSection
+from aleator.surrogates import Shared, Sharpened
+from aleator.surrogates.sharing import first_surfaces, later_surfaces
 
 RNG = np.random.default_rng(8)
 EFFECTS = RNG.normal(size=(40, 2))

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 
 from aleator import (
@@ -21,9 +20,8 @@ from aleator import (
     Normal,
     identify,
 )
-from aleator.verification import Verification
-
-Array = NDArray[np.float64]
+from aleator.inference.verification import Verification
+from aleator.types import Array
 
 ORDINARY = np.append(1.0 + 0.1 * np.random.default_rng(0).standard_normal(60), 1.0)
 OUTLIER = np.append(ORDINARY[:-1], 2.0)
@@ -65,7 +63,7 @@ def test_one_that_contributes_little_is_marked_but_no_warning(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """An outcome in the middle of sixty: without it alpha would be much the same."""
-    module = importlib.import_module("aleator.identify")
+    module = importlib.import_module("aleator.tasks.identify")
     verify = module.verify
 
     def short_of_the_last(*given: object, **named: object) -> Verification:

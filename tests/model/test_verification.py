@@ -6,14 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from problems import BINDING, FRONTIER, GROWTH, NOISY, PRODUCT, SAMPLE, SQUARE, Problem, title
 
 from aleator import MonteCarlo
 from aleator.errors import InputsError
-from aleator.verification import Verification, verify
-
-Array = NDArray[np.float64]
+from aleator.inference.verification import Verification, verify
+from aleator.types import Array
 
 
 def checked(problem: Problem, y: Array, samples: int = 512, seed: int = 0) -> Verification:

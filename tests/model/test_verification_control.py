@@ -22,9 +22,8 @@ from problems import (
 from scipy import optimize
 
 from aleator import MonteCarlo
-from aleator.verification import Verification, movement, verify
-
-Array = NDArray[np.float64]
+from aleator.inference.verification import Verification, movement, verify
+from aleator.types import Array
 
 
 @dataclass(frozen=True)

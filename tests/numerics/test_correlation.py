@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy import stats
 
 from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
-from aleator.correlation import Correlation, between
-from aleator.cubature import ProbabilityGrid, Smolyak, SobolPoints, TensorGauss
+from aleator.densities.moments import weighted_moments
 from aleator.errors import InputsError
 from aleator.laws import Beta, Gamma, LogNormal, Uniform
-from aleator.moments import weighted_moments
-
-Array = NDArray[np.float64]
+from aleator.laws.correlation import Correlation, between
+from aleator.quadrature import ProbabilityGrid, Smolyak, SobolPoints, TensorGauss
+from aleator.types import Array
 
 LETTERS = "abcdefghij"
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from problems import raw_normal, raw_truncated
 from scipy import special
 
 from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
-from aleator.cubature import (
+from aleator.errors import InputsError
+from aleator.quadrature import (
     Cubature,
     MonteCarloPoints,
     ProbabilityGrid,
@@ -22,9 +22,7 @@ from aleator.cubature import (
     SobolPoints,
     TensorGauss,
 )
-from aleator.errors import InputsError
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 BOX = (-1.0, 1.0)
 ALPHA = np.array([0.4, 0.3, -2.0, 0.8, 0.5, 0.1, 0.7])

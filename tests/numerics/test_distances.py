@@ -5,17 +5,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from aleator.densities import Convolution, Gaussian, MaximumEntropy
+from aleator.densities.distances import earth_movers_distance
 from aleator.densities.gaussian import FittedGaussian
-from aleator.distances import earth_movers_distance
+from aleator.densities.moments import Moments
+from aleator.densities.outcomes import Outcomes
 from aleator.errors import InputsError
-from aleator.moments import Moments
-from aleator.outcomes import Outcomes
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 def normal(mean: float, sd: float) -> FittedGaussian:

@@ -10,7 +10,6 @@ import pytest
 from expansions import EVERY_WAY, MIXED, NORMAL, basis_of, fitted
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from aleator.errors import InputsError
 from aleator.expansion import (
@@ -25,16 +24,13 @@ from aleator.expansion import (
 from aleator.expansion.design import FINE, drawn, induced
 from aleator.expansion.projection import project
 from aleator.expansion.sparse_projection import combination
-from aleator.indices import Hyperbolic, TotalDegree
-from aleator.inputs import Inputs
 from aleator.laws import (
     Constant,
     Free,
     Normal,
 )
-
-Array = NDArray[np.float64]
-
+from aleator.laws.inputs import Inputs
+from aleator.polynomials.indices import Hyperbolic, TotalDegree
 
 # ------------------------------------------------------------------------------ the basis
 

@@ -20,11 +20,10 @@ from exact_expansions import (
     exact_polynomials,
     laguerre,
 )
-from numpy.typing import NDArray
 from problems import from_raw
 
 from aleator.errors import InputsError
-from aleator.expansion_moments import (
+from aleator.expansion.moments import (
     Automatic,
     Basis,
     Galerkin,
@@ -36,12 +35,9 @@ from aleator.expansion_moments import (
     raw_moment,
     raw_moments,
 )
-from aleator.expansion_moments.automatic import estimated_seconds
-from aleator.expansion_moments.rules import polished_rule, symmetric
-from aleator.polynomials import evaluate, hermite_recurrence
-
-Array = NDArray[np.float64]
-
+from aleator.expansion.moments.automatic import estimated_seconds
+from aleator.expansion.moments.rules import polished_rule, symmetric
+from aleator.polynomials.recurrence import evaluate, hermite_recurrence
 
 # ------------------------------------------------------------------------------ truths
 

@@ -13,17 +13,13 @@ from exact_expansions import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 
-from aleator.expansion_moments import (
+from aleator.expansion.moments import (
     Galerkin,
     PushFork,
     TensorGauss,
     prepare,
 )
-
-Array = NDArray[np.float64]
-
 
 # ------------------------------------------------------------------------------ properties
 

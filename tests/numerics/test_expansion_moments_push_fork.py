@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from aleator.errors import InputsError
-from aleator.expansion_moments import Basis, NonzeroSet, Origin, PushFork, prepare
-from aleator.expansion_moments.multi_indices import (
+from aleator.expansion.moments import Basis, NonzeroSet, Origin, PushFork, prepare
+from aleator.expansion.moments.multi_indices import (
     count,
     exponents,
     multinomials,
@@ -25,9 +25,9 @@ from aleator.expansion_moments.multi_indices import (
     push_and_fork,
     stacks,
 )
-from aleator.expansion_moments.nonzero import CANDIDATES_AT_ONCE
-from aleator.indices import TotalDegree
-from aleator.polynomials import hermite_recurrence
+from aleator.expansion.moments.nonzero import CANDIDATES_AT_ONCE
+from aleator.polynomials.indices import TotalDegree
+from aleator.polynomials.recurrence import hermite_recurrence
 
 
 def hermite_basis(n: int, d: int, order: int) -> Basis:

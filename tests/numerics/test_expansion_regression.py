@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from expansions import MIXED, NORMAL, basis_of, box, fitted, miss
-from numpy.typing import NDArray
 
 from aleator.expansion import (
     Basis,
@@ -19,7 +18,6 @@ from aleator.expansion import (
 )
 from aleator.expansion.design import drawn, induced
 from aleator.expansion.least_squares import nested_fits
-from aleator.indices import TotalDegree
 from aleator.laws import (
     Beta,
     Gamma,
@@ -28,9 +26,8 @@ from aleator.laws import (
     TruncatedNormal,
     Uniform,
 )
-
-Array = NDArray[np.float64]
-
+from aleator.polynomials.indices import TotalDegree
+from aleator.types import Array
 
 # ------------------------------------------------------------------------------ designs
 

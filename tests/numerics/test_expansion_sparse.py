@@ -10,8 +10,8 @@ import pytest
 from aleator.errors import AleatorError
 from aleator.expansion import Basis, Regression, Sparse
 from aleator.expansion.design import drawn
-from aleator.indices import Hyperbolic, TotalDegree
 from aleator.laws import Uniform
+from aleator.polynomials.indices import Hyperbolic, TotalDegree
 
 
 def cube(n: int) -> Basis:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from problems import from_raw, raw_normal, raw_truncated
 from scipy import special
 
 from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
+from aleator.densities.moments import weighted_moments
 from aleator.errors import InputsError
-from aleator.moments import weighted_moments
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 BOX = (-1.0, 1.0)
 ALPHA = np.array([0.4, 0.3, -2.0, 0.8, 0.5])

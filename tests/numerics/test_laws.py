@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from problems import from_raw, raw_normal, raw_truncated
 from scipy import stats
 
 from aleator import Constant, Free, Noise, Normal, TruncatedNormal
 from aleator.errors import InputsError
 from aleator.laws import Law
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 INF = math.inf
 
 # box, mean, sd: what is hard about it

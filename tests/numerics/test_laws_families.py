@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy import special, stats
 
 from aleator import Beta, Constant, Free, Gamma, LogNormal, Normal, TruncatedNormal, Uniform
 from aleator.errors import InputsError
 from aleator.laws import Law
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 THETA = np.linspace(-6.0, 6.0, 25)
 
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import special, stats
 
 from aleator import Free, ScipyLaw
 from aleator.errors import InputsError
 from aleator.laws.discretized import Support, discretize
-from aleator.polynomials import hermite_recurrence, jacobi_recurrence, laguerre_recurrence
-from aleator.quadrature import gauss
+from aleator.polynomials.gauss import gauss
+from aleator.polynomials.recurrence import (
+    hermite_recurrence,
+    jacobi_recurrence,
+    laguerre_recurrence,
+)
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 NONE = np.empty(0)
 
 KNOWN = [

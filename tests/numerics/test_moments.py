@@ -8,18 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 from problems import PROBLEMS, Exact, Problem, from_raw, raw_normal, title
 
-from aleator.moments import (
+from aleator.densities.moments import (
     Moments,
     add_normal_noise,
     weighted_moments,
     weighted_moments_with_gradient,
 )
-from aleator.quadrature import gauss_hermite
-
-Array = NDArray[np.float64]
+from aleator.polynomials.gauss import gauss_hermite
+from aleator.types import Array
 
 
 def at_nodes(problem: Problem, nodes: int) -> tuple[Array, Array]:

@@ -8,10 +8,10 @@ from functools import cache
 import mpmath
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 
-from aleator.polynomials import (
+from aleator.polynomials.gauss import gauss, gauss_with_gradient, tensor
+from aleator.polynomials.recurrence import (
     evaluate,
     hermite_recurrence,
     jacobi_recurrence,
@@ -20,9 +20,7 @@ from aleator.polynomials import (
     recurrence_with_gradient,
     stieltjes,
 )
-from aleator.quadrature import gauss, gauss_with_gradient, tensor
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 def standard(recurrence: tuple[Array, Array]) -> tuple[Array, Array]:

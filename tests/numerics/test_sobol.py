@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy import stats
 
 from aleator.errors import InputsError
 from aleator.expansion import Basis, Regression, SparseProjection
-from aleator.indices import TotalDegree
+from aleator.expansion.sobol import SobolIndices, sobol_indices
 from aleator.laws import Normal, TruncatedNormal, Uniform
-from aleator.sobol import SobolIndices, sobol_indices
-
-Array = NDArray[np.float64]
+from aleator.polynomials.indices import TotalDegree
+from aleator.types import Array
 
 
 def cube(n: int, lower: float, upper: float) -> Basis:

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from rich.console import Console, RenderableType
 
-from aleator.recovery import Recovery
 from aleator.report import recovery, terminal
+from aleator.tasks.recover import Recovery
 
 
 def printed(renderable: RenderableType, width: int = 80, encoding: str = "utf-8") -> str:

@@ -6,8 +6,8 @@ from scipy.integrate import quad
 from scipy.stats import truncnorm
 
 from aleator.densities import Gaussian
-from aleator.distances import earth_movers_distance
-from aleator.reproduce.camelback import POLE, Camelback, raw
+from aleator.densities.distances import earth_movers_distance
+from reproduction.camelback import POLE, Camelback, raw
 
 LIMIT = 6.0
 X = truncnorm(-LIMIT, LIMIT)

@@ -5,16 +5,16 @@ import pytest
 from scipy.stats import norm
 
 from aleator.densities import Gaussian
-from aleator.reproduce import Context, Verdict, chosen
-from aleator.reproduce.canvas import drawn
-from aleator.reproduce.clutch_reference import (
+from reproduction import Context, Verdict, chosen
+from reproduction.canvas import drawn
+from reproduction.clutch_reference import (
     expansion_moments,
     node_outcomes,
     of_sample,
 )
-from aleator.reproduce.clutch_response import density, grid, masses
-from aleator.reproduce.clutch_study import GIVEN, SHOWN, ClutchStudy
-from aleator.reproduce.transform import modes
+from reproduction.clutch_response import density, grid, masses
+from reproduction.clutch_study import GIVEN, SHOWN, ClutchStudy
+from reproduction.transform import modes
 
 QUICK = (
     "sets",

@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from aleator import cli
 from aleator.errors import AleatorError
-from aleator.reproduce import FIGURES, Claim, Context, Figure, Reproduction, Verdict, chosen
-from aleator.reproduce.output import counts, page, reproduce
+from reproduction import FIGURES, Claim, Context, Figure, Reproduction, Verdict, chosen
+from reproduction.__main__ import main
+from reproduction.output import counts, page, reproduce
 
 CLAIM = Claim("Two is more than one.", "1", "2 | exactly", Verdict.HOLDS, "by counting")
 
@@ -103,24 +103,24 @@ def test_figures_are_chosen_by_name_in_the_order_of_the_paper() -> None:
 
 
 def test_an_unknown_figure_is_told_with_the_nearest_name() -> None:
-    done = CliRunner().invoke(cli.main, ["reproduce", "paper", "clutch-presure"])
+    done = CliRunner().invoke(main, ["clutch-presure"])
     assert done.exit_code == 2
     assert "no figure 'clutch-presure'" in done.stderr
     assert "did you mean 'clutch-pressure'?" in done.stderr
 
 
 def test_the_command_writes_and_prints_the_claims(tmp_path: Path) -> None:
-    command = ["reproduce", "paper", "clutch-feedforward", "--output", str(tmp_path / "out")]
-    done = CliRunner().invoke(cli.main, command)
+    command = ["clutch-feedforward", "--output", str(tmp_path / "out")]
+    done = CliRunner().invoke(main, command)
     assert done.exit_code == 0, done.output
     assert "2 claims: 2 hold" in done.stdout
     assert (tmp_path / "out" / "clutch-feedforward.svg").exists()
-    quiet = CliRunner().invoke(cli.main, [*command, "--quiet"])
+    quiet = CliRunner().invoke(main, [*command, "--quiet"])
     assert (quiet.exit_code, quiet.output) == (0, "")
 
 
 def test_every_figure_is_in_the_help_and_in_the_documents() -> None:
-    shown = CliRunner().invoke(cli.main, ["reproduce", "paper", "--help"]).output
+    shown = CliRunner().invoke(main, ["--help"]).output
     document = (Path(__file__).parents[2] / "docs" / "paper.md").read_text(encoding="utf-8")
     for figure in FIGURES:
         assert f"  {figure.name} " in shown

@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 
 from aleator.errors import AleatorError
-from aleator.reproduce import Context, Verdict, chosen
-from aleator.reproduce.canvas import drawn
-from aleator.reproduce.clutch_laws import EXPANSION, Judged
-from aleator.reproduce.clutch_reference import of_sample
-from aleator.reproduce.clutch_samples import accuracy, needed
-from aleator.reproduce.clutch_sampling import (
+from reproduction import Context, Verdict, chosen
+from reproduction.canvas import drawn
+from reproduction.clutch_laws import EXPANSION, Judged
+from reproduction.clutch_reference import of_sample
+from reproduction.clutch_samples import accuracy, needed
+from reproduction.clutch_sampling import (
     ENTROPY,
     GAUSSIAN,
     GRID,
@@ -25,9 +25,9 @@ from aleator.reproduce.clutch_sampling import (
     SamplingErrors,
     methods,
 )
-from aleator.reproduce.clutch_study import GIVEN, ClutchStudy
-from aleator.reproduce.document import MARK, main, updated
-from aleator.reproduce.searches import DIFFERENTIAL, GENETIC, GRADIENT, _choices, _claims
+from reproduction.clutch_study import GIVEN, ClutchStudy
+from reproduction.document import MARK, main, updated
+from reproduction.searches import DIFFERENTIAL, GENETIC, GRADIENT, _choices, _claims
 
 SAMPLES = np.array([16.0, 256.0, 4096.0, 65536.0])
 FACTORS = {RANDOM: 1.0, GRID: 2.0, SOBOL: 0.1}

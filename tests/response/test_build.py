@@ -7,14 +7,14 @@ import pytest
 from numpy.typing import NDArray
 
 from aleator.errors import InputsError, SimulatorError
-from aleator.response import ResponseSurface, Surface, build_surface
-from aleator.response.points import spread
+from aleator.surrogates import ResponseSurface, Surface, build_surface
+from aleator.surrogates.points import spread
+from aleator.types import Array
 
-Floats = NDArray[np.float64]
-Function = Callable[[NDArray[np.intp], Floats], Floats]
+Function = Callable[[NDArray[np.intp], Array], Array]
 
 
-def unit_box(n: int) -> Floats:
+def unit_box(n: int) -> Array:
     return np.tile([0.0, 1.0], (n, 1))
 
 
@@ -26,7 +26,7 @@ def built(run: Function, n: int, count: int, **choice: float) -> Surface:
     return build_surface(run, unit_box(n), count, chosen(**choice))
 
 
-def true_error(surface: Surface, function: Function, points: int = 1000) -> Floats:
+def true_error(surface: Surface, function: Function, points: int = 1000) -> Array:
     """Root-mean-square error (N,) at random points of the box that no surface has seen."""
     low, high = surface.box.T
     x = low + np.random.default_rng(7).random((points, len(low))) * (high - low)
@@ -36,23 +36,23 @@ def true_error(surface: Surface, function: Function, points: int = 1000) -> Floa
     return np.sqrt((residual**2).mean(axis=1))
 
 
-def front(index: NDArray[np.intp], x: Floats) -> Floats:
+def front(index: NDArray[np.intp], x: Array) -> Array:
     return np.tanh(20.0 * (x[:, 0] - 0.5 * x[:, 1] - 0.3 + 0.02 * index))
 
 
-def kink(index: NDArray[np.intp], x: Floats) -> Floats:
+def kink(index: NDArray[np.intp], x: Array) -> Array:
     return np.abs(x[:, 0] - 0.5 * x[:, 1] - 0.3 + 0.03 * index)
 
 
-def waves(index: NDArray[np.intp], x: Floats) -> Floats:
+def waves(index: NDArray[np.intp], x: Array) -> Array:
     return np.cos(9.0 * x[:, 0] + 5.0 * x[:, 1] + index)
 
 
-def smooth(index: NDArray[np.intp], x: Floats) -> Floats:
+def smooth(index: NDArray[np.intp], x: Array) -> Array:
     return np.exp((0.2 + 0.2 * index) * x[:, 0] + x[:, 1])
 
 
-def additive(index: NDArray[np.intp], x: Floats) -> Floats:
+def additive(index: NDArray[np.intp], x: Array) -> Array:
     return np.exp(x * np.linspace(0.1, 1.0, x.shape[1])).sum(axis=1) + index
 
 
@@ -64,7 +64,7 @@ def test_a_polynomial_of_degree_two_is_exact_after_one_call(n: int) -> None:
     matrix = np.random.default_rng(n).normal(size=(n, n))
     calls = []
 
-    def run(index: NDArray[np.intp], x: Floats) -> Floats:
+    def run(index: NDArray[np.intp], x: Array) -> Array:
         calls.append(len(index))
         return 3.0 + x.sum(axis=1) + (index + 1) * np.einsum("ri,ij,rj->r", x, matrix, x)
 
@@ -76,7 +76,7 @@ def test_a_polynomial_of_degree_two_is_exact_after_one_call(n: int) -> None:
 
 
 def test_a_polynomial_of_degree_five_is_found_exactly() -> None:
-    def run(_: NDArray[np.intp], x: Floats) -> Floats:
+    def run(_: NDArray[np.intp], x: Array) -> Array:
         return x[:, 0] ** 5 - 2.0 * x[:, 0] ** 2 * x[:, 1] ** 3 + x[:, 1] - 0.3
 
     surface = built(run, 2, 1, tolerance=1e-9, accuracy=0.0)
@@ -101,7 +101,7 @@ def test_an_outcome_that_does_not_depend_on_the_parameters() -> None:
 
 
 def test_a_linear_parameter_keeps_a_low_degree() -> None:
-    def run(_: NDArray[np.intp], x: Floats) -> Floats:
+    def run(_: NDArray[np.intp], x: Array) -> Array:
         return x[:, 0] + np.tanh(10.0 * (x[:, 1] - 0.4))
 
     surface = built(run, 2, 1)
@@ -111,7 +111,7 @@ def test_a_linear_parameter_keeps_a_low_degree() -> None:
 
 
 def test_constants_around_a_logarithm_stay_linear() -> None:
-    def run(_: NDArray[np.intp], x: Floats) -> Floats:
+    def run(_: NDArray[np.intp], x: Array) -> Array:
         return x[:, 0] + x[:, 1] * np.log(3.0 - np.exp(x[:, 2]))
 
     box = np.array([[10.0, 12.0], [-3.0, -1.0], [-1.0, 1.0]])
@@ -131,7 +131,7 @@ def test_ten_additive_parameters_need_few_runs() -> None:
 
 
 def test_easy_experiments_do_not_pay_for_hard_ones() -> None:
-    def run(index: NDArray[np.intp], x: Floats) -> Floats:
+    def run(index: NDArray[np.intp], x: Array) -> Array:
         return np.where(
             index % 2 == 0, smooth(index, x), np.tanh(12.0 * (x[:, 0] - 0.5 * x[:, 1] - 0.3))
         )
@@ -148,7 +148,7 @@ def test_calls_are_few_and_every_run_is_counted() -> None:
     asked = np.zeros(5, dtype=int)
     told = []
 
-    def run(index: NDArray[np.intp], x: Floats) -> Floats:
+    def run(index: NDArray[np.intp], x: Array) -> Array:
         np.add.at(asked, index, 1)
         return kink(index, x)
 
@@ -163,7 +163,7 @@ def test_calls_are_few_and_every_run_is_counted() -> None:
 
 
 def test_analytic_outcomes_converge_geometrically() -> None:
-    def run(_: NDArray[np.intp], x: Floats) -> Floats:
+    def run(_: NDArray[np.intp], x: Array) -> Array:
         return 1.0 / (1.0 + 4.0 * (2.0 * x[:, 0] - 1.0) ** 2)
 
     runs, errors = [], []
@@ -207,7 +207,7 @@ def test_an_exhausted_budget_is_a_flag_and_an_honest_error() -> None:
 def test_noise_is_reported_as_error() -> None:
     noise = np.random.default_rng(0)
 
-    def run(_: NDArray[np.intp], x: Floats) -> Floats:
+    def run(_: NDArray[np.intp], x: Array) -> Array:
         return np.sin(x[:, 0] + 2.0 * x[:, 1]) + 0.05 * noise.standard_normal(len(x))
 
     surface = built(run, 2, 4, max_runs=200)
@@ -228,7 +228,7 @@ def test_refinement_stops_where_runs_do_not_help() -> None:
 def test_the_accuracy_of_the_simulator_is_enough() -> None:
     noise = np.random.default_rng(0)
 
-    def run(_: NDArray[np.intp], x: Floats) -> Floats:
+    def run(_: NDArray[np.intp], x: Array) -> Array:
         return 300.0 + 1e-6 * x[:, 0] + 1e-5 * noise.standard_normal(len(x))
 
     surface = built(run, 2, 4)
@@ -248,9 +248,9 @@ def test_the_same_seed_gives_the_same_surface() -> None:
 
 
 def test_the_seed_moves_the_validation_points_only() -> None:
-    first: list[Floats] = []
+    first: list[Array] = []
 
-    def run(index: NDArray[np.intp], x: Floats) -> Floats:
+    def run(index: NDArray[np.intp], x: Array) -> Array:
         first.append(x)
         return smooth(index, x)
 
@@ -283,7 +283,7 @@ def test_units_of_the_box_and_the_outcome_do_not_matter() -> None:
 def test_validation_runs_are_never_fitted() -> None:
     seen = []
 
-    def run(index: NDArray[np.intp], x: Floats) -> Floats:
+    def run(index: NDArray[np.intp], x: Array) -> Array:
         seen.append(x[index == 0])
         return waves(index, x)
 
@@ -336,7 +336,7 @@ def test_too_few_runs_or_no_experiment_is_refused() -> None:
 
 
 @pytest.mark.parametrize("answer", [lambda x: x, lambda x: np.full(len(x), np.inf)])
-def test_a_simulator_that_does_not_answer_is_named(answer: Callable[[Floats], Floats]) -> None:
+def test_a_simulator_that_does_not_answer_is_named(answer: Callable[[Array], Array]) -> None:
     with pytest.raises(SimulatorError, match="outcomes"):
         built(lambda _, x: answer(x), 2, 1)
 

@@ -2,37 +2,34 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from aleator.response import ResponseSurface, Surface, build_surface
-from aleator.response.basis import products
-from aleator.response.crease import Borders, border_indices
-from aleator.response.elements import covariances, folded, residuals, with_slope
-from aleator.response.fit import Prior
-from aleator.response.points import spread
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from aleator.surrogates import ResponseSurface, Surface, build_surface
+from aleator.surrogates.basis import products
+from aleator.surrogates.crease import Borders, border_indices
+from aleator.surrogates.elements import covariances, folded, residuals, with_slope
+from aleator.surrogates.fit import Prior
+from aleator.surrogates.points import spread
+from aleator.types import Array, Indices
 
 BOX = {n: np.tile([-1.0, 1.0], (n, 1)) for n in (1, 2, 3)}
 
 
-def kinked(index: Ints, x: Floats) -> Floats:
+def kinked(index: Indices, x: Array) -> Array:
     """A kink along an oblique line, elsewhere in every experiment."""
     g = x[:, 0] + 0.5 * x[:, -1] - 0.3 + 0.1 * index
     return np.cos(x[:, 0]) + 0.5 * x[:, -1] ** 2 + (1.0 + 0.3 * x[:, 0]) * np.maximum(g, 0.0)
 
 
-def curved(index: Ints, x: Floats) -> Floats:
+def curved(index: Indices, x: Array) -> Array:
     """A kink along a parabola."""
     return np.maximum(x[:, 0] - 0.3 * x[:, 1] ** 2 - 0.1 * index, 0.0) + x[:, 0] * x[:, 1]
 
 
-def smooth(index: Ints, x: Floats) -> Floats:
+def smooth(index: Indices, x: Array) -> Array:
     return np.exp(0.5 * x[:, 0] + 0.1 * index) * np.cos(2.0 * x[:, -1])
 
 
-def true_error(surface: Surface, function) -> Floats:
+def true_error(surface: Surface, function) -> Array:
     count, n = len(surface.error), len(surface.box)
     x = np.random.default_rng(3).uniform(-1.0, 1.0, (3000, n))
     truth = function(np.repeat(np.arange(count), len(x)), np.tile(x, (count, 1)))
@@ -53,7 +50,7 @@ def test_kinks_are_exact_with_few_runs(function, n: int) -> None:
 
 
 def test_a_curved_border_and_a_root_at_it_are_found() -> None:
-    def root(index: Ints, x: Floats) -> Floats:
+    def root(index: Indices, x: Array) -> Array:
         return np.sqrt(np.maximum(x[:, 0] + 0.2, 0.0)) + 0.3 * x[:, 0] + index
 
     for function, n, power in ((curved, 2, 1.0), (root, 1, 0.5)):
@@ -82,7 +79,7 @@ def test_a_smooth_outcome_stays_one_polynomial() -> None:
 
 
 def test_only_the_experiments_with_a_kink_are_split() -> None:
-    def some(index: Ints, x: Floats) -> Floats:
+    def some(index: Indices, x: Array) -> Array:
         return np.where(index % 2 == 1, kinked(index, x), smooth(index, x))
 
     surface = build_surface(some, BOX[2], 6, ResponseSurface(tolerance=0.005))
@@ -107,7 +104,7 @@ def test_all_ways_to_evaluate_agree_and_the_gradient_is_theirs() -> None:
 
 
 def test_runs_that_fail_are_left_out_of_both_elements() -> None:
-    def failing(index: Ints, x: Floats) -> Floats:
+    def failing(index: Indices, x: Array) -> Array:
         return np.where(np.abs(x[:, 1] - 0.1) < 0.08, np.nan, kinked(index, x))
 
     surface = build_surface(failing, BOX[2], 3, ResponseSurface(tolerance=0.005))

@@ -4,34 +4,31 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from aleator.response import ResponseSurface, Surface, build_surface
-from aleator.response.basis import products
-from aleator.response.fit import first_priors, fitted, search
-from aleator.response.points import spread
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from aleator.surrogates import ResponseSurface, Surface, build_surface
+from aleator.surrogates.basis import products
+from aleator.surrogates.fit import first_priors, fitted, search
+from aleator.surrogates.points import spread
+from aleator.types import Array, Indices
 
 BOX = np.tile([0.0, 1.0], (2, 1))
 CHOICE = ResponseSurface(tolerance=0.02)
 
 
-def waves(index: Ints, x: Floats) -> Floats:
+def waves(index: Indices, x: Array) -> Array:
     return np.cos(4.0 * x[:, 0] + 3.0 * x[:, 1] + index)
 
 
-def with_hole(side: float) -> Callable[[Ints, Floats], Floats]:
+def with_hole(side: float) -> Callable[[Indices, Array], Array]:
     """Waves without an outcome in a corner of the box."""
 
-    def run(index: Ints, x: Floats) -> Floats:
+    def run(index: Indices, x: Array) -> Array:
         return np.where(np.all(x > 1.0 - side, axis=1), np.nan, waves(index, x))
 
     return run
 
 
-def true_error(surface: Surface, hole: float = 0.0) -> Floats:
+def true_error(surface: Surface, hole: float = 0.0) -> Array:
     x = np.random.default_rng(0).random((2000, 2))
     x = x[~np.all(x > 1.0 - hole, axis=1)]
     count = len(surface.error)
@@ -44,7 +41,7 @@ def test_a_surface_is_that_of_the_runs_that_worked() -> None:
     lost = np.array([3, 8, 11])
     points = 0.5 * (z + 1.0)
 
-    def run(index: Ints, x: Floats) -> Floats:
+    def run(index: Indices, x: Array) -> Array:
         missing = (np.abs(x[:, None] - points[lost]).max(axis=2) < 1e-12).any(axis=1)
         return np.where(missing & (index == 1), np.nan, waves(index, x))
 
@@ -77,7 +74,7 @@ def test_a_hole_in_the_design_raises_the_error() -> None:
 def test_runs_that_fail_here_and_there_cost_little() -> None:
     """One in ten, other ones in each experiment."""
 
-    def run(index: Ints, x: Floats) -> Floats:
+    def run(index: Indices, x: Array) -> Array:
         lost = np.modf(np.abs(np.sin(1e4 * x[:, 0] + 77.0 * x[:, 1] + index)) * 1e3)[0] < 0.1
         return np.where(lost, np.nan, waves(index, x))
 
@@ -97,7 +94,7 @@ def test_an_infeasible_corner_is_reported_and_the_rest_is_exact() -> None:
 
 
 def test_an_experiment_with_hardly_a_run_has_no_surface_and_costs_one_round() -> None:
-    def run(index: Ints, x: Floats) -> Floats:
+    def run(index: Indices, x: Array) -> Array:
         return np.where((index == 1) & (x[:, 0] > 0.02), np.nan, waves(index, x))
 
     surface = build_surface(run, BOX, 3, CHOICE)

@@ -6,14 +6,12 @@ from numpy.typing import NDArray
 from scipy.optimize import approx_fprime
 
 from aleator.errors import SimulatorError
-from aleator.response import Surface
-from aleator.response.conditions import features
-from aleator.response.joint import Covariance, Posterior, _loss, learned
-from aleator.response.refinement import Run
-from aleator.response.shared import Shared
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from aleator.surrogates import Surface
+from aleator.surrogates.conditions import features
+from aleator.surrogates.joint import Covariance, Posterior, _loss, learned
+from aleator.surrogates.refinement import Run
+from aleator.surrogates.shared import Shared
+from aleator.types import Array, Indices
 
 RNG = np.random.default_rng(3)
 CONDITIONS = RNG.uniform(-1.0, 1.0, (30, 2))
@@ -21,22 +19,22 @@ EFFECTS = RNG.normal(size=(30, 2))
 BOX = np.array([[0.0, 1.0], [2.0, 4.0]])
 
 
-def unit(x: Floats) -> Floats:
+def unit(x: Array) -> Array:
     return (2.0 * x - BOX.sum(axis=1)) / (BOX[:, 1] - BOX[:, 0])
 
 
-def moving_front(index: Ints, x: Floats) -> Floats:
+def moving_front(index: Indices, x: Array) -> Array:
     c, z = CONDITIONS[index], unit(x)
     return np.tanh(1.5 * (z[:, 0] - 0.5 * z[:, 1] + c[:, 0])) + 0.3 * c[:, 1] * z[:, 1]
 
 
-def unexplained(index: Ints, x: Floats) -> Floats:
+def unexplained(index: Indices, x: Array) -> Array:
     """Every experiment has a direction of its own, which no condition tells."""
     z = unit(x)
     return np.sin(EFFECTS[index, 0] + (z * (1.0 + EFFECTS[index, 1:])).sum(axis=1) * 1.5)
 
 
-def judged(function: Run, likely: Floats | None = None) -> Shared:
+def judged(function: Run, likely: Array | None = None) -> Shared:
     shared = Shared(function, BOX, CONDITIONS)
     shared.judge(anywhere() if likely is None else likely)
     return shared
@@ -46,17 +44,17 @@ def surface_of(shared: Shared) -> Surface:
     return shared.surface(~shared.rough(0.1, 1e-6))
 
 
-def true_error(surface: Surface, function: Run, x: Floats) -> Floats:
+def true_error(surface: Surface, function: Run, x: Array) -> Array:
     count = len(CONDITIONS)
     truth = function(np.repeat(np.arange(count), len(x)), np.tile(x, (count, 1)))
     return np.sqrt(((surface.evaluate(x) - truth.reshape(count, -1)) ** 2).mean(axis=1))
 
 
-def anywhere(points: int = 300) -> Floats:
+def anywhere(points: int = 300) -> Array:
     return BOX[:, 0] + np.random.default_rng(7).random((points, 2)) * np.diff(BOX, axis=1).T
 
 
-def some_runs(count: int) -> tuple[Ints, Floats, Floats]:
+def some_runs(count: int) -> tuple[Indices, Array, Array]:
     rng = np.random.default_rng(5)
     index = rng.integers(0, 6, count)
     u = np.hstack([CONDITIONS[index], rng.uniform(-1.0, 1.0, (count, 2))])
@@ -170,7 +168,7 @@ def test_a_surface_on_another_box_is_made_of_the_same_runs(front: Shared) -> Non
 
 
 def test_failed_runs_are_left_out_and_counted() -> None:
-    def failing(index: Ints, x: Floats) -> Floats:
+    def failing(index: Indices, x: Array) -> Array:
         lost = (index == 7) | ((unit(x)[:, 0] > 0.4) & (index == 4))
         return np.where(lost, np.nan, moving_front(index, x))
 

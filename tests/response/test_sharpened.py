@@ -2,30 +2,27 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError
-from aleator.response import Sharpened
-from aleator.response.basis import products
-from aleator.response.fit import Prior, judged, weights
-from aleator.response.points import continued, shares, spread
-from aleator.response.samples import Samples
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from aleator.surrogates import Sharpened
+from aleator.surrogates.basis import products
+from aleator.surrogates.fit import Prior, judged, weights
+from aleator.surrogates.points import continued, shares, spread
+from aleator.surrogates.samples import Samples
+from aleator.types import Array, Indices
 
 BOX = np.tile([0.0, 1.0], (2, 1))
 
 
-def waves(index: Ints, x: Floats) -> Floats:
+def waves(index: Indices, x: Array) -> Array:
     return np.cos(6.0 * x[:, 0] + 4.0 * x[:, 1] + index)
 
 
-def law(count: int = 256, sd: float = 0.06) -> Floats:
+def law(count: int = 256, sd: float = 0.06) -> Array:
     return np.array([0.4, 0.6]) + sd * np.random.default_rng(1).standard_normal((count, 2))
 
 
-def true_error(state: Sharpened, x: Floats, experiments: int) -> Floats:
+def true_error(state: Sharpened, x: Array, experiments: int) -> Array:
     surface = state.surface(np.ones(experiments, dtype=np.bool_))
     truth = waves(np.repeat(np.arange(experiments), len(x)), np.tile(x, (experiments, 1)))
     return np.sqrt(((surface.evaluate(x) - truth.reshape(experiments, -1)) ** 2).mean(axis=1))
@@ -102,7 +99,7 @@ def test_the_scatter_is_that_of_the_outcome_with_its_noise() -> None:
 def test_runs_inside_serve_another_region_and_none_is_repeated() -> None:
     asked: list[tuple[int, bytes]] = []
 
-    def run(index: Ints, x: Floats) -> Floats:
+    def run(index: Indices, x: Array) -> Array:
         asked.extend(zip(index.tolist(), [row.tobytes() for row in x], strict=True))
         return waves(index, x)
 
@@ -120,7 +117,7 @@ def test_runs_inside_serve_another_region_and_none_is_repeated() -> None:
 
 
 def test_a_hole_raises_the_error_of_a_law_that_lies_in_it_only() -> None:
-    def run(index: Ints, x: Floats) -> Floats:
+    def run(index: Indices, x: Array) -> Array:
         return np.where(np.all(x > 0.6, axis=1), np.nan, waves(index, x))
 
     whole, holed = (Sharpened(function, BOX, 2) for function in (waves, run))

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from aleator.errors import InputsError
-from aleator.response import ResponseSurface, Surface, build_surface
+from aleator.surrogates import ResponseSurface, Surface, build_surface
 
 BOX = np.array([[-1.0, 2.0], [0.5, 0.9]])
 COUNT = 7

@@ -7,10 +7,9 @@ import pickle
 import numpy as np
 import pytest
 from landscapes import Heard, Recorded, box, hills, ridge, waves
-from numpy.typing import NDArray
 from searches import ALL, GENETIC, PLAIN, POPULATIONS, each
 
-from aleator.likelihood import LogLikelihood
+from aleator.likelihood.likelihood import LogLikelihood
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -19,9 +18,7 @@ from aleator.search import (
     compare,
     objective_of,
 )
-
-Array = NDArray[np.float64]
-
+from aleator.types import Array
 
 # ------------------------------------------------------------------------------ what it costs
 

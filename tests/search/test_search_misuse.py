@@ -7,7 +7,6 @@ import sys
 import numpy as np
 import pytest
 from landscapes import box, ridge
-from numpy.typing import NDArray
 from searches import DIFFERENTIAL
 
 from aleator.errors import AleatorError, InputsError
@@ -18,9 +17,7 @@ from aleator.search import (
     GeneticAlgorithm,
     compare,
 )
-
-Array = NDArray[np.float64]
-
+from aleator.types import Array
 
 # ------------------------------------------------------------------------------ extras
 

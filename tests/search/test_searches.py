@@ -7,20 +7,17 @@ import random
 import numpy as np
 import pytest
 from landscapes import CENTERS, Recorded, box, hills, result, ridge, waves
-from numpy.typing import NDArray
 from scipy import optimize
 from searches import ALL, DIFFERENTIAL, GENETIC, PLAIN, POPULATIONS, each
 
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
-from aleator.likelihood import LogLikelihood
+from aleator.likelihood.likelihood import LogLikelihood
 from aleator.search import (
     CMAES,
     GradientMultistart,
 )
-
-Array = NDArray[np.float64]
-
+from aleator.types import Array
 
 # ------------------------------------------------------------------------------ the maximum
 

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aleator.errors import SimulatorError
-from aleator.experiments import Conditions
-from aleator.simulate import Runner
-from aleator.simulate.command import (
+from aleator.observations.experiments import Conditions
+from aleator.simulators import Runner
+from aleator.simulators.command import (
     CommandSimulator,
     CsvFeed,
     CsvOutput,
@@ -30,7 +30,7 @@ from aleator.simulate.command import (
     RegexOutput,
     Template,
 )
-from aleator.simulate.command.placeholders import Text
+from aleator.simulators.command.placeholders import Text
 
 DIVIDE = ["awk", 'BEGIN {{printf "%.17g", {load} / {stiffness}}}']
 

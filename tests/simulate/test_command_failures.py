@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from aleator.errors import SimulatorError
-from aleator.simulate import RunFailed
-from aleator.simulate.command import (
+from aleator.simulators import RunFailed
+from aleator.simulators.command import (
     CommandSimulator,
     CsvOutput,
     Delimiters,

@@ -9,7 +9,7 @@ import pytest
 from aleator import Identification, MonteCarlo, identify
 from aleator.errors import AleatorError, SimulatorError, StudyError
 from aleator.search import GradientMultistart
-from aleator.simulate.command import (
+from aleator.simulators.command import (
     CommandSimulator,
     CsvFeed,
     CsvOutput,

@@ -14,15 +14,15 @@ import pandas as pd
 import pytest
 
 from aleator.errors import InputsError, SimulatorError
-from aleator.experiments import Conditions
-from aleator.identify import identify
-from aleator.inputs import Inputs
+from aleator.inference.verification import MonteCarlo
 from aleator.laws import Free, Normal
-from aleator.simulate import FunctionSimulator, Runner, Store
-from aleator.simulate.inventory import kept_runs
-from aleator.simulate.workers.dask_executor import WorkerLost
-from aleator.simulate.workers.pool import ProcessPool
-from aleator.verification import MonteCarlo
+from aleator.laws.inputs import Inputs
+from aleator.observations.experiments import Conditions
+from aleator.simulators import FunctionSimulator, Runner, Store
+from aleator.simulators.inventory import kept_runs
+from aleator.simulators.workers.dask_executor import WorkerLost
+from aleator.simulators.workers.pool import ProcessPool
+from aleator.tasks.identify import identify
 
 TABLE = Conditions(("A", "B"), pd.DataFrame({"load": [1.0, 2.0]}))
 INDEX, X = np.repeat([0, 1], 20), np.tile(np.linspace(0.0, 1.0, 20), 2)[:, None]

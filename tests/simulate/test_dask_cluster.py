@@ -11,10 +11,10 @@ import pytest
 from dask_processes import DaskProcesses, until
 
 from aleator.errors import ClusterError, SimulatorError
-from aleator.experiments import Conditions
-from aleator.simulate import FunctionSimulator, Runner
-from aleator.simulate.workers import dask_cluster as tested
-from aleator.simulate.workers.dask_cluster import dask_executor
+from aleator.observations.experiments import Conditions
+from aleator.simulators import FunctionSimulator, Runner
+from aleator.simulators.workers import dask_cluster as tested
+from aleator.simulators.workers.dask_cluster import dask_executor
 
 MODEL = """\
 import os, pathlib, time

@@ -11,7 +11,7 @@ import cloudpickle
 import pytest
 
 from aleator.errors import ClusterError, SimulatorError
-from aleator.simulate.workers.dask_executor import LIVES, DaskExecutor, WorkerLost
+from aleator.simulators.workers.dask_executor import LIVES, DaskExecutor, WorkerLost
 
 
 class Killed(Exception):

@@ -11,9 +11,9 @@ import pytest
 from fmus.build import compiled, python_fmu
 
 from aleator.errors import SimulatorError
-from aleator.experiments import Conditions
-from aleator.simulate import Runner
-from aleator.simulate.fmu import (
+from aleator.observations.experiments import Conditions
+from aleator.simulators import Runner
+from aleator.simulators.fmu import (
     Course,
     Crossing,
     Extreme,

@@ -11,9 +11,9 @@ import pytest
 from fmus.build import compiled
 
 from aleator.errors import AleatorError, SimulatorError, StudyError
-from aleator.experiments import Conditions
-from aleator.simulate import RunFailed, Runner
-from aleator.simulate.fmu import (
+from aleator.observations.experiments import Conditions
+from aleator.simulators import RunFailed, Runner
+from aleator.simulators.fmu import (
     Course,
     Crossing,
     Extreme,
@@ -24,8 +24,8 @@ from aleator.simulate.fmu import (
     Signal,
     read_signal,
 )
-from aleator.simulate.fmu.description import read_description
-from aleator.simulate.fmu.expression import parse
+from aleator.simulators.fmu.description import read_description
+from aleator.simulators.fmu.expression import parse
 from aleator.study import load_study
 from aleator.study.fmu import signals
 

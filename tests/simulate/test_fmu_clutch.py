@@ -21,8 +21,8 @@ from aleator import (
     identify,
 )
 from aleator.clutch import shifting_time
-from aleator.simulate import FunctionSimulator, Simulator
-from aleator.simulate.fmu import Course, Crossing, FMUSimulator
+from aleator.simulators import FunctionSimulator, Simulator
+from aleator.simulators.fmu import Course, Crossing, FMUSimulator
 from aleator.study import load_study
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "wet_clutch"

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from fmus.build import compiled, python_fmu
 
-from aleator.simulate import RunFailed
-from aleator.simulate.fmu import Course, Crossing, Final, FMUSimulator, Hook, Operation
+from aleator.simulators import RunFailed
+from aleator.simulators.fmu import Course, Crossing, Final, FMUSimulator, Hook, Operation
 
 K = {"k": "surface.k"}
 
@@ -182,7 +182,7 @@ def test_processes_are_recycled_and_nothing_is_left(fmus: dict[int, Path], tempo
 
 PROGRAM = """
 import sys, time
-from aleator.simulate.fmu import Final, FMUSimulator, Operation
+from aleator.simulators.fmu import Final, FMUSimulator, Operation
 simulator = FMUSimulator(sys.argv[1], Final("T"), operation=Operation(isolated=sys.argv[2] == "1"))
 print(simulator.run_one({}, {}), flush=True)
 if sys.argv[3] == "wait":
@@ -218,7 +218,7 @@ def test_nothing_is_left_of_a_program_that_ends_or_is_killed(
 
 BUSY = """
 import sys
-from aleator.simulate.fmu import Course, Final, FMUSimulator
+from aleator.simulators.fmu import Course, Final, FMUSimulator
 simulator = FMUSimulator(sys.argv[1], Final("travel"), course=Course(stop_time=1.0, step=0.5))
 print(simulator.run_one({}, {"nap": 0.0}), flush=True)
 simulator.run_one({}, {"nap": 0.5})

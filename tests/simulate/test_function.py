@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from aleator.errors import SimulatorError
-from aleator.simulate import FunctionSimulator, load_function
-from aleator.simulate.function import RunStopped
+from aleator.simulators import FunctionSimulator, load_function
+from aleator.simulators.function import RunStopped
 
 
 def model(load: float, stiffness: float, gravity: float = 9.81) -> float:

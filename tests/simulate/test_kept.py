@@ -14,9 +14,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from aleator.errors import SimulatorError
-from aleator.experiments import Conditions
-from aleator.simulate import FunctionSimulator, RunFailed, Runner, Store, keeping
-from aleator.simulate.inventory import KeptRun, kept_runs
+from aleator.observations.experiments import Conditions
+from aleator.simulators import FunctionSimulator, RunFailed, Runner, Store, keeping
+from aleator.simulators.inventory import KeptRun, kept_runs
 
 TABLE = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 4.0], "nr": [1, 2, 3]}))
 
@@ -206,7 +206,7 @@ def test_ctrl_c_while_the_runs_are_written_loses_none(
 
 def test_slow_runs_are_committed_one_by_one(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
-    monkeypatch.setattr("aleator.simulate.workers.work.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("aleator.simulators.workers.work.time.perf_counter", lambda: now[0])
     seen = []
 
     def slow(load: float, x: float) -> float:

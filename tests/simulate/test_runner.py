@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from aleator.errors import SimulatorError
-from aleator.experiments import Conditions, Experiments
-from aleator.simulate import (
+from aleator.observations.experiments import Conditions, Experiments
+from aleator.simulators import (
     FunctionSimulator,
     NoOutcome,
     Runner,
@@ -218,9 +218,9 @@ def test_slow_runs_tell_their_progress(monkeypatch: pytest.MonkeyPatch) -> None:
         def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
             self.texts.append(f"{text} {done} {total}")
 
-    monkeypatch.setattr("aleator.simulate.workers.crew.HERE", 0.0)
+    monkeypatch.setattr("aleator.simulators.workers.crew.HERE", 0.0)
     clock = iter(np.arange(0.0, 100.0, 2.0))
-    monkeypatch.setattr("aleator.simulate.tally.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("aleator.simulators.tally.time.monotonic", lambda: next(clock))
     listener = Listener()
     run = runner(lambda load, x: x, vectorized=True, progress=listener)
     run.simulator.block = 16

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from aleator.errors import SimulatorError
-from aleator.simulate import FunctionSimulator, sources
+from aleator.simulators import FunctionSimulator, sources
 
 X = {"x": np.array([2.0])}
 

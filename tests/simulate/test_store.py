@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from aleator.simulate.store import Case, Identity, Row, Store
+from aleator.simulators.store import Case, Identity, Row, Store
 
 MODEL = Identity("f" * 64, "spring", "model:spring")
 CASE = Case.of({"load": 2.0}, ["k"])

@@ -105,7 +105,7 @@ def test_a_study_killed_again_and_again_ends_with_the_same_answer(
 
 WRITER = """\
 import struct, sys
-from aleator.simulate.store import Case, Identity, Store
+from aleator.simulators.store import Case, Identity, Store
 path, name, start = sys.argv[1], sys.argv[2], int(sys.argv[3])
 case = Case.of({"load": 1.0}, ["x"])
 print("ready", flush=True)

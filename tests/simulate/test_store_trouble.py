@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 
 from aleator.errors import StoreError
-from aleator.experiments import Conditions
-from aleator.simulate import FunctionSimulator, Runner, Store, keeping
+from aleator.observations.experiments import Conditions
+from aleator.simulators import FunctionSimulator, Runner, Store, keeping
 
 TABLE = Conditions(("A",), pd.DataFrame({"load": [2.0]}))
 NOBODY = 65534
@@ -154,7 +154,7 @@ def test_an_empty_file_becomes_a_store(tmp_path: Path) -> None:
 def test_a_store_that_another_process_holds_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("aleator.simulate.store_file._PATIENCE", 0.1)
+    monkeypatch.setattr("aleator.simulators.store_file._PATIENCE", 0.1)
     path = tmp_path / "runs.sqlite"
     with Store(path) as first, Store(path) as second:
         first.connection.execute("BEGIN IMMEDIATE")

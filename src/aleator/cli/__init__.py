@@ -1,6 +1,6 @@
 """The command line: parse, call, print. A file a command; importing one adds it to the program."""
 
-from aleator.cli import box, clutch, identify, predict, recover, reproduce, runs, sensitivity
+from aleator.cli import box, clutch, identify, predict, recover, runs, sensitivity
 from aleator.cli.program import main
 
 __all__ = [
@@ -10,7 +10,6 @@ __all__ = [
     "main",
     "predict",
     "recover",
-    "reproduce",
     "runs",
     "sensitivity",
 ]

@@ -9,10 +9,10 @@ from rich.console import Console
 
 from aleator.cli.program import FILE, SEED, main, shown
 from aleator.cli.running import RunOptions, makes_runs, running
-from aleator.feasibility import feasible_box
 from aleator.report import box as report
 from aleator.report import documents
 from aleator.study import load_study
+from aleator.tasks.box import feasible_box
 
 
 @main.command()

@@ -9,9 +9,9 @@ from rich.console import Console
 
 from aleator.cli.program import FILE, main, outcome_of, shown
 from aleator.cli.running import RunOptions, makes_runs, running
-from aleator.prediction import predict as predict_outcomes
 from aleator.report import documents, terminal
 from aleator.study import load_study
+from aleator.tasks.predict import predict as predict_outcomes
 
 
 @main.command()

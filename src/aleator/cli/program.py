@@ -13,12 +13,12 @@ from rich.console import Console
 
 from aleator.cli.running import say
 from aleator.errors import AleatorError
-from aleator.identification import Identification
-from aleator.identify import identify as identify_law
 from aleator.progress import Progress, Silent
 from aleator.report import live
-from aleator.simulate import Runner
+from aleator.simulators import Runner
 from aleator.study import Study
+from aleator.tasks.identify import identify as identify_law
+from aleator.tasks.result import Identification
 
 STOPPED = 130  # what shells report for a program ended by Ctrl-C
 
@@ -28,19 +28,26 @@ SEED = click.option(
 )
 
 
+@contextmanager
+def misuse_told(ctx: click.Context) -> Iterator[None]:
+    """Misuse is one message and exit code 2, Ctrl-C is 130; a defect keeps its traceback."""
+    try:
+        yield
+    except AleatorError as error:
+        click.echo(f"aleator: error: {error}", err=True)
+        ctx.exit(2)
+    except KeyboardInterrupt:
+        click.echo("aleator: stopped by Ctrl-C", err=True)
+        ctx.exit(STOPPED)
+
+
 class _Commands(click.Group):
-    """Commands whose misuse is one message and exit code 2; a defect keeps its traceback."""
+    """Commands that tell misuse in one message."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""
-        try:
+        with misuse_told(ctx):
             return super().invoke(ctx)
-        except AleatorError as error:
-            click.echo(f"aleator: error: {error}", err=True)
-            ctx.exit(2)
-        except KeyboardInterrupt:
-            click.echo("aleator: stopped by Ctrl-C", err=True)
-            ctx.exit(STOPPED)
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})

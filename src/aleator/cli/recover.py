@@ -12,10 +12,10 @@ from aleator.cli.program import FILE, SEED, identified, main, shown
 from aleator.cli.running import RunOptions, makes_runs, running
 from aleator.errors import AleatorError, nearest
 from aleator.progress import Progress
-from aleator.recovery import recover as recover_law
 from aleator.report import documents, recovery
-from aleator.simulate import Runner
+from aleator.simulators import Runner
 from aleator.study import Study, load_study
+from aleator.tasks.recover import recover as recover_law
 
 
 @main.command()

@@ -13,10 +13,10 @@ from typing import Any
 import click
 
 from aleator.errors import AleatorError
-from aleator.experiments import Conditions
-from aleator.simulate import ProcessPool, Runner, Store, keeping
-from aleator.simulate.workers.dask_cluster import dask_executor
-from aleator.simulate.workers.mpi_job import mpi_executor
+from aleator.observations.experiments import Conditions
+from aleator.simulators import ProcessPool, Runner, Store, keeping
+from aleator.simulators.workers.dask_cluster import dask_executor
+from aleator.simulators.workers.mpi_job import mpi_executor
 from aleator.study import Study
 
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from aleator.cli.program import FILE, main
 from aleator.errors import AleatorError, StoreError
 from aleator.report import runs as report
-from aleator.simulate import Identity, Store, exchange, inventory
+from aleator.simulators import Identity, Store, exchange, inventory
 from aleator.study import load_study
 
 TARGET = click.argument("target", type=FILE, metavar="STUDY.toml|STORE")

@@ -20,8 +20,8 @@ from aleator.cli.running import RunOptions, makes_runs, running
 from aleator.plot.sensitivity import save_sensitivity
 from aleator.report import documents
 from aleator.report import sensitivity as report
-from aleator.screening import screen
 from aleator.study import load_study
+from aleator.tasks.screen import screen
 
 
 @main.command()

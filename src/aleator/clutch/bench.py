@@ -9,15 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from aleator.clutch.doe import design
 from aleator.clutch.runs import make_runs
 from aleator.clutch.simulator import shifting_time, synchronization_time
 from aleator.errors import SimulatorError, nearest
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 #: Feasible box of (x_1, x_2): all 108 experiments synchronize in it, and no jump was found (i).
 BOX = ((0.5, 1.4), (0.3, 1.2))

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from aleator.clutch.parameters import CLUTCH, Converter
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 #: Cells of the lookup table. Its error, max|f''| / (8 CELLS^2), is below 1e-10 where f is of order
 #: 1e-2. A multiple of 10, so that every node of the interpolants is a node of the table.

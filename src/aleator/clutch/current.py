@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.clutch.parameters import CLUTCH, Current
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 def offsets(current: Current = CLUTCH.current) -> Array:

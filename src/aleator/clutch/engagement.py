@@ -23,8 +23,7 @@ from aleator.clutch.simulator import (
     synchronization_time,
 )
 from aleator.errors import SimulatorError
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 def trajectories(

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from aleator.clutch.current import breakpoints, offsets
 from aleator.clutch.parameters import CLUTCH
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 WINDOW = CLUTCH.current.flank  #: s, a divisor of every offset of the current after the pulse
 _TERMS = 14  # 0.3^14 / 14! = 5e-19: below rounding up to twice the natural frequency

@@ -15,17 +15,15 @@ from aleator.clutch.converter import CELLS
 from aleator.clutch.hydraulics import Window
 from aleator.clutch.parameters import CLUTCH
 from aleator.clutch.runs import Runs
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
+from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)
 class Constants:
     """What stays the same during a run, shape (R,); speeds in cells, see the module."""
 
-    run: Index  #: position among all runs
-    signal: Index  #: position among the signals
+    run: Indices  #: position among all runs
+    signal: Indices  #: position among the signals
     cell: Array  #: cells s/rad
     torque: Array  #: w_m^2 / J_1, cells / s per unit of T_1 / w_m^2
     hold: Array  #: R T_b0 / J_2, cells / s
@@ -38,12 +36,12 @@ class Constants:
     bias: Array  #: x_1 c_2 / a_5 / (z_M - x_2 z_p), -
     fade: Array  #: -, see `Runs`
 
-    def take(self, keep: NDArray[np.bool_] | Index) -> Constants:
+    def take(self, keep: NDArray[np.bool_] | Indices) -> Constants:
         """Return the constants of the runs to keep."""
         return Constants(*(values[keep] for values in vars(self).values()))
 
 
-def constants(runs: Runs, signal: Index) -> Constants:
+def constants(runs: Runs, signal: Indices) -> Constants:
     """Return the constants of `runs`, whose currents are numbered by `signal`."""
     plates, hydraulics, shafts = CLUTCH.plates, CLUTCH.hydraulics, CLUTCH.shafts
     cell = CELLS / runs.motor_speed

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from aleator.clutch.current import offsets
 from aleator.clutch.parameters import CLUTCH
 from aleator.errors import SimulatorError
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 #: Deviations from the model's parameters, and the bench's from the model, where nobody says: none.
 _AS_MODELED = {

@@ -11,12 +11,10 @@ The paper is silent on a load that its brake holds. Here v stays 0 until R T_c e
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.clutch.converter import capacity_table
 from aleator.clutch.plates import Constants
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 FADE_SPEED = 25.0  #: rad/s, slip over which a fade of the friction dies out, virtual bench only (i)
 

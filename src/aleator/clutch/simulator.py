@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import fields
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from aleator.clutch.converter import idle_speed
 from aleator.clutch.hydraulics import Signals, Window, windows
 from aleator.clutch.parameters import CLUTCH
-from aleator.clutch.plates import Constants, Index, constants, increments
+from aleator.clutch.plates import Constants, constants, increments
 from aleator.clutch.runs import Runs, make_runs
 from aleator.clutch.shafts import Stepper
-
-Array = NDArray[np.float64]
+from aleator.types import Array, Indices
 
 STEPS = 5  #: Runge-Kutta steps in a window of 10 ms
 BLOCK = 10_000  #: runs that advance together: bounds the memory, some 15 MB
@@ -122,7 +121,7 @@ def synchronization_time(runs: Runs, steps: int = STEPS) -> Array:
     return times
 
 
-def signals_of(runs: Runs) -> tuple[Signals, Index]:
+def signals_of(runs: Runs) -> tuple[Signals, Indices]:
     """Return the different currents of `runs`, and for each run the position of its own."""
     key = np.stack([getattr(runs, f.name) for f in fields(Signals)])
     different, inverse = np.unique(key, axis=1, return_inverse=True)
@@ -158,7 +157,7 @@ def _block(runs: Runs, steps: int) -> Array:
     return _root(brackets)
 
 
-def step_of(window: Window, steps: int, signal: Index) -> Array | float:
+def step_of(window: Window, steps: int, signal: Indices) -> Array | float:
     """Return the step [s] of each run in a window, a single number where all have the same."""
     lengths = window.length / steps
     return float(lengths[0]) if len(lengths) == 1 else lengths.take(signal)
@@ -182,8 +181,8 @@ def _bracket(
     step: Array | float,
     track: Array,
     torques: tuple[Array, Array],
-    done: Index,
-    node: Index,
+    done: Indices,
+    node: Indices,
 ) -> Array:
     """Return start, length, slips and rates of slip at both ends of the steps that end the runs.
 

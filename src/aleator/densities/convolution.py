@@ -12,9 +12,7 @@ from aleator.densities.interface import (
     DEGENERATE_VALUE,
     FARTHEST,
     SMALLEST_SD,
-    Array,
     Codes,
-    Mask,
     NodeSensitivity,
     Status,
     by_experiment,
@@ -23,9 +21,10 @@ from aleator.densities.interface import (
 )
 from aleator.densities.linearized import Linearized
 from aleator.densities.normal_sum import NormalSum
+from aleator.densities.outcomes import Outcomes
 from aleator.densities.stand_in import NodeNormal, check_noise, check_weights
 from aleator.errors import InputsError
-from aleator.outcomes import Outcomes
+from aleator.types import Array, Flags
 
 LARGEST_RIPPLE = 0.02
 """Estimated mean relative error of f from which the nodes are too coarse.
@@ -191,8 +190,8 @@ class FittedConvolution:
     weights: Array
     noise_sd: float
     roughness: Array
-    too_coarse: Mask
-    none: Mask
+    too_coarse: Flags
+    none: Flags
     around: Linearized | None = None
 
     @property
@@ -218,13 +217,13 @@ class FittedConvolution:
         return np.where(self.none, np.inf, self.roughness)
 
     @property
-    def rises_at_edge(self) -> Mask:
+    def rises_at_edge(self) -> Flags:
         """(N,) never: there is no edge."""
         return np.zeros(self.none.shape, dtype=bool)
 
     @property
-    def _coarse(self) -> Mask:
-        coarse: Mask = self.too_coarse & ~self.none
+    def _coarse(self) -> Flags:
+        coarse: Flags = self.too_coarse & ~self.none
         return coarse
 
     @cached_property

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.densities.interface import Array, Codes, Mask
+from aleator.densities.interface import Codes
 from aleator.densities.legendre import Rule, cholesky, linearization, substitute
+from aleator.types import Array, Flags
 
 _PASSES = 150
 
@@ -86,7 +87,7 @@ class _Descent:
     decrement: Array
     extra: Array
 
-    def keep(self, stays: Mask) -> None:
+    def keep(self, stays: Flags) -> None:
         """Drop the rows that have arrived."""
         for name, values in vars(self).items():
             setattr(self, name, values[stays])
@@ -127,7 +128,7 @@ class _Descent:
         self.extra[near[sure]] = 0.0
 
 
-def minimize_dual(target: Array, start: Array, rule: Rule) -> tuple[Array, Mask]:
+def minimize_dual(target: Array, start: Array, rule: Rule) -> tuple[Array, Flags]:
     """Multipliers (N, M) with E phi = target (N, M), and whether Newton's decrement vanished.
 
     Newton's method with Levenberg's damping: (H + mu I) step = p - E phi, mu raised where the dual

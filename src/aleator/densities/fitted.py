@@ -11,9 +11,7 @@ from numpy.typing import ArrayLike
 from aleator.densities.gaussian import FittedGaussian
 from aleator.densities.interface import (
     FAILED_SOLVE_PENALTY,
-    Array,
     Codes,
-    Mask,
     Sensitivity,
     Status,
     by_experiment,
@@ -25,6 +23,7 @@ from aleator.densities.legendre import legendre
 from aleator.densities.partials import TOUCH, partials
 from aleator.densities.probability import cumulative, inverse, log_density
 from aleator.densities.solution import Solution
+from aleator.types import Array, Flags
 
 
 @dataclass(frozen=True)
@@ -50,8 +49,8 @@ class FittedMaximumEntropy:
         return np.where(self._bounded, self.solution.order_used, self.normal.order_used)
 
     @property
-    def _bounded(self) -> Mask:
-        bounded: Mask = (self.solution.order_used > 0) & ~self.normal.degenerate
+    def _bounded(self) -> Flags:
+        bounded: Flags = (self.solution.order_used > 0) & ~self.normal.degenerate
         return bounded
 
     @property
@@ -72,7 +71,7 @@ class FittedMaximumEntropy:
         return np.where(self.normal.degenerate, np.inf, self.solution.residual)
 
     @property
-    def rises_at_edge(self) -> Mask:
+    def rises_at_edge(self) -> Flags:
         """(N,) whether the density increases outward at an edge set by the reach.
 
         A kurtosis above that of the normal on a wide support does this: the density of largest
@@ -81,7 +80,7 @@ class FittedMaximumEntropy:
         slopes = legendre(np.array([-1.0, 1.0]), self.solution.multipliers.shape[1], 1)[:, 1:]
         left, right = (self.solution.multipliers @ slope for slope in slopes)
         lower, upper = self.solution.lower_moves, self.solution.upper_moves
-        rises: Mask = ((left < 0.0) & ~lower) | ((right > 0.0) & ~upper)
+        rises: Flags = ((left < 0.0) & ~lower) | ((right > 0.0) & ~upper)
         return rises & self._bounded
 
     def log_pdf(self, y: ArrayLike) -> Array:

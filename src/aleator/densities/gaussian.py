@@ -11,9 +11,7 @@ from scipy.special import ndtr, ndtri
 from aleator.densities.interface import (
     DEGENERATE_VALUE,
     SMALLEST_SD,
-    Array,
     Codes,
-    Mask,
     Sensitivity,
     Status,
     by_experiment,
@@ -22,7 +20,8 @@ from aleator.densities.interface import (
     one_per_experiment,
     probabilities,
 )
-from aleator.moments import Moments
+from aleator.densities.moments import Moments
+from aleator.types import Array, Flags
 
 _LOG_SQRT_2PI = 0.5 * np.log(2.0 * np.pi)
 
@@ -75,10 +74,10 @@ class FittedGaussian:
     columns: int
 
     @property
-    def degenerate(self) -> Mask:
+    def degenerate(self) -> Flags:
         """(N,) whether there is no density."""
         finite = np.isfinite(self.mean) & np.isfinite(self.sd)
-        scattered: Mask = finite & (self.sd > SMALLEST_SD)
+        scattered: Flags = finite & (self.sd > SMALLEST_SD)
         return ~scattered
 
     @property
@@ -103,7 +102,7 @@ class FittedGaussian:
         return np.where(self.degenerate, np.inf, 0.0)
 
     @property
-    def rises_at_edge(self) -> Mask:
+    def rises_at_edge(self) -> Flags:
         """(N,) never: there is no edge."""
         return np.zeros(self.mean.shape, dtype=bool)
 

@@ -11,9 +11,7 @@ from aleator.densities.gaussian import FittedGaussian
 from aleator.densities.interface import (
     DEGENERATE_VALUE,
     FAILED_SOLVE_PENALTY,
-    Array,
     Codes,
-    Mask,
     Sensitivity,
     Status,
     by_experiment,
@@ -22,10 +20,11 @@ from aleator.densities.interface import (
     one_per_experiment,
     probabilities,
 )
+from aleator.densities.moments import Moments
 from aleator.densities.normal_sum import NormalSum
 from aleator.densities.pearson import Mixtures, mixture_moments, two_normals, two_scales
-from aleator.moments import Moments
 from aleator.threads import single_threaded
+from aleator.types import Array, Flags
 
 SAME = 1e-6
 """Moments that differ by less from those of a normal, or of a symmetric law, are those."""
@@ -154,7 +153,7 @@ class FittedGaussianMixture:
         return np.where(self.normal.degenerate, np.inf, distance.max(axis=1))
 
     @property
-    def rises_at_edge(self) -> Mask:
+    def rises_at_edge(self) -> Flags:
         """(N,) never: there is no edge."""
         return self.normal.rises_at_edge
 

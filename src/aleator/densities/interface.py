@@ -9,12 +9,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aleator.densities.moments import Moments
+from aleator.densities.outcomes import Outcomes
 from aleator.errors import InputsError
-from aleator.moments import Moments
-from aleator.outcomes import Outcomes
+from aleator.types import Array, Flags
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Codes = NDArray[np.int64]
 
 FAILED_SOLVE_PENALTY = 5.0
@@ -144,7 +143,7 @@ class FittedDensity(Protocol):
         """(N,) distance between the moments of the density and those asked for."""
 
     @property
-    def rises_at_edge(self) -> Mask:
+    def rises_at_edge(self) -> Flags:
         """(N,) whether the density increases outward at an edge that the reach has set."""
 
     def log_pdf(self, y: ArrayLike) -> Array:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from aleator.densities.interface import Array
+from aleator.types import Array
 
 _PASSES = 100
 

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from aleator.densities.interface import Array, Mask
+from aleator.types import Array, Flags
 
 SMALLEST_PIVOT = 1e-13
 """Moments whose Hankel matrix has a pivot under this lie on the boundary of what a law can have."""
@@ -118,7 +118,7 @@ def legendre_in_powers(a: Array, b: Array, order: int) -> Array:
     return c * scale[:, None]
 
 
-def realizable(expected: Array) -> Mask:
+def realizable(expected: Array) -> Flags:
     """Whether some density on [-1, 1] has the expectations E phi_0..phi_M (N, M+1).
 
     The truncated moment problem on an interval (Krein and Nudelman): for M = 2m the matrices

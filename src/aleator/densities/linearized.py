@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from aleator.densities.interface import Array, Mask
-from aleator.outcomes import Lattice
+from aleator.laws.inputs import Lattice
+from aleator.types import Array, Flags
 
 _FARTHEST_RATIO = 700.0
 _LEAST_SLOPE = 1e-300
@@ -33,8 +33,8 @@ class Linearized:
     Without noise, sigma_e = 0, a component of no spread is a point mass: it has no density, and its
     weight is zero. Cost O(N J n^2).
 
-    >>> from aleator.cubature import GermGrid
-    >>> from aleator.inputs import Inputs
+    >>> from aleator.quadrature import GermGrid
+    >>> from aleator.laws.inputs import Inputs
     >>> from aleator.laws import Normal
     >>> grid = GermGrid(161).nodes(Inputs({"x": Normal(0.0, 1.0)}), np.array([0.0, 1.0]))
     >>> around = Linearized(3.0 * grid.x.T, grid.weights, grid.lattice, 1e-9)
@@ -58,11 +58,11 @@ class Linearized:
         return np.where(self.points, 1.0, self._spread)
 
     @cached_property
-    def points(self) -> Mask:
+    def points(self) -> Flags:
         """(N, J) nodes around which the outcome does not move, where there is no noise."""
         if self.noise_sd > 0.0:
             return np.zeros(self.y.shape, dtype=bool)
-        points: Mask = self._spread <= (_NO_SPREAD * self.y) ** 2
+        points: Flags = self._spread <= (_NO_SPREAD * self.y) ** 2
         return points
 
     @cached_property

@@ -9,14 +9,15 @@ from numpy.typing import ArrayLike
 
 from aleator.densities.convolution import LARGEST_RIPPLE, ripple
 from aleator.densities.gaussian import FittedGaussian
-from aleator.densities.interface import SMALLEST_SD, Array, Codes, Mask, Status, range_end
+from aleator.densities.interface import SMALLEST_SD, Codes, Status, range_end
 from aleator.densities.logspline_dual import minimize_penalized_dual, residual
 from aleator.densities.logspline_fitted import FittedLogSpline, Support
+from aleator.densities.outcomes import Outcomes
 from aleator.densities.splines import NoisyPowers, expected_splines, of_quadratic, uniform
 from aleator.densities.stand_in import NodeNormal, check_noise, check_weights
 from aleator.errors import InputsError
-from aleator.outcomes import Outcomes
 from aleator.threads import single_threaded
+from aleator.types import Array, Flags
 
 MARGIN = 8.0
 """Standard deviations of noise by which the range of the outcome is widened."""
@@ -125,7 +126,7 @@ class LogSpline:
         )
 
     def _support(
-        self, normal: NodeNormal, none: Mask, lower: ArrayLike, upper: ArrayLike
+        self, normal: NodeNormal, none: Flags, lower: ArrayLike, upper: ArrayLike
     ) -> Support:
         """The range widened by the noise and cut at the reach."""
         count, margin = normal.mean.size, MARGIN * normal.noise_sd
@@ -160,7 +161,7 @@ class LogSpline:
         )
 
 
-def _status(none: Mask, empty: Mask, coarse: Mask, solved: Mask) -> Codes:
+def _status(none: Flags, empty: Flags, coarse: Flags, solved: Flags) -> Codes:
     codes = np.where(solved, Status.SOLVED, Status.NOT_CONVERGED)
     codes = np.where(coarse, Status.TOO_COARSE, codes)
     codes = np.where(empty, Status.NOT_REALIZABLE, codes)

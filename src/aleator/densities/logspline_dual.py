@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.densities.interface import Array, Mask
 from aleator.densities.splines import SplineRule, from_band, roughness, spline_rule
+from aleator.types import Array, Flags
 
 _PASSES = 100
 
@@ -36,7 +36,7 @@ class DualAnswer:
     log_z: Array
     mean: Array
     hessian: Array
-    converged: Mask
+    converged: Flags
 
 
 def minimize_penalized_dual(expected: Array, start: Array, smoothing: float) -> DualAnswer:

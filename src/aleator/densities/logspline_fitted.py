@@ -22,9 +22,7 @@ from numpy.typing import ArrayLike
 from aleator.densities.gaussian import FittedGaussian
 from aleator.densities.interface import (
     DEGENERATE_VALUE,
-    Array,
     Codes,
-    Mask,
     NodeSensitivity,
     Status,
     by_experiment,
@@ -34,6 +32,7 @@ from aleator.densities.interface import (
 from aleator.densities.inversion import invert
 from aleator.densities.splines import NoisyPowers, evaluate, noisy, spline_rule, splines
 from aleator.densities.stand_in import NodeNormal
+from aleator.types import Array, Flags
 
 _TOUCH = 1e-12
 """An outcome beyond an edge by less than this part of the support lies on the edge."""
@@ -50,11 +49,11 @@ class Support:
     a: Array
     b: Array
     scale: Array
-    lower_moves: Mask
-    upper_moves: Mask
+    lower_moves: Flags
+    upper_moves: Flags
     reach: float
     margin: float
-    empty: Mask
+    empty: Flags
 
     @property
     def width(self) -> Array:
@@ -85,7 +84,7 @@ class FittedLogSpline:
     status: Codes
 
     @property
-    def _solved(self) -> Mask:
+    def _solved(self) -> Flags:
         return np.asarray(self.status == int(Status.SOLVED))
 
     @property
@@ -100,12 +99,12 @@ class FittedLogSpline:
         return np.where(self._solved[:, None], own, self.normal.support)
 
     @property
-    def rises_at_edge(self) -> Mask:
+    def rises_at_edge(self) -> Flags:
         """(N,) whether the density increases outward at an edge that the reach has set."""
         ends = np.tile([0.0, 1.0], (self.log_z.size, 1))
         slope = evaluate(self.coefficients, ends, 1)
-        left: Mask = (slope[:, 0] < 0.0) & ~self.range.lower_moves
-        right: Mask = (slope[:, 1] > 0.0) & ~self.range.upper_moves
+        left: Flags = (slope[:, 0] < 0.0) & ~self.range.lower_moves
+        right: Flags = (slope[:, 1] > 0.0) & ~self.range.upper_moves
         return (left | right) & self._solved
 
     def log_pdf(self, y: ArrayLike) -> Array:
@@ -264,7 +263,7 @@ class FittedLogSpline:
         return self.range.a[:, None] + self.range.width[:, None] * t
 
 
-def _put(own: NodeSensitivity, other: NodeSensitivity, kept: Mask) -> NodeSensitivity:
+def _put(own: NodeSensitivity, other: NodeSensitivity, kept: Flags) -> NodeSensitivity:
     """`own` in the rows that are kept, `other` in the rest."""
     column = kept[:, None]
     return NodeSensitivity(

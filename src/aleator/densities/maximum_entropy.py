@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike
 
 from aleator.densities.fitted import FittedMaximumEntropy
 from aleator.densities.gaussian import FittedGaussian
-from aleator.densities.interface import Array, check_moments, in_sds, range_end
+from aleator.densities.interface import check_moments, in_sds, range_end
+from aleator.densities.moments import Moments
 from aleator.densities.solution import solve
 from aleator.errors import InputsError
-from aleator.moments import Moments
 from aleator.threads import single_threaded
+from aleator.types import Array
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from aleator.densities.interface import FARTHEST, Array
+from aleator.densities.interface import FARTHEST
 from aleator.densities.inversion import invert
+from aleator.types import Array
 
 _LOG_SQRT_2PI = 0.5 * np.log(2.0 * np.pi)
 

@@ -35,9 +35,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.densities.interface import Array, Mask
 from aleator.densities.legendre import legendre
 from aleator.densities.solution import Solution
+from aleator.types import Array, Flags
 
 TOUCH = 1e-12
 """An outcome beyond an edge by less than this part of half the support lies on the edge."""
@@ -53,7 +53,7 @@ class Partials:
     d_a: Array
     d_b: Array
     d_standardized: Array
-    outside: Mask
+    outside: Flags
 
 
 def partials(solution: Solution, u: Array) -> Partials:

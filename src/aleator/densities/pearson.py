@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.densities.interface import Array, Mask
+from aleator.types import Array, Flags
 
 LARGEST_ERROR = 1e-8
 """Distance of a moment recomputed from the mixture, above which a root is not one."""
@@ -49,7 +49,7 @@ class Mixtures:
     means: Array
     variances: Array
     slopes: Array
-    exists: Mask
+    exists: Flags
 
 
 def mixture_moments(weights: Array, means: Array, variances: Array) -> Array:

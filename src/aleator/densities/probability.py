@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from aleator.densities.dual import node_probabilities
-from aleator.densities.interface import Array, Codes
+from aleator.densities.interface import Codes
 from aleator.densities.legendre import panel_edges
 from aleator.densities.solution import PANELS, Solution
+from aleator.types import Array
 
 _LARGEST_BATCH = 1_000_000
 """Exponentials evaluated at once."""

@@ -21,8 +21,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.densities.interface import Array, Codes, Mask
+from aleator.densities.interface import Codes
 from aleator.densities.legendre import SMALLEST_PIVOT, cholesky, substitute
+from aleator.types import Array, Flags
 
 _WIDENING = 2.0
 """The least that some law needs has no density; with twice its square an edge may also be fixed."""
@@ -46,11 +47,11 @@ class Support:
 
     a: Array
     b: Array
-    lower_moves: Mask
-    upper_moves: Mask
+    lower_moves: Flags
+    upper_moves: Flags
     slope: Array
 
-    def replaced(self, rows: Codes, other: Support, kept: Mask) -> Support:
+    def replaced(self, rows: Codes, other: Support, kept: Flags) -> Support:
         """The support with the kept rows of another, of lower order, in these rows."""
         a, b, slope = self.a.copy(), self.b.copy(), self.slope.copy()
         lower_moves, upper_moves = self.lower_moves.copy(), self.upper_moves.copy()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from aleator.densities.dual import Expectations, expectations, gaussian_start, minimize_dual
-from aleator.densities.interface import Array, Codes, Mask, Status
+from aleator.densities.interface import Codes, Status
 from aleator.densities.legendre import (
     Rule,
     cholesky,
@@ -20,6 +20,7 @@ from aleator.densities.legendre import (
 )
 from aleator.densities.reach import Support, support_of
 from aleator.densities.whitened import density_at, orthonormal, outcomes_at, polish
+from aleator.types import Array, Flags
 
 PANELS = 32
 """A power of two; the panels serve the check, the cdf and the quantile."""
@@ -61,8 +62,8 @@ class Solution:
 
     a: Array
     b: Array
-    lower_moves: Mask
-    upper_moves: Mask
+    lower_moves: Flags
+    upper_moves: Flags
     reach_slope: Array
     multipliers: Array
     log_z: Array
@@ -194,7 +195,7 @@ class _Trial:
         hard = self.hard
         return self.a[hard], self.b[hard], self.standardized[hard], self.multipliers[hard]
 
-    def after(self, found: Array, converged: Mask, check: int, allowed: float) -> _Trial:
+    def after(self, found: Array, converged: Flags, check: int, allowed: float) -> _Trial:
         """With what was found for the hard rows, where that is nearer to the moments; those whose
         check holds are hard no more."""
         a, b, standardized, _ = self.rows()

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.special import ndtr
 
-from aleator.densities.interface import Array
+from aleator.types import Array
 
 _PIECE = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
 """Powers of the place within an interval (rows) of the four splines there (columns)."""

@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from aleator.densities.interface import FAILED_SOLVE_PENALTY, FARTHEST, SMALLEST_SD, Array
+from aleator.densities.interface import FAILED_SOLVE_PENALTY, FARTHEST, SMALLEST_SD
 from aleator.errors import InputsError
+from aleator.types import Array
 
 BEYOND = 40.0
 """Logarithm by which the continuation lies under a density: the last node of a grid of the germ

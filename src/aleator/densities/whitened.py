@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.densities.interface import Array, Mask
 from aleator.densities.legendre import Rule
+from aleator.types import Array, Flags
 
 _PASSES = 150
 _FIRST_DAMPING = 0.01
@@ -97,7 +97,9 @@ def density_at(multipliers: Array, rule: Rule) -> Array:
     return np.asarray(probability)
 
 
-def polish(a: Array, b: Array, standardized: Array, start: Array, rule: Rule) -> tuple[Array, Mask]:
+def polish(
+    a: Array, b: Array, standardized: Array, start: Array, rule: Rule
+) -> tuple[Array, Flags]:
     """Multipliers (N, M) in phi with the standardized moments, and whether they were reached.
 
     Cost O(N Q M) a step, some 10 times that of `minimize_dual`, and 10 to 100 steps. It fails

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import InputsError
-from aleator.indices import Indices
-from aleator.inputs import Inputs
 from aleator.laws import Law, Rule
-
-Array = NDArray[np.float64]
+from aleator.laws.inputs import Inputs
+from aleator.polynomials.indices import Indices
+from aleator.types import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,8 @@ from scipy.stats import qmc
 
 from aleator.errors import InputsError
 from aleator.expansion.basis import Basis
-from aleator.indices import Indices
-
-Array = NDArray[np.float64]
+from aleator.polynomials.indices import Indices
+from aleator.types import Array
 
 FINE = 40
 """Nodes of the Gauss rule that stands for a marginal law where points are drawn: it integrates

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import InputsError
 from aleator.expansion.basis import Basis
 from aleator.expansion.design import Design
-from aleator.indices import Indices
-
-Array = NDArray[np.float64]
+from aleator.polynomials.indices import Indices
+from aleator.types import Array
 
 NOTHING = 1e-12
 """Standard deviation over mean below which an outcome does not vary: what is left is rounding."""

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from aleator.threads import single_threaded
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 SMALLEST = 1e-10
 """Share of a column that must be left over by the columns before it; less is rounding."""

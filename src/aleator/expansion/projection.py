@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import InputsError
 from aleator.expansion.basis import Basis
 from aleator.expansion.design import Design
 from aleator.expansion.expansion import Expansion, checked
-from aleator.indices import IndexSet, Indices
-from aleator.quadrature import tensor
-
-Array = NDArray[np.float64]
+from aleator.polynomials.gauss import tensor
+from aleator.polynomials.indices import IndexSet, Indices
+from aleator.types import Array
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class Projection:
     parameter; others alias. nodes^n runs an experiment: for few parameters. There is no
     leave-one-out error. Raises InputsError for fewer nodes than degree + 1.
 
-    >>> from aleator.indices import TotalDegree
+    >>> from aleator.polynomials.indices import TotalDegree
     >>> from aleator.laws import Normal
     >>> basis = Basis((Normal(0.0, 1.0),), (np.array([0.0, 1.0]),))
     >>> way = Projection(TotalDegree(2))

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import InputsError
 from aleator.expansion.basis import Basis
 from aleator.expansion.design import Design, induced
 from aleator.expansion.expansion import Expansion, checked
 from aleator.expansion.least_squares import nested_fits
-from aleator.indices import IndexSet, Indices
-
-Array = NDArray[np.float64]
+from aleator.polynomials.indices import IndexSet, Indices
+from aleator.types import Array
 
 OVERSAMPLING = 2
 """Runs for each term, where the user does not choose their number."""
@@ -33,7 +31,7 @@ class Regression:
     in the set. Raises InputsError for runs below one, and if there are fewer runs than terms and
     the degree may not be lowered.
 
-    >>> from aleator.indices import TotalDegree
+    >>> from aleator.polynomials.indices import TotalDegree
     >>> from aleator.laws import Normal
     >>> basis = Basis((Normal(0.0, 1.0),) * 10, (np.array([0.0, 1.0]),) * 10)
     >>> way = Regression(TotalDegree(2))

@@ -14,9 +14,9 @@ from aleator.expansion.basis import Basis
 from aleator.expansion.design import Design, drawn
 from aleator.expansion.expansion import Expansion, checked
 from aleator.expansion.least_squares import nested_fits
-from aleator.indices import IndexSet
+from aleator.polynomials.indices import IndexSet
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 Order = Callable[[Array, Array, int], NDArray[np.intp]]
 
 FULLEST = 0.6
@@ -36,7 +36,7 @@ class Sparse:
     Cost: a path of O(k) steps of O(P k) for every experiment and degree, so for P of some
     thousands and a hundred experiments a minute.
 
-    >>> from aleator.indices import TotalDegree
+    >>> from aleator.polynomials.indices import TotalDegree
     >>> from aleator.laws import Normal
     >>> basis = Basis((Normal(0.0, 1.0),) * 10, (np.array([0.0, 1.0]),) * 10)
     >>> way = Sparse(TotalDegree(3), runs=60)                       # of 286 terms

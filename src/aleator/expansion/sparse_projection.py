@@ -11,9 +11,8 @@ from aleator.expansion.basis import Basis
 from aleator.expansion.design import Design
 from aleator.expansion.expansion import Expansion, checked
 from aleator.expansion.projection import tensor_design
-from aleator.indices import IndexSet, Indices
-
-Array = NDArray[np.float64]
+from aleator.polynomials.indices import IndexSet, Indices
+from aleator.types import Array
 
 DIGITS = 10
 """Decimals to which two nodes must agree to be one."""
@@ -33,7 +32,7 @@ class SparseProjection:
     beyond their exactness. There is no leave-one-out error. The points grow fast with the degree:
     for ten symmetric laws 221 of degree 2 and 1,581 of degree 3.
 
-    >>> from aleator.indices import TotalDegree
+    >>> from aleator.polynomials.indices import TotalDegree
     >>> from aleator.laws import Normal
     >>> basis = Basis((Normal(0.0, 1.0),) * 2, (np.array([0.0, 1.0]),) * 2)
     >>> way = SparseProjection(TotalDegree(2))

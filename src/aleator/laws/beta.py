@@ -12,9 +12,10 @@ from scipy import special
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, about, resolve
 from aleator.laws.image import Tail, difference, from_probability, from_tails, slope
-from aleator.laws.law import Array, MeanSd, Rule, Standard
-from aleator.polynomials import evaluate, jacobi_recurrence, recurrence_with_gradient
-from aleator.quadrature import gauss_with_gradient
+from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.polynomials.gauss import gauss_with_gradient
+from aleator.polynomials.recurrence import evaluate, jacobi_recurrence, recurrence_with_gradient
+from aleator.types import Array
 
 WIDEST = 0.99
 """Largest sd over that of the law which has all its mass on the two ends of the box."""

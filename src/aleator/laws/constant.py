@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve, within
-from aleator.laws.law import Array, MeanSd, Rule, Standard
+from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.types import Array
 
 
 @dataclass(frozen=True)

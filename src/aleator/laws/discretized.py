@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.laws.law import Array
-from aleator.quadrature import gauss_legendre
+from aleator.polynomials.gauss import gauss_legendre
+from aleator.types import Array
 
 NEAR = 1e-8
 """Distance from a finite end, in sd or widths, within which the mass is put on one point: closer,

@@ -19,9 +19,10 @@ from aleator.laws.hyperparameter import (
     widest_above,
 )
 from aleator.laws.image import difference, from_probability, from_tails, slope
-from aleator.laws.law import Array, MeanSd, Rule, Standard
-from aleator.polynomials import evaluate, laguerre_recurrence, recurrence_with_gradient
-from aleator.quadrature import gauss_with_gradient
+from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.polynomials.gauss import gauss_with_gradient
+from aleator.polynomials.recurrence import evaluate, laguerre_recurrence, recurrence_with_gradient
+from aleator.types import Array
 
 LARGEST_VARIATION = math.sqrt(5.0)
 """sd over distance from the end that the box takes account of: shape 0.2."""

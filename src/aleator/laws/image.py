@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy import special
 
-from aleator.laws.law import Array
+from aleator.types import Array
 
 STEP = 1e-3
 """Relative step of the differences by a shape: their error is of the order of STEP^4."""

@@ -5,12 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from aleator.laws.hyperparameter import Hyperparameter
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 @dataclass(frozen=True)

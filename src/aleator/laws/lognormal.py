@@ -18,9 +18,10 @@ from aleator.laws.hyperparameter import (
     require_above,
     widest_above,
 )
-from aleator.laws.law import Array, MeanSd, Rule, Standard
-from aleator.polynomials import evaluate, hermite_recurrence
-from aleator.quadrature import gauss_hermite
+from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.polynomials.gauss import gauss_hermite
+from aleator.polynomials.recurrence import evaluate, hermite_recurrence
+from aleator.types import Array
 
 REACH = 8.0
 """Standard deviations of the germ that the box spans: mass beyond is 1e-15."""

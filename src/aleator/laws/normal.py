@@ -15,9 +15,10 @@ from aleator.laws.hyperparameter import (
     about,
     location_and_scale,
 )
-from aleator.laws.law import Array, MeanSd, Rule, Standard
-from aleator.polynomials import evaluate, hermite_recurrence
-from aleator.quadrature import gauss_hermite
+from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.polynomials.gauss import gauss_hermite
+from aleator.polynomials.recurrence import evaluate, hermite_recurrence
+from aleator.types import Array
 
 REACH = 8.0
 """Standard deviations that the box spans: mass beyond is 1e-15; holds Hermite nodes to q = 20."""

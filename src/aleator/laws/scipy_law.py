@@ -19,9 +19,10 @@ from aleator.laws.hyperparameter import (
     location_and_scale,
 )
 from aleator.laws.image import Tail, from_probability, from_tails, slope
-from aleator.laws.law import Array, MeanSd, Rule, Standard
-from aleator.polynomials import evaluate, stieltjes
-from aleator.quadrature import gauss
+from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.polynomials.gauss import gauss
+from aleator.polynomials.recurrence import evaluate, stieltjes
+from aleator.types import Array
 
 FAR = 1e-15
 """Probability left beyond an open end of the box."""

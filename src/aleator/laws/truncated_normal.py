@@ -12,9 +12,10 @@ from scipy import special
 
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, about, resolve
-from aleator.laws.law import Array, MeanSd, Rule, Standard
-from aleator.polynomials import evaluate, hermite_recurrence, stieltjes
-from aleator.quadrature import gauss, gauss_hermite, gauss_legendre
+from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.polynomials.gauss import gauss, gauss_hermite, gauss_legendre
+from aleator.polynomials.recurrence import evaluate, hermite_recurrence, stieltjes
+from aleator.types import Array
 
 REACH = 10.0
 """Standard deviations that the box spans where its end is infinite: holds the nodes to q = 20."""

@@ -17,9 +17,10 @@ from aleator.laws.hyperparameter import (
     about,
     location_and_scale,
 )
-from aleator.laws.law import Array, MeanSd, Rule, Standard
-from aleator.polynomials import evaluate, legendre_recurrence
-from aleator.quadrature import gauss_legendre
+from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.polynomials.gauss import gauss_legendre
+from aleator.polynomials.recurrence import evaluate, legendre_recurrence
+from aleator.types import Array
 
 HALF = math.sqrt(3.0)
 """Half the width of a uniform law, in standard deviations."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom, kstwo
 
 from aleator.errors import AleatorError
+from aleator.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-Array = NDArray[np.float64]
 Document = Mapping[str, Any]
 
 WIDTH = 9.0  #: inches

@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from aleator.feasibility import FeasibleBox
+from aleator.tasks.box import FeasibleBox
 
 
 def document(found: FeasibleBox) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from aleator.simulate.inventory import Holding, KeptRun
+from aleator.simulators.inventory import Holding, KeptRun
 
 SHORT = 8
 """Letters of a fingerprint that are shown, and suffice to name it."""

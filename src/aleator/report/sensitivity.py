@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from aleator.report.terminal import number, table_of
-from aleator.screening import CONFOUNDED, GOOD, Sensitivity
+from aleator.tasks.screen import CONFOUNDED, GOOD, Sensitivity
 
 SHOWN = 5  # pairs in the terminal; the document has all
 

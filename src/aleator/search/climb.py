@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
-from aleator.likelihood import LogLikelihood
+from aleator.likelihood.likelihood import LogLikelihood
 from aleator.search.coordinates import Coordinates
 from aleator.search.interface import Ascent
 from aleator.search.limits import outsized
 from aleator.search.watched import FLOOR, Watched
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 FLAT = 1e-4
 """Slope, in log-likelihood a standard error of the leg's own start, at which a leg ends."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import InputsError
 from aleator.search.climb import climb
@@ -17,8 +16,7 @@ from aleator.search.population import POLISH, Cube, at_least, needs
 from aleator.search.starts import starting_points
 from aleator.search.task import Task, TaskSearch
 from aleator.search.watched import FLOOR
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 FLAT = 1e-3
 """A run ends when its log-likelihoods have stayed within this."""

@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.search.interface import Objective, Scored, Search, SearchResult, Step
 from aleator.search.watched import Watched
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 @dataclass(frozen=True)
@@ -53,7 +49,7 @@ def compare(
 
     Raises InputsError for no search at all. Cost: that of all searches.
 
-    >>> from aleator.likelihood import LogLikelihood
+    >>> from aleator.likelihood.likelihood import LogLikelihood
     >>> from aleator.search import DifferentialEvolution, GradientMultistart
     >>> def parabola(alpha):  # log L = -(alpha - 2)^2, largest at 2
     ...     gap = alpha - 2.0

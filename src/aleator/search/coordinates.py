@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.laws import Hyperparameter
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 class Coordinates:

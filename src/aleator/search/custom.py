@@ -7,15 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from aleator.errors import InputsError
 from aleator.search.coordinates import Coordinates
 from aleator.search.interface import SearchResult
 from aleator.search.population import finished
 from aleator.search.task import Task, TaskSearch
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 Value = Callable[[ArrayLike], float]
 Optimizer = Callable[[Value, Array, Array, Array, np.random.Generator], ArrayLike]
 
@@ -42,7 +42,7 @@ class CustomSearch(TaskSearch):
 
     >>> from scipy import optimize
     >>> from aleator.laws import Hyperparameter
-    >>> from aleator.likelihood import LogLikelihood
+    >>> from aleator.likelihood.likelihood import LogLikelihood
     >>> def simplex(value, lower, upper, start, rng):
     ...     limits = optimize.Bounds(lower, upper)
     ...     cost = lambda alpha: -value(alpha)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.search.interface import SearchResult
 from aleator.search.population import (
@@ -18,8 +17,7 @@ from aleator.search.population import (
     needs,
 )
 from aleator.search.task import Task, TaskSearch
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.laws import Hyperparameter
-from aleator.likelihood import LogLikelihood
+from aleator.likelihood.likelihood import LogLikelihood
 from aleator.progress import Progress
+from aleator.types import Array
 
-Array = NDArray[np.float64]
 Scored = Callable[[Array], LogLikelihood]
 """The log-likelihood at one alpha (K,), with its score: all that a search needs to work."""
 

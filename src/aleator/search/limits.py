@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 WIDE = 1e6
 """Limits farther apart than this many times what is known of the value's size are wide."""

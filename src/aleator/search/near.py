@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from aleator.laws import Hyperparameter
 from aleator.progress import Progress
 from aleator.search.gradient import GradientMultistart
 from aleator.search.interface import Objective, Scored, SearchResult
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 @dataclass(frozen=True)

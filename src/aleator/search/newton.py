@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from aleator.laws import Hyperparameter
 from aleator.search.interface import Objective, Scored
 from aleator.search.watched import Watched
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from aleator.types import Array, Indices
 
 ARRIVED = 1e-5
 """Stop when this close to the maximum, in log-likelihood (0.5 g' H^-1 g)."""

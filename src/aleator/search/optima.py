@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.laws import Hyperparameter
 from aleator.search.coordinates import Coordinates
 from aleator.search.interface import Ascent, Optimum, SearchResult
 from aleator.search.limits import nowhere_finite
 from aleator.search.watched import FLOOR, Watched
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 SAME_VALUE = 0.01
 """Two ends within this log-likelihood of each other may be the same optimum."""

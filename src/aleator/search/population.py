@@ -6,7 +6,6 @@ import importlib.util
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import AleatorError, InputsError
 from aleator.search.climb import climb
@@ -16,8 +15,7 @@ from aleator.search.limits import nowhere_finite
 from aleator.search.starts import evenly
 from aleator.search.task import Task
 from aleator.search.watched import Watched
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 POLISH = 100
 """Evaluations with score that the final ascent may take."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from aleator.search.coordinates import Coordinates
 from aleator.search.limits import outsized
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 def starting_points(

@@ -6,17 +6,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from aleator.laws import Hyperparameter
 from aleator.progress import Progress, Silent
 from aleator.search.coordinates import Coordinates
 from aleator.search.interface import Objective, Scored, SearchResult
 from aleator.search.optima import only_point
 from aleator.search.watched import Watched
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aleator.likelihood import LogLikelihood
+from aleator.likelihood.likelihood import LogLikelihood
 from aleator.search.interface import Objective, Scored, Step, objective_of
-
-Array = NDArray[np.float64]
+from aleator.types import Array
 
 FLOOR = -1e100
 """What a search sees where the log-likelihood is not a finite number."""

@@ -15,17 +15,17 @@ from pydantic_core import ErrorDetails
 
 from aleator.densities import Density, NodeDensity
 from aleator.errors import AleatorError, InputsError, SimulatorError, StudyError, nearest
-from aleator.experiments import Conditions, Experiments
-from aleator.inputs import Inputs
-from aleator.noise import Noise
-from aleator.problem import Model, default_density
-from aleator.propagation import Collocation
-from aleator.response import ResponseSurface
+from aleator.inference.verification import MonteCarlo
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.problem import Model, default_density
+from aleator.likelihood.propagation import Collocation
+from aleator.observations.experiments import Conditions, Experiments
+from aleator.observations.noise import Noise
 from aleator.search import GradientMultistart, Search
-from aleator.simulate import Runner, Simulator, Store
-from aleator.simulate.fmu import FMUSimulator
+from aleator.simulators import Runner, Simulator, Store
+from aleator.simulators.fmu import FMUSimulator
 from aleator.study.sections import ExperimentsSection, StudyFile, pairs
-from aleator.verification import MonteCarlo
+from aleator.surrogates import ResponseSurface
 
 T = TypeVar("T")
 

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, model_validator
 
-from aleator.simulate.fmu import Crossing, Extreme, Final, Hook, Reduction, Signal, read_signal
-from aleator.simulate.fmu.description import Description
-from aleator.simulate.fmu.signals import columns_of
+from aleator.simulators.fmu import Crossing, Extreme, Final, Hook, Reduction, Signal, read_signal
+from aleator.simulators.fmu.description import Description
+from aleator.simulators.fmu.signals import columns_of
 from aleator.study.keys import Section, fault
 
 _CROSSING = ("value", "direction", "after", "interpolation")

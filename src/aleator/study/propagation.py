@@ -7,7 +7,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from aleator.cubature import (
+from aleator.expansion import Projection, Regression, SparseProjection
+from aleator.likelihood.propagation import Collocation
+from aleator.polynomials.indices import Hyperbolic, IndexSet, TotalDegree
+from aleator.quadrature import (
     Cubature,
     GermGrid,
     MonteCarloPoints,
@@ -16,11 +19,8 @@ from aleator.cubature import (
     SobolPoints,
     TensorGauss,
 )
-from aleator.expansion import Projection, Regression, SparseProjection
-from aleator.indices import Hyperbolic, IndexSet, TotalDegree
-from aleator.propagation import Collocation
-from aleator.response import ResponseSurface
 from aleator.study.keys import Section, fault
+from aleator.surrogates import ResponseSurface
 
 _RULES: dict[str, tuple[type[Cubature], tuple[str, ...]]] = {
     "gauss": (TensorGauss, ("per_dimension",)),

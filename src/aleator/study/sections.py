@@ -16,9 +16,10 @@ from aleator.densities import (
     MaximumEntropy,
     NodeDensity,
 )
-from aleator.experiments import Transform
+from aleator.inference.verification import MonteCarlo
 from aleator.laws import Specification
-from aleator.noise import Noise
+from aleator.observations.experiments import Transform
+from aleator.observations.noise import Noise
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -30,7 +31,6 @@ from aleator.study.keys import Section, Spec, fault, specification
 from aleator.study.laws import LawSection
 from aleator.study.propagation import PropagationSection, SurfaceSection
 from aleator.study.simulators import SimulatorSection
-from aleator.verification import MonteCarlo
 
 
 def _paired(value: Any) -> Any:

@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from aleator.errors import nearest
-from aleator.simulate import MAX_FAILED, FunctionSimulator, Simulator
-from aleator.simulate.command import (
+from aleator.simulators import MAX_FAILED, FunctionSimulator, Simulator
+from aleator.simulators.command import (
     CommandSimulator,
     CsvFeed,
     CsvOutput,
@@ -26,8 +26,8 @@ from aleator.simulate.command import (
     RegexOutput,
     Template,
 )
-from aleator.simulate.fmu import Course, FMUSimulator, Operation
-from aleator.simulate.fmu.description import read_description
+from aleator.simulators.fmu import Course, FMUSimulator, Operation
+from aleator.simulators.fmu.description import read_description
 from aleator.study.fmu import Inputs, Outcome, signals
 from aleator.study.keys import Section, fault
 

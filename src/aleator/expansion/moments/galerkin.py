@@ -1,0 +1,195 @@
+"""Exact moments by repeated Galerkin products: powers of an expansion are expansions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb, prod
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from aleator.errors import InputsError
+from aleator.expansion.moments.basis import Basis
+from aleator.expansion.moments.linearization import Linearization, linearization, multiply
+from aleator.types import Array
+
+Indices = NDArray[np.int64]
+
+MOST_ENTRIES = 100_000_000
+"""Entries of the product tensors that fill 1.2 GB."""
+
+VALUES_AT_ONCE = 1_000_000
+"""Coefficients of a power that are held at once: experiments are taken in parts."""
+
+
+@dataclass(frozen=True)
+class Galerkin:
+    """Z^(k+1) = Z^k Z as an expansion again, E[Z^(2k)] = <Z^k, Z^k>, E[Z^(2k+1)] = <Z^k, Z^(k+1)>.
+
+    The products are exact: Z^k is expanded in all functions that can occur in it, with the
+    linearization coefficients <psi_i psi_j psi_l> = prod_k <p_(i_k) p_(j_k) p_(l_k)>, of which
+    few are not zero. Powers to floor(M/2) are enough; the basis of Z^k has degree k d. Even moments
+    are sums of squares: no cancellation at all. Cost: offline and, for each experiment, online
+    O(number of entries), for degree d at most P |D_k| 2^d where |D_k| functions occur in Z^k,
+    k = floor((M - 1)/2). Ten parameters: degree 2 to M = 8, degree 3 to M = 4. Raises InputsError
+    where there may be more than 1e8 entries.
+    """
+
+    def powers(self, basis: Basis, order: int) -> GalerkinPowers:
+        """The products psi_i psi_j of the basis with that of every power."""
+        entries = entry_bound(basis, order)
+        levels = (order - 1) // 2
+        strides = _strides(basis, order)
+        if entries > MOST_ENTRIES or strides is None:
+            raise InputsError(
+                f"Galerkin products to order {order} of {basis.size} functions of "
+                f"{len(basis.degrees)} parameters may need {entries:.3g} entries",
+                "lower the degree or the order of the moments, or use fewer parameters",
+            )
+        tables = tuple(
+            linearization(basis, k, levels * degree, order // 2 * degree)
+            for k, degree in enumerate(basis.degrees)
+        )
+        keys, places = np.unique(basis.indices @ strides, return_inverse=True)
+        products = []
+        for level in range(1, levels + 1):
+            # E[Z^(2k+1)] asks of Z^(k+1) only what Z^k holds
+            within = keys if order == 2 * level + 1 else None
+            products.append(_product(basis, keys, strides, tables, within))
+            keys = products[-1].keys
+        return GalerkinPowers(order, basis.constant, places, tuple(products))
+
+
+def entry_bound(basis: Basis, order: int) -> float:
+    """An upper bound of the entries of the last product, from counts of functions alone.
+
+    psi_i psi_j holds at most prod_k (i_k + 1) functions where all weights are symmetric, and
+    prod_k (2 i_k + 1) otherwise; Z^k at most as many as its largest degrees and its largest total
+    degree allow.
+    """
+    level = max((order - 1) // 2, 1)
+    spread = np.array([1 if basis.symmetric(k) else 2 for k in range(len(basis.degrees))])
+    split = float(np.sum(np.prod(spread * basis.indices + 1.0, axis=1)))
+    total = int(basis.indices.sum(axis=1).max())
+    functions = min(
+        float(prod(level * degree + 1 for degree in basis.degrees)),
+        float(comb(len(basis.degrees) + level * total, level * total)),
+    )
+    return split * functions
+
+
+@dataclass(frozen=True, eq=False)
+class Product:
+    """Multiplication of Z^k by every psi_i: coefficients (J,) to coefficients (L,).
+
+    `keys` (L,) name the functions of the result; `places` (J,) are the functions of Z^k in it.
+    Multiplication by psi_i reaches only the functions `rows[i]` (R_i,), by `matrices[i]` (R_i, J).
+    """
+
+    keys: Indices
+    places: NDArray[np.intp]
+    rows: tuple[NDArray[np.intp], ...]
+    matrices: tuple[sparse.csr_array, ...]
+
+
+def _product(
+    basis: Basis,
+    keys: Indices,
+    strides: Indices,
+    tables: tuple[Linearization, ...],
+    within: Indices | None,
+) -> Product:
+    indices = _decoded(keys, strides)
+    entries = [multiply(factor, indices, strides, tables) for factor in basis.indices]
+    if within is None:
+        within = np.unique(np.concatenate([np.unique(found) for _, found, _ in entries]))
+    reached, matrices = [], []
+    for columns, found, values in entries:
+        places = np.minimum(np.searchsorted(within, found), within.size - 1)
+        kept = within[places] == found
+        rows, row = np.unique(places[kept], return_inverse=True)
+        triplets = (values[kept], (row, columns[kept]))
+        reached.append(rows)
+        matrices.append(sparse.csr_array(triplets, shape=(rows.size, keys.size)))
+    return Product(within, np.searchsorted(within, keys), tuple(reached), tuple(matrices))
+
+
+def _strides(basis: Basis, order: int) -> Indices | None:
+    """Strides by which a multi-index of any power becomes one whole number, None if too large."""
+    sizes = [order * degree + 1 for degree in basis.degrees]
+    if prod(sizes) >= 2**62:
+        return None
+    return np.array([prod(sizes[k + 1 :]) for k in range(len(sizes))], dtype=np.int64)
+
+
+def _decoded(keys: Indices, strides: Indices) -> Indices:
+    indices = np.empty((keys.size, strides.size), dtype=np.int64)
+    rest = keys
+    for k, stride in enumerate(strides):
+        indices[:, k], rest = np.divmod(rest, stride)
+    return indices
+
+
+@dataclass(frozen=True, eq=False)
+class GalerkinPowers:
+    """The products that give Z^2, Z^3, ..; `places` (P,) of the basis among the functions of Z."""
+
+    order: int
+    constant: int
+    places: NDArray[np.intp]
+    products: tuple[Product, ...]
+
+    def means(self, z: Array) -> Array:
+        """E[Z^m] for m = 0..M, as (N, M+1)."""
+        means = np.zeros((z.shape[0], self.order + 1))
+        means[:, 0] = 1.0
+        for part in self._parts(z.shape[0]):
+            power = self._expanded(z[part])
+            means[part, 2] = np.sum(power**2, axis=0)
+            for level, product in enumerate(self.products, 1):
+                following = self._multiplied(product, power, z[part])
+                means[part, 2 * level + 1] = np.sum(following[product.places] * power, axis=0)
+                if 2 * level + 2 <= self.order:
+                    means[part, 2 * level + 2] = np.sum(following**2, axis=0)
+                power = following
+        return means
+
+    def projections(self, z: Array) -> Array:
+        """E[Z^m psi_i] for m = 0..M-1, as (N, M, P)."""
+        found = np.zeros((z.shape[0], self.order, z.shape[1]))
+        found[:, 0, self.constant] = 1.0
+        found[:, 1] = z
+        for part in self._parts(z.shape[0]):
+            power = self._expanded(z[part])
+            for level, product in enumerate(self.products, 1):
+                following = self._multiplied(product, power, z[part])
+                embedded = np.zeros_like(following)
+                embedded[product.places] = power
+                for i, (rows, matrix) in enumerate(
+                    zip(product.rows, product.matrices, strict=True)
+                ):
+                    # once more instead of kept: the images of all functions fill the memory
+                    image = matrix @ power
+                    found[part, 2 * level, i] = np.sum(image * embedded[rows], axis=0)
+                    if 2 * level + 1 < self.order:
+                        found[part, 2 * level + 1, i] = np.sum(image * following[rows], axis=0)
+                power = following
+        return found
+
+    def _expanded(self, z: Array) -> Array:
+        power = np.empty((z.shape[1], z.shape[0]))
+        power[self.places] = z.T
+        return power
+
+    def _multiplied(self, product: Product, power: Array, z: Array) -> Array:
+        following = np.zeros((product.keys.size, z.shape[0]))
+        for i, (rows, matrix) in enumerate(zip(product.rows, product.matrices, strict=True)):
+            if i != self.constant:
+                following[rows] += (matrix @ power) * z[:, i]
+        return following
+
+    def _parts(self, count: int) -> list[slice]:
+        largest = max((product.keys.size for product in self.products), default=1)
+        step = max(1, VALUES_AT_ONCE // largest)
+        return [slice(start, start + step) for start in range(0, count, step)]

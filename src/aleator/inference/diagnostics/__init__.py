@@ -1,0 +1,22 @@
+"""What a careful reader must be told before trusting an answer: warnings, statuses, refusals."""
+
+from aleator.inference.diagnostics.check import score_steps
+from aleator.inference.diagnostics.failures import boxes_proposed, failure_report, failure_warnings
+from aleator.inference.diagnostics.reach import refuse_unreachable, unreachable
+from aleator.inference.diagnostics.review import MOMENTS_STAND_IN, quadrature_gap, review, statuses
+from aleator.inference.diagnostics.surfaces import surface_errors, surface_report
+
+__all__ = [
+    "MOMENTS_STAND_IN",
+    "boxes_proposed",
+    "failure_report",
+    "failure_warnings",
+    "quadrature_gap",
+    "refuse_unreachable",
+    "review",
+    "score_steps",
+    "statuses",
+    "surface_errors",
+    "surface_report",
+    "unreachable",
+]

@@ -1,0 +1,181 @@
+"""What the Monte Carlo check says of the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.densities import Convolution
+from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.inference.diagnostics.naming import named
+from aleator.inference.information import Inference
+from aleator.inference.verification import FEW_SAMPLES, Movement, Verification, movement
+from aleator.laws import Hyperparameter
+from aleator.likelihood.likelihood import LogLikelihood
+from aleator.likelihood.problem import Problem, has_lattice
+from aleator.types import Array
+
+MOST = 0.5
+"""Share of the experiments that a check must reach for an answer to be accepted."""
+LARGEST_MOVE = 0.25
+"""Standard errors by which an estimate may be off before a reader must know."""
+
+
+def score_steps(
+    inference: Inference, alpha: Array, hyperparameters: Sequence[Hyperparameter]
+) -> Array:
+    """Steps (K,) at which the check differences the log-likelihood; zero where there is no error.
+
+    A quarter of a standard error, within the limits.
+    """
+    room = [min(a - h.lower, h.upper - a) for a, h in zip(alpha, hyperparameters, strict=True)]
+    step = 0.25 * np.nan_to_num(inference.standard_error)
+    return np.asarray(np.clip(step, 0.0, np.maximum(room, 0.0)))
+
+
+def refusals(
+    honest: LogLikelihood, checked: Verification | None, ids: Sequence[str]
+) -> list[Diagnostic]:
+    """Where the densities and the check disagree in a single experiment."""
+    if checked is None:
+        return []
+    if np.mean(checked.reached) < MOST:
+        return [
+            Diagnostic(
+                "verification",
+                f"the check reaches {np.sum(checked.reached)} of {len(ids)} experiments: under "
+                "the identified law the others have no outcome near the measured one",
+                "search from more starts, widen the limits of the law, or take more samples",
+            )
+        ]
+    gap = honest.each - checked.each
+    bad = np.flatnonzero(
+        checked.reached & ~(np.abs(gap) < np.maximum(1.0, 5.0 * checked.each_error))
+    )
+    if bad.size == 0:
+        return []
+    return [
+        Diagnostic(
+            "verification",
+            f"{named(bad, ids)}: the log-density differs from Monte Carlo on the simulator "
+            "by more than 1 and by more than five standard errors",
+            "raise the order of the density, lower the tolerance of the surface, or take more "
+            "samples",
+        )
+    ]
+
+
+def notes(
+    honest: LogLikelihood,
+    checked: Verification | None,
+    inference: Inference,
+    problem: Problem,
+    alpha: Array,
+    ids: Sequence[str],
+    *,
+    told: bool,
+) -> list[Diagnostic]:
+    """What the check did not see and that matters, what it sees in the total only, what follows.
+
+    The last only if `told`: from an answer that is refused a step leads nowhere.
+    """
+    if checked is None:
+        return []
+    step = None
+    if told and checked.score is not None:
+        step = movement(checked.score, inference.free, inference.standard_error)
+    return [
+        *_unseen(checked, inference, problem, alpha, ids),
+        *_total(honest, checked, step, problem),
+        *_moves(step, inference, problem),
+    ]
+
+
+def _unseen(
+    checked: Verification, inference: Inference, problem: Problem, alpha: Array, ids: Sequence[str]
+) -> list[Diagnostic]:
+    """Experiments that are not verified, where alpha would be another without them."""
+    few = np.flatnonzero(~checked.reached)
+    if few.size == 0:
+        return []
+    moved = _without(few, inference, problem, alpha)
+    if moved <= LARGEST_MOVE:
+        return []
+    return [
+        Diagnostic(
+            "verification",
+            f"{named(few, ids)}: so far out under the identified law that fewer than "
+            f"{FEW_SAMPLES} effective samples of the simulator fall there, even of those drawn "
+            "where the outcome should be explained; what they add to the log-likelihood is not "
+            f"verified, and without them alpha would move by {_size(moved)}",
+            "look at these experiments: outliers, or a law with too little scatter or noise; or "
+            "take more samples",
+        )
+    ]
+
+
+def _without(rows: NDArray[np.intp], inference: Inference, problem: Problem, alpha: Array) -> float:
+    """Standard errors by which an estimate moves, at most, to first order without some experiments.
+
+    H^-1 times the score of the others, which is minus that of these at the maximum: the
+    infinitesimal jackknife (Giordano et al., 2019). Infinite where the information has no inverse.
+    """
+    scores = problem.likelihood(alpha).scores
+    assert scores is not None
+    free = inference.free
+    if not inference.positive or not free.size:
+        return float("inf")
+    step = inference.covariance @ scores[rows][:, free].sum(axis=0)
+    return float(np.max(np.abs(step) / inference.standard_error[free]))
+
+
+def _total(
+    honest: LogLikelihood, checked: Verification, step: Movement | None, problem: Problem
+) -> list[Diagnostic]:
+    gap = float(np.sum(honest.each[checked.reached])) - checked.total
+    allowed = max(0.1 + 0.002 * honest.each.size, 4.0 * checked.standard_error)
+    if abs(gap) <= allowed:
+        return []
+    meaning = "estimates and standard errors may be off by a share of a standard error"
+    if step is not None:
+        largest = float(np.max(np.abs(step.step)))
+        meaning = f"with the simulator's own density alpha would move by {_size(largest)} at most"
+    return [
+        Diagnostic(
+            "verification",
+            f"the log-likelihood differs from Monte Carlo on the simulator by {gap:.2g}: {meaning}",
+            _remedy(problem),
+        )
+    ]
+
+
+def _moves(step: Movement | None, inference: Inference, problem: Problem) -> list[Diagnostic]:
+    """Hyperparameters that the exact density would move, beyond two errors of the step."""
+    if step is None:
+        return []
+    names = [problem.likelihood.hyperparameters[k].name for k in inference.free]
+    rows = np.flatnonzero(np.abs(step.step) - 2.0 * step.error > LARGEST_MOVE)
+    if rows.size == 0:
+        return []
+    moves = ", ".join(
+        f"{names[i]} would go {'up' if step.step[i] > 0 else 'down'} by {_size(abs(step.step[i]))}"
+        for i in rows[np.argsort(-np.abs(step.step[rows]))]
+    )
+    return [
+        Diagnostic("density", f"with the exact density of the outcomes {moves}", _remedy(problem))
+    ]
+
+
+def _size(step: float) -> str:
+    return f"about {step:.2f} standard errors" if step < 1.0 else "a standard error or more"
+
+
+def _remedy(problem: Problem) -> str:
+    if isinstance(problem.model.density, Convolution):
+        return "lower the tolerance of the surface, or take more points of the convolution"
+    model = problem.model
+    if model.noise is not None or has_lattice(model.inputs, model.propagation):
+        return 'take density.kind = "convolution", which is exact, or a higher order'
+    return 'take a higher order (6) or density.kind = "logspline", and compare'

@@ -1,0 +1,14 @@
+"""One thing that a reader of an answer must know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """Something to know before the numbers are used: about what, and what to do."""
+
+    about: str
+    message: str
+    remedy: str

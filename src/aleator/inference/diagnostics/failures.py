@@ -1,0 +1,98 @@
+"""Runs that failed: what the result tells of them, and what to do about them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.inference.diagnostics.naming import named
+from aleator.laws.inputs import Inputs
+from aleator.simulators import NoOutcome, Runner, working_box
+
+
+@dataclass(frozen=True)
+class FailureReport:
+    """Runs without an outcome: `runs` of the `needed`, in `experiments`, all within `region`.
+
+    `region` is a box, [lowest, highest] of each parameter; `message` is what the first one said.
+    """
+
+    runs: int
+    needed: int
+    experiments: tuple[str, ...]
+    region: Mapping[str, tuple[float, float]]
+    message: str
+
+
+def failure_report(runner: Runner) -> FailureReport | None:
+    """What a runner's failures have in common; None without any."""
+    failed = runner.failures
+    if not len(failed):
+        return None
+    return FailureReport(
+        len(failed),
+        runner.runs,
+        tuple(runner.ids[k] for k in np.unique(failed.index)),
+        {
+            name: (float(low), float(high))
+            for name, (low, high) in zip(runner.parameters, failed.region, strict=True)
+        },
+        failed.messages[0],
+    )
+
+
+def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:
+    """That runs failed, where, and what that means for the answer."""
+    if report is None:
+        return []
+    where = ", ".join(f"{k} in [{low:.4g}, {high:.4g}]" for k, (low, high) in report.region.items())
+    which = named(np.arange(len(report.experiments)), report.experiments)
+    return [
+        Diagnostic(
+            "simulator",
+            f"{report.runs:,} of {report.needed:,} runs failed ({which}), with {where}; the first: "
+            f"{report.message}. Surfaces and verification go without them: what the law holds "
+            "there is a guess by the surface, whose estimated error says so",
+            "see them with `aleator runs show STUDY.toml --failures`, mend the simulator and "
+            "`aleator runs retry` them, or narrow the box (`aleator box STUDY.toml`)",
+        )
+    ]
+
+
+@contextmanager
+def boxes_proposed(runner: Runner, inputs: Inputs) -> Iterator[None]:
+    """Add to the remedy of a failed run the sections of a study that keep the law where runs work.
+
+    Nothing is added where every law has a box: the remedy then says which box to narrow.
+    """
+    try:
+        yield
+    except NoOutcome as error:
+        remedy = f"{error.remedy}{_sections(error, runner, inputs)}"
+        raise NoOutcome(error.problem, remedy, error.failed, error.index) from error
+
+
+def _sections(error: NoOutcome, runner: Runner, inputs: Inputs) -> str:
+    laws = inputs.laws.values()
+    reaching = [i for i, law in enumerate(laws) if law.scatters and not law.bounded]
+    worked = runner.completed.x
+    if not reaching:
+        return "; or let `aleator box STUDY.toml` find the largest box in which every run works"
+    if len(worked) < 2:
+        return ""
+    names = ", ".join(inputs.names[i] for i in reaching)
+    box = working_box(worked, error.failed, reaching)
+    sections = "".join(
+        f'\n    [parameters.{inputs.names[i]}]\n    law = "truncated_normal"\n'
+        f"    box = [{box[i, 0]:.4g}, {box[i, 1]:.4g}]"
+        for i in reaching
+    )
+    return (
+        f"; the law of {names} reaches beyond the runs that work: give it a box, such as that of "
+        f"the runs that worked so far,{sections}\n  and let `aleator box STUDY.toml` find the "
+        "largest that works"
+    )

@@ -1,0 +1,166 @@
+"""How good the response surfaces are, and what to say where they are not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.inference.diagnostics.naming import named
+from aleator.inference.verification import Verification
+from aleator.likelihood.problem import Problem
+from aleator.surrogates import ResponseSurface, Surface
+from aleator.types import Array
+
+LARGEST_SURFACE_ERROR = 0.1
+"""Error of a surface under the identified law, over the outcome's sd, worth a warning."""
+USELESS = 0.5
+"""The same, noise included, at which an answer is not accepted."""
+
+
+def surface_errors(problem: Problem, checked: Verification | None) -> Array:
+    """Error of the surfaces under the identified law, over the outcome's sd, (N,); NaN if unknown.
+
+    Compared with the verification's runs of the simulator, which no surface was fitted to.
+    """
+    surface, condition = problem.surface, problem.condition
+    if surface is None or checked is None:
+        return np.full(condition.size, np.nan)
+    count, samples = checked.outcomes.shape
+    index = np.repeat(condition, samples)
+    x = checked.x.reshape(count * samples, -1)[:, problem.moving]
+    guess = surface.at(index, x).reshape(count, samples)
+    worked = np.isfinite(checked.outcomes)
+    some = np.maximum(worked.sum(axis=1, keepdims=True), 1)
+    outcomes = np.where(worked, checked.outcomes, 0.0)
+    away = np.where(worked, outcomes - outcomes.sum(axis=1, keepdims=True) / some, 0.0)
+    rms = np.sqrt((np.where(worked, guess - outcomes, 0.0) ** 2).sum(axis=1) / some[:, 0])
+    scatter = np.sqrt((away**2).sum(axis=1) / some[:, 0])
+    return np.asarray(rms / np.where(scatter > 0.0, scatter, np.inf))
+
+
+def follows(problem: Problem) -> bool:
+    """Whether the surfaces were made exact under the law, and not all over their region."""
+    choice = problem.model.propagation
+    return isinstance(choice, ResponseSurface) and choice.tolerance is None
+
+
+def surface_report(problem: Problem) -> dict[str, Any] | None:
+    """How good the surfaces are, relative to the outcome's scatter under the law or on the box."""
+    surface = problem.surface
+    if surface is None:
+        return None
+    relative = surface.error / np.where(surface.scatter > 0.0, surface.scatter, np.inf)
+    return {
+        "converged": int(surface.converged.sum()),
+        "experiments": int(surface.converged.size),
+        "median_error": float(np.median(relative)),
+        "worst_error": float(np.max(relative)),
+        "where": "under the law" if follows(problem) else "on the box",
+        "runs": int(surface.total_runs),
+    }
+
+
+def surface_refusals(
+    problem: Problem,
+    alpha: Array,
+    checked: Verification | None,
+    surface_error: Array,
+    ids: Sequence[str],
+) -> list[Diagnostic]:
+    """Surfaces that say next to nothing of the outcome under the law: alpha rests on them."""
+    surface = problem.surface
+    if surface is None:
+        return []
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if checked is not None:
+            noise = problem.model.noise_sd(alpha) / np.nanstd(checked.outcomes, axis=1)
+            relative = surface_error / np.hypot(1.0, noise)
+        elif follows(problem):
+            relative = (surface.error / surface.scatter)[problem.condition]
+        else:
+            return []
+        useless = np.flatnonzero(relative > USELESS)
+    if not useless.size:
+        return []
+    return [
+        Diagnostic(
+            "response surface",
+            f"{named(useless, ids)}: the error of the surface is above {USELESS:.0%} of the "
+            "outcome's scatter under the identified law, so that the answer rests on no surface",
+            "choose a tolerance, such as 0.005, for surfaces that are exact on all of their region "
+            'whatever the answer; take transform = "log" where the outcome spans decades; or '
+            "narrow the box",
+        )
+    ]
+
+
+def surface_warnings(
+    problem: Problem, surface_error: Array, ids: Sequence[str]
+) -> list[Diagnostic]:
+    """Surfaces that did not reach their tolerance, and surfaces too rough for the answer."""
+    if problem.surface is None:
+        return []
+    unexact = _unexact if follows(problem) else _unconverged
+    warnings = unexact(problem, problem.surface, ids)
+    with np.errstate(invalid="ignore"):
+        rough = np.flatnonzero(surface_error > LARGEST_SURFACE_ERROR)
+    if rough.size:
+        warnings.append(
+            Diagnostic(
+                "response surface",
+                f"{named(rough, ids)}: surface error above "
+                f"{LARGEST_SURFACE_ERROR:.0%} of the outcome's standard deviation under the "
+                "identified law",
+                "lower the tolerance of the surface, or narrow the box around the law",
+            )
+        )
+    return warnings
+
+
+def _unexact(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Diagnostic]:
+    """Surfaces that are rough under the law: more runs did not help, or did not move the answer."""
+    rough = surface.error > LARGEST_SURFACE_ERROR * surface.scatter
+    rows = np.flatnonzero((rough & ~surface.converged)[problem.condition])
+    if not rows.size:
+        return []
+    return [
+        Diagnostic(
+            "response surface",
+            f"{named(rows, ids)}: estimated error above {LARGEST_SURFACE_ERROR:.0%} of the "
+            "outcome's scatter under the law, where further runs no longer helped, or no longer "
+            "moved the answer",
+            "see what the verification says of these experiments; choose a tolerance, such as "
+            "0.005, or allow more runs (max_runs)",
+        )
+    ]
+
+
+def _unconverged(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Diagnostic]:
+    """Two reasons: the runs were used up, or more runs stopped helping."""
+    choice = problem.model.propagation
+    assert isinstance(choice, ResponseSurface)
+    missed = ~surface.converged[problem.condition]
+    spent = surface.runs[problem.condition] >= choice.max_runs
+    warnings = []
+    for which, what, remedy in (
+        (
+            missed & spent,
+            f"estimated error above the tolerance when the {choice.max_runs} runs of each were "
+            "used up",
+            "allow more runs an experiment (max_runs), or narrow the box",
+        ),
+        (
+            missed & ~spent,
+            "the error stopped falling above the tolerance, as it does at the simulator's own "
+            "accuracy or at jumps; more runs would not help",
+            "make the simulator's own tolerances finer, raise the tolerance of the surface, or use "
+            "collocation",
+        ),
+    ):
+        rows = np.flatnonzero(which)
+        if rows.size:
+            warnings.append(Diagnostic("response surface", f"{named(rows, ids)}: {what}", remedy))
+    return warnings

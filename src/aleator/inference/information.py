@@ -1,0 +1,205 @@
+"""How sure alpha is: information, standard errors, intervals, weak directions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from aleator.laws import Hyperparameter
+from aleator.search import Objective
+from aleator.types import Array
+
+LEVEL = 0.95
+BOUND = 1e-6
+"""Closer to a limit than this share of the range is on the limit."""
+STEP = 1e-2
+"""Step of the differences of the score, in standard errors: truncation is of the order 1e-5."""
+FLAT = 0.05
+"""A curvature below this share of that of each hyperparameter alone marks a weak direction."""
+
+
+@dataclass(frozen=True)
+class Inference:
+    """Uncertainty of alpha (K,); NaN where it is fixed, on a limit, or not determined.
+
+    `standard_error` from the observed information -d2 log L/d alpha2, `sandwich_error` from
+    H^-1 (sum_l s_l s_l') H^-1 (White, 1982), which stays valid when the model is wrong;
+    `lower`, `upper` the interval estimate -+ 1.96 standard errors, cut at the limits;
+    `covariance` (F, F) of the free hyperparameters `free` (F,) off their limits; `edm` the
+    estimated distance to the maximum 0.5 g' H^-1 g, in log-likelihood; `at_bound` (K,) None,
+    "lower" or "upper"; `positive` whether the information is positive definite. `identified`
+    (G,) are all free hyperparameters, on their limits or not, and `information` (G, G) theirs.
+    """
+
+    standard_error: Array
+    sandwich_error: Array
+    lower: Array
+    upper: Array
+    free: NDArray[np.intp]
+    covariance: Array
+    edm: float
+    at_bound: tuple[str | None, ...]
+    positive: bool
+    identified: NDArray[np.intp]
+    information: Array
+
+    @property
+    def correlation(self) -> Array:
+        """Correlations (F, F) of the free estimates off their limits."""
+        scale = np.sqrt(np.diag(self.covariance))
+        return np.asarray(self.covariance / np.outer(scale, scale))
+
+
+def infer(
+    objective: Objective, alpha: Array, hyperparameters: Sequence[Hyperparameter]
+) -> Inference:
+    """Standard errors and intervals at alpha, from the exact scores.
+
+    The observed information is the central difference of the score: 2 F evaluations. A
+    hyperparameter on its limit has no standard error; the others are then conditional on it.
+    """
+    at_bound = tuple(_side(value, h) for value, h in zip(alpha, hyperparameters, strict=True))
+    identified = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
+    inside = np.array([at_bound[k] is None for k in identified], dtype=bool)
+    free = identified[inside]
+    scores = objective(alpha).scores
+    assert scores is not None
+    full = observed_information(
+        objective, alpha, hyperparameters, identified, scores[:, identified]
+    )
+    information = full[np.ix_(inside, inside)]
+    scores = scores[:, free]
+    covariance, positive = _inverse(information)
+    sandwich = covariance @ (scores.T @ scores) @ covariance
+    gradient = scores.sum(axis=0)
+    nothing = np.full(alpha.size, np.nan)
+    standard_error, sandwich_error = nothing.copy(), nothing.copy()
+    standard_error[free] = np.sqrt(np.diag(covariance))
+    sandwich_error[free] = np.sqrt(np.diag(sandwich))
+    half = stats.norm.ppf(0.5 + LEVEL / 2.0) * standard_error
+    limits = np.array([[h.lower, h.upper] for h in hyperparameters])
+    return Inference(
+        standard_error,
+        sandwich_error,
+        np.maximum(alpha - half, limits[:, 0]),
+        np.minimum(alpha + half, limits[:, 1]),
+        free,
+        covariance,
+        0.5 * float(gradient @ covariance @ gradient) if positive else float("nan"),
+        at_bound,
+        positive,
+        identified,
+        full,
+    )
+
+
+def observed_information(
+    objective: Objective,
+    alpha: Array,
+    hyperparameters: Sequence[Hyperparameter],
+    free: NDArray[np.intp],
+    scores: Array,
+) -> Array:
+    """-d2 log L/d alpha2 (F, F) by differences of the exact score, steps within the limits."""
+    width = np.array([hyperparameters[k].upper - hyperparameters[k].lower for k in free])
+    scale = 1.0 / np.sqrt(np.maximum(np.sum(scores**2, axis=0), 1.0 / width**2))
+    information = np.zeros((free.size, free.size))
+    for row, k in enumerate(free):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = alpha.copy()
+            target = alpha[k] + sign * STEP * scale[row]
+            moved[k] = np.clip(target, hyperparameters[k].lower, hyperparameters[k].upper)
+            ends.append((moved[k], objective(moved).score[free]))
+        information[row] = -(ends[0][1] - ends[1][1]) / (ends[0][0] - ends[1][0])
+    return 0.5 * (information + information.T)
+
+
+def weak_directions(
+    inference: Inference, alpha: Array, hyperparameters: Sequence[Hyperparameter]
+) -> list[str]:
+    """Sentences that name what the experiments hardly determine.
+
+    A standard deviation whose standard error exceeds half of itself, pairs or groups of
+    hyperparameters whose estimates are correlated beyond 0.95, and directions without any effect.
+    """
+    sentences = []
+    for k, h in enumerate(hyperparameters):
+        if h.log and inference.standard_error[k] > 0.5 * alpha[k]:
+            sentences.append(
+                f"{h.name} = {alpha[k]:.3g} has a standard error of "
+                f"{inference.standard_error[k]:.2g}: the experiments hardly determine it"
+            )
+    names = [hyperparameters[k].name for k in inference.free]
+    if not inference.positive:
+        return sentences + _undetermined(inference, names)
+    if inference.free.size < 2:
+        return sentences
+    values, vectors = np.linalg.eigh(inference.correlation)
+    for value, vector in zip(values, vectors.T, strict=True):
+        if value > FLAT:
+            continue
+        # the small eigenvalue is well determined; what moves along its large parts is not apart
+        parts = _large(vector)
+        sentences.append(
+            f"only the combination {_combination(vector, parts, names)} is well determined; "
+            f"{', '.join(names[i] for i in parts)} can change together almost unnoticed"
+        )
+    return sentences
+
+
+def _undetermined(inference: Inference, names: Sequence[str]) -> list[str]:
+    """Sentences for directions along which the log-likelihood is flat: there is no covariance."""
+    inside = np.isin(inference.identified, inference.free)
+    information = inference.information[np.ix_(inside, inside)]
+    scale = np.sqrt(np.abs(np.diag(information)))
+    if not np.all(np.isfinite(information)):
+        return []
+    acts = scale > 0.0
+    sentences = [f"{name} has no effect" for name, a in zip(names, acts, strict=True) if not a]
+    values, vectors = np.linalg.eigh(
+        information[np.ix_(acts, acts)] / np.outer(scale[acts], scale[acts])
+    )
+    known = [name for name, a in zip(names, acts, strict=True) if a]
+    for value, vector in zip(values, vectors.T, strict=True):
+        if abs(value) < FLAT:
+            parts = _large(vector)
+            sentences.append(
+                f"{', '.join(known[i] for i in parts)} can change together without effect, "
+                f"along {_combination(vector, parts, known)}, where se is that of each alone"
+            )
+    return sentences
+
+
+def _large(vector: Array) -> list[int]:
+    return [int(i) for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.3]
+
+
+def _combination(vector: Array, parts: Sequence[int], names: Sequence[str]) -> str:
+    return " ".join(
+        f"{'+' if vector[i] >= 0 else '-'} {abs(vector[i]):.2f} {names[i]}/se" for i in parts
+    )
+
+
+def _side(value: float, h: Hyperparameter) -> str | None:
+    if not h.free:
+        return None
+    margin = BOUND * (h.upper - h.lower)
+    if value <= h.lower + margin:
+        return "lower"
+    return "upper" if value >= h.upper - margin else None
+
+
+def _inverse(information: Array) -> tuple[Array, bool]:
+    """The covariance, or NaN and False where the information is not positive definite."""
+    if information.size == 0:
+        return information, True
+    scale = np.sqrt(np.abs(np.diag(information)))
+    scaled = information / np.outer(scale, scale) if np.all(scale > 0.0) else information * np.nan
+    if not np.all(np.isfinite(scaled)) or np.linalg.eigvalsh(scaled)[0] <= 1e-12:
+        return np.full_like(information, np.nan), False
+    return np.linalg.inv(scaled) / np.outer(scale, scale), True

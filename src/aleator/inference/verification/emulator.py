@@ -1,0 +1,46 @@
+"""Response surfaces as the check uses them: a stand-in for the simulator that costs no run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from aleator.surrogates import Surface
+from aleator.surrogates.responses import moving_parameters
+from aleator.types import Array, Indices
+
+
+class Emulator(Protocol):
+    """Noise-free outcomes without a run, of which nothing is believed that no run confirms."""
+
+    def at(self, index: Indices, x: Array) -> Array:
+        """Outcomes (R,) of experiments `index` (R,) at points x (R, n)."""
+
+    def evaluate(self, x: Array) -> Array:
+        """Outcomes (N, J) of all experiments at the same points x (J, n)."""
+
+
+@dataclass(frozen=True)
+class SurfaceEmulator:
+    """Surfaces of U distinct conditions within their region (n, 2), for N experiments.
+
+    `condition` (N,) says which surface is whose.
+    """
+
+    surface: Surface
+    region: Array
+    condition: Indices
+
+    def at(self, index: Indices, x: Array) -> Array:
+        """Outcomes (R,) at points moved into the region."""
+        return self.surface.at(self.condition[index], self._inside(x))
+
+    def evaluate(self, x: Array) -> Array:
+        """Outcomes (N, J) at points moved into the region."""
+        return self.surface.evaluate(self._inside(x))[self.condition]
+
+    def _inside(self, x: Array) -> Array:
+        inside = np.clip(x, self.region[:, 0], self.region[:, 1])
+        return np.asarray(inside[:, moving_parameters(self.region)])

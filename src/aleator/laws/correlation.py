@@ -1,0 +1,173 @@
+"""Correlation of the germs: a Gaussian copula whose every trial is a valid correlation matrix.
+
+The germs theta = L(rho) xi of the correlated parameters are made of independent standard normal
+xi. What is identified are the partial correlations rho of a canonical vine (Bedford and Cooke,
+2002; Joe, 2006; Lewandowski, Kurowicka and Joe, 2009): each may take any value of [-1, 1] whatever
+the others are, and R = L L' is a correlation matrix for all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.errors import InputsError, nearest
+from aleator.laws import Hyperparameter, Specification, resolve
+from aleator.types import Array
+
+Pair = tuple[str, str]
+
+WIDEST = 0.99
+"""Limits of a correlation where the user gives none: closer to one, two parameters are one."""
+STEEPEST = 1e-8
+"""Floor of sqrt(1 - rho^2) in derivatives, which are infinite at perfect correlation."""
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """The correlated parameters and the partial correlations that tie them.
+
+    `members` (m,) are their places among the parameters, in the order of the vine; `pairs` (p,)
+    are the places (row, column), column < row, in that order of each partial correlation, which
+    is that of row and column given all members before the column. Pairs that are not listed have
+    partial correlation zero. `hyperparameters` (p,) belong to `pairs`.
+    """
+
+    members: tuple[int, ...]
+    pairs: tuple[tuple[int, int], ...]
+    hyperparameters: tuple[Hyperparameter, ...]
+
+    def cholesky(self, partial: Array) -> tuple[Array, Array]:
+        """The lower triangular L (m, m) of R = L L', and dL/d partial (m, m, p).
+
+        With r_ij the partial correlation of i and j given 1..j-1, and s_ij = sqrt(1 - r_ij^2):
+        L_ij = r_ij prod_(k < j) s_ik and L_ii = prod_(k < i) s_ik (Lewandowski, Kurowicka and Joe,
+        2009, sec. 2.4). Cost O(p m).
+
+        >>> from aleator.laws import Free
+        >>> two = between(("a", "b"), {("a", "b"): Free(-1.0, 1.0)})
+        >>> factor, _ = two.cholesky(np.array([0.6]))
+        >>> factor.round(12).tolist()
+        [[1.0, 0.0], [0.6, 0.8]]
+        """
+        m = len(self.members)
+        r = np.eye(m)
+        for (i, j), value in zip(self.pairs, partial, strict=True):
+            r[i, j] = value
+        # (1 - r)(1 + r) keeps the digits of a correlation near one
+        s = np.sqrt(np.tril((1.0 - r) * (1.0 + r), -1))
+        before = np.ones((m, m))
+        np.cumprod(s[:, :-1], axis=1, out=before[:, 1:])
+        factor = np.tril(r * before)
+        slope = np.zeros((m, m, len(self.pairs)))
+        for k, (i, j) in enumerate(self.pairs):
+            slope[i, j, k] = before[i, j]
+            others = s[i].copy()
+            others[j] = -r[i, j] / max(s[i, j], STEEPEST)
+            after = np.cumprod(others)[j:i]
+            slope[i, j + 1 : i + 1, k] = r[i, j + 1 : i + 1] * after
+        return factor, slope
+
+    def matrix(self, partial: Array) -> tuple[Array, Array]:
+        """The correlation matrix R (m, m) of the germs, and dR/d partial (m, m, p).
+
+        >>> three = between(("a", "b", "c"), dict.fromkeys([("a", "b"), ("a", "c")], 0.5))
+        >>> three.matrix(np.array([0.5, 0.5]))[0].round(12).tolist()   # b, c independent given a
+        [[1.0, 0.5, 0.5], [0.5, 1.0, 0.25], [0.5, 0.25, 1.0]]
+        """
+        factor, slope = self.cholesky(partial)
+        half = np.einsum("ijk,lj->ilk", slope, factor)
+        matrix = factor @ factor.T
+        np.fill_diagonal(matrix, 1.0)
+        return matrix, half + half.transpose(1, 0, 2)
+
+
+def between(names: Sequence[str], pairs: Mapping[Pair, Specification]) -> Correlation:
+    """The correlation of pairs of the named parameters; each a number, or `Free` to identify it.
+
+    Parameters tied by pairs, directly or not, are a group. The member of most pairs comes first in
+    its group, ties in the order of the parameters; a pair is the plain correlation where no member
+    comes before it, ``correlation.a.b``, and the correlation given those that do where some come,
+    ``correlation.b.c.given.a``. Limits default to -0.99 and 0.99. Raises InputsError for a pair
+    that is unknown, repeated or of one parameter, and for limits or numbers beyond [-1, 1].
+
+    >>> from aleator.laws import Free
+    >>> tied = between(("a", "b", "c"), {("c", "a"): Free(), ("a", "b"): Free(), ("b", "c"): 0.2})
+    >>> [h.name for h in tied.hyperparameters]
+    ['correlation.a.b', 'correlation.a.c', 'correlation.b.c.given.a']
+    """
+    wanted = {}
+    for pair, specification in pairs.items():
+        key = _checked(pair, names)
+        if key in wanted:
+            raise InputsError(
+                f"the correlation of {names[key[0]]} and {names[key[1]]} is given twice",
+                "keep one of the two",
+            )
+        wanted[key] = specification
+    groups = _groups(wanted)
+    members = tuple(i for group in groups for i in group)
+    entries = []
+    for group in groups:
+        for a, i in enumerate(group):
+            for j in group[a + 1 :]:
+                key = (min(i, j), max(i, j))
+                if key in wanted:
+                    given = [names[k] for k in sorted(group[:a])]
+                    place = (members.index(j), members.index(i))
+                    entries.append((place, _hyperparameter(key, given, names, wanted[key])))
+    return Correlation(members, tuple(e[0] for e in entries), tuple(e[1] for e in entries))
+
+
+def _checked(pair: Pair, names: Sequence[str]) -> tuple[int, int]:
+    if len(pair) != 2:
+        raise InputsError(
+            f"correlation of {pair!r}: this is not a pair", 'name two parameters: ("a", "b")'
+        )
+    for name in pair:
+        if name not in names:
+            raise InputsError(
+                f"correlation of {pair[0]} and {pair[1]}: there is no parameter "
+                f"'{name}' that scatters{nearest(name, names)}",
+                f"the parameters that scatter are {', '.join(names) or 'none'}; "
+                "a constant has no correlation",
+            )
+    if pair[0] == pair[1]:
+        raise InputsError(f"correlation of {pair[0]} with itself", "name two different parameters")
+    i, j = sorted(names.index(name) for name in pair)
+    return i, j
+
+
+def _groups(pairs: Mapping[tuple[int, int], object]) -> list[list[int]]:
+    """The tied parameters, each group in the order of the vine."""
+    ties: dict[int, set[int]] = {}
+    for i, j in sorted(pairs):
+        ties.setdefault(i, set()).add(j)
+        ties.setdefault(j, set()).add(i)
+    groups, left = [], set(ties)
+    while left:
+        group, reached = set(), {min(left)}
+        while reached:
+            group |= reached
+            reached = set().union(*(ties[i] for i in reached)) - group
+        left -= group
+        groups.append(sorted(group, key=lambda i: (-len(ties[i]), i)))
+    return groups
+
+
+def _hyperparameter(
+    pair: tuple[int, int],
+    given: Sequence[str],
+    names: Sequence[str],
+    specification: Specification,
+) -> Hyperparameter:
+    label = ".".join(
+        ["correlation", *(names[i] for i in pair), *(["given", *given] if given else [])]
+    )
+    found = resolve(label, specification, (-WIDEST, WIDEST))
+    if found.lower < -1.0 or found.upper > 1.0:
+        limits = f"[{found.lower:g}, {found.upper:g}]" if found.free else f"{found.start:g}"
+        raise InputsError(f"{label}: {limits} is not within [-1, 1]", "keep between -1 and 1")
+    return found

@@ -1,0 +1,107 @@
+"""Moments of a polynomial chaos expansion in the normal germ, for many parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from aleator.densities.moments import Moments
+from aleator.densities.outcomes import Outcomes
+from aleator.expansion import Basis, Design
+from aleator.expansion.moments import Automatic, ExpansionMoments, prepare
+from aleator.expansion.moments import Basis as Recurrences
+from aleator.laws import Normal
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.propagation.choice import Fit
+from aleator.likelihood.propagation.quadrature import along_alpha
+from aleator.polynomials.recurrence import hermite_recurrence
+from aleator.surrogates.responses import Response
+from aleator.types import Array
+
+EVALUATIONS = 50_000
+"""Expansions that a search asks the moments of: some hundred evaluations, some hundred outcomes."""
+
+
+@dataclass(frozen=True)
+class ExpandedPropagation:
+    """Moments of eta(T(theta | alpha)) expanded in Hermite polynomials of the germ theta.
+
+    The points of the design, in the germ, do not depend on alpha, and the coefficients are linear
+    in the outcomes there, so that their derivative by alpha is that of the outcomes. The moments of
+    the expansion are exact (paper, eq. (moments3.0); here by tensor Gauss rules or Galerkin
+    products). `order` is the highest moment that will be asked for. Cost: one evaluation of the
+    response at the points, and O(N J P) besides the moments.
+    """
+
+    inputs: Inputs
+    response: Response
+    fit: Fit
+    order: int
+
+    @cached_property
+    def _basis(self) -> Basis:
+        count = self.inputs.scattering
+        return Basis((Normal(0.0, 1.0),) * count, (np.array([0.0, 1.0]),) * count)
+
+    @cached_property
+    def design(self) -> Design:
+        """The points of the germ, (J, scattering)."""
+        return self.fit.design(self._basis)
+
+    @cached_property
+    def _operator(self) -> Array:
+        """From outcomes at the points to coefficients, (J, P): the fit of every unit vector."""
+        return self.fit.fit(self._basis, self.design, np.eye(len(self.design))).coefficients
+
+    @cached_property
+    def _exact(self) -> ExpansionMoments:
+        expansion = self.fit.fit(self._basis, self.design, np.zeros((1, len(self.design))))
+        degree = int(expansion.indices.max())
+        family = hermite_recurrence(self.order * degree // 2 + 1)
+        basis = Recurrences((family,) * self.inputs.scattering, expansion.indices)
+        return prepare(basis, self.order, Automatic(EVALUATIONS))
+
+    def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
+        """Moments of the expansions of the N outcomes, with derivatives if asked for."""
+        outcomes = self.outcomes(alpha, gradient=gradient)
+        coefficients = outcomes.y @ self._operator
+        if outcomes.dy is None:
+            return _lowered(self._exact.moments(coefficients), order)
+        m = self._exact.moments_with_gradient(coefficients)
+        change = np.einsum("njk,jp->npk", outcomes.dy, self._operator, optimize=True)
+        assert m.mean_jac is not None
+        assert m.sd_jac is not None
+        assert m.standardized_jac is not None
+        whole = Moments(
+            m.mean,
+            m.sd,
+            m.standardized,
+            np.einsum("np,npk->nk", m.mean_jac, change),
+            np.einsum("np,npk->nk", m.sd_jac, change),
+            m.standardized_jac @ change,
+        )
+        return _lowered(whole, order)
+
+    def outcomes(self, alpha: Array, *, gradient: bool) -> Outcomes:
+        """The outcomes at the points of the design, with its weights."""
+        x, dx = self.inputs.image(alpha, self.design.germ)
+        if not gradient:
+            return Outcomes(self.response.evaluate(x), self.design.weights)
+        outcome, slope = self.response.evaluate_with_gradient(x)
+        none = np.zeros((len(self.design), self.inputs.size))
+        return Outcomes(outcome, self.design.weights, along_alpha(slope, dx), none)
+
+
+def _lowered(moments: Moments, order: int) -> Moments:
+    """The moments up to a lower order than was prepared."""
+    jac = moments.standardized_jac
+    return Moments(
+        moments.mean,
+        moments.sd,
+        moments.standardized[:, : order + 1],
+        moments.mean_jac,
+        moments.sd_jac,
+        None if jac is None else jac[:, : order + 1],
+    )

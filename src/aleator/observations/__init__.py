@@ -1,0 +1,1 @@
+"""What was measured: the table of experiments, and the noise on its outcomes."""

@@ -1,0 +1,116 @@
+"""One run of a program: started, waited for, and never left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from aleator.simulators.failure import RunFailed
+
+STDIN, STDOUT, STDERR = "aleator.stdin", "aleator.stdout", "aleator.stderr"
+# What a message or a log keeps of a text without end.
+_TAIL = 4000
+# What a program gets to tidy up after SIGTERM, seconds.
+_GRACE = 1.0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When a run has ended well: its exit code, within `timeout` seconds (None: no limit)."""
+
+    success_codes: tuple[int, ...] = (0,)
+    timeout: float | None = None
+
+
+def run(
+    arguments: Sequence[str], folder: Path, environment: Mapping[str, str], limits: Limits
+) -> None:
+    """Run a program in `folder`; it reads STDIN there if that exists, and prints to files.
+
+    Its whole process group ends with it, whatever happens here. Files and not pipes: a run that
+    prints without end, or leaves a child that holds its output, cannot block.
+
+    Raises RunFailed if it cannot be started, takes too long, or ends with another exit code.
+    """
+    stdin = folder / STDIN
+    source = stdin if stdin.exists() else Path(os.devnull)
+    with (
+        source.open("rb") as read,
+        (folder / STDOUT).open("wb") as out,
+        (folder / STDERR).open("wb") as err,
+    ):
+        try:
+            process = subprocess.Popen(
+                arguments,
+                cwd=folder,
+                env={**os.environ, **environment},
+                stdin=read,
+                stdout=out,
+                stderr=err,
+                start_new_session=True,
+            )
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise RunFailed(f"'{arguments[0]}' cannot be started: {reason}") from None
+        try:
+            code = process.wait(limits.timeout)
+        except subprocess.TimeoutExpired:
+            _ask_to_end(process)
+            raise RunFailed(f"it was stopped after its {limits.timeout:g} s", log(folder)) from None
+        finally:
+            _end(process)
+    if code not in limits.success_codes:
+        raise RunFailed(f"it {_how(code)}", log(folder))
+
+
+def _ask_to_end(process: subprocess.Popen[bytes]) -> None:
+    os.killpg(process.pid, signal.SIGTERM)
+    try:
+        process.wait(_GRACE)
+    except subprocess.TimeoutExpired:
+        return
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Kill what is left of the group: nothing, where all its processes have ended."""
+    with suppress(ProcessLookupError, PermissionError):  # the latter: zombies only, on macOS
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def _how(code: int) -> str:
+    if code >= 0:
+        return f"ended with exit code {code}"
+    try:
+        return f"was ended by {signal.Signals(-code).name}"
+    except ValueError:
+        return f"was ended by signal {-code}"
+
+
+def log(folder: Path) -> str:
+    """The last of what a run printed, errors last.
+
+    >>> log(Path("nowhere"))
+    ''
+    """
+    texts = [_tail(folder / name) for name in (STDOUT, STDERR)]
+    return "\n".join(filter(None, texts))
+
+
+def _tail(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            file.seek(max(path.stat().st_size - _TAIL, 0))
+            return file.read().decode("utf-8", "replace").strip()
+    except OSError:
+        return ""
+
+
+def read_text(path: Path) -> str:
+    """A file that a program wrote, as text; what is not UTF-8 is replaced."""
+    return path.read_bytes().decode("utf-8", "replace")

@@ -1,0 +1,69 @@
+"""Runs that have no outcome, and the box that leaves them out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.errors import SimulatorError
+from aleator.types import Array
+
+
+class RunFailed(Exception):
+    """A run gave no outcome: `message` says why in one line, `log` is what it printed last.
+
+    It can be pickled, so that it travels from a worker process as it was raised.
+
+    >>> failure = RunFailed("it ended with exit code 3", "pressure too high")
+    >>> print(failure)
+    it ended with exit code 3; its log ends: pressure too high
+    >>> failure.message, failure.log
+    ('it ended with exit code 3', 'pressure too high')
+    """
+
+    def __init__(self, message: str, log: str = "") -> None:
+        super().__init__(message, log)
+        self.message = message
+        self.log = log
+
+    def __str__(self) -> str:
+        last = " ".join(self.log.split())[-300:]
+        return f"{self.message}; its log ends: {last}" if last else self.message
+
+
+class NoOutcome(SimulatorError):
+    """The simulator gave no outcome at parameters `failed` (F, n) of experiments `index` (F,)."""
+
+    def __init__(self, problem: str, remedy: str, failed: Array, index: NDArray[np.intp]) -> None:
+        super().__init__(problem, remedy)
+        self.failed, self.index = failed, index
+
+
+def working_box(worked: Array, failed: Array, open_ended: Sequence[int]) -> Array:
+    """A box (n, 2) of points that worked (W, n), without those that failed (F, n).
+
+    The hull of the points that worked, cut on the sides of the parameters `open_ended` where the
+    fewest of these points are lost; failures between them that no side separates may remain.
+
+    >>> worked = np.array([[-1.0], [0.0], [1.0], [2.0]])
+    >>> working_box(worked, np.array([[-1.5], [-0.9]]), [0]).tolist()
+    [[0.0, 2.0]]
+    """
+    box = np.stack([worked.min(axis=0), worked.max(axis=0)], axis=1)
+    kept = worked
+    middle = np.median(worked, axis=0)
+    for point in failed[np.argsort(np.abs(failed - middle).max(axis=1))]:
+        if np.any((point < box[:, 0]) | (point > box[:, 1])):
+            continue
+        sides = [
+            kept[kept[:, k] > point[k]] if point[k] < middle[k] else kept[kept[:, k] < point[k]]
+            for k in open_ended
+        ]
+        most = max(sides, key=len)
+        if len(most) < 2:
+            continue
+        kept = most
+        box = np.stack([kept.min(axis=0), kept.max(axis=0)], axis=1)
+    return box

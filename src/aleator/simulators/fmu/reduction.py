@@ -1,0 +1,208 @@
+"""From the trajectory of a run to its outcome."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.errors import SimulatorError
+from aleator.simulators.failure import RunFailed
+from aleator.simulators.fmu.description import Description
+from aleator.simulators.fmu.expression import Expression, parse
+from aleator.simulators.function import FunctionSimulator, load_function
+from aleator.types import Array
+
+Trajectory = Mapping[str, NDArray[Any]]
+
+
+class Reduction(Protocol):
+    """What makes one number of a trajectory."""
+
+    def needs(self, fmu: Description) -> tuple[str, ...]:
+        """The variables whose values over time it takes; raises SimulatorError if one is wrong."""
+
+    def __call__(self, trajectory: Trajectory) -> float:
+        """The outcome of a trajectory: "time" and what it needs, each (T,). Raises RunFailed."""
+
+    def fingerprint(self) -> str:
+        """A text that changes when the reduction does."""
+
+
+class _OfSignal:
+    """A reduction of one variable, or of an expression of variables."""
+
+    signal: str
+
+    def needs(self, fmu: Description) -> tuple[str, ...]:
+        """The variables of the expression."""
+        names = _expression(self.signal, fmu).names
+        for name in names:
+            if not fmu.variable(name, "the outcome").recordable:
+                raise SimulatorError(
+                    f"the outcome: {fmu.variables[name]} is not a number over time",
+                    "take a variable of type Real, Integer or Boolean",
+                )
+        return names
+
+    def fingerprint(self) -> str:
+        """The reduction as Python writes it."""
+        return repr(self)
+
+    def _values(self, trajectory: Trajectory) -> Array:
+        known = [name for name in trajectory if name != "time"]
+        values = parse(self.signal, known)(trajectory)
+        return np.broadcast_to(values, trajectory["time"].shape)
+
+
+def _expression(signal: str, fmu: Description) -> Expression:
+    return parse(signal, list(fmu.variables))
+
+
+@dataclass(frozen=True)
+class Final(_OfSignal):
+    """The last value of a variable or of an expression of variables.
+
+    >>> Final("a - 2*b")({"time": np.arange(2.0), "a": np.array([0., 5.]), "b": np.ones(2)})
+    3.0
+    """
+
+    signal: str
+
+    def __call__(self, trajectory: Trajectory) -> float:
+        """The value at the stop time."""
+        return float(self._values(trajectory)[-1])
+
+
+@dataclass(frozen=True)
+class Extreme(_OfSignal):
+    """The largest value at any communication point, or the smallest.
+
+    The extreme between two points is not seen: its error is of the order of the step squared.
+
+    >>> Extreme("a", largest=False)({"time": np.arange(3.0), "a": np.array([0., -5., 1.])})
+    -5.0
+    """
+
+    signal: str
+    largest: bool = True
+
+    def __call__(self, trajectory: Trajectory) -> float:
+        """The extreme over all communication points."""
+        values = self._values(trajectory)
+        return float(np.max(values) if self.largest else np.min(values))
+
+
+@dataclass(frozen=True)
+class Crossing(_OfSignal):
+    """The first time at which a variable or an expression crosses a value.
+
+    Between communication points the crossing is that of the straight line (`cubic=False`), or of
+    the cubic through the four points around it, which errs by the fourth power of the step where
+    the signal is smooth. A signal that begins exactly at the value has not crossed it yet.
+
+    Raises RunFailed, with the range of the signal, if there is no crossing after `after`.
+
+    >>> time = np.linspace(0.0, 2.0, 5)
+    >>> Crossing("a", 1.0, "down")({"time": time, "a": 4.0 - time**3 - time}).__round__(3)
+    1.213
+    """
+
+    signal: str
+    value: float = 0.0
+    direction: Literal["down", "up", "any"] = "any"
+    after: float = -math.inf
+    cubic: bool = True
+
+    def __call__(self, trajectory: Trajectory) -> float:
+        """The time of the crossing."""
+        time = np.asarray(trajectory["time"], dtype=np.float64)
+        offset = self._values(trajectory) - self.value
+        up = (offset[:-1] < 0.0) & (offset[1:] >= 0.0)
+        down = (offset[:-1] > 0.0) & (offset[1:] <= 0.0)
+        crosses = {"up": up, "down": down, "any": up | down}[self.direction]
+        for k in np.flatnonzero(crosses & (time[1:] >= self.after)):
+            instant = _root(time, offset, int(k), self.cubic)
+            if instant >= self.after:
+                return instant
+        how = "" if self.direction == "any" else f" {self.direction}wards"
+        raise RunFailed(
+            f"'{self.signal}' does not cross {self.value:g}{how} by time {time[-1]:g} s: it goes "
+            f"from {offset[0] + self.value:g} to {offset[-1] + self.value:g}, between "
+            f"{np.min(offset) + self.value:g} and {np.max(offset) + self.value:g}"
+        )
+
+
+def _root(time: Array, offset: Array, k: int, cubic: bool) -> float:
+    """The zero of the interpolant in [time[k], time[k + 1]], whose ends have opposite signs."""
+    t0, t1, y0, y1 = time[k], time[k + 1], offset[k], offset[k + 1]
+    around = slice(k - 1, k + 3)
+    smooth = k >= 1 and k + 2 < len(time) and np.all(np.diff(time[around]) > 0.0)
+    if not cubic or not smooth:
+        return float(t0 - y0 * (t1 - t0) / (y1 - y0))
+    # Divided differences (Newton's form) in units of the step, and bisection: it cannot leave.
+    h = t1 - t0
+    x = (time[around] - t0) / h
+    table = offset[around].copy()
+    for order in range(1, 4):
+        table[order:] = (table[order:] - table[order - 1 : -1]) / (x[order:] - x[:-order])
+    low, high = 0.0, 1.0
+    for _ in range(52):
+        middle = 0.5 * (low + high)
+        value = table[3]
+        for coefficient, node in zip(table[2::-1], x[2::-1], strict=True):
+            value = coefficient + (middle - node) * value
+        low, high = (middle, high) if (value > 0.0) == (y0 > 0.0) else (low, middle)
+    return float(t0 + h * 0.5 * (low + high))
+
+
+@dataclass(frozen=True)
+class Hook:
+    """A Python function of the trajectory: a dict of arrays (T,), "time" and the variables.
+
+    `reference` is "file.py:function" (relative to `folder`) or "package.module:function". It is
+    given the variables in `record`, or every output of the FMU, and returns one number.
+
+    >>> hook = Hook("numpy:ptp")
+    """
+
+    reference: str
+    record: tuple[str, ...] = ()
+    folder: str = "."
+
+    def needs(self, fmu: Description) -> tuple[str, ...]:
+        """The variables to record; the function is imported to see that it can be."""
+        self._function()
+        for name in self.record:
+            if not fmu.variable(name, "the outcome").recordable:
+                raise SimulatorError(
+                    f"the outcome: {fmu.variables[name]} is not a number over time",
+                    "record variables of type Real, Integer or Boolean",
+                )
+        return self.record or fmu.outputs()
+
+    def __call__(self, trajectory: Trajectory) -> float:
+        """What the function returns; an exception in it is a failed run."""
+        try:
+            return float(self._function()(dict(trajectory)))
+        except Exception as error:
+            kind = type(error).__name__
+            raise RunFailed(f"'{self.reference}' raised {kind}: {error}") from error
+
+    def fingerprint(self) -> str:
+        """The reference, and the sources that FunctionSimulator sees."""
+        source = FunctionSimulator(self._function()).fingerprint()
+        return f"{self.reference} {self.record} {source}"
+
+    def _function(self) -> Callable[..., Any]:
+        return _loaded(self.reference, self.folder)
+
+
+@cache
+def _loaded(reference: str, folder: str) -> Callable[..., Any]:
+    return load_function(reference, folder)

@@ -1,0 +1,138 @@
+"""What a store holds, run by run, and how it forgets."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from aleator.simulators import store_file
+from aleator.simulators.store import Identity, Store
+
+
+@dataclass(frozen=True)
+class Holding:
+    """The runs of one simulator: how many, what they took in seconds, from when to when."""
+
+    simulator: Identity
+    runs: int
+    failures: int
+    seconds: float
+    first: float | None
+    last: float | None
+
+
+@dataclass(frozen=True)
+class KeptRun:
+    """One run as the store has it; `number` names it there, `time` is in seconds since 1970."""
+
+    number: int
+    simulator: Identity
+    conditions: dict[str, Any]
+    parameters: dict[str, float]
+    outcome: float | None
+    failure: str | None
+    log: str | None
+    seconds: float | None
+    host: str
+    time: float
+    attempt: int
+
+
+_OF_SIMULATOR = "fingerprint, simulators.name, description, version"
+_FORGET = (
+    'DELETE FROM runs WHERE "case" IN (SELECT cases.id FROM cases JOIN simulators '
+    "ON simulator = simulators.id WHERE fingerprint = ?)",
+    "DELETE FROM cases WHERE simulator IN (SELECT id FROM simulators WHERE fingerprint = ?)",
+    "DELETE FROM simulators WHERE fingerprint = ?",
+)
+_JOINED = 'runs JOIN cases ON runs."case" = cases.id JOIN simulators ON simulator = simulators.id'
+
+
+def holdings(store: Store) -> list[Holding]:
+    """Every simulator that the store knows, the last seen first."""
+    with store_file.told(store.path):
+        rows = store.connection.execute(
+            f"SELECT {_OF_SIMULATOR}, count(runs.id), total(failure IS NOT NULL), total(seconds), "
+            "min(time), max(time) FROM simulators LEFT JOIN cases ON simulator = simulators.id "
+            'LEFT JOIN runs ON runs."case" = cases.id '
+            "GROUP BY simulators.id ORDER BY max(time) DESC, first_seen DESC"
+        ).fetchall()
+    return [Holding(Identity(*r[:4]), r[4], int(r[5]), *r[6:]) for r in rows]
+
+
+def kept_runs(
+    store: Store,
+    fingerprint: str | None = None,
+    *,
+    number: int | None = None,
+    failures: bool = False,
+    last: int | None = None,
+) -> Iterator[KeptRun]:
+    """Runs in the order in which they came: of one simulator, one of them, failures, the last."""
+    wanted = {
+        "fingerprint = ?": fingerprint,
+        "runs.id = ?": number,
+        "failure IS NOT NULL": True if failures else None,
+    }
+    chosen = {clause: value for clause, value in wanted.items() if value is not None}
+    query = (
+        f"SELECT runs.id AS number, {_OF_SIMULATOR}, conditions, parameters, x, outcome, failure, "
+        f"log, seconds, hosts.name, time, attempt FROM {_JOINED} "
+        "LEFT JOIN hosts ON host = hosts.id"
+        + (f" WHERE {' AND '.join(chosen)}" if chosen else "")
+        + " ORDER BY runs.id"
+    )
+    if last is not None:
+        query = f"SELECT * FROM ({query} DESC LIMIT {int(last)}) ORDER BY number"
+    values = [value for clause, value in chosen.items() if "?" in clause]
+    with store_file.told(store.path):
+        for row in store.connection.execute(query, values):
+            yield _kept_run(row)
+
+
+# Runs of one case come together: its texts are read once, and a million runs share them.
+_read = lru_cache(maxsize=1024)(json.loads)
+_identity = lru_cache(maxsize=64)(Identity)
+
+
+def _kept_run(row: Sequence[Any]) -> KeptRun:
+    names, x = _read(row[6]), np.frombuffer(row[7], dtype="<f8").tolist()
+    return KeptRun(
+        row[0],
+        _identity(*row[1:5]),
+        dict(_read(row[5])),
+        dict(zip(names, x, strict=True)),
+        *row[8:],
+    )
+
+
+def retry(store: Store, fingerprint: str | None = None) -> int:
+    """Forget the failures, of one simulator or of all, so that they run again: their number."""
+    of_one = (
+        ' AND "case" IN (SELECT cases.id FROM cases JOIN simulators ON simulator = simulators.id '
+        "WHERE fingerprint = ?)"
+    )
+    with store_file.told(store.path), store_file.transaction(store.connection):
+        return store.connection.execute(
+            "DELETE FROM runs WHERE failure IS NOT NULL" + (of_one if fingerprint else ""),
+            (fingerprint,) if fingerprint else (),
+        ).rowcount
+
+
+def forget(store: Store, fingerprints: Sequence[str]) -> int:
+    """Forget simulators with all their runs: the number of the runs."""
+    gone = sum(h.runs for h in holdings(store) if h.simulator.fingerprint in fingerprints)
+    with store_file.told(store.path), store_file.transaction(store.connection):
+        for statement in _FORGET:
+            store.connection.executemany(statement, [(text,) for text in fingerprints])
+    # The file shrinks unless another process is using it.
+    with suppress(sqlite3.OperationalError):
+        store.connection.execute("VACUUM")
+    return gone

@@ -1,0 +1,289 @@
+"""The store of runs: one SQLite file; a run is committed as soon as it is known.
+
+A run is known by the simulator's fingerprint, the values of the conditions that the simulator asks
+for, and the parameters, all exact. Nothing of the study is part of it: experiments under equal
+conditions share their runs, and so do studies with the same simulator.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from aleator.simulators import store_file
+from aleator.simulators.function import Simulator
+
+SYNCED_AFTER = 1.0
+"""Seconds of the simulator's work after which a commit waits for the disk."""
+
+Row = tuple[int, bytes, float | None, str | None, str | None, float | None, str, float, int]
+"""A run to be written: position of its case, x, outcome, failure, log, seconds, host, time,
+attempt. It has an outcome or a failure."""
+
+Key = tuple[int, bytes]
+"""A run that is sought: position of its case, x."""
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Which simulator it is: runs are reused only under the same `fingerprint`.
+
+    `name` and `description` are for people; `version` is the user's own, or empty.
+    """
+
+    fingerprint: str
+    name: str
+    description: str = ""
+    version: str = ""
+
+    @classmethod
+    def of(cls, simulator: Simulator) -> Identity:
+        """The identity of a simulator.
+
+        >>> from aleator.simulators.function import FunctionSimulator
+        >>> def length(load, stiffness):
+        ...     return load / stiffness
+        >>> identity = Identity.of(FunctionSimulator(length, version="2.1"))
+        >>> identity.name, identity.version
+        ('length', '2.1')
+        """
+        return cls(
+            simulator.fingerprint(),
+            simulator.name,
+            str(getattr(simulator, "description", type(simulator).__name__)),
+            str(getattr(simulator, "version", "")),
+        )
+
+
+@dataclass(frozen=True)
+class Case:
+    """What many runs have in common: values of conditions (as JSON), names of parameters.
+
+    The parameters are in the order of the alphabet, so that a study may list them in any.
+    """
+
+    conditions: str
+    parameters: tuple[str, ...]
+
+    @classmethod
+    def of(cls, conditions: Mapping[str, Any], parameters: Iterable[str]) -> Case:
+        """The case of some conditions; floats are written so that they read back exactly.
+
+        >>> Case.of({"load": 1.0, "bench": "A"}, ["y", "x"])
+        Case(conditions='{"bench": "A", "load": 1.0}', parameters=('x', 'y'))
+        """
+        plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in conditions.items()}
+        text = json.dumps(plain, sort_keys=True, ensure_ascii=False, default=repr)
+        return cls(text, tuple(sorted(parameters)))
+
+    @property
+    def names(self) -> str:
+        """The names of the parameters as JSON."""
+        return json.dumps(self.parameters, ensure_ascii=False)
+
+    @cached_property
+    def hash(self) -> str:
+        """A short text that no other case of the simulator has."""
+        return hashlib.sha256(f"{self.conditions}\n{self.names}".encode()).hexdigest()[:32]
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Runs of one simulator, failures among them, what they took, and runs of others so named."""
+
+    runs: int
+    failures: int
+    seconds: float
+    other: int
+
+
+class Store:
+    """The runs of any number of simulators in the file `path`, made if it is not there.
+
+    A process that is killed loses nothing that was added. A power cut loses at most the last
+    SYNCED_AFTER seconds of the simulator's work: so much is handed to the system without waiting
+    for the disk, because the wait takes milliseconds. Any number of processes may use it at once.
+
+    `writable` is false where file or folder cannot be written: runs are then found, not added.
+
+    Raises StoreError, here and below, for a file that is not a store, is damaged, is of a newer
+    format or cannot be read, and for a full disk; the file is then left as it is.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> model, case = Identity("3f2a", "spring"), Case.of({"load": 2.0}, ["k"])
+    >>> x = np.array([4.0]).tobytes()
+    >>> with TemporaryDirectory() as folder, Store(f"{folder}/runs.sqlite") as store:
+    ...     added = store.add(model, [case], [(0, x, 0.5, None, None, 1e-3, "bench", 0.0, 1)])
+    ...     added, store.find("3f2a", [case], [(0, x), (0, 2 * x)])
+    (1, {0: 0.5})
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.connection, self.writable = store_file.connected(self.path)
+        self._unsynced = 0.0
+
+    def __reduce__(self) -> tuple[type[Store], tuple[str]]:
+        """Another process gets a connection of its own."""
+        return Store, (str(self.path),)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Bring everything into the one file."""
+        with store_file.told(self.path):
+            self.connection.close()
+
+    def find(
+        self, fingerprint: str, cases: Sequence[Case], keys: Sequence[Key]
+    ) -> dict[int, float | None]:
+        """The outcomes of those runs that are there, by place in `keys`; None for one that failed.
+
+        Cost: some 3 microseconds a run that is there, next to none where its case is not.
+        """
+        return dict(self._sought(_FOUND, fingerprint, cases, keys))
+
+    def failed(
+        self, fingerprint: str, cases: Sequence[Case], keys: Sequence[Key]
+    ) -> dict[int, tuple[str, int]]:
+        """Message and number of attempts of those runs that failed, by place in `keys`."""
+        rows = self._sought(_FAILED, fingerprint, cases, keys)
+        return {place: (message, attempt) for place, message, attempt in rows}
+
+    def _sought(
+        self, query: str, fingerprint: str, cases: Sequence[Case], keys: Sequence[Key]
+    ) -> list[tuple[Any, ...]]:
+        run = self.connection.execute
+        with store_file.told(self.path), store_file.transaction(self.connection, writing=False):
+            numbers = self._numbers(fingerprint, cases)
+            sought = (
+                (place, numbers[case], x) for place, (case, x) in enumerate(keys) if case in numbers
+            )
+            run("DELETE FROM sought_runs")
+            self.connection.executemany("INSERT INTO sought_runs VALUES (?, ?, ?)", sought)
+            return run(query).fetchall()
+
+    def add(
+        self, simulator: Identity, cases: Sequence[Case], rows: Sequence[Row], again: bool = True
+    ) -> int:
+        """Commit runs; the number of those that the store did not have.
+
+        A run with an outcome is never changed. One that failed is replaced if `again`, which
+        counts the attempt.
+        """
+        conflict = _AGAIN if again else "DO NOTHING"
+        self._unsynced += sum(row[5] or 0.0 for row in rows)
+        wait = self._unsynced >= SYNCED_AFTER
+        with store_file.told(self.path):
+            self.connection.execute(f"PRAGMA synchronous = {'FULL' if wait else 'NORMAL'}")
+            with store_file.transaction(self.connection):
+                before = self._largest()
+                of_case = self._cases(simulator, cases)
+                of_host = self._hosts({row[6] for row in rows})
+                self.connection.executemany(
+                    f"{_INSERT} ON CONFLICT {conflict}",
+                    [(of_case[r[0]], *r[1:6], of_host[r[6]], *r[7:]) for r in rows],
+                )
+                added = self._largest() - before
+        if wait:
+            self._unsynced = 0.0
+        return added
+
+    def counts(self, simulator: Identity) -> Counts:
+        """How many runs there are of a simulator, and of others that have its name."""
+        with store_file.told(self.path):
+            rows = self.connection.execute(
+                "SELECT fingerprint = ?, count(*), sum(failure IS NOT NULL), total(seconds) "
+                "FROM runs "
+                'JOIN cases ON runs."case" = cases.id '
+                "JOIN simulators ON cases.simulator = simulators.id "
+                "WHERE fingerprint = ? OR name = ? GROUP BY 1",
+                (simulator.fingerprint, simulator.fingerprint, simulator.name),
+            ).fetchall()
+        found = {bool(own): (runs, failures, seconds) for own, runs, failures, seconds in rows}
+        nothing = (0, 0, 0.0)
+        return Counts(*found.get(True, nothing), found.get(False, nothing)[0])
+
+    def _largest(self) -> int:
+        """The number of runs ever added, as far as it tells how many are new in a transaction."""
+        return int(self.connection.execute("SELECT coalesce(max(id), 0) FROM runs").fetchone()[0])
+
+    def _numbers(self, fingerprint: str, cases: Sequence[Case]) -> dict[int, int]:
+        """The numbers in the file of those cases that are there, by position.
+
+        Asked every time, as another process may forget some.
+        """
+        run = self.connection.execute
+        run("DELETE FROM sought_cases")
+        self.connection.executemany(
+            "INSERT INTO sought_cases VALUES (?, ?)", enumerate(case.hash for case in cases)
+        )
+        return dict(run(_NUMBERED, (fingerprint,)))
+
+    def _cases(self, simulator: Identity, cases: Sequence[Case]) -> dict[int, int]:
+        """Their numbers in the file, which has them afterwards, by position."""
+        run = self.connection.execute
+        run(
+            "INSERT INTO simulators (fingerprint, name, description, version, first_seen) "
+            "VALUES (?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+            (
+                simulator.fingerprint, simulator.name, simulator.description, simulator.version,
+                time.time(),
+            ),
+        )  # fmt: skip
+        numbers = self._numbers(simulator.fingerprint, cases)
+        fresh = [case for k, case in enumerate(cases) if k not in numbers]
+        if not fresh:
+            return numbers
+        self.connection.executemany(
+            "INSERT INTO cases (simulator, hash, conditions, parameters) "
+            "SELECT id, ?, ?, ? FROM simulators WHERE fingerprint = ? ON CONFLICT DO NOTHING",
+            [(case.hash, case.conditions, case.names, simulator.fingerprint) for case in fresh],
+        )
+        return self._numbers(simulator.fingerprint, cases)
+
+    def _hosts(self, names: Iterable[str]) -> dict[str, int]:
+        run = self.connection.execute
+        for name in names:
+            run("INSERT INTO hosts (name) VALUES (?) ON CONFLICT DO NOTHING", (name,))
+        return {name: number for number, name in run("SELECT id, name FROM hosts")}
+
+
+# A cross join is done in the order in which it is written.
+_NUMBERED = (
+    "SELECT place, cases.id FROM simulators CROSS JOIN sought_cases CROSS JOIN cases "
+    "ON cases.simulator = simulators.id AND cases.hash = sought_cases.hash WHERE fingerprint = ?"
+)
+_SOUGHT = (
+    "FROM sought_runs CROSS JOIN runs "
+    'ON runs."case" = sought_runs."case" AND runs.x = sought_runs.x'
+)
+_FOUND = f"SELECT place, outcome {_SOUGHT}"
+_FAILED = f"SELECT place, failure, attempt {_SOUGHT} WHERE failure IS NOT NULL"
+_INSERT = (
+    'INSERT INTO runs ("case", x, outcome, failure, log, seconds, host, time, attempt) '
+    "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
+)
+_AGAIN = (
+    '("case", x) DO UPDATE SET outcome = excluded.outcome, failure = excluded.failure, '
+    "log = excluded.log, seconds = excluded.seconds, host = excluded.host, time = excluded.time, "
+    "attempt = runs.attempt + 1 WHERE runs.outcome IS NULL"
+)

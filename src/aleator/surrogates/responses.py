@@ -1,0 +1,116 @@
+"""Who answers for the outcome at a point: the simulator itself, or surfaces in their region."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.types import Array
+
+Run = Callable[[NDArray[np.intp], Array], Array]
+
+
+class Response(Protocol):
+    """Outcomes of all N experiments at the same points of the box."""
+
+    def evaluate(self, x: Array) -> Array:
+        """Outcomes (N, J) at points x (J, n)."""
+        ...
+
+    def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
+        """Outcomes (N, J) and their derivatives (N, J, n) at points x (J, n)."""
+        ...
+
+
+@dataclass(frozen=True)
+class DirectResponse:
+    """The simulator itself: every call runs it, gradients by central differences.
+
+    `run(index (R,), x (R, n))` runs it, `box` (n, 2) keeps the differences inside.
+    """
+
+    run: Run
+    experiments: int
+    box: Array
+    difference_step: float = 1e-4
+
+    def evaluate(self, x: Array) -> Array:
+        """Outcomes (N, J) of N J runs."""
+        index = np.repeat(np.arange(self.experiments), x.shape[0])
+        outcome = self.run(index, np.tile(x, (self.experiments, 1)))
+        return outcome.reshape(self.experiments, x.shape[0])
+
+    def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
+        """Outcomes and central differences, from N J (2 n + 1) runs in one call.
+
+        The step is relative to the spread of the points, or to the box of a constant; where it
+        would leave the box the point moves less far on that side.
+        """
+        count, n = x.shape
+        # exactly zero for a constant, which np.std of equal numbers is not
+        spread = np.where(np.ptp(x, axis=0) > 0.0, np.std(x, axis=0), 0.0)
+        width = self.box[:, 1] - self.box[:, 0]
+        step = self.difference_step * np.where(spread > 0.0, spread, 0.1 * width)
+        moved = np.flatnonzero(step > 0.0)
+        points, gaps = [x], []
+        for i in moved:
+            ends = []
+            for sign in (1.0, -1.0):
+                shifted = x.copy()
+                # a node of a rule with many nodes may itself lie beyond the box of an open law
+                low, high = np.minimum(x[:, i], self.box[i, 0]), np.maximum(x[:, i], self.box[i, 1])
+                shifted[:, i] = np.clip(x[:, i] + sign * step[i], low, high)
+                ends.append(shifted)
+            gaps.append(ends[0][:, i] - ends[1][:, i])
+            points += ends
+        outcome = self.evaluate(np.concatenate(points))
+        parts = outcome.reshape(self.experiments, 1 + 2 * len(moved), count)
+        gradient = np.zeros((self.experiments, count, n))
+        for k, i in enumerate(moved):
+            gradient[:, :, i] = (parts[:, 1 + 2 * k] - parts[:, 2 + 2 * k]) / gaps[k]
+        return parts[:, 0], gradient
+
+
+def moving_parameters(region: Array) -> NDArray[np.intp]:
+    """Indices of the parameters whose region (n, 2) has a width; the others are known."""
+    return np.flatnonzero(region[:, 1] > region[:, 0])
+
+
+@dataclass(frozen=True)
+class Confined:
+    """A response known only inside a region (n, 2): outside, the value at its nearest point.
+
+    Surfaces explode when extrapolated; a search that is still far away must not see that. An
+    answer is accepted only if its law stays inside. A parameter whose region has no width is
+    known: the inner response is one of the others alone.
+    """
+
+    inner: Response
+    region: Array
+
+    @cached_property
+    def moving(self) -> NDArray[np.intp]:
+        """The parameters that the inner response takes."""
+        return moving_parameters(self.region)
+
+    def evaluate(self, x: Array) -> Array:
+        """Outcomes (N, J) at points x (J, n) moved into the region."""
+        return self.inner.evaluate(self._inside(x)[:, self.moving])
+
+    def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
+        """Outcomes and derivatives; the derivative by a coordinate that was moved is zero."""
+        inside = self._inside(x)
+        value, slope = self.inner.evaluate_with_gradient(inside[:, self.moving])
+        if self.moving.size == x.shape[1] and np.array_equal(inside, x):
+            return value, slope
+        full = np.zeros((*value.shape, x.shape[1]))
+        full[:, :, self.moving] = slope
+        return value, full * (inside == x)
+
+    def _inside(self, x: Array) -> Array:
+        return np.clip(x, self.region[:, 0], self.region[:, 1])

@@ -1,0 +1,134 @@
+"""The fitted surfaces: one polynomial an experiment, evaluated for all of them at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from aleator.errors import InputsError
+from aleator.surrogates.basis import products, products_with_gradient
+from aleator.surrogates.crease import Crease
+from aleator.surrogates.group import Group, sums, sums_at, sums_with_gradient
+from aleator.threads import single_threaded
+from aleator.types import Array, Indices
+
+# Numbers held at once by one block of basis functions: 32 MB.
+BLOCK = 4_000_000
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Polynomial surfaces eta_l(x) of N experiments over one box.
+
+    eta_l(x) = sum over nu in Lambda_l of c_(l, nu) phi_nu(z), with phi_nu the tensor product of
+    orthonormal Legendre polynomials and z the point mapped to [-1, 1]^n. The sets are prefixes of
+    one common list of indices, so one basis serves all experiments.
+
+    `error` (N,) is the estimated root-mean-square error over the box in units of the outcome,
+    `scatter` (N,) the standard deviation of the surface over the box, `converged` (N,) whether
+    error <= tolerance * scatter, `runs` (N,) the runs spent, `failed` (N,) those of them without an
+    outcome, `lower` and `upper` (N,) the range of the outcome over the box, `degrees` (N, n) the
+    degree of each parameter beyond which all terms together are smaller than the error. Where
+    hardly a run worked there is no surface: `error` is infinite.
+
+    `creases` add h_l(x) q_l(x) to the experiments that have a kink (module `crease`); at its border
+    the gradient is that of one of the two sides.
+
+    Outside the box the polynomial is an extrapolation and grows without limit: evaluation there
+    is not refused, and not to be trusted.
+    """
+
+    box: Array
+    indices: Indices
+    groups: tuple[Group, ...]
+    error: Array
+    scatter: Array
+    converged: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    runs: Indices
+    failed: Indices
+    degrees: Indices
+    lower: Array = field(default_factory=lambda: np.empty(0))
+    upper: Array = field(default_factory=lambda: np.empty(0))
+    creases: tuple[Crease, ...] = ()
+
+    @property
+    def total_runs(self) -> int:
+        """Runs of all experiments together."""
+        return int(self.runs.sum())
+
+    @single_threaded
+    def evaluate(self, x: Array) -> Array:
+        """Return the outcomes (N, J) of all experiments at points x (J, n)."""
+        x = self._points(x)
+        out = np.empty((len(self.error), len(x)))
+        for part in self._blocks(len(x), 1):
+            basis = products(self.indices, self._unit(x[part]))
+            out[:, part] = sums(self.groups, len(out), basis)
+            for crease in self.creases:
+                out[crease.members, part] += crease.value(self._unit(x[part]))
+        return out
+
+    @single_threaded
+    def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
+        """Return outcomes (N, J) and their derivatives (N, J, n) with respect to x (J, n).
+
+        The derivatives are a transposed view: memory runs over J last.
+        """
+        x = self._points(x)
+        n = x.shape[1]
+        value = np.empty((len(self.error), len(x)))
+        slope = np.empty((len(self.error), n, len(x)))
+        width = 0.5 * (self.box[:, 1] - self.box[:, 0])
+        for part in self._blocks(len(x), 1 + n):
+            basis = products_with_gradient(self.indices, self._unit(x[part]))
+            basis[:, 1:] /= width[:, None]
+            value[:, part], slope[:, :, part] = sums_with_gradient(self.groups, len(value), basis)
+            for crease in self.creases:
+                added, steeper = crease.value_and_slope(self._unit(x[part]))
+                value[crease.members, part] += added
+                slope[crease.members, :, part] += steeper / width[:, None]
+        return value, slope.transpose(0, 2, 1)
+
+    @single_threaded
+    def at(self, index: Indices, x: Array) -> Array:
+        """Return the outcome (R,) of experiment index[r] at the point x[r], x (R, n)."""
+        index, x = np.asarray(index), self._points(x)
+        if index.shape != (len(x),) or not np.issubdtype(index.dtype, np.integer):
+            raise InputsError(
+                f"surface: {len(x)} points but experiments of shape {index.shape}",
+                "pass one whole number, the experiment, for each point",
+            )
+        strangers = index[(index < 0) | (index >= len(self.error))]
+        if len(strangers):
+            raise InputsError(
+                f"surface: no experiment {strangers[0]}", f"count from 0 to {len(self.error) - 1}"
+            )
+        out = np.empty(len(x))
+        for part in self._blocks(len(x), 1):
+            z = self._unit(x[part])
+            out[part] = sums_at(self.groups, self.indices, index[part], z)
+            for crease in self.creases:
+                place = np.full(len(self.error), -1)
+                place[crease.members] = np.arange(len(crease.members))
+                rows = np.flatnonzero(place[index[part]] >= 0)
+                out[part][rows] += crease.at(place[index[part][rows]], z[rows])
+        return out
+
+    def _points(self, x: Array) -> Array:
+        x = np.asarray(x, dtype=np.float64)
+        if x.ndim != 2 or x.shape[1] != len(self.box):
+            raise InputsError(
+                f"surface: points of shape {x.shape}",
+                f"pass an array with one row a point and {len(self.box)} columns",
+            )
+        return x
+
+    def _unit(self, x: Array) -> Array:
+        low, high = self.box.T
+        return np.asarray((2.0 * x - low - high) / (high - low))
+
+    def _blocks(self, count: int, parts: int) -> Iterator[slice]:
+        step = max(1, BLOCK // (parts * max(len(self.indices), 1)))
+        return (slice(start, start + step) for start in range(0, count, step))

@@ -1,0 +1,1 @@
+"""What can be asked: identify, predict, recover, screen, box. Each reads like its page."""

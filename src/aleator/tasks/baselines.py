@@ -1,0 +1,164 @@
+"""What the identified law must improve on: a deterministic fit, and a linear-Gaussian law."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from aleator.densities import Gaussian
+from aleator.densities.moments import Moments
+from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.likelihood import Likelihood
+from aleator.search import Search
+from aleator.surrogates.responses import Response
+from aleator.types import Array
+
+HUGE = 1e100
+"""A residual whose square is still finite."""
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """The one parameter point x (n,) that minimizes sum_l (y_l - eta_l(x))^2 over the box.
+
+    `rmse` in the unit of the outcome; `log_likelihood` that of independent Normal(0, rmse^2)
+    residuals, -N/2 (log(2 pi rmse^2) + 1), comparable with the identified law's.
+    """
+
+    x: Array
+    rmse: float
+    log_likelihood: float
+
+
+@dataclass(frozen=True)
+class LinearGaussian:
+    """The law identified with the simulator linearized at one point (as CIRCE does).
+
+    `alpha` (K,) and its `log_likelihood` under the linear-Gaussian model.
+    """
+
+    alpha: Array
+    log_likelihood: float
+
+
+def start_point(inputs: Inputs) -> Array:
+    """The mean (n,) of every law as the search starts it.
+
+    >>> from aleator.laws import Constant, Free, Normal
+    >>> start_point(Inputs({"v": Normal(Free(0.0, 4.0), 1.0), "b": Constant(3.0)})).tolist()
+    [2.0, 3.0]
+    """
+    starts = [np.array([h.start for h in law.hyperparameters]) for law in inputs.laws.values()]
+    laws = zip(inputs.laws.values(), starts, strict=True)
+    return np.array([law.mean_and_sd(values).mean for law, values in laws])
+
+
+def least_squares(
+    response: Response,
+    condition: NDArray[np.intp],
+    outcomes: Array,
+    box: Array,
+    start: Array,
+) -> LeastSquares:
+    """Fit one point of the box, from `start` (n,), by a bounded trust-region method.
+
+    Parameters whose box has no width stay at their value. Cost: some tens of evaluations of
+    the response with its gradient at one point. A local method: it may end in a local minimum.
+    """
+    moving = np.flatnonzero(box[:, 1] > box[:, 0])
+    width = box[moving, 1] - box[moving, 0]
+
+    def at(u: Array) -> tuple[Array, Array]:
+        x = start.copy()
+        x[moving] = np.clip(box[moving, 0] + u * width, box[moving, 0], box[moving, 1])
+        # limits many orders too wide let a simulator overflow; the fit must only move away
+        with np.errstate(all="ignore"):
+            value, slope = response.evaluate_with_gradient(x[None, :])
+            residual = value[condition, 0] - outcomes
+            slopes = slope[condition, 0][:, moving] * width
+        return np.clip(np.nan_to_num(residual, nan=HUGE), -HUGE, HUGE), np.clip(
+            np.nan_to_num(slopes), -HUGE, HUGE
+        )
+
+    u0 = np.clip((start[moving] - box[moving, 0]) / width, 0.01, 0.99)
+    fit = optimize.least_squares(
+        lambda u: at(u)[0], u0, jac=lambda u: at(u)[1], bounds=(0.0, 1.0), x_scale="jac"
+    )
+    x = start.copy()
+    x[moving] = box[moving, 0] + fit.x * width
+    variance = float(np.mean(at(fit.x)[0] ** 2))
+    count = outcomes.size
+    value = -0.5 * count * (np.log(2.0 * np.pi * max(variance, 1e-300)) + 1.0)
+    return LeastSquares(x, variance**0.5, float(value))
+
+
+@dataclass(frozen=True)
+class _LinearPropagation:
+    """Mean and sd of eta_l(x0) + g_l (x - x0)."""
+
+    inputs: Inputs
+    x0: Array
+    value: Array
+    slope: Array
+
+    def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:  # noqa: ARG002
+        """Mean and sd are exact for a linear simulator; the higher moments are normal."""
+        n, k_total = self.x0.size, alpha.size
+        center, spread = np.zeros(n), np.zeros(n)
+        d_center, d_spread = np.zeros((n, k_total)), np.zeros((n, k_total))
+        laws = zip(self.inputs.laws.values(), self.inputs.slices, strict=True)
+        for i, (law, part) in enumerate(laws):
+            own = law.mean_and_sd(alpha[part])
+            center[i], d_center[i, part] = own.mean, own.dmean
+            spread[i], d_spread[i, part] = own.sd, own.dsd
+        mean = self.value + self.slope @ (center - self.x0)
+        scaled = self.slope * spread
+        mixed = scaled @ self.inputs.correlation_matrix(alpha)
+        sd = np.sqrt(np.maximum(np.sum(mixed * scaled, axis=1), 0.0))
+        safe = np.where(sd > 0.0, sd, 1.0)
+        by_correlation = self.inputs.correlation_slope(alpha)
+        sd_jac = (mixed * self.slope) @ d_spread / safe[:, None]
+        for k in np.flatnonzero(np.any(by_correlation, axis=(0, 1))):
+            sd_jac[:, k] += np.sum(scaled @ by_correlation[:, :, k] * scaled, axis=1) / (2.0 * safe)
+        standardized = np.tile(np.array([1.0, 0.0, 1.0, 0.0, 3.0]), (mean.size, 1))
+        jac = np.zeros((*standardized.shape, k_total))
+        return Moments(mean, sd, standardized, self.slope @ d_center, sd_jac, jac)
+
+
+def linear_gaussian(
+    response: Response,
+    inputs: Inputs,
+    x0: Array,
+    condition: NDArray[np.intp],
+    outcomes: Array,
+    hyperparameters: Sequence[Hyperparameter],
+    search: Search,
+    *,
+    noisy: bool,
+    seed: int,
+) -> LinearGaussian:
+    """Identify the law with the simulator replaced by its tangent at x0 (n,).
+
+    y_l ~ Normal(eta_l(x0) + g_l (mean - x0), g_l Cov(x) g_l' + sigma_e^2): the model of
+    CIRCE (de Crecy and Bazin), maximized here by the same search. Needs one evaluation with
+    gradient at one point.
+    """
+    value, slope = response.evaluate_with_gradient(x0[None, :])
+    unbounded = np.full(outcomes.size, np.inf)
+    likelihood = Likelihood(
+        _LinearPropagation(inputs, x0, value[:, 0], slope[:, 0]),
+        Gaussian(),
+        outcomes,
+        condition,
+        -unbounded,
+        unbounded,
+        tuple(hyperparameters),
+        noisy,
+    )
+    result = search.maximize(likelihood, hyperparameters, seed=seed)
+    return LinearGaussian(result.alpha, result.log_likelihood)

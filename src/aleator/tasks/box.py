@@ -1,0 +1,310 @@
+"""The feasible box: the largest box of the parameters in which every experiment has an outcome.
+
+The paper chooses the clipping box so that "a feasible solution can be obtained for all experiments"
+and is as large as possible; here it is found from runs that may fail.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from aleator.errors import SimulatorError
+from aleator.laws.inputs import Inputs
+from aleator.progress import Progress, Silent
+from aleator.simulators import Runner
+from aleator.types import Array
+
+Attempt = Callable[[NDArray[np.int64], Array], Array]
+
+POINTS = 32
+"""Points that a round looks at, each under every experiment that it survives."""
+QUIET = 3
+"""Rounds without a failure after which a box is taken."""
+ROUNDS = 100
+SEEDS = 6
+"""Valid points that a largest box is grown around."""
+NODES = 4000
+"""Boxes that the search for the largest one looks into, around each seed."""
+FINE = 0.005
+"""Share of the limits' width to which the end of a side is found."""
+RETREAT = 0.01
+"""Share of the limits' width by which a side stays away from the failures that limit it."""
+PATIENCE = 30
+"""Rounds in which that share grows by itself once: where one large box is as good as the next, the
+failures between them would take forever to find."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One side of the box: where it lies, and what it is that limits it.
+
+    `experiment` is the id of the one that fails beyond it, at the parameters `at` (n,); None where
+    the limits given by the study are reached.
+    """
+
+    parameter: str
+    upper: bool
+    value: float
+    experiment: str | None
+    at: Array | None
+
+
+@dataclass(frozen=True)
+class FeasibleBox:
+    """The largest box (n, 2) found, its sides, and what it cost.
+
+    `share` is its volume over that of the limits; `tested` the number of points inside that were
+    run under every experiment without a failure; `confirmed` whether the last rounds saw none.
+    """
+
+    names: tuple[str, ...]
+    box: Array
+    limits: Array
+    sides: tuple[Side, ...]
+    share: float
+    runs: int
+    tested: int
+    confirmed: bool
+
+
+@dataclass
+class _Known:
+    """Points in the unit cube that failed, with the experiment that did, and valid ones."""
+
+    failed: list[Array]
+    culprit: list[int]
+    valid: list[Array]
+
+    def worst_first(self, groups: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+        """The experiments in batches: those that failed before, then all others."""
+        seen = [l for l in dict.fromkeys(reversed(self.culprit)) if l in set(groups.tolist())]
+        first = np.array(seen[:8], dtype=np.intp)
+        rest = np.setdiff1d(groups, first)
+        return [part for part in (first, rest) if part.size]
+
+
+def feasible_box(
+    runner: Runner, inputs: Inputs, *, seed: int = 0, progress: Progress | None = None
+) -> FeasibleBox:
+    """Find the largest box within the inputs' limits in which every experiment has an outcome.
+
+    Points are run under the experiments that failed before, then under all others; a failure is
+    followed by bisection to the end of the valid part, and the largest box that leaves out every
+    failure is found by best-first search (exact for the failures known). It is taken when three
+    rounds of points inside it and on its sides saw no failure: likely, not proven.
+
+    Raises SimulatorError where no point is valid for all experiments, naming the one that fails
+    most. Cost: some hundred points times the distinct experiments.
+
+    >>> import pandas as pd
+    >>> from aleator.observations.experiments import Conditions
+    >>> from aleator.laws import TruncatedNormal
+    >>> table = Conditions(("a",), pd.DataFrame({"load": [1.0]}))
+    >>> def model(load, x):
+    ...     return load / x if x < 1.5 else float("nan")
+    >>> runner = Runner(model, table, ["x"])
+    >>> found = feasible_box(runner, Inputs({"x": TruncatedNormal(box=(1.0, 3.0))}))
+    >>> found.box.round(1).tolist(), found.sides[1].experiment
+    ([[1.0, 1.5]], 'a')
+    """
+    limits = inputs.box
+    moving = np.flatnonzero(limits[:, 1] > limits[:, 0])
+    search = _Search(runner, limits, moving, np.random.default_rng(seed), progress or Silent())
+    unit, confirmed, tested = search.find()
+    box = limits.copy()
+    low, width = limits[moving, 0], np.ptp(limits[moving], axis=1)
+    box[moving] = low[:, None] + width[:, None] * unit
+    sides = []
+    for k, i in enumerate(moving):
+        for end in (0, 1):
+            culprit = search.limiting(unit, k, end)
+            sides.append(
+                Side(
+                    inputs.names[i],
+                    bool(end),
+                    float(box[i, end]),
+                    None if culprit is None else runner.ids[search.known.culprit[culprit]],
+                    None if culprit is None else search.point(search.known.failed[culprit]),
+                )
+            )
+    share = float(np.prod(np.diff(unit, axis=1)))
+    return FeasibleBox(
+        inputs.names, box, limits, tuple(sides), share, runner.runs, tested, confirmed
+    )
+
+
+class _Search:
+    def __init__(
+        self,
+        runner: Runner,
+        limits: Array,
+        moving: NDArray[np.intp],
+        rng: np.random.Generator,
+        progress: Progress,
+    ) -> None:
+        self.runner, self.limits, self.moving = runner, limits, moving
+        self.groups = np.unique(runner.group)
+        self.sobol = qmc.Sobol(moving.size, rng=rng)
+        self.rng, self.progress = rng, progress
+        self.known = _Known([], [], [])
+
+    def find(self) -> tuple[Array, bool, int]:
+        """The box in the unit cube, whether it is confirmed, and the points tested inside."""
+        n = self.moving.size
+        corners = self.rng.integers(0, 2, (min(2**n, POINTS), n)).astype(float)
+        first = np.vstack([np.full((1, n), 0.5), self.sobol.random(2 * POINTS), corners])
+        self._look(first)
+        if not self.known.valid:
+            self._look(self.sobol.random(8 * POINTS))
+        if not self.known.valid:
+            raise self._hopeless()
+        quiet = 0
+        for number in range(ROUNDS):
+            box = _retreated(self._largest(), RETREAT * (1.0 + number / PATIENCE))
+            before = len(self.known.failed)
+            self._look(self._inside(box))
+            quiet = quiet + 1 if len(self.known.failed) == before else 0
+            text = f"round {number + 1}: {self.runner.runs} runs, {len(self.known.failed)} failures"
+            self.progress.update(text, number + 1, ROUNDS)
+            if quiet == QUIET:
+                break
+        valid = np.array(self.known.valid)
+        tested = int(np.sum(np.all((valid >= box[:, 0]) & (valid <= box[:, 1]), axis=1)))
+        return box, quiet == QUIET, tested
+
+    def point(self, unit: Array) -> Array:
+        """Parameters (n,) of a point in the unit cube of the moving ones."""
+        x = self.limits[:, 0].copy()
+        x[self.moving] += unit * np.ptp(self.limits[self.moving], axis=1)
+        return x
+
+    def limiting(self, box: Array, k: int, end: int) -> int | None:
+        """The failure just beyond a side of the box, or None where the limits end first."""
+        if box[k, end] in (0.0, 1.0):
+            return None
+        failed = np.array(self.known.failed)
+        beyond = (failed[:, k] - box[k, end]) * (1.0 if end else -1.0)
+        others = np.delete(np.arange(box.shape[0]), k)
+        inside = np.all(
+            (failed[:, others] >= box[others, 0]) & (failed[:, others] <= box[others, 1]), axis=1
+        )
+        distance = np.where(inside & (beyond >= 0.0), beyond, np.inf)
+        return int(np.argmin(distance)) if np.isfinite(distance).any() else None
+
+    def _look(self, points: Array) -> None:
+        """Run points (P, n) under every experiment until one fails; follow failures to the edge."""
+        alive = np.arange(len(points))
+        fresh: list[tuple[Array, int]] = []
+        for batch in self.known.worst_first(self.groups):
+            failing = self._failing(points[alive], batch)
+            fresh += [(points[p], int(l)) for p, l in zip(alive, failing, strict=True) if l >= 0]
+            alive = alive[failing < 0]
+        self.known.valid += list(points[alive])
+        if fresh:
+            failed, culprits = np.stack([point for point, _ in fresh]), [l for _, l in fresh]
+            self.known.failed += list(self._followed(failed, np.array(culprits)))
+            self.known.culprit += culprits
+
+    def _failing(self, points: Array, batch: NDArray[np.intp]) -> NDArray[np.int64]:
+        """For each point an experiment of the batch that fails there, or -1."""
+        if not len(points):
+            return np.zeros(0, dtype=np.int64)
+        x = np.repeat(np.stack([self.point(p) for p in points]), batch.size, axis=0)
+        outcome = self.runner.attempt(np.tile(batch, len(points)), x, most=1.0)
+        bad = ~np.isfinite(outcome).reshape(len(points), batch.size)
+        return np.where(bad.any(axis=1), batch[np.argmax(bad, axis=1)], -1)
+
+    def _followed(self, failed: Array, culprits: NDArray[np.int64]) -> Array:
+        """The failures (F, n) moved to the end of the valid part, on lines to valid points."""
+        if not self.known.valid:
+            return failed
+        valid = np.array(self.known.valid)
+        apart = np.abs(valid[None, :, :] - failed[:, None, :]).max(axis=2)
+        good, bad = valid[np.argmin(apart, axis=1)], failed
+        while np.abs(bad - good).max() > FINE:
+            middle = 0.5 * (good + bad)
+            x = np.stack([self.point(p) for p in middle])
+            works = np.isfinite(self.runner.attempt(culprits, x, most=1.0))[:, None]
+            good, bad = np.where(works, middle, good), np.where(works, bad, middle)
+        return bad
+
+    def _inside(self, box: Array) -> Array:
+        """Points inside the box and on its sides, corners first of all."""
+        n = len(box)
+        points = self.sobol.random(POINTS)
+        onto = np.arange(POINTS) % 4
+        which = self.rng.integers(0, n, POINTS)
+        ends = self.rng.integers(0, 2, (POINTS, n)).astype(float)
+        # a quarter inside, a half on one side, a quarter in the corners
+        rows = np.flatnonzero((onto == 1) | (onto == 2))
+        points[rows, which[rows]] = ends[rows, which[rows]]
+        points[onto == 3] = ends[onto == 3]
+        return np.asarray(box[:, 0] + points * np.diff(box, axis=1)[:, 0])
+
+    def _largest(self) -> Array:
+        failed = np.array(self.known.failed).reshape(-1, self.moving.size)
+        valid = np.array(self.known.valid)
+        middle = np.abs(valid - 0.5).max(axis=1)
+        seeds = [valid[int(np.argmin(middle))]]
+        while len(seeds) < min(SEEDS, len(valid)):
+            apart = np.min([np.abs(valid - s).max(axis=1) for s in seeds], axis=0)
+            seeds.append(valid[int(np.argmax(apart))])
+        boxes = [largest_box(failed, s) for s in seeds]
+        return max(boxes, key=lambda box: float(np.prod(np.diff(box, axis=1))))
+
+    def _hopeless(self) -> SimulatorError:
+        names, counts = np.unique(self.known.culprit, return_counts=True)
+        worst = self.runner.ids[int(names[np.argmax(counts)])]
+        return SimulatorError(
+            f"none of {len(self.known.failed)} points of the box has an outcome for every "
+            f"experiment; experiment '{worst}' fails most often",
+            "widen the box, or check the conditions of that experiment",
+        )
+
+
+def _retreated(box: Array, retreat: float) -> Array:
+    """The box with every side that a failure set moved inward, by at most a tenth of its width."""
+    step = np.minimum(retreat, 0.1 * np.diff(box, axis=1)[:, 0])
+    low = np.where(box[:, 0] > 0.0, box[:, 0] + step, 0.0)
+    high = np.where(box[:, 1] < 1.0, box[:, 1] - step, 1.0)
+    return np.stack([low, high], axis=1)
+
+
+def largest_box(failed: Array, seed: Array) -> Array:
+    """The largest box of the unit cube that holds the seed (n,) and no failure (F, n) inside.
+
+    Best-first search: a box that holds a failure is cut on one of the sides between that failure
+    and the seed; volumes only shrink, so that the first box without a failure is the largest.
+    After `NODES` boxes the search goes on depth-first, and the box is large but not the largest.
+
+    >>> largest_box(np.array([[0.75, 0.9]]), np.array([0.5, 0.5])).tolist()
+    [[0.0, 1.0], [0.0, 0.9]]
+    """
+    n = seed.size
+    whole = np.stack([np.zeros(n), np.ones(n)], axis=1)
+    heap: list[tuple[float, int, Array]] = [(-1.0, 0, whole)]
+    count = 0
+    while True:
+        _, _, box = heapq.heappop(heap)
+        inside = np.all((failed > box[:, 0]) & (failed < box[:, 1]), axis=1)
+        if not inside.any():
+            return box
+        held = failed[inside]
+        point = held[int(np.argmin(np.abs(held - seed).max(axis=1)))]
+        children = []
+        for k in np.flatnonzero(point != seed):
+            cut = box.copy()
+            cut[k, 1 if point[k] > seed[k] else 0] = point[k]
+            count += 1
+            children.append((-float(np.prod(np.diff(cut, axis=1))), count, cut))
+        if count > NODES:
+            heap = [min(children)]
+        else:
+            for child in children:
+                heapq.heappush(heap, child)

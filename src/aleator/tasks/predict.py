@@ -1,0 +1,93 @@
+"""The distribution of the outcome under conditions that were never tested."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from aleator.densities import Density, MaximumEntropy, NodeDensity, Status
+from aleator.errors import InputsError, nearest
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.problem import Model, default_density, prepare
+from aleator.likelihood.propagation import Collocation
+from aleator.observations.experiments import Conditions
+from aleator.observations.noise import Noise
+from aleator.progress import Progress
+from aleator.simulators import Runner, Simulator, as_runner
+from aleator.surrogates import ResponseSurface
+from aleator.tasks.identify import DEFAULT_PROPAGATION
+from aleator.tasks.region import own_region
+from aleator.tasks.result import QUANTILES, Estimate
+from aleator.types import Array
+
+
+def predict(
+    simulator: Callable[..., Any] | Simulator | Runner,
+    conditions: Conditions | pd.DataFrame,
+    inputs: Inputs,
+    alpha: Mapping[str, float | Estimate],
+    *,
+    vectorized: bool = False,
+    noise: Noise | None = None,
+    propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
+    density: Density | NodeDensity | None = None,
+    quantiles: tuple[float, ...] = QUANTILES,
+    progress: Progress | None = None,
+) -> pd.DataFrame:
+    """Mean, standard deviation and quantiles of the outcome for new conditions under the law alpha.
+
+    `alpha` maps the name of every hyperparameter to its value; the `alpha` of an Identification
+    will do. The outcome includes measurement noise; with a "log" transform it is the logarithm.
+    Returns a table with a row for each condition: id, mean, standard_deviation, skewness,
+    kurtosis, a column ``q<p>`` for each quantile, and the density's status. Raises InputsError
+    where alpha lacks a hyperparameter or has an unknown one. Cost: the runs of one response
+    surface for each condition, built around the law.
+
+    >>> from aleator.laws import Normal
+    >>> table = predict(lambda load, x: load * x, pd.DataFrame({"load": [10.0]}),
+    ...                 Inputs({"x": Normal(1.0, 0.1)}), {"x.mean": 1.0, "x.sd": 0.1})
+    >>> table[["mean", "standard_deviation", "q0.5"]].round(6).to_numpy().tolist()
+    [[10.0, 1.0, 10.0]]
+    """
+    table = conditions if isinstance(conditions, Conditions) else Conditions.from_frame(conditions)
+    chosen = density or default_density(inputs, noise, propagation)
+    model = Model(inputs, noise, propagation, chosen)
+    values = _in_order(model, alpha)
+    runner = as_runner(simulator, table, inputs.names, vectorized)
+    # there is no outcome to look at: any finite number will do where the likelihood wants one
+    region = own_region(inputs, values)
+    problem = prepare(runner, np.zeros(len(table.ids)), model, region, progress)
+    likelihood = problem.likelihood
+    moments, fitted = likelihood.moments(values), likelihood.fit(values)
+    if density is None and np.any(fitted.status == Status.TOO_COARSE):
+        fitted = replace(likelihood, density=MaximumEntropy(order=4)).fit(values)
+    found = fitted.quantile(np.array(quantiles))
+    columns: dict[str, Any] = {
+        "id": list(table.ids),
+        "mean": moments.mean,
+        "standard_deviation": moments.sd,
+        "skewness": moments.standardized[:, 3],
+        "kurtosis": moments.standardized[:, 4],
+    }
+    columns |= {f"q{p:g}": found[:, i] for i, p in enumerate(quantiles)}
+    columns["status"] = [Status(int(code)).name.lower() for code in fitted.status]
+    return pd.DataFrame(columns)
+
+
+def _in_order(model: Model, alpha: Mapping[str, float | Estimate]) -> Array:
+    names = [h.name for h in model.hyperparameters]
+    for name in alpha:
+        if name not in names:
+            raise InputsError(
+                f"alpha has '{name}', which the model does not know{nearest(name, names)}",
+                f"the model's hyperparameters are {', '.join(names)}",
+            )
+    missing = [name for name in names if name not in alpha]
+    if missing:
+        raise InputsError(f"alpha lacks {', '.join(missing)}", "give every hyperparameter a value")
+    values = (alpha[name] for name in names)
+    return np.array([v.estimate if isinstance(v, Estimate) else float(v) for v in values])

@@ -1,0 +1,228 @@
+"""Where response surfaces are worth building: the region in which the law has its mass.
+
+A surface on a region much wider than the law spends its runs, and measures its error, where no
+experiment ever is. So an identification starts from the box that the user states, or from a pilot
+where a law has none; and after each search it asks whether the region still fits the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.inference.information import infer
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.problem import Model, Problem
+from aleator.search import GradientMultistart
+from aleator.simulators import NoOutcome, Runner
+from aleator.surrogates import ResponseSurface
+from aleator.surrogates.responses import DirectResponse
+from aleator.tasks.baselines import least_squares, linear_gaussian, start_point
+from aleator.types import Array
+
+TAIL = 1e-7
+"""Probability left out at either end of a law's region: 5.2 standard deviations of a normal."""
+OPEN_TAIL = 1e-3
+"""The same of laws that are only possible."""
+SURE = 3.0
+"""Standard errors of alpha by which the region is widened."""
+PAD = 0.1
+"""Share of its width by which a region is widened on either side."""
+FINE = 0.15
+"""Surface error, over the outcome's sd under the law, that needs no narrower region."""
+SHRINK = 0.6
+"""A region is made anew only if that makes it smaller than this share of itself."""
+SLIGHT = 0.8
+"""The same where the runs inside serve the new region."""
+PILOT = 60
+"""Experiments that the pilot looks at."""
+
+
+def law_region(inputs: Inputs, alphas: list[Array], tail: float = TAIL) -> Array:
+    """The smallest region (n, 2) that holds each parameter's law but for its tails, for all alphas.
+
+    >>> from aleator.laws import Constant, Normal
+    >>> inputs = Inputs({"v": Normal(0.0, 1.0), "b": Constant(2.0)})
+    >>> law_region(inputs, [np.array([0.0, 1.0, 2.0])]).round(2).tolist()
+    [[-5.2, 5.2], [2.0, 2.0]]
+    """
+    ends = np.array([[tail] * len(inputs.names), [1.0 - tail] * len(inputs.names)])
+    x = np.concatenate([inputs.marginal(alpha, ends) for alpha in alphas])
+    return np.stack([x.min(axis=0), x.max(axis=0)], axis=1)
+
+
+def first_region(runner: Runner, model: Model, outcomes: Array, seed: int) -> Array:
+    """The inputs' box where every law states one, or none is needed; else a region from a pilot.
+
+    The pilot fits one point to at most 60 experiments by least squares on the simulator itself,
+    and a linear-Gaussian law at that point; some tens of runs for each of these experiments.
+    Those of which a run fails are left out, up to half of them; then the failure is raised.
+    """
+    inputs = model.inputs
+    if inputs.bounded or not isinstance(model.propagation, ResponseSurface):
+        return inputs.box
+    count = np.unique(runner.group).size
+    chosen = np.unique(np.linspace(0, count - 1, PILOT).astype(np.intp))
+    enough = 0.5 * chosen.size
+    while True:
+        try:
+            return _pilot_region(runner, model, outcomes, chosen, seed)
+        except NoOutcome as failure:
+            first = np.unique(runner.group)
+            chosen = chosen[~np.isin(first[chosen], runner.group[failure.index])]
+            if chosen.size < enough:
+                raise
+
+
+def _pilot_region(
+    runner: Runner, model: Model, outcomes: Array, chosen: NDArray[np.intp], seed: int
+) -> Array:
+    """The region that the `chosen` of the different conditions tell."""
+    inputs = model.inputs
+    first, condition = np.unique(runner.group, return_inverse=True)
+    rows = np.flatnonzero(np.isin(condition, chosen))
+    local = np.searchsorted(chosen, condition[rows])
+    response = DirectResponse(
+        lambda index, x: runner(first[chosen[index]], x), chosen.size, inputs.box
+    )
+    hyperparameters = model.hyperparameters
+    start = np.clip(start_point(inputs), *inputs.box.T)
+    fit = least_squares(response, local, outcomes[rows], inputs.box, start)
+    linear = linear_gaussian(
+        response, inputs, fit.x, local, outcomes[rows], hyperparameters, GradientMultistart(3),
+        noisy=bool(model.noise), seed=seed,
+    )  # fmt: skip
+    return _within(inputs.box, known_region(model, linear.alpha))
+
+
+def known_region(model: Model, alpha: Array) -> Array:
+    """A generous region around a law: standard deviations three times, constants a tenth wider."""
+    inputs = model.inputs
+    wide = [alpha]
+    for k, h in enumerate(inputs.hyperparameters):
+        changes = [3.0 * alpha[k]] if h.log else [alpha[k] + s * 0.1 * (h.upper - h.lower)
+                                                  for s in (-1.0, 1.0)]  # fmt: skip
+        for value in changes:
+            moved = alpha.copy()
+            moved[k] = min(max(value, h.lower), h.upper)
+            wide.append(moved)
+    return _padded(law_region(inputs, wide), inputs.box)
+
+
+def own_region(inputs: Inputs, alpha: Array) -> Array:
+    """The region of one law, for when alpha is not to be moved: a tenth wider on either side."""
+    return _padded(law_region(inputs, [alpha]), inputs.box)
+
+
+def next_region(
+    problem: Problem, alpha: Array, likely: Sequence[Array] | None = None
+) -> Array | None:
+    """A region that fits the answer alpha better, or None where the present one does.
+
+    It holds the laws of the alphas that are `likely`: three standard errors either way unless they
+    are given.
+
+    It moves when the law reaches out of it, and narrows when the surfaces are too rough for the
+    outcome's scatter under the law and a region of less than 0.6 of the volume suffices.
+    """
+    surface = problem.surface
+    if surface is None:
+        return None
+    region, box = problem.region, problem.model.inputs.box
+    width = np.diff(region, axis=1)[:, 0]
+    if np.any(_beyond(region, law_region(problem.model.inputs, [alpha]))):
+        # beyond the region the likelihood is flat, so that how far beyond alpha lies says nothing
+        wanted = _padded(_likely_region(problem, alpha, likely), box)
+        reach = region + width[:, None] * np.array([-1.0, 1.0])
+        return _hull(region, np.clip(wanted, reach[:, :1], reach[:, 1:]))
+    sd = problem.likelihood.moments(alpha).sd
+    rough = surface.error[problem.condition] / np.where(sd > 0.0, sd, np.inf)
+    if np.quantile(rough, 0.9 if likely is None else 1.0) <= FINE:
+        return None
+    wanted = _padded(_likely_region(problem, alpha, likely), box)
+    if likely is not None:
+        # these laws are wide enough, and no run inside is lost
+        wanted = _within(region, _likely_region(problem, alpha, likely))
+    shares = np.diff(wanted, axis=1)[problem.moving, 0] / width[problem.moving]
+    return wanted if np.prod(shares) < (SHRINK if likely is None else SLIGHT) else None
+
+
+def interval_region(
+    problem: Problem, alpha: Array, intervals: Array, *, generous: bool = True
+) -> Array | None:
+    """A region that holds the laws at the ends of the intervals (K, 2), or None if it does.
+
+    Half as wide again where it has to be wider, if `generous`; else just wide enough for all but a
+    thousandth of these laws at either end.
+    Beyond its region a surface is flat, and the profile of the likelihood means nothing there.
+    """
+    if problem.surface is None:
+        return None
+    inputs = problem.model.inputs
+    alphas = [alpha]
+    for k in range(inputs.size):
+        for end in intervals[k][np.isfinite(intervals[k])]:
+            moved = alpha.copy()
+            moved[k] = end
+            alphas.append(moved)
+    wanted = law_region(inputs, alphas, TAIL if generous else OPEN_TAIL)
+    beyond = _beyond(problem.region, wanted)
+    if not np.any(beyond):
+        return None
+    hull = _hull(problem.region, wanted)
+    if not generous:
+        return _within(inputs.box, hull)
+    pad = 0.5 * np.diff(hull, axis=1) * np.array([-1.0, 1.0])
+    return _within(inputs.box, hull + np.where(beyond, pad, 0.0))
+
+
+def widened(region: Array, box: Array) -> Array:
+    """The region twice as wide about its middle, within the box."""
+    middle, half = region.mean(axis=1), np.diff(region, axis=1)[:, 0]
+    half = np.maximum(half, 0.05 * np.diff(box, axis=1)[:, 0])
+    return _within(box, np.stack([middle - half, middle + half], axis=1))
+
+
+def _likely_region(problem: Problem, alpha: Array, likely: Sequence[Array] | None) -> Array:
+    """Region of the laws at alpha and at the likely ones, or some standard errors off."""
+    inputs, hyperparameters = problem.model.inputs, problem.likelihood.hyperparameters
+    if likely is not None:
+        some = law_region(inputs, [other[: inputs.size] for other in likely], OPEN_TAIL)
+        return _hull(law_region(inputs, [alpha]), some)
+    alphas = [alpha]
+    error = infer(problem.likelihood, alpha, hyperparameters).standard_error
+    for k in np.flatnonzero(np.isfinite(error[: inputs.size])):
+        h = hyperparameters[k]
+        reach = min(SURE * error[k], 0.25 * (h.upper - h.lower))
+        for sign in (-1.0, 1.0):
+            moved = alpha.copy()
+            moved[k] = min(max(alpha[k] + sign * reach, h.lower), h.upper)
+            alphas.append(moved)
+    return law_region(inputs, alphas)
+
+
+def _beyond(region: Array, other: Array) -> NDArray[np.bool_]:
+    """Which ends (n, 2) of the other region lie beyond those of the first, by 2 % of its width."""
+    slack = 0.02 * np.diff(region, axis=1)[:, 0]
+    below, above = other[:, 0] < region[:, 0] - slack, other[:, 1] > region[:, 1] + slack
+    return np.stack([below, above], axis=1)
+
+
+def _hull(region: Array, other: Array) -> Array:
+    return np.stack(
+        [np.minimum(region[:, 0], other[:, 0]), np.maximum(region[:, 1], other[:, 1])], axis=1
+    )
+
+
+def _padded(region: Array, box: Array) -> Array:
+    """The region a tenth wider on either side, at least a hundredth of the box, within the box."""
+    pad = np.maximum(PAD * np.diff(region, axis=1), 0.01 * np.diff(box, axis=1))
+    return _within(box, region + pad * np.array([-1.0, 1.0]))
+
+
+def _within(box: Array, region: Array) -> Array:
+    return np.stack(
+        [np.maximum(region[:, 0], box[:, 0]), np.minimum(region[:, 1], box[:, 1])], axis=1
+    )

@@ -1,0 +1,240 @@
+"""From arrays to the Identification: every number of the report is put in its place here."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import scipy
+
+from aleator.inference import diagnostics as findings
+from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.inference.diagnostics.failures import FailureReport
+from aleator.inference.information import Inference
+from aleator.inference.profile import Profile
+from aleator.inference.verification import Verification
+from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.comparison import density_distances
+from aleator.likelihood.likelihood import Likelihood, LogLikelihood
+from aleator.likelihood.problem import Problem
+from aleator.observations.experiments import Experiments
+from aleator.search import SearchResult
+from aleator.tasks.baselines import LeastSquares, LinearGaussian
+from aleator.tasks.result import (
+    QUANTILES,
+    Estimate,
+    ExperimentReport,
+    Identification,
+    LogLikelihoodReport,
+    ParameterCorrelation,
+)
+from aleator.types import Array
+
+
+def assemble(
+    table: Experiments,
+    problem: Problem,
+    found: SearchResult,
+    inference: Inference,
+    profile: Profile,
+    checked: Verification | None,
+    baselines: tuple[LeastSquares, LinearGaussian],
+    *,
+    seconds: Mapping[str, float],
+    runs_by_stage: Mapping[str, int],
+    seed: int,
+    failures: FailureReport | None = None,
+    notes: Sequence[Diagnostic] = (),
+) -> Identification:
+    """The Identification of a finished search of a table's experiments."""
+    ids = table.ids
+    alpha, hyperparameters = found.alpha, problem.likelihood.hyperparameters
+    honest = problem.likelihood.evaluate(alpha)
+    surface_error = findings.surface_errors(problem, checked)
+    warnings, accepted = findings.review(
+        problem,
+        found,
+        inference,
+        profile,
+        honest,
+        checked,
+        surface_error,
+        ids,
+        table.conditions,
+    )
+    return Identification(
+        alpha=_estimates(alpha, hyperparameters, inference, profile),
+        log_likelihood=_log_likelihood(honest, checked),
+        density=problem.model.density.name,
+        propagation=problem.name,
+        accepted=accepted,
+        warnings=(*warnings, *findings.failure_warnings(failures), *notes),
+        experiments=experiment_reports(problem.likelihood, alpha, ids, surface_error, checked),
+        correlation_names=tuple(hyperparameters[k].name for k in inference.free),
+        correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
+        search=_search(found, inference, hyperparameters),
+        surface=findings.surface_report(problem),
+        baselines=_baselines(*baselines, problem.model.inputs.names, hyperparameters),
+        runs=sum(runs_by_stage.values()),
+        runs_by_stage=runs_by_stage,
+        failures=failures,
+        seconds={**seconds, "total": sum(seconds.values())},
+        seed=seed,
+        versions=_versions(),
+        density_distances=density_distances(problem, alpha),
+        parameter_correlations=_parameter_correlations(
+            problem.model.inputs, alpha, hyperparameters, inference
+        ),
+    )
+
+
+def _log_likelihood(honest: LogLikelihood, checked: Verification | None) -> LogLikelihoodReport:
+    if checked is None:
+        return LogLikelihoodReport(honest.total, None, None)
+    if np.all(checked.reached):
+        return LogLikelihoodReport(honest.total, checked.total, checked.standard_error)
+    reached = {
+        "experiments": int(checked.reached.sum()),
+        "estimated": float(honest.each[checked.reached].sum()),
+        "verified": checked.total,
+        "standard_error": checked.standard_error,
+    }
+    return LogLikelihoodReport(honest.total, None, None, reached)
+
+
+def experiment_reports(
+    likelihood: Likelihood,
+    alpha: Array,
+    ids: Sequence[str],
+    surface_error: Array,
+    checked: Verification | None = None,
+) -> tuple[ExperimentReport, ...]:
+    """What the law alpha says of each experiment, beside its measured outcome."""
+    moments, fitted = likelihood.moments(alpha), likelihood.fit(alpha)
+    log_density = fitted.log_pdf(likelihood.outcomes)
+    pit, quantiles = fitted.cdf(likelihood.outcomes), fitted.quantile(np.array(QUANTILES))
+    status = findings.statuses(fitted.status, log_density)
+    return tuple(
+        ExperimentReport(
+            id=ids[l],
+            outcome=float(likelihood.outcomes[l]),
+            log_density=float(log_density[l]),
+            mean=float(moments.mean[l]),
+            standard_deviation=float(moments.sd[l]),
+            skewness=float(moments.standardized[l, 3]),
+            kurtosis=float(moments.standardized[l, 4]),
+            quantiles={str(p): float(q) for p, q in zip(QUANTILES, quantiles[l], strict=True)},
+            pit=float(pit[l]),
+            status=status[l],
+            surface_error=float(surface_error[l]) if np.isfinite(surface_error[l]) else None,
+            verified=None if checked is None else bool(checked.reached[l]),
+        )
+        for l in range(len(ids))
+    )
+
+
+def _estimates(
+    alpha: Array,
+    hyperparameters: Sequence[Hyperparameter],
+    inference: Inference,
+    profile: Profile,
+) -> dict[str, Estimate]:
+    estimates = {}
+    for k, h in enumerate(hyperparameters):
+        known = bool(np.isfinite(inference.standard_error[k]))
+        low, high = profile.intervals[k]
+        estimates[h.name] = Estimate(
+            estimate=float(alpha[k]),
+            standard_error=float(inference.standard_error[k]) if known else None,
+            sandwich_error=float(inference.sandwich_error[k]) if known else None,
+            # without a maximum there is no drop from it to measure
+            interval=(float(low), float(high)) if np.isfinite(low) and inference.positive else None,
+            at_bound=inference.at_bound[k],
+            fixed=not h.free,
+        )
+    return estimates
+
+
+def _parameter_correlations(
+    inputs: Inputs, alpha: Array, hyperparameters: Sequence[Hyperparameter], inference: Inference
+) -> tuple[ParameterCorrelation, ...]:
+    """Every correlation of two parameters that is not zero by assumption."""
+    matrix, slope = inputs.correlation_matrix(alpha), inputs.correlation_slope(alpha)
+    uncertain = np.array([h.free for h in hyperparameters[: inputs.size]])
+    # column f of the covariance is hyperparameter free[f]; the noise's is none of the inputs'
+    estimated = inference.free < inputs.size
+    free = inference.free[estimated]
+    covariance = inference.covariance[np.ix_(estimated, estimated)]
+    found = []
+    for i, j in combinations(range(len(inputs.names)), 2):
+        if matrix[i, j] == 0.0 and not np.any(slope[i, j]):
+            continue
+        needed = np.flatnonzero((slope[i, j] != 0.0) & uncertain)
+        variance = slope[i, j, free] @ covariance @ slope[i, j, free]
+        known = needed.size > 0 and np.all(np.isin(needed, free)) and variance > 0.0
+        found.append(
+            ParameterCorrelation(
+                (inputs.names[i], inputs.names[j]),
+                float(matrix[i, j]),
+                float(np.sqrt(variance)) if known else None,
+            )
+        )
+    return tuple(found)
+
+
+def _search(
+    found: SearchResult, inference: Inference, hyperparameters: Sequence[Hyperparameter]
+) -> dict[str, Any]:
+    return {
+        "method": found.method,
+        "starts": len(found.ascents),
+        "evaluations": found.evaluations,
+        "distinct_optima": len(found.optima),
+        "optima": [
+            {
+                "log_likelihood": optimum.log_likelihood,
+                "alpha": _named(optimum.alpha, hyperparameters),
+                "starts": optimum.starts,
+            }
+            for optimum in found.optima
+        ],
+        "edm": inference.edm,
+        "converged": found.converged,
+    }
+
+
+def _baselines(
+    fit: LeastSquares,
+    linear: LinearGaussian,
+    names: Sequence[str],
+    hyperparameters: Sequence[Hyperparameter],
+) -> dict[str, Any]:
+    return {
+        "least_squares": {
+            "parameters": dict(zip(names, fit.x.tolist(), strict=True)),
+            "rmse": fit.rmse,
+            "log_likelihood": fit.log_likelihood,
+        },
+        "circe": {
+            "alpha": _named(linear.alpha, hyperparameters),
+            "log_likelihood": linear.log_likelihood,
+        },
+    }
+
+
+def _named(alpha: Array, hyperparameters: Sequence[Hyperparameter]) -> dict[str, float]:
+    return {h.name: float(value) for h, value in zip(hyperparameters, alpha, strict=True)}
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "aleator": metadata.version("aleator"),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+    }
