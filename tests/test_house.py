@@ -67,7 +67,7 @@ def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
     module = tmp_path / "mixture.py"
     module.write_text(
         "import numpy as np\n"
-        "from aleator import simulate\n"
+        "from aleator import simulators\n"
         "from . import gaussian\n"
         "from ..laws.normal import Normal\n"
         "def late():\n"

@@ -285,7 +285,7 @@ def test_ctrl_c_ends_the_program_and_passes_on(tmp_path: Path) -> None:
         "import signal\n"
         # it may be ignored where the tests run in the background
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from aleator.simulate.command import CommandSimulator\n"
+        "from aleator.simulators.command import CommandSimulator\n"
         f"CommandSimulator([{program!r}], base=__import__('pathlib').Path({str(tmp_path)!r}))"
         ".run_one({}, {})\n"
     )

@@ -51,6 +51,7 @@ class MeanSd:
     def of(cls, rule: Rule) -> MeanSd:
         """Those of a rule of two nodes or more, which are the law's own.
 
+        >>> import numpy as np
         >>> half = np.array([0.5, 0.5])
         >>> zero, one = np.zeros((2, 1)), np.ones((2, 1))
         >>> m = MeanSd.of(Rule(np.array([1.0, 3.0]), half, np.array([-1.0, 1.0]), one, zero))

@@ -17,6 +17,7 @@ class TensorGauss:
     2 per_dimension - 1 in each of them. `per_dimension` from 1 to 100. Raises InputsError beyond
     that, and where J is above 1e6.
 
+    >>> import numpy as np
     >>> from aleator.laws import Normal
     >>> rule = TensorGauss(3).nodes(Inputs({"x": Normal(0.0, 1.0)}), np.array([0.0, 1.0]))
     >>> round(float(rule.weights @ rule.x[:, 0] ** 4), 9)

@@ -19,6 +19,7 @@ class Near:
     For a likelihood that costs much, after a search of a cheaper one that is nearly the same. It
     finds no optimum that the other did not lead to.
 
+    >>> import numpy as np
     >>> Near(np.array([1.0])).name
     'gradient_multistart(3)'
     """
