@@ -19,6 +19,7 @@ from aleator.densities import FittedDensity
 from aleator.densities.moments import Moments, weighted_moments
 from aleator.laws import TruncatedNormal
 from aleator.laws.inputs import Inputs
+from aleator.polynomials.recurrence import evaluate
 from aleator.types import Array
 
 Polynomials = Literal["own", "hermite"]
@@ -120,20 +121,21 @@ class Camelback:
         """Coefficients c_0..c_degree in orthonormal polynomials by q runs (paper, eq. 8)."""
         law = self.law(polynomials)
         rule = law.rule(ALPHA, q)
-        basis = law.polynomials(ALPHA, rule.germ, degree)
+        basis = evaluate(*law.recurrence(ALPHA, degree + 1), rule.germ, degree)
         return np.asarray(basis.T @ (rule.weights * self.outcome(rule.x)))
 
     def exact_coefficients(self, degree: int, polynomials: Polynomials = "hermite") -> Array:
         """Coefficients by fine integration over the germ."""
         law, fine = self.law(polynomials), self.fine
+        family = law.recurrence(ALPHA, degree + 1)
         if polynomials == "own":
-            basis = law.polynomials(ALPHA, fine.x, degree)
+            basis = evaluate(*family, fine.x, degree)
             return np.asarray(basis.T @ (fine.weights * fine.y))
         t, w = np.polynomial.legendre.leggauss(600)
         germ = 12.0 * t
         weights = 12.0 * w * np.exp(-0.5 * germ**2) / np.sqrt(2.0 * np.pi)
         outcomes = self.outcome(law.standard(ALPHA, germ).x)
-        return np.asarray(law.polynomials(ALPHA, germ, degree).T @ (weights * outcomes))
+        return np.asarray(evaluate(*family, germ, degree).T @ (weights * outcomes))
 
 
 @dataclass(frozen=True)

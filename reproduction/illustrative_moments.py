@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from aleator.polynomials.recurrence import evaluate
 from aleator.types import Array
 from reproduction.camelback import ALPHA, Camelback, raw
 from reproduction.canvas import BLUE, ORANGE, VERMILION, explain, powers_of_ten
@@ -61,7 +62,8 @@ def moments(context: Context) -> Reproduction:
 def _sampled(c: Camelback, d: int, q: int, exact: Array, rng: np.random.Generator) -> Array:
     """Root-mean-square discrepancy [%] of moments from samples of the expansion."""
     germ = rng.standard_normal(REPEATS * SAMPLES)
-    y = c.law().polynomials(ALPHA, germ, d) @ c.coefficients(d, q)
+    family = c.law().recurrence(ALPHA, d + 1)
+    y = evaluate(*family, germ, d) @ c.coefficients(d, q)
     found = np.stack([np.mean((y**m).reshape(REPEATS, -1), axis=1) for m in range(1, ORDER + 1)])
     return np.asarray(100.0 * np.sqrt(np.mean((found / exact[:, None] - 1.0) ** 2, axis=1)))
 

@@ -10,6 +10,7 @@ from scipy import special
 from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
 from aleator.densities.moments import weighted_moments
 from aleator.errors import InputsError
+from aleator.polynomials.recurrence import evaluate
 from aleator.types import Array
 
 BOX = (-1.0, 1.0)
@@ -96,7 +97,7 @@ def test_the_coefficients_of_a_basis_polynomial_are_found(basis) -> None:
     laws, values = joint.laws, [ALPHA[part] for part in joint.slices]
     rules = [law.rule(v, 4) for law, v in zip(laws.values(), values, strict=True)]
     tables = [
-        law.polynomials(v, rule.germ, degree if law.scatters else 0)
+        evaluate(*law.recurrence(v, degree + 1), rule.germ, degree if law.scatters else 0)
         for law, v, rule in zip(laws.values(), values, rules, strict=True)
     ]
     outcomes = np.einsum("a,b,c->abc", tables[0][:, 1], tables[1][:, 0], tables[2][:, 2]).ravel()
@@ -106,8 +107,8 @@ def test_the_coefficients_of_a_basis_polynomial_are_found(basis) -> None:
     assert weights @ found**2 == pytest.approx(1.0, rel=1e-12)
     # ... and is the same polynomial at the finer nodes, 8 * 3 // 2 + 1 a dimension
     fine = [law.rule(v, 13) for law, v in zip(laws.values(), values, strict=True)]
-    first = laws["x"].polynomials(values[0], fine[0].germ, 1)[:, 1]
-    third = laws["w"].polynomials(values[2], fine[2].germ, 2)[:, 2]
+    first = evaluate(*laws["x"].recurrence(values[0], 2), fine[0].germ, 1)[:, 1]
+    third = evaluate(*laws["w"].recurrence(values[2], 3), fine[2].germ, 2)[:, 2]
     np.testing.assert_allclose(found, np.outer(first, third).ravel(), atol=1e-10)
 
 

@@ -10,6 +10,7 @@ from aleator.errors import InputsError
 from aleator.laws import Law, Rule
 from aleator.laws.inputs import Inputs
 from aleator.polynomials.indices import Indices
+from aleator.polynomials.recurrence import evaluate
 from aleator.types import Array
 
 
@@ -63,7 +64,8 @@ class Basis:
 
     def table(self, parameter: int, germ: Array, degree: int) -> Array:
         """The polynomials of one marginal at its germ (J,), as (J, degree + 1)."""
-        return self.laws[parameter].polynomials(self.values[parameter], germ, degree)
+        a, b = self.laws[parameter].recurrence(self.values[parameter], degree + 1)
+        return evaluate(a, b, germ, degree)
 
     def evaluate(self, germ: Array, indices: Indices) -> Array:
         """psi at germs (J, n) for multi-indices (P, n), as (J, P). Cost O(J P n)."""

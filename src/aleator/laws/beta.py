@@ -11,10 +11,10 @@ from scipy import special
 
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, about, resolve
-from aleator.laws.image import Tail, difference, from_probability, from_tails, slope
+from aleator.laws.image import Tail, difference, from_probability, from_tails, slope, to_score
 from aleator.laws.law import MeanSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_with_gradient
-from aleator.polynomials.recurrence import evaluate, jacobi_recurrence, recurrence_with_gradient
+from aleator.polynomials.recurrence import jacobi_recurrence, recurrence_with_gradient
 from aleator.types import Array
 
 WIDEST = 0.99
@@ -98,11 +98,27 @@ class Beta:
         x = np.clip(values[0] + values[1] * t, *self.box)
         return Rule(x, weights, t, dx, by_weight @ jac)
 
-    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:
-        """Orthonormal Jacobi polynomials of the germ (x - mean)/sd."""
+    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
+        """Jacobi polynomials of (x - mean)/sd."""
         p, q, _ = self._shapes(values)
-        a, b = jacobi_recurrence(degree + 1, p, q)
-        return evaluate(np.real(a), np.real(b), germ, degree)
+        a, b = jacobi_recurrence(count, p, q)
+        return np.real(a), np.real(b)
+
+    def log_density(self, values: Array, x: Array) -> Array:
+        """(p - 1) log z + (q - 1) log(1 - z) - log B(p, q) - log w with z = (x - lower)/w."""
+        p, q, _ = self._shapes(values)
+        lower, upper = self.box
+        width = upper - lower
+        z, rest = (np.maximum(part, 0.0) / width for part in (x - lower, upper - x))
+        inside = (x >= lower) & (x <= upper)
+        return np.where(inside, _log_density(p, q, z, rest) - math.log(width), -np.inf)
+
+    def normal_score(self, values: Array, x: Array) -> Array:
+        """Phi^-1 of the regularized incomplete beta function."""
+        p, q, _ = self._shapes(values)
+        lower, upper = self.box
+        z, rest = (np.clip(part / (upper - lower), 0.0, 1.0) for part in (x - lower, upper - x))
+        return to_score(special.betainc(p, q, z), special.betainc(q, p, rest))
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """lower + w I^-1(p, q, probability), I the regularized incomplete beta function."""
@@ -123,13 +139,7 @@ class Beta:
         width = upper - lower
         z = from_tails(theta, *_tails(p, q))
         rest = from_tails(-theta, *_tails(q, p))
-        with np.errstate(divide="ignore"):
-            log_density = (
-                special.xlogy(p - 1.0, z)
-                + special.xlogy(q - 1.0, rest)
-                - special.betaln(p, q)
-                - math.log(width)
-            )
+        log_density = _log_density(p, q, z, rest) - math.log(width)
         by_p = difference(lambda v: from_tails(theta, *_tails(v, q)), p)
         by_q = difference(lambda v: from_tails(theta, *_tails(p, v)), q)
         x = np.where(theta < 0.0, lower + width * z, upper - width * rest)
@@ -153,6 +163,14 @@ class Beta:
         ds = np.array([(1.0 - 2.0 * m) / (v * width), -2.0 * (s + 1.0) / float(values[1])])
         dm = np.array([1.0 / width, 0.0])
         return m * s, (1.0 - m) * s, np.stack([m * ds + s * dm, (1.0 - m) * ds - s * dm])
+
+
+def _log_density(p: float, q: float, z: Array, rest: Array) -> Array:
+    """log f of z on [0, 1] with rest = 1 - z; infinite at an end whose shape is below 1."""
+    with np.errstate(divide="ignore"):
+        powers = special.xlogy(p - 1.0, z) + special.xlogy(q - 1.0, rest)
+    log_density: Array = powers - special.betaln(p, q)
+    return log_density
 
 
 def _tails(p: float, q: float) -> tuple[Tail, Tail]:

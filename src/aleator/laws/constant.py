@@ -56,9 +56,17 @@ class Constant:
         one = np.ones((1, 1))
         return Rule(values[:1].copy(), np.ones(1), np.zeros(1), one, np.zeros((1, 1)))
 
-    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:  # noqa: ARG002
+    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
         """Only the polynomial of degree zero exists."""
-        return np.ones((germ.size, 1))
+        return np.zeros(1), np.ones(1)
+
+    def log_density(self, values: Array, x: Array) -> Array:
+        """log P(x): zero at the value, minus infinity elsewhere."""
+        return np.where(x == values[0], 0.0, -np.inf)
+
+    def normal_score(self, values: Array, x: Array) -> Array:
+        """A constant has no scatter: zero at the value, infinite beside it."""
+        return np.where(x == values[0], 0.0, np.copysign(np.inf, x - values[0]))
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """The value at every probability."""

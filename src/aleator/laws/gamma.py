@@ -18,10 +18,10 @@ from aleator.laws.hyperparameter import (
     require_above,
     widest_above,
 )
-from aleator.laws.image import difference, from_probability, from_tails, slope
+from aleator.laws.image import difference, from_probability, from_tails, slope, to_score
 from aleator.laws.law import MeanSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_with_gradient
-from aleator.polynomials.recurrence import evaluate, laguerre_recurrence, recurrence_with_gradient
+from aleator.polynomials.recurrence import laguerre_recurrence, recurrence_with_gradient
 from aleator.types import Array
 
 LARGEST_VARIATION = math.sqrt(5.0)
@@ -97,11 +97,22 @@ class Gamma:
         x = np.maximum(values[0] + values[1] * t, self.lower)
         return Rule(x, weights, t, dx, by_weight * dc)
 
-    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:
-        """Orthonormal generalized Laguerre polynomials of the germ (x - mean)/sd."""
-        c = values[1] / (values[0] - self.lower)
-        a, b = laguerre_recurrence(degree + 1, c)
-        return evaluate(np.real(a), np.real(b), germ, degree)
+    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
+        """Generalized Laguerre polynomials of (x - mean)/sd."""
+        a, b = laguerre_recurrence(count, values[1] / (values[0] - self.lower))
+        return np.real(a), np.real(b)
+
+    def log_density(self, values: Array, x: Array) -> Array:
+        """(k - 1) log g - g - log Gamma(k) - log(scale) with g = (x - lower)/scale."""
+        k, scale = self._shape_and_scale(values)
+        g = (x - self.lower) / scale
+        return np.where(g >= 0.0, _log_density(k, scale, np.maximum(g, 0.0)), -np.inf)
+
+    def normal_score(self, values: Array, x: Array) -> Array:
+        """Phi^-1 of the regularized incomplete gamma function."""
+        k, scale = self._shape_and_scale(values)
+        g = np.maximum(x - self.lower, 0.0) / scale
+        return to_score(special.gammainc(k, g), special.gammaincc(k, g))
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """lower + scale P^-1(k, probability), P the regularized incomplete gamma function."""
@@ -116,12 +127,10 @@ class Gamma:
         """The quantile at Phi(theta); its derivative by the shape is a difference (1e-8)."""
         k, scale = self._shape_and_scale(values)
         g = _standard_gamma(k, theta)
-        with np.errstate(divide="ignore"):
-            log_density = special.xlogy(k - 1.0, g) - g - special.gammaln(k) - math.log(scale)
         c = k**-0.5
         by_c = difference(lambda v: (_standard_gamma(v**-2, theta) - v**-2) * v, c)
         dvalues = np.stack([1.0 - c**2 * by_c, (g - k) * c + c * by_c], axis=1)
-        return Standard(self.lower + scale * g, slope(theta, log_density), dvalues)
+        return Standard(self.lower + scale * g, slope(theta, _log_density(k, scale, g)), dvalues)
 
     def mean_and_sd(self, values: Array) -> MeanSd:
         """The two hyperparameters."""
@@ -134,6 +143,14 @@ class Gamma:
     def _shape_and_scale(self, values: Array) -> tuple[float, float]:
         distance = float(values[0]) - self.lower
         return (distance / float(values[1])) ** 2, float(values[1]) ** 2 / distance
+
+
+def _log_density(k: float, scale: float, g: Array) -> Array:
+    """log f of x = lower + scale g, g >= 0; infinite at the end where k < 1."""
+    with np.errstate(divide="ignore"):
+        power = special.xlogy(k - 1.0, g)
+    log_density: Array = power - g - special.gammaln(k) - math.log(scale)
+    return log_density
 
 
 def _standard_gamma(k: float, theta: Array) -> Array:

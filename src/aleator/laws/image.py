@@ -40,6 +40,26 @@ def from_probability(probability: Array, below: Tail, above: Tail) -> Array:
     return np.where(p < 0.5, below(p), above(1.0 - p))
 
 
+def to_score(below: Array, above: Array) -> Array:
+    """Phi^-1(F) from the probabilities F below and 1 - F above, by the tail that is nearer.
+
+    >>> to_score(np.array([0.5, 1.0]), np.array([0.5, special.ndtr(-9.0)])).tolist()
+    [0.0, 9.0]
+    """
+    score: Array = np.where(below <= above, special.ndtri(below), -special.ndtri(above))
+    return score
+
+
+def normal_log_density(theta: Array) -> Array:
+    """log phi(theta) of the standard normal law.
+
+    >>> float(normal_log_density(np.array([0.0]))[0].round(6))
+    -0.918939
+    """
+    log_density: Array = -0.5 * theta**2 - 0.5 * np.log(2.0 * np.pi)
+    return log_density
+
+
 def slope(theta: Array, log_density: Array) -> Array:
     """dx/dtheta = phi(theta)/f(x) (J,) from log f(x); zero where the density is infinite.
 
@@ -47,7 +67,7 @@ def slope(theta: Array, log_density: Array) -> Array:
     >>> slope(x, -0.5 * x**2 - 0.5 * np.log(2.0 * np.pi)).tolist()
     [1.0, 1.0]
     """
-    dtheta: Array = np.exp(-0.5 * theta**2 - 0.5 * np.log(2.0 * np.pi) - log_density)
+    dtheta: Array = np.exp(normal_log_density(theta) - log_density)
     return dtheta
 
 

@@ -8,13 +8,14 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse, special
+from scipy import linalg, sparse, special
 
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter, Law, Normal, Rule, Specification
 from aleator.laws.correlation import Correlation, Pair, between
 from aleator.polynomials.gauss import gauss_hermite, tensor
 from aleator.polynomials.indices import total_degree
+from aleator.polynomials.recurrence import evaluate
 from aleator.threads import single_threaded
 from aleator.types import Array
 
@@ -289,6 +290,33 @@ class Inputs:
             self._place_correlated(alpha, germ, x, _room(x.shape[0], x.shape[1], self.size)[1])
         return x
 
+    def log_density(self, alpha: Array, x: Array) -> Array:
+        """log p(x | alpha) at each x (J, n), minus infinity outside the support.
+
+        The sum of the marginal log-densities and, for correlated parameters, the log-density of
+        the Gaussian copula: -1/2 log det R - 1/2 theta' (R^-1 - I) theta with the normal scores
+        theta of x (Song, 2000). A constant counts as a probability: zero at its value. Cost O(J n).
+
+        >>> from aleator.laws import Normal
+        >>> pair = Inputs({"a": Normal(0.0, 1.0), "b": Normal(0.0, 1.0)}, {("a", "b"): 0.6})
+        >>> alpha = np.array([0.0, 1.0, 0.0, 1.0, 0.6])
+        >>> pair.log_density(alpha, np.zeros((1, 2))).round(6).tolist()   # -log(2 pi 0.8)
+        [-1.614734]
+        """
+        laws, parts = list(self.laws.values()), self.slices
+        found = np.zeros(x.shape[0])
+        for i, law in enumerate(laws):
+            found += law.log_density(alpha[parts[i]], x[:, i])
+        if not self.correlated:
+            return found
+        inside = np.flatnonzero(found > -np.inf)
+        scores = [laws[i].normal_score(alpha[parts[i]], x[inside, i]) for i in self.correlated]
+        theta = np.stack(scores)
+        factor, _ = self.correlation.cholesky(alpha[self._partials])
+        xi = linalg.solve_triangular(factor, theta, lower=True)
+        found[inside] -= np.log(np.diag(factor)).sum() + 0.5 * np.sum(xi**2 - theta**2, axis=0)
+        return found
+
     @property
     def _partials(self) -> slice:
         """Where the partial correlations stand in alpha."""
@@ -320,7 +348,8 @@ class Inputs:
         basis = np.ones((picks.shape[0], indices.shape[0]))
         weights = np.ones(picks.shape[0])
         for i, (law, values) in enumerate(zip(*self.independent(alpha), strict=True)):
-            table = law.polynomials(values, rules[i].germ, limits[i])
+            a, b = law.recurrence(values, limits[i] + 1)
+            table = evaluate(a, b, rules[i].germ, limits[i])
             basis *= table[picks[:, i]][:, indices[:, i]]
             weights *= rules[i].weights[picks[:, i]]
         return basis, weights

@@ -96,8 +96,20 @@ class Law(Protocol):
         """The Gauss rule of the law with `nodes` nodes (one for a constant)."""
         ...
 
-    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:
-        """The law's orthonormal polynomials at the germ (J,), as (J, degree + 1)."""
+    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
+        """The first coefficients a (count,), b (count,) of the law's orthonormal polynomials.
+
+        They belong to the coordinate `Rule.germ`; see `aleator.polynomials.recurrence`. A constant
+        has one pair, whatever the count.
+        """
+        ...
+
+    def log_density(self, values: Array, x: Array) -> Array:
+        """log f(x) at each x (J,), minus infinity outside the support."""
+        ...
+
+    def normal_score(self, values: Array, x: Array) -> Array:
+        """theta = Phi^-1(F(x)) at each x (J,), the inverse of `standard`; infinite outside."""
         ...
 
     def quantile(self, values: Array, probability: Array) -> Array:

@@ -18,9 +18,10 @@ from aleator.laws.hyperparameter import (
     require_above,
     widest_above,
 )
+from aleator.laws.image import normal_log_density
 from aleator.laws.law import MeanSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_hermite
-from aleator.polynomials.recurrence import evaluate, hermite_recurrence
+from aleator.polynomials.recurrence import hermite_recurrence
 from aleator.types import Array
 
 REACH = 8.0
@@ -90,9 +91,26 @@ class LogNormal:
         image = self.standard(values, theta)
         return Rule(image.x, weights, theta, image.dvalues, np.zeros((nodes, 2)))
 
-    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:  # noqa: ARG002
-        """Orthonormal Hermite polynomials of the germ."""
-        return evaluate(*hermite_recurrence(degree + 1), germ, degree)
+    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
+        """Hermite polynomials of theta."""
+        return hermite_recurrence(count)
+
+    def log_density(self, values: Array, x: Array) -> Array:
+        """log phi(theta) - log(s (x - lower)) with theta = (log(x - lower) - m)/s."""
+        s = _log_sd(values[1] / (values[0] - self.lower))
+        inside = x > self.lower
+        above = np.where(inside, x - self.lower, 1.0)
+        log_density = normal_log_density(self.normal_score(values, x)) - np.log(s * above)
+        return np.where(inside, log_density, -np.inf)
+
+    def normal_score(self, values: Array, x: Array) -> Array:
+        """(log(x - lower) - m)/s."""
+        distance = values[0] - self.lower
+        s = _log_sd(values[1] / distance)
+        with np.errstate(divide="ignore"):
+            logarithm = np.log(np.maximum(x - self.lower, 0.0) / distance)
+        score: Array = logarithm / s + 0.5 * s
+        return score
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """lower + exp(m + s Phi^-1(probability))."""

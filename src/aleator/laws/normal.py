@@ -15,9 +15,10 @@ from aleator.laws.hyperparameter import (
     about,
     location_and_scale,
 )
+from aleator.laws.image import normal_log_density
 from aleator.laws.law import MeanSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_hermite
-from aleator.polynomials.recurrence import evaluate, hermite_recurrence
+from aleator.polynomials.recurrence import hermite_recurrence
 from aleator.types import Array
 
 REACH = 8.0
@@ -75,9 +76,19 @@ class Normal:
         dx = np.stack([np.ones(nodes), theta], axis=1)
         return Rule(values[0] + values[1] * theta, weights, theta, dx, np.zeros((nodes, 2)))
 
-    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:  # noqa: ARG002
-        """Orthonormal Hermite polynomials of the germ."""
-        return evaluate(*hermite_recurrence(degree + 1), germ, degree)
+    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
+        """Hermite polynomials of theta."""
+        return hermite_recurrence(count)
+
+    def log_density(self, values: Array, x: Array) -> Array:
+        """-theta^2/2 - log(sd sqrt(2 pi)) with theta = (x - mean)/sd."""
+        log_density: Array = normal_log_density(self.normal_score(values, x)) - np.log(values[1])
+        return log_density
+
+    def normal_score(self, values: Array, x: Array) -> Array:
+        """(x - mean)/sd."""
+        score: Array = (x - values[0]) / values[1]
+        return score
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """mean + sd Phi^-1(probability)."""

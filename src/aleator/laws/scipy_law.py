@@ -18,10 +18,10 @@ from aleator.laws.hyperparameter import (
     about,
     location_and_scale,
 )
-from aleator.laws.image import Tail, from_probability, from_tails, slope
+from aleator.laws.image import Tail, from_probability, from_tails, slope, to_score
 from aleator.laws.law import MeanSd, Rule, Standard
 from aleator.polynomials.gauss import gauss
-from aleator.polynomials.recurrence import evaluate, stieltjes
+from aleator.polynomials.recurrence import stieltjes
 from aleator.types import Array
 
 FAR = 1e-15
@@ -111,9 +111,20 @@ class ScipyLaw:
         x, dx = self._moved(values, z)
         return Rule(x, weights, z, dx, np.zeros(dx.shape))
 
-    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:  # noqa: ARG002
+    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
         """Polynomials of (T - E T)/sd T, orthonormal under its density."""
-        return evaluate(*_recurrence(self._shape, degree + 1), germ, degree)
+        return _recurrence(self._shape, count)
+
+    def log_density(self, values: Array, x: Array) -> Array:
+        """The log-density of T, moved and scaled."""
+        at, scale = self._back(values, x)
+        log_density: Array = np.asarray(self.distribution.logpdf(at)) - math.log(scale)
+        return log_density
+
+    def normal_score(self, values: Array, x: Array) -> Array:
+        """Phi^-1 of T's distribution function; digits as SciPy has them."""
+        at, _ = self._back(values, x)
+        return to_score(self.distribution.cdf(at), self.distribution.sf(at))
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """The quantile of T, moved and scaled."""
@@ -159,6 +170,13 @@ class ScipyLaw:
         shape = _support(self._shape)
         t: Array = by(np.asarray(at, dtype=float), self._shape.ppf, self._shape.isf)
         return (t - shape.mean) / shape.sd
+
+    def _back(self, values: Array, x: Array) -> tuple[Array, float]:
+        """The value of T that x is made of, and dx/dT."""
+        if not values.size:
+            return x, 1.0
+        scale = float(values[1]) / self._own.sd
+        return self._own.mean + (x - values[0]) / scale, scale
 
     def _moved(self, values: Array, z: Array) -> tuple[Array, Array]:
         """x and its derivatives (J, k) at standardized points z (J,)."""

@@ -12,9 +12,10 @@ from scipy import special
 
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, about, resolve
+from aleator.laws.image import normal_log_density
 from aleator.laws.law import MeanSd, Rule, Standard
 from aleator.polynomials.gauss import gauss, gauss_hermite, gauss_legendre
-from aleator.polynomials.recurrence import evaluate, hermite_recurrence, stieltjes
+from aleator.polynomials.recurrence import hermite_recurrence, stieltjes
 from aleator.types import Array
 
 REACH = 10.0
@@ -105,12 +106,29 @@ class TruncatedNormal:
         image = self.standard(values, germ)
         return Rule(image.x, weights, germ, image.dvalues, np.zeros((nodes, 2)))
 
-    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:
-        """Polynomials orthonormal under the truncated density, or Hermite of the germ."""
+    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
+        """Polynomials orthonormal under the truncated density, or Hermite polynomials of theta."""
         if self.basis == "hermite":
-            return evaluate(*hermite_recurrence(degree + 1), germ, degree)
+            return hermite_recurrence(count)
         t, weights = _fine_rule(*(np.array(end) for end in self._standard_limits(values)))
-        return evaluate(*stieltjes(t, weights, degree + 1), germ, degree)
+        return stieltjes(t, weights, count)
+
+    def log_density(self, values: Array, x: Array) -> Array:
+        """log phi(t) - log sd - log(Phi(b) - Phi(a)) with t = (x - mean)/sd, inside the box."""
+        lower, upper = self.box_limits
+        a, b = self._standard_limits(values)
+        t = (x - values[0]) / values[1]
+        log_density = normal_log_density(t) - math.log(values[1]) - _log_mass(a, b)
+        return np.where((x >= lower) & (x <= upper), log_density, -np.inf)
+
+    def normal_score(self, values: Array, x: Array) -> Array:
+        """Phi^-1((Phi(t) - Phi(a))/(Phi(b) - Phi(a))), in logarithms: far tails keep digits."""
+        a, b = self._standard_limits(values)
+        t = np.clip((x - values[0]) / values[1], a, b)
+        log_u, log_v = _log_mass(a, t) - _log_mass(a, b), _log_mass(t, b) - _log_mass(a, b)
+        below, above = special.ndtri_exp(np.minimum([log_u, log_v], 0.0))
+        score: Array = np.where(log_u < log_v, below, -above)
+        return score
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """mean + sd t with Phi(t) = (1 - u) Phi(a) + u Phi(b)."""
@@ -175,11 +193,15 @@ def clip(theta: Array, a: float, b: float) -> tuple[Array, Array, Array, Array]:
     return t, by_a, by_b, by_theta
 
 
-def _log_mass(a: float, b: float) -> float:
+def _log_mass(a: float | Array, b: float | Array) -> Array:
     """log(Phi(b) - Phi(a)), of the tail that keeps its digits."""
-    low, high = (-b, -a) if a > -b else (a, b)
-    outer, inner = special.log_ndtr(high), special.log_ndtr(low)
-    return float(outer + np.log1p(-np.exp(inner - outer)))
+    a, b = np.asarray(a), np.asarray(b)
+    reflected = a > -b
+    outer = special.log_ndtr(np.where(reflected, -a, b))
+    inner = special.log_ndtr(np.where(reflected, -b, a))
+    with np.errstate(divide="ignore"):
+        mass: Array = outer + np.log(-np.expm1(inner - outer))
+    return mass
 
 
 def _truncated_quantile(u: Array, a: float, b: float) -> Array:

@@ -17,9 +17,10 @@ from aleator.laws.hyperparameter import (
     about,
     location_and_scale,
 )
+from aleator.laws.image import to_score
 from aleator.laws.law import MeanSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_legendre
-from aleator.polynomials.recurrence import evaluate, legendre_recurrence
+from aleator.polynomials.recurrence import legendre_recurrence
 from aleator.types import Array
 
 HALF = math.sqrt(3.0)
@@ -95,9 +96,21 @@ class Uniform:
         dx = np.stack([np.ones(nodes), HALF * t], axis=1)
         return Rule(self._at(values, t), weights, t, dx, np.zeros((nodes, 2)))
 
-    def polynomials(self, values: Array, germ: Array, degree: int) -> Array:  # noqa: ARG002
-        """Orthonormal Legendre polynomials of the germ in [-1, 1]."""
-        return evaluate(*legendre_recurrence(degree + 1), germ, degree)
+    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
+        """Legendre polynomials of t in [-1, 1]."""
+        return legendre_recurrence(count)
+
+    def log_density(self, values: Array, x: Array) -> Array:
+        """-log(2 sqrt(3) sd) between the ends."""
+        lower, upper = self._ends(values)
+        return np.where((x >= lower) & (x <= upper), -math.log(upper - lower), -np.inf)
+
+    def normal_score(self, values: Array, x: Array) -> Array:
+        """Phi^-1 of (x - lower)/(upper - lower)."""
+        lower, upper = self._ends(values)
+        width = upper - lower
+        below, above = (np.clip(part / width, 0.0, 1.0) for part in (x - lower, upper - x))
+        return to_score(below, above)
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """mean + sqrt(3) sd (2 probability - 1)."""
@@ -117,6 +130,12 @@ class Uniform:
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The center and the sd, within their limits."""
         return about(self.hyperparameters, center, sd)
+
+    def _ends(self, values: Array) -> tuple[float, float]:
+        if self.ends is not None:
+            return self.ends
+        half = HALF * float(values[1])
+        return float(values[0]) - half, float(values[0]) + half
 
     def _at(self, values: Array, t: Array) -> Array:
         # rounding must not push a node out of the box
