@@ -9,7 +9,8 @@ from rich.console import Console
 from rich.table import Table
 
 import reproduction as paper_of
-from aleator.cli.program import can_draw, misuse_told, shown
+from aleator.cli.program import misuse_told
+from aleator.cli.showing import can_draw, shown
 
 _NAMES = "\n".join(f"  {figure.name:<27} {figure.place}" for figure in paper_of.FIGURES)
 

@@ -54,7 +54,10 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def commands(group: click.Group, name: str = "aleator") -> Iterator[tuple[str, click.Command]]:
     yield name, group
-    for key, command in group.commands.items():
+    context = click.Context(group)
+    for key in group.list_commands(context):
+        command = group.get_command(context, key)
+        assert command is not None
         if isinstance(command, click.Group):
             yield from commands(command, f"{name} {key}")
         else:
@@ -329,7 +332,7 @@ def test_a_defect_keeps_its_traceback(study: Path, monkeypatch: pytest.MonkeyPat
     def defective(*arguments: object, **options: object) -> None:
         raise ZeroDivisionError(f"{len(arguments)} {len(options)}")
 
-    monkeypatch.setattr(cli.program, "identify_law", defective)
+    monkeypatch.setattr("aleator.cli.running.identify", defective)
     done = run("identify", study)
     assert done.exit_code == 1
     assert isinstance(done.exception, ZeroDivisionError)

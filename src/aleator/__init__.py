@@ -1,90 +1,106 @@
 """Aleator identifies the probability law of uncertain parameters from experiments."""
 
-from aleator.densities import Convolution, Gaussian, GaussianMixture, LogSpline, MaximumEntropy
-from aleator.densities.distances import earth_movers_distance
-from aleator.errors import AleatorError
-from aleator.expansion import Projection, Regression, Sparse, SparseProjection
-from aleator.expansion.sobol import sobol_indices
-from aleator.inference.verification import MonteCarlo
-from aleator.laws import (
-    Beta,
-    Constant,
-    Free,
-    Gamma,
-    LogNormal,
-    Normal,
-    ScipyLaw,
-    TruncatedNormal,
-    Uniform,
-)
-from aleator.laws.inputs import Inputs
-from aleator.likelihood.propagation import Collocation
-from aleator.observations.experiments import Experiments
-from aleator.observations.noise import Noise
-from aleator.polynomials.indices import Anisotropic, Hyperbolic, TotalDegree
-from aleator.quadrature import (
-    GermGrid,
-    MonteCarloPoints,
-    ProbabilityGrid,
-    Smolyak,
-    SobolPoints,
-    TensorGauss,
-)
-from aleator.search import (
-    CMAES,
-    CustomSearch,
-    DifferentialEvolution,
-    GeneticAlgorithm,
-    GradientMultistart,
-)
-from aleator.surrogates import ResponseSurface
-from aleator.tasks.identify import identify
-from aleator.tasks.predict import predict
-from aleator.tasks.result import Identification
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "identify",
-    "predict",
-    "Identification",
-    "Experiments",
-    "Inputs",
-    "Normal",
-    "TruncatedNormal",
-    "Uniform",
-    "Beta",
-    "Gamma",
-    "LogNormal",
-    "ScipyLaw",
-    "Constant",
-    "Free",
-    "Noise",
-    "ResponseSurface",
-    "Collocation",
-    "TensorGauss",
-    "Smolyak",
-    "SobolPoints",
-    "MonteCarloPoints",
-    "ProbabilityGrid",
-    "GermGrid",
-    "Projection",
-    "SparseProjection",
-    "Regression",
-    "Sparse",
-    "TotalDegree",
-    "Hyperbolic",
-    "Anisotropic",
-    "sobol_indices",
-    "Gaussian",
-    "MaximumEntropy",
-    "GaussianMixture",
-    "Convolution",
-    "LogSpline",
-    "earth_movers_distance",
-    "GradientMultistart",
-    "GeneticAlgorithm",
-    "DifferentialEvolution",
-    "CMAES",
-    "CustomSearch",
-    "MonteCarlo",
-    "AleatorError",
-]
+if TYPE_CHECKING:
+    from aleator.densities import Convolution as Convolution
+    from aleator.densities import Gaussian as Gaussian
+    from aleator.densities import GaussianMixture as GaussianMixture
+    from aleator.densities import LogSpline as LogSpline
+    from aleator.densities import MaximumEntropy as MaximumEntropy
+    from aleator.densities.distances import earth_movers_distance as earth_movers_distance
+    from aleator.errors import AleatorError as AleatorError
+    from aleator.expansion import Projection as Projection
+    from aleator.expansion import Regression as Regression
+    from aleator.expansion import Sparse as Sparse
+    from aleator.expansion import SparseProjection as SparseProjection
+    from aleator.expansion.sobol import sobol_indices as sobol_indices
+    from aleator.inference.verification import MonteCarlo as MonteCarlo
+    from aleator.laws import Beta as Beta
+    from aleator.laws import Constant as Constant
+    from aleator.laws import Free as Free
+    from aleator.laws import Gamma as Gamma
+    from aleator.laws import LogNormal as LogNormal
+    from aleator.laws import Normal as Normal
+    from aleator.laws import ScipyLaw as ScipyLaw
+    from aleator.laws import TruncatedNormal as TruncatedNormal
+    from aleator.laws import Uniform as Uniform
+    from aleator.laws.inputs import Inputs as Inputs
+    from aleator.likelihood.propagation import Collocation as Collocation
+    from aleator.observations.experiments import Conditions as Conditions
+    from aleator.observations.experiments import Experiments as Experiments
+    from aleator.observations.noise import Noise as Noise
+    from aleator.polynomials.indices import Anisotropic as Anisotropic
+    from aleator.polynomials.indices import Hyperbolic as Hyperbolic
+    from aleator.polynomials.indices import TotalDegree as TotalDegree
+    from aleator.quadrature import GermGrid as GermGrid
+    from aleator.quadrature import MonteCarloPoints as MonteCarloPoints
+    from aleator.quadrature import ProbabilityGrid as ProbabilityGrid
+    from aleator.quadrature import Smolyak as Smolyak
+    from aleator.quadrature import SobolPoints as SobolPoints
+    from aleator.quadrature import TensorGauss as TensorGauss
+    from aleator.search import CMAES as CMAES
+    from aleator.search import CustomSearch as CustomSearch
+    from aleator.search import DifferentialEvolution as DifferentialEvolution
+    from aleator.search import GeneticAlgorithm as GeneticAlgorithm
+    from aleator.search import GradientMultistart as GradientMultistart
+    from aleator.simulators import Runner as Runner
+    from aleator.simulators import Store as Store
+    from aleator.simulators.command import CommandSimulator as CommandSimulator
+    from aleator.simulators.fmu import FMUSimulator as FMUSimulator
+    from aleator.surrogates import ResponseSurface as ResponseSurface
+    from aleator.tasks.box import feasible_box as feasible_box
+    from aleator.tasks.identify import identify as identify
+    from aleator.tasks.predict import predict as predict
+    from aleator.tasks.result import Identification as Identification
+    from aleator.tasks.screen import screen as screen
+
+# A public name is imported when it is first used: `import aleator` itself costs nothing.
+_HOMES = {
+    "tasks.identify": ["identify"],
+    "tasks.result": ["Identification"],
+    "tasks.predict": ["predict"],
+    "tasks.screen": ["screen"],
+    "tasks.box": ["feasible_box"],
+    "observations.experiments": ["Experiments", "Conditions"],
+    "observations.noise": ["Noise"],
+    "simulators": ["Runner", "Store"],
+    "simulators.command": ["CommandSimulator"],
+    "simulators.fmu": ["FMUSimulator"],
+    "laws": [
+        "Normal", "TruncatedNormal", "Uniform", "Beta", "Gamma", "LogNormal", "ScipyLaw",
+        "Constant", "Free",
+    ],
+    "laws.inputs": ["Inputs"],
+    "surrogates": ["ResponseSurface"],
+    "likelihood.propagation": ["Collocation"],
+    "quadrature": [
+        "TensorGauss", "Smolyak", "SobolPoints", "MonteCarloPoints", "ProbabilityGrid", "GermGrid",
+    ],
+    "expansion": ["Projection", "SparseProjection", "Regression", "Sparse"],
+    "expansion.sobol": ["sobol_indices"],
+    "polynomials.indices": ["TotalDegree", "Hyperbolic", "Anisotropic"],
+    "densities": ["Convolution", "MaximumEntropy", "Gaussian", "GaussianMixture", "LogSpline"],
+    "densities.distances": ["earth_movers_distance"],
+    "search": [
+        "GradientMultistart", "GeneticAlgorithm", "DifferentialEvolution", "CMAES", "CustomSearch",
+    ],
+    "inference.verification": ["MonteCarlo"],
+    "errors": ["AleatorError"],
+}  # fmt: skip
+
+__all__ = [name for names in _HOMES.values() for name in names]
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any:
+        """Import the module of a public name, and keep the name here from then on."""
+        home = next((home for home, names in _HOMES.items() if name in names), None)
+        if home is None:
+            raise AttributeError(f"module 'aleator' has no attribute '{name}'")
+        return globals().setdefault(name, getattr(import_module(f"aleator.{home}"), name))
+
+    def __dir__() -> list[str]:
+        """The public names, imported or not, for completion in an editor."""
+        return [*globals(), *__all__]

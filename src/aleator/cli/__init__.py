@@ -1,15 +1,5 @@
-"""The command line: parse, call, print. A file a command; importing one adds it to the program."""
+"""The command line: parse, call, print. A file a command, imported when the command is used."""
 
-from aleator.cli import box, clutch, identify, predict, recover, runs, sensitivity
 from aleator.cli.program import main
 
-__all__ = [
-    "box",
-    "clutch",
-    "identify",
-    "main",
-    "predict",
-    "recover",
-    "runs",
-    "sensitivity",
-]
+__all__ = ["main"]

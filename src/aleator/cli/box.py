@@ -7,15 +7,15 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.program import FILE, SEED, main, shown
-from aleator.cli.running import RunOptions, makes_runs, running
+from aleator.cli.running import FILE, SEED, RunOptions, makes_runs, running
+from aleator.cli.showing import shown
 from aleator.report import box as report
 from aleator.report import documents
 from aleator.study import load_study
 from aleator.tasks.box import feasible_box
 
 
-@main.command()
+@click.command()
 @click.argument("study", type=FILE, metavar="STUDY.toml")
 @click.option(
     "--output",

@@ -7,11 +7,11 @@ from pathlib import Path
 import click
 
 from aleator import clutch as wet_clutch
-from aleator.cli.program import FILE, main
+from aleator.cli.running import FILE
 from aleator.report import documents
 
 
-@main.group()
+@click.group()
 def clutch() -> None:
     """The wet clutch, Aleator's benchmark with synthetic measurements."""
 

@@ -8,17 +8,17 @@ from typing import Any
 import click
 from rich.console import Console
 
-from aleator.cli.program import (
+from aleator.cli.running import (
     FILE,
     SEED,
-    can_draw,
+    RunOptions,
     identified,
-    main,
+    makes_runs,
     name_of,
     outcome_of,
-    shown,
+    running,
 )
-from aleator.cli.running import RunOptions, makes_runs, running, say
+from aleator.cli.showing import can_draw, say, shown
 from aleator.plot.identification import save_figures
 from aleator.report import documents, terminal
 from aleator.study import load_study
@@ -26,7 +26,7 @@ from aleator.study import load_study
 IDENTIFICATION = "identification.json"
 
 
-@main.command()
+@click.command()
 @click.argument("study", type=FILE, metavar="STUDY.toml")
 @click.option(
     "--output",

@@ -7,14 +7,14 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.program import FILE, main, outcome_of, shown
-from aleator.cli.running import RunOptions, makes_runs, running
+from aleator.cli.running import FILE, RunOptions, makes_runs, outcome_of, running
+from aleator.cli.showing import shown
 from aleator.report import documents, terminal
 from aleator.study import load_study
 from aleator.tasks.predict import predict as predict_outcomes
 
 
-@main.command()
+@click.command()
 @click.argument("identification", type=FILE, metavar="IDENTIFICATION.json")
 @click.option(
     "--conditions",

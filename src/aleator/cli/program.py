@@ -1,31 +1,29 @@
-"""The program: its group of commands, and what they share."""
+"""The program: its group of commands, each imported when it is used."""
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
-from pathlib import Path
+from contextlib import contextmanager
+from importlib import import_module
 from typing import Any
 
 import click
-from rich.console import Console
 
-from aleator.cli.running import say
 from aleator.errors import AleatorError
-from aleator.progress import Progress, Silent
-from aleator.report import live
-from aleator.simulators import Runner
-from aleator.study import Study
-from aleator.tasks.identify import identify as identify_law
-from aleator.tasks.result import Identification
 
 STOPPED = 130  # what shells report for a program ended by Ctrl-C
 
-FILE = click.Path(path_type=Path)
-SEED = click.option(
-    "--seed", type=click.IntRange(min=0), help="Seed of everything random [default: the study's]."
-)
+COMMANDS = {
+    "identify": "Identify the law that STUDY.toml asks for.",
+    "predict": "Predict the outcome's distribution for conditions that were never tested.",
+    "recover": "Check that the method finds a law that is known.",
+    "sensitivity": "Tell which parameters deserve a law: whose scatter moves the outcome, and "
+    "whose acts alike.",
+    "box": "Find the largest box of the parameters in which every experiment has an outcome.",
+    "runs": "See, take away, bring in or forget the runs that are kept.",
+    "clutch": "The wet clutch, Aleator's benchmark with synthetic measurements.",
+}
+"""The commands as `aleator --help` lists them, which imports none of them."""
 
 
 @contextmanager
@@ -42,7 +40,23 @@ def misuse_told(ctx: click.Context) -> Iterator[None]:
 
 
 class _Commands(click.Group):
-    """Commands that tell misuse in one message."""
+    """Commands that are imported when they are used, and tell misuse in one message."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """Their names, the most used first."""
+        return [*COMMANDS]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """The command of that name, in the module of that name."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = getattr(import_module(f"aleator.cli.{cmd_name}"), cmd_name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """A line for each command."""
+        with formatter.section("Commands"):
+            formatter.write_dl([*COMMANDS.items()])
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""
@@ -62,46 +76,3 @@ def main() -> None:
     Exit codes: 0 done, 1 a defect of Aleator or of its surroundings, 2 something in the input or
     on the command line is to be mended (the message says what and how), 130 stopped by Ctrl-C.
     """
-
-
-@contextmanager
-def shown(quiet: bool) -> Iterator[Progress]:
-    """Progress on the standard error, or none."""
-    with nullcontext(Silent()) if quiet else live.shown_on(Console(stderr=True)) as progress:
-        yield progress
-
-
-def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = False) -> bool:
-    """Whether matplotlib is there; says what is `missing` where it is not, unless `quiet`."""
-    found = importlib.util.find_spec("matplotlib") is not None
-    if not (found or quiet):
-        say(f"{missing} matplotlib, pip install 'aleator[plot]'")
-    return found
-
-
-def identified(study: Study, runner: Runner, progress: Progress) -> Identification:
-    """The identification that a study asks for."""
-    runner.progress = progress
-    return identify_law(
-        runner,
-        study.experiments,
-        study.inputs,
-        noise=study.noise,
-        propagation=study.propagation,
-        density=study.density,
-        search=study.search,
-        verification=study.verification,
-        seed=study.seed,
-        progress=progress,
-    )
-
-
-def outcome_of(study: Study) -> str:
-    """What the likelihood sees of an experiment, as reports and figures call it."""
-    name = study.experiments.outcome_name
-    return f"log({name})" if study.experiments.transform == "log" else name
-
-
-def name_of(study: Path) -> str:
-    """What a study is called: its file, or its folder if the file is just study.toml."""
-    return study.resolve().parent.name if study.stem == "study" else study.stem

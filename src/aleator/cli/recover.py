@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.program import FILE, SEED, identified, main, shown
-from aleator.cli.running import RunOptions, makes_runs, running
+from aleator.cli.running import FILE, SEED, RunOptions, identified, makes_runs, running
+from aleator.cli.showing import shown
 from aleator.errors import AleatorError, nearest
 from aleator.progress import Progress
 from aleator.report import documents, recovery
@@ -18,7 +18,7 @@ from aleator.study import Study, load_study
 from aleator.tasks.recover import recover as recover_law
 
 
-@main.command()
+@click.command()
 @click.argument("study", type=FILE, metavar="STUDY.toml")
 @click.option(
     "--replicates",

@@ -12,12 +12,21 @@ from typing import Any
 
 import click
 
+from aleator.cli.showing import say
 from aleator.errors import AleatorError
 from aleator.observations.experiments import Conditions
+from aleator.progress import Progress
 from aleator.simulators import ProcessPool, Runner, Store, keeping
 from aleator.simulators.workers.dask_cluster import dask_executor
 from aleator.simulators.workers.mpi_job import mpi_executor
 from aleator.study import Study
+from aleator.tasks.identify import identify
+from aleator.tasks.result import Identification
+
+FILE = click.Path(path_type=Path)
+SEED = click.option(
+    "--seed", type=click.IntRange(min=0), help="Seed of everything random [default: the study's]."
+)
 
 
 @dataclass(frozen=True)
@@ -95,9 +104,32 @@ def running(
             yield runner
 
 
-def say(text: str) -> None:
-    """A note on the standard error."""
-    click.echo(f"aleator: {text}", err=True)
+def identified(study: Study, runner: Runner, progress: Progress) -> Identification:
+    """The identification that a study asks for."""
+    runner.progress = progress
+    return identify(
+        runner,
+        study.experiments,
+        study.inputs,
+        noise=study.noise,
+        propagation=study.propagation,
+        density=study.density,
+        search=study.search,
+        verification=study.verification,
+        seed=study.seed,
+        progress=progress,
+    )
+
+
+def outcome_of(study: Study) -> str:
+    """What the likelihood sees of an experiment, as reports and figures call it."""
+    name = study.experiments.outcome_name
+    return f"log({name})" if study.experiments.transform == "log" else name
+
+
+def name_of(study: Path) -> str:
+    """What a study is called: its file, or its folder if the file is just study.toml."""
+    return study.resolve().parent.name if study.stem == "study" else study.stem
 
 
 def _workers(options: RunOptions) -> AbstractContextManager[Executor | None]:

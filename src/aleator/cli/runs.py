@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.program import FILE, main
+from aleator.cli.running import FILE
 from aleator.errors import AleatorError, StoreError
 from aleator.report import runs as report
 from aleator.simulators import Identity, Store, exchange, inventory
@@ -49,7 +49,7 @@ def opened(target: Path, new: bool = False) -> Iterator[Target]:
         yield Target(store, simulator)
 
 
-@main.group()
+@click.group()
 def runs() -> None:
     """See, take away, bring in or forget the runs that are kept.
 

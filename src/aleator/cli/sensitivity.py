@@ -7,16 +7,16 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.program import (
+from aleator.cli.running import (
     FILE,
     SEED,
-    can_draw,
-    main,
+    RunOptions,
+    makes_runs,
     name_of,
     outcome_of,
-    shown,
+    running,
 )
-from aleator.cli.running import RunOptions, makes_runs, running
+from aleator.cli.showing import can_draw, shown
 from aleator.plot.sensitivity import save_sensitivity
 from aleator.report import documents
 from aleator.report import sensitivity as report
@@ -24,7 +24,7 @@ from aleator.study import load_study
 from aleator.tasks.screen import screen
 
 
-@main.command()
+@click.command()
 @click.argument("study", type=FILE, metavar="STUDY.toml")
 @click.option(
     "--output",

@@ -1,0 +1,33 @@
+"""What a command tells its user while it works, and how."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+
+import click
+from rich.console import Console
+
+from aleator.progress import Progress, Silent
+from aleator.report import live
+
+
+def say(text: str) -> None:
+    """A note on the standard error."""
+    click.echo(f"aleator: {text}", err=True)
+
+
+@contextmanager
+def shown(quiet: bool) -> Iterator[Progress]:
+    """Progress on the standard error, or none."""
+    with nullcontext(Silent()) if quiet else live.shown_on(Console(stderr=True)) as progress:
+        yield progress
+
+
+def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = False) -> bool:
+    """Whether matplotlib is there; says what is `missing` where it is not, unless `quiet`."""
+    found = importlib.util.find_spec("matplotlib") is not None
+    if not (found or quiet):
+        say(f"{missing} matplotlib, pip install 'aleator[plot]'")
+    return found
