@@ -89,6 +89,15 @@ class Identification:
     `accepted` is true only if the search converged, every density was solved with every outcome
     in its support, and the Monte Carlo check, where it was made, agrees. `warnings` say what to
     mend or to know. `to_dict()` is the document identification.json.
+
+    >>> import pandas as pd
+    >>> from aleator import Free, Inputs, MonteCarlo, Normal, identify
+    >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
+    >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
+    >>> found = identify(lambda load, x: load * x, table, law, outcome="y",
+    ...                  verification=MonteCarlo(0))
+    >>> found.alpha["x.mean"].estimate
+    1.031
     """
 
     alpha: Mapping[str, Estimate]
