@@ -25,8 +25,8 @@ from aleator.tasks.recover import recover
 from benchmarks.densities import density_rows, failure_table
 from benchmarks.expansions import expansion_rows
 from benchmarks.few_runs import print_few_runs
-from benchmarks.offline import offline_rows
-from benchmarks.row import Row
+from benchmarks.moments import moment_rows
+from benchmarks.row import Row, ms
 from benchmarks.runs import print_runs
 from benchmarks.searches import print_searches
 
@@ -145,11 +145,6 @@ def whole_rows(study: Study, problem: Problem, runner: Runner, seconds: float) -
     ]  # fmt: skip
 
 
-def ms(seconds: float) -> str:
-    """Seconds as text in milliseconds."""
-    return f"{seconds * 1e3:.1f} ms"
-
-
 def print_table(console: Console, rows: Sequence[Row]) -> None:
     """Print the rows; a ratio below one is a target kept or a peer beaten in time."""
     table = Table("what", "Aleator", "against", "ratio")
@@ -192,7 +187,7 @@ def main() -> None:
         *simulator_rows(),
         Row("response surfaces", f"{built:.1f} s", "target 20 s", built / 20.0),
         *whole_rows(study, problem, runner, whole),
-        *offline_rows(),
+        *moment_rows(),
         *density_rows(),
         *expansion_rows(),
     ]

@@ -13,3 +13,8 @@ class Row:
     ours: str
     theirs: str
     ratio: float
+
+
+def ms(seconds: float) -> str:
+    """Seconds as text in milliseconds."""
+    return f"{seconds * 1e3:.1f} ms"

@@ -5,9 +5,9 @@ A guest like the wet clutch: only the command line knows it. A figure is an entr
 """
 
 from reproduction.context import Context
+from reproduction.figure import Claim, Figure, Reproduction, Verdict
+from reproduction.figures import FIGURES, chosen
 from reproduction.output import INDEX, Made, counts, reproduce
-from reproduction.registry import FIGURES, chosen
-from reproduction.reproduction import Claim, Figure, Reproduction, Verdict
 
 __all__ = [
     "reproduce",

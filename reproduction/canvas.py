@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure as Canvas
 
-    from reproduction.reproduction import Reproduction
+    from reproduction.figure import Reproduction
 
 
 # Okabe and Ito's palette, told apart in every form of color blindness.

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from aleator.densities import Gaussian, MaximumEntropy
 from aleator.progress import Progress, Silent
 from aleator.tasks.result import Identification
-from reproduction.camelback import Camelback
-from reproduction.clutch_laws import (
+from reproduction.clutch.laws import (
     PAPER_ENTROPY,
     PAPER_GAUSSIAN,
     Judged,
@@ -21,8 +20,9 @@ from reproduction.clutch_laws import (
     judged,
     values,
 )
-from reproduction.clutch_sampling import SamplingErrors, sampling_errors
-from reproduction.clutch_study import GIVEN, ClutchStudy
+from reproduction.clutch.sampling import SamplingErrors, sampling_errors
+from reproduction.clutch.study import GIVEN, ClutchStudy
+from reproduction.illustrative.outcome import Camelback
 
 
 @dataclass(frozen=True)

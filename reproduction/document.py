@@ -13,8 +13,8 @@ import pandas as pd
 
 from aleator.errors import AleatorError
 from aleator.report import documents
+from reproduction.figure import Claim, Verdict
 from reproduction.output import claims_table, count_sentence
-from reproduction.reproduction import Claim, Verdict
 
 MARK = "<!-- Everything below is written by `python -m reproduction.document`. -->\n"
 

@@ -14,7 +14,7 @@ from aleator.errors import AleatorError
 from aleator.report import documents
 from reproduction.canvas import drawn
 from reproduction.context import Context
-from reproduction.reproduction import Claim, Figure, Verdict
+from reproduction.figure import Claim, Figure, Verdict
 
 CLAIMS, INDEX = "claims.csv", "index.md"
 FORMS = ("png", "svg")

@@ -25,10 +25,10 @@ from aleator.search import (
 from aleator.surrogates import ResponseSurface, build_surface
 from aleator.surrogates.responses import Confined
 from reproduction.canvas import BLUE, GREEN, ORANGE, VERMILION, explain, powers_of_ten
-from reproduction.clutch_laws import SEARCH_TOLERANCE
-from reproduction.clutch_study import ClutchStudy
+from reproduction.clutch.laws import SEARCH_TOLERANCE
+from reproduction.clutch.study import ClutchStudy
 from reproduction.context import Context
-from reproduction.reproduction import Claim, Reproduction, Verdict
+from reproduction.figure import Claim, Reproduction, Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

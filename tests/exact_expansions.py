@@ -15,7 +15,6 @@ from aleator.expansion.moments import (
     Automatic,
     Basis,
     Galerkin,
-    PushFork,
     TensorGauss,
 )
 from aleator.polynomials.recurrence import hermite_recurrence
@@ -23,7 +22,7 @@ from aleator.types import Array
 
 Recurrence = tuple[Array, Array]
 
-WAYS = [PushFork(), TensorGauss(), Galerkin(), Automatic()]
+WAYS = [TensorGauss(), Galerkin(), Automatic()]
 
 
 # ------------------------------------------------- four families, and their moments of monomials

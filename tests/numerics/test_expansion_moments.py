@@ -27,13 +27,9 @@ from aleator.expansion.moments import (
     Automatic,
     Basis,
     Galerkin,
-    PushFork,
     TensorGauss,
-    central_moments,
     cheapest,
     prepare,
-    raw_moment,
-    raw_moments,
 )
 from aleator.expansion.moments.automatic import estimated_seconds
 from aleator.expansion.moments.rules import polished_rule, symmetric
@@ -154,16 +150,6 @@ def test_derivatives_are_those_of_the_moments(way) -> None:
             np.testing.assert_allclose(slope, jac, rtol=1e-6, atol=1e-6 * np.abs(jac).max() + 1e-9)
 
 
-def test_raw_and_central_moments_are_the_paper_s_sum() -> None:
-    basis = basis_of(("hermite", "hermite"), TOTAL[2], 5)
-    c = np.random.default_rng(2).standard_normal((3, basis.size))
-    found = prepare(basis, 5, TensorGauss()).moments(c)
-    for m in range(1, 6):
-        paper = raw_moment(PushFork().terms(basis, m), c)
-        np.testing.assert_allclose(raw_moments(found)[:, m], paper, rtol=1e-12)
-    np.testing.assert_allclose(central_moments(found)[:, 2], found.sd**2, rtol=1e-15)
-
-
 # ------------------------------------------------------------------------------ rules
 
 
@@ -250,5 +236,3 @@ def test_wrong_recurrences_orders_and_coefficients_are_named() -> None:
         prepare(basis, 3, Galerkin()).moments(np.ones(3))
     with pytest.raises(InputsError, match="expansions"):
         Automatic(0)
-    with pytest.raises(InputsError, match="workers"):
-        PushFork(workers=0)

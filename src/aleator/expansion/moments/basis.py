@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,15 +89,6 @@ class Basis:
                     f"{order} of degree {degree} need {needed}",
                     f"give the recurrence of the family with count={needed}",
                 )
-
-    def fingerprint(self, order: int) -> str:
-        """A hash of all that moments of this order depend on, whatever the recurrences' length."""
-        digest = hashlib.sha256(repr((self.indices.shape, order)).encode())
-        digest.update(self.indices.astype("<i8").tobytes())
-        for degree, recurrence in zip(self.degrees, self.recurrences, strict=True):
-            for coefficients in recurrence:
-                digest.update(coefficients[: order * degree // 2 + 1].astype("<f8").tobytes())
-        return digest.hexdigest()
 
 
 def _frozen(a: ArrayLike, b: ArrayLike) -> tuple[Array, Array]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import comb
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -112,36 +111,6 @@ def prepare(basis: Basis, order: int, way: Way) -> ExpansionMoments:
     """
     basis.check(order)
     return ExpansionMoments(basis, order, way.powers(basis, order))
-
-
-def central_moments(moments: Moments) -> Array:
-    """E[(Y - mean)^m] for m = 0..M, as (N, M+1), in powers of the outcome's unit.
-
-    >>> from aleator.densities.moments import weighted_moments
-    >>> m = weighted_moments(np.array([[1.0, 5.0]]), np.array([0.5, 0.5]), 4)
-    >>> central_moments(m).tolist()
-    [[1.0, 0.0, 4.0, 0.0, 16.0]]
-    """
-    m = np.arange(moments.order + 1)
-    return moments.standardized * moments.sd[:, None] ** m
-
-
-def raw_moments(moments: Moments) -> Array:
-    """E[Y^m] = sum_j C(m, j) mean^(m-j) E[(Y - mean)^j] for m = 0..M (paper, eq. (momentdef)).
-
-    To compare with the literature only: nothing can be computed back from them where the scatter
-    is small against the mean.
-
-    >>> from aleator.densities.moments import weighted_moments
-    >>> raw_moments(weighted_moments(np.array([[1.0, 5.0]]), np.array([0.5, 0.5]), 3)).tolist()
-    [[1.0, 3.0, 13.0, 63.0]]
-    """
-    central = central_moments(moments)
-    raw = np.zeros_like(central)
-    for m in range(moments.order + 1):
-        for j in range(m + 1):
-            raw[:, m] += comb(m, j) * moments.mean ** (m - j) * central[:, j]
-    return raw
 
 
 def _exact_by_definition(standardized: Array) -> Array:

@@ -30,8 +30,8 @@ from aleator.densities.outcomes import Outcomes
 from aleator.progress import Progress
 from aleator.surrogates import ResponseSurface, Surface, build_surface
 from aleator.types import Array
-from reproduction.clutch_study import ClutchStudy
-from reproduction.histogram import FittedHistogram, HistogramSpline
+from reproduction.clutch.study import ClutchStudy
+from reproduction.sampling.histogram import FittedHistogram, HistogramSpline
 
 SAMPLES = 2**18
 REACH = 5.0  # standard deviations of the parameters within which surfaces are built

@@ -11,10 +11,10 @@ from scipy.special import ndtr
 from aleator.densities import MaximumEntropy
 from aleator.densities.distances import earth_movers_distance
 from aleator.types import Array
-from reproduction.camelback import POLE, Camelback, Fine, raw
 from reproduction.canvas import BLACK, BLUE, LIGHT, VERMILION
 from reproduction.context import Context
-from reproduction.reproduction import Claim, Reproduction, Verdict
+from reproduction.figure import Claim, Reproduction, Verdict
+from reproduction.illustrative.outcome import POLE, Camelback, Fine, raw
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

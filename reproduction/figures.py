@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from aleator.errors import AleatorError, nearest
-from reproduction.clutch_accuracy import distances, likelihoods
-from reproduction.clutch_density import density_16
-from reproduction.clutch_distributions import distributions, identification
-from reproduction.clutch_measured import measured
-from reproduction.clutch_response import clipped, response
-from reproduction.clutch_samples import accuracy, needed
-from reproduction.coefficients import coefficients
-from reproduction.engagement import feedforward, position, pressure, speed, torque
-from reproduction.illustrative_moments import moments
+from reproduction.clutch.accuracy import distances, likelihoods
+from reproduction.clutch.density import density_16
+from reproduction.clutch.distributions import distributions, identification
+from reproduction.clutch.engagement import feedforward, position, pressure, speed, torque
+from reproduction.clutch.measured import measured
+from reproduction.clutch.response import clipped, response
+from reproduction.clutch.samples import accuracy, needed
+from reproduction.figure import Figure
+from reproduction.illustrative.coefficients import coefficients
+from reproduction.illustrative.densities import matching
+from reproduction.illustrative.moments import moments
+from reproduction.illustrative.transform import transform
 from reproduction.index_sets import offline, sets
-from reproduction.matching import matching
-from reproduction.reproduction import Figure
 from reproduction.searches import searches
-from reproduction.transform import transform
 
 FIGURES = (
     Figure("sets", "Multi-indices of the exact moments of an expansion", "Fig. 2", sets),

@@ -7,14 +7,14 @@ from scipy.stats import norm
 from aleator.densities import Gaussian
 from reproduction import Context, Verdict, chosen
 from reproduction.canvas import drawn
-from reproduction.clutch_reference import (
+from reproduction.clutch.reference import (
     expansion_moments,
     node_outcomes,
     of_sample,
 )
-from reproduction.clutch_response import density, grid, masses
-from reproduction.clutch_study import GIVEN, SHOWN, ClutchStudy
-from reproduction.transform import modes
+from reproduction.clutch.response import density, grid, masses
+from reproduction.clutch.study import GIVEN, SHOWN, ClutchStudy
+from reproduction.illustrative.transform import modes
 
 QUICK = (
     "sets",

@@ -14,7 +14,7 @@ from aleator.surrogates import ResponseSurface, Surface
 from aleator.tasks.identify import identify
 from aleator.tasks.result import Identification
 from aleator.types import Array
-from reproduction.clutch_reference import (
+from reproduction.clutch.reference import (
     DENSITIES,
     SAMPLES,
     Reference,
@@ -22,7 +22,7 @@ from reproduction.clutch_reference import (
     reference,
     surfaces,
 )
-from reproduction.clutch_study import CONDITIONS, OUTCOME, ClutchStudy
+from reproduction.clutch.study import CONDITIONS, OUTCOME, ClutchStudy
 
 SEARCH_TOLERANCE = 0.02  # of the surfaces, as in the example's study
 EXPANSION, SAMPLED = "expansion, 25 runs", "samples"

@@ -25,7 +25,7 @@ from aleator.likelihood.likelihood import NOISE_REACH
 from aleator.quadrature import Cubature, MonteCarloPoints, SobolPoints
 from aleator.surrogates.responses import Response
 from aleator.types import Array
-from reproduction.histogram import FittedHistogram, HistogramSpline
+from reproduction.sampling.histogram import FittedHistogram, HistogramSpline
 
 Choice = Density | NodeDensity | HistogramSpline
 

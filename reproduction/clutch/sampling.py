@@ -22,11 +22,11 @@ from aleator.quadrature import (
     TensorGauss,
 )
 from aleator.surrogates.responses import DirectResponse, Response
-from reproduction.clutch_laws import EXPANSION, SAMPLED, Judged
-from reproduction.clutch_reference import NODES, SAMPLES
-from reproduction.clutch_study import ClutchStudy
-from reproduction.histogram import HistogramSpline
-from reproduction.references import Choice, SampledLikelihood, Sampling, log_likelihoods
+from reproduction.clutch.laws import EXPANSION, SAMPLED, Judged
+from reproduction.clutch.reference import NODES, SAMPLES
+from reproduction.clutch.study import ClutchStudy
+from reproduction.sampling.histogram import HistogramSpline
+from reproduction.sampling.likelihood import Choice, SampledLikelihood, Sampling, log_likelihoods
 
 RANDOM, GRID, SOBOL = "Monte Carlo", "regular grid", "Sobol' points"
 HISTOGRAM, ENTROPY, GAUSSIAN = "histogram spline", "maximum entropy", "Gaussian"

@@ -11,9 +11,9 @@ from scipy.special import ndtr
 
 from aleator.types import Array
 from reproduction.canvas import VERMILION
-from reproduction.clutch_study import GIVEN, PARAMETERS, SHOWN, ClutchStudy
+from reproduction.clutch.study import GIVEN, PARAMETERS, SHOWN, ClutchStudy
 from reproduction.context import Context
-from reproduction.reproduction import Claim, Reproduction, Verdict
+from reproduction.figure import Claim, Reproduction, Verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from reproduction.canvas import BLACK, BLUE, GRAY, SKY, VERMILION, explain
-from reproduction.clutch_laws import EXPANSION, SAMPLED, Judged
-from reproduction.clutch_reference import DENSITIES
+from reproduction.clutch.laws import EXPANSION, SAMPLED, Judged
+from reproduction.clutch.reference import DENSITIES
 from reproduction.context import Context
-from reproduction.reproduction import Claim, Reproduction, Verdict, keyed
+from reproduction.figure import Claim, Reproduction, Verdict, keyed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

@@ -9,9 +9,9 @@ import pandas as pd
 
 from aleator.clutch.parameters import CLUTCH
 from reproduction.canvas import BLACK, BLUE, DASHES, DOTS, GRAY, GREEN, VERMILION, explain
-from reproduction.clutch_study import SHOWN
+from reproduction.clutch.study import SHOWN
 from reproduction.context import Context
-from reproduction.reproduction import Claim, Reproduction, Verdict
+from reproduction.figure import Claim, Reproduction, Verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ from scipy.stats import truncnorm
 
 from aleator.densities import Gaussian
 from aleator.densities.distances import earth_movers_distance
-from reproduction.camelback import POLE, Camelback, raw
+from reproduction.illustrative.outcome import POLE, Camelback, raw
 
 LIMIT = 6.0
 X = truncnorm(-LIMIT, LIMIT)

@@ -10,9 +10,9 @@ import pandas as pd
 from aleator.surrogates.responses import DirectResponse
 from aleator.tasks.baselines import least_squares
 from reproduction.canvas import BLUE, LIGHT, VERMILION, explain
-from reproduction.clutch_response import grid
+from reproduction.clutch.response import grid
 from reproduction.context import Context
-from reproduction.reproduction import Claim, Reproduction, Verdict
+from reproduction.figure import Claim, Reproduction, Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

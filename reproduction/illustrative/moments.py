@@ -9,10 +9,10 @@ import pandas as pd
 
 from aleator.polynomials.recurrence import evaluate
 from aleator.types import Array
-from reproduction.camelback import ALPHA, Camelback, raw
 from reproduction.canvas import BLUE, ORANGE, VERMILION, explain, powers_of_ten
 from reproduction.context import Context
-from reproduction.reproduction import Claim, Reproduction, Verdict
+from reproduction.figure import Claim, Reproduction, Verdict
+from reproduction.illustrative.outcome import ALPHA, Camelback, raw
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

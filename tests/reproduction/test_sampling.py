@@ -20,8 +20,8 @@ from aleator.quadrature import (
     TensorGauss,
 )
 from aleator.types import Array
-from reproduction.histogram import HistogramSpline
-from reproduction.references import (
+from reproduction.sampling.histogram import HistogramSpline
+from reproduction.sampling.likelihood import (
     SampledLikelihood,
     Sampling,
     density_of,

@@ -10,7 +10,7 @@ import pandas as pd
 from aleator.densities import Status
 from aleator.densities.moments import weighted_moments
 from reproduction.canvas import BLUE, DASHES, GRAY, PALE, VERMILION, explain
-from reproduction.clutch_reference import (
+from reproduction.clutch.reference import (
     DENSITIES,
     ORDER,
     SAMPLES,
@@ -20,10 +20,10 @@ from reproduction.clutch_reference import (
     of_sample,
     sample,
 )
-from reproduction.clutch_response import grid
-from reproduction.clutch_study import GIVEN, SHOWN, ClutchStudy
+from reproduction.clutch.response import grid
+from reproduction.clutch.study import GIVEN, SHOWN, ClutchStudy
 from reproduction.context import Context
-from reproduction.reproduction import Claim, Reproduction, Verdict, keyed
+from reproduction.figure import Claim, Reproduction, Verdict, keyed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

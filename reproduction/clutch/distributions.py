@@ -11,10 +11,10 @@ import pandas as pd
 from aleator.densities import FittedDensity
 from aleator.tasks.result import Identification
 from reproduction.canvas import VERMILION
-from reproduction.clutch_laws import EXPANSION, PAPER_ENTROPY, PAPER_GAUSSIAN, Judged
-from reproduction.clutch_reference import SAMPLES
+from reproduction.clutch.laws import EXPANSION, PAPER_ENTROPY, PAPER_GAUSSIAN, Judged
+from reproduction.clutch.reference import SAMPLES
 from reproduction.context import Context
-from reproduction.reproduction import Claim, Reproduction, Verdict
+from reproduction.figure import Claim, Reproduction, Verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ from scipy import integrate, stats
 from aleator.densities.interface import Status
 from aleator.densities.outcomes import Outcomes
 from aleator.errors import AleatorError
-from reproduction.histogram import HistogramSpline
+from reproduction.sampling.histogram import HistogramSpline
 
 
 def sampled(law, size: int, count: int = 1) -> Outcomes:

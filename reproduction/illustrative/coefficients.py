@@ -10,7 +10,7 @@ import pandas as pd
 from aleator.polynomials.gauss import gauss_hermite
 from reproduction.canvas import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, explain
 from reproduction.context import Context
-from reproduction.reproduction import Claim, Reproduction, Verdict, keyed
+from reproduction.figure import Claim, Reproduction, Verdict, keyed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

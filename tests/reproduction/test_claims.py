@@ -10,10 +10,10 @@ import pytest
 from aleator.errors import AleatorError
 from reproduction import Context, Verdict, chosen
 from reproduction.canvas import drawn
-from reproduction.clutch_laws import EXPANSION, Judged
-from reproduction.clutch_reference import of_sample
-from reproduction.clutch_samples import accuracy, needed
-from reproduction.clutch_sampling import (
+from reproduction.clutch.laws import EXPANSION, Judged
+from reproduction.clutch.reference import of_sample
+from reproduction.clutch.samples import accuracy, needed
+from reproduction.clutch.sampling import (
     ENTROPY,
     GAUSSIAN,
     GRID,
@@ -25,7 +25,7 @@ from reproduction.clutch_sampling import (
     SamplingErrors,
     methods,
 )
-from reproduction.clutch_study import GIVEN, ClutchStudy
+from reproduction.clutch.study import GIVEN, ClutchStudy
 from reproduction.document import MARK, main, updated
 from reproduction.searches import DIFFERENTIAL, GENETIC, GRADIENT, _choices, _claims
 

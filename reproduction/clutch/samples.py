@@ -21,8 +21,8 @@ from reproduction.canvas import (
     explain,
     powers_of_ten,
 )
-from reproduction.clutch_laws import EXPANSION
-from reproduction.clutch_sampling import (
+from reproduction.clutch.laws import EXPANSION
+from reproduction.clutch.sampling import (
     ENTROPY,
     GAUSSIAN,
     GRID,
@@ -35,8 +35,8 @@ from reproduction.clutch_sampling import (
     SamplingErrors,
 )
 from reproduction.context import Context
-from reproduction.references import samples_needed
-from reproduction.reproduction import Claim, Reproduction, Verdict
+from reproduction.figure import Claim, Reproduction, Verdict
+from reproduction.sampling.likelihood import samples_needed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

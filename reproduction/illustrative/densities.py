@@ -11,7 +11,6 @@ import pandas as pd
 from aleator.densities import Density, Gaussian, GaussianMixture, MaximumEntropy, Status
 from aleator.densities.distances import earth_movers_distance
 from aleator.densities.moments import Moments, weighted_moments
-from reproduction.camelback import Camelback
 from reproduction.canvas import (
     BLUE,
     DASHES,
@@ -25,7 +24,8 @@ from reproduction.canvas import (
     explain,
 )
 from reproduction.context import Context
-from reproduction.reproduction import Claim, Reproduction, Verdict
+from reproduction.figure import Claim, Reproduction, Verdict
+from reproduction.illustrative.outcome import Camelback
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,0 +1,1 @@
+"""What the paper compares with: a law sampled, and a spline through the histogram."""

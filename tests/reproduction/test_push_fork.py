@@ -1,0 +1,166 @@
+"""Push and fork: its order, the non-zero set, and the moments by the multinomial sum."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from itertools import combinations_with_replacement, pairwise
+from math import comb, factorial, prod
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from aleator.expansion.moments import Basis, TensorGauss, prepare
+from aleator.polynomials.indices import TotalDegree
+from aleator.polynomials.recurrence import hermite_recurrence
+from reproduction.push_fork import (
+    count,
+    exponents,
+    multinomials,
+    nonzero_set,
+    push_and_fork,
+    raw_moment,
+    raw_moments,
+    stacks,
+)
+
+
+def hermite_basis(n: int, d: int, order: int) -> Basis:
+    recurrence = hermite_recurrence(order * d // 2 + 1)
+    return Basis((recurrence,) * n, TotalDegree(d).indices((None,) * n))
+
+
+# ------------------------------------------------------------------------------ I_(m,p)
+
+
+def test_push_and_fork_go_as_in_the_paper() -> None:
+    """(m, p) = (5, 4): all items last, pushed until the last is empty, then forked."""
+    rows = list(push_and_fork(5, 4))
+    assert rows[:8] == [
+        (0, 0, 0, 5),
+        (0, 0, 1, 4),
+        (0, 0, 2, 3),
+        (0, 0, 3, 2),
+        (0, 0, 4, 1),
+        (0, 0, 5, 0),
+        (0, 1, 0, 4),
+        (0, 1, 1, 3),
+    ]
+    assert rows[-2:] == [(4, 1, 0, 0), (5, 0, 0, 0)]
+    assert len(rows) == comb(8, 5)
+    assert all(one < following for one, following in pairwise(rows))
+
+
+@given(st.integers(1, 7), st.integers(1, 7))
+def test_stacks_are_the_generator_s_rows_in_its_order(m, p) -> None:
+    rows = list(push_and_fork(m, p))
+    found = stacks(m, p)
+    assert len(rows) == count(m, p)
+    assert exponents(found, p).tolist() == [list(row) for row in rows]
+    assert multinomials(found).tolist() == [
+        factorial(m) / prod(factorial(i) for i in row) for row in rows
+    ]
+
+
+# ------------------------------------------------------------------------------ I*_(m,p)
+
+
+def integral(name: str, degrees: tuple[int, ...]) -> Fraction:
+    """E[q_(d_1) .. q_(d_m)] of monic polynomials q, in exact fractions."""
+    recurrence: dict[str, Callable[[int], tuple[Fraction, Fraction]]] = {
+        "hermite": lambda k: (Fraction(0), Fraction(k)),
+        "legendre": lambda k: (Fraction(0), Fraction(k * k, 4 * k * k - 1)),
+        "laguerre": lambda k: (Fraction(2 * k + 1), Fraction(k * k)),
+    }
+    moment: dict[str, Callable[[int], Fraction]] = {
+        "hermite": lambda m: Fraction(0 if m % 2 else prod(range(1, m, 2))),
+        "legendre": lambda m: Fraction(1 - m % 2, m + 1),
+        "laguerre": lambda m: Fraction(factorial(m)),
+    }
+    product = [Fraction(1)]
+    for degree in degrees:
+        previous, current = [Fraction(0)], [Fraction(1)]
+        for k in range(degree):
+            a, b = recurrence[name](k)
+            following = [Fraction(0), *current]
+            for j, value in enumerate(current):
+                following[j] -= a * value
+            for j, value in enumerate(previous):
+                following[j] -= b * value
+            previous, current = current, following
+        longer = [Fraction(0)] * (len(product) + degree)
+        for i, u in enumerate(product):
+            for j, v in enumerate(current):
+                longer[i + j] += u * v
+        product = longer
+    return sum((v * moment[name](m) for m, v in enumerate(product)), Fraction(0))
+
+
+def norm(name: str, degree: int) -> float:
+    return float(integral(name, (degree, degree))) ** 0.5
+
+
+def legendre(length: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    k = np.arange(1.0, length)
+    return np.zeros(length), np.concatenate([[1.0], k**2 / (4.0 * k**2 - 1.0)])
+
+
+def laguerre(length: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    k = np.arange(float(length))
+    return 2.0 * k + 1.0, np.where(k > 0.0, k**2, 1.0)
+
+
+RECURRENCES = {"hermite": hermite_recurrence, "legendre": legendre, "laguerre": laguerre}
+
+
+@pytest.mark.parametrize("name", RECURRENCES)
+@pytest.mark.parametrize(("n", "d", "m"), [(1, 4, 5), (2, 2, 5), (2, 3, 5), (3, 2, 3)])
+def test_the_nonzero_set_is_that_of_exact_fractions(name, n, d, m) -> None:
+    indices = hermite_basis(n, d, m).indices
+    basis = Basis((RECURRENCES[name](m * d // 2 + 1),) * n, indices)
+    found = nonzero_set(basis, m)
+    known: dict[tuple[int, ...], Fraction] = {}
+    for degrees in combinations_with_replacement(range(d + 1), m):
+        known[degrees] = integral(name, degrees)
+    expected = {}
+    for row in push_and_fork(m, len(indices)):
+        factors = np.repeat(np.arange(len(indices)), row)
+        inner = prod(known[tuple(sorted(indices[factors, k].tolist()))] for k in range(n))
+        if inner:
+            scale = prod(norm(name, degree) for degree in indices[factors].ravel().tolist())
+            several = factorial(m) / prod(factorial(i) for i in row)
+            expected[row] = several * float(inner) / scale
+    assert [tuple(row) for row in found.exponents.tolist()] == list(expected)
+    np.testing.assert_allclose(found.coefficients, list(expected.values()), rtol=1e-12)
+
+
+def test_the_counts_are_the_paper_s() -> None:
+    basis = hermite_basis(4, 3, 5)
+    found = [nonzero_set(basis, m) for m in (2, 3, 4, 5)]
+    assert basis.size == 35
+    assert [terms.candidates for terms in found] == [630, 7_770, 73_815, 575_757]
+    assert [terms.coefficients.size for terms in found] == [35, 205, 2_315, 18_415]
+    # order 2 is orthonormality: one term for each function, with coefficient one
+    square = nonzero_set(hermite_basis(3, 3, 2), 2)
+    np.testing.assert_allclose(square.coefficients, 1.0, rtol=1e-14)
+
+
+def test_both_sets_of_the_paper_s_figure() -> None:
+    found = nonzero_set(hermite_basis(2, 3, 5), 5)
+    every = exponents(stacks(5, 10), 10)
+    kept = {tuple(row) for row in found.exponents.tolist()}
+    assert (found.candidates, every.shape, found.exponents.shape) == (2002, (2002, 10), (388, 10))
+    assert kept < {tuple(row) for row in every.tolist()}
+    assert np.all(every.sum(axis=1) == 5)
+
+
+@pytest.mark.parametrize("name", RECURRENCES)
+def test_the_multinomial_sum_is_the_moment_of_another_way(name) -> None:
+    basis = Basis((RECURRENCES[name](9),) * 2, hermite_basis(2, 3, 5).indices)
+    c = np.random.default_rng(2).standard_normal((3, basis.size))
+    found = raw_moments(prepare(basis, 5, TensorGauss()).moments(c))
+    for m in range(1, 6):
+        np.testing.assert_allclose(raw_moment(nonzero_set(basis, m), c), found[:, m], rtol=1e-12)
