@@ -12,9 +12,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator import cli
-from aleator.study.laws import LawSection
+from aleator.study.laws import LAWS
 from aleator.study.propagation import PropagationSection
-from aleator.study.sections import DensitySection, SearchSection, StudyFile
+from aleator.study.sections import DENSITIES, SEARCHES, StudyFile
 
 STUDY = """\
 title = "Springs"
@@ -95,11 +95,8 @@ def words_of(section: Any, key: str) -> list[str]:
 
 
 def test_the_help_and_the_docs_name_every_law_density_search_and_propagation() -> None:
-    densities = get_args(DensitySection.model_fields["kind"].annotation)
-    words = {
-        *words_of(LawSection, "law"), *densities,
-        *words_of(SearchSection, "method"), *words_of(PropagationSection, "method"),
-    }  # fmt: skip
+    kinds = (LAWS, DENSITIES, SEARCHES)
+    words = {*words_of(PropagationSection, "method"), *(name for k in kinds for name in k.known)}
     assert {"beta", "logspline", "genetic", "collocation"} <= words
     shown = run("identify", "--help").output
     docs = (Path(__file__).parents[1] / "docs" / "study.md").read_text(encoding="utf-8")
@@ -107,7 +104,7 @@ def test_the_help_and_the_docs_name_every_law_density_search_and_propagation() -
         assert sorted(word for word in words if f'"{word}"' not in text) == []
     for section in StudyFile.model_fields.keys() - {"title", "seed", "parameters"}:
         assert f"[{section}]" in shown
-    assert f'kind = "{DensitySection().kind}"' in shown  # the default comes first
+    assert f'kind = "{DENSITIES.default}"' in shown  # the default comes first
 
 
 def test_the_version_is_told() -> None:

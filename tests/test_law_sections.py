@@ -66,11 +66,11 @@ def test_a_scipy_law_is_known_or_moved(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("section", "told"),
     [
-        ('law = "uniform"\nbox = [2, 1]', "swap or correct"),
+        ('law = "uniform"\nbox = [2, 1]', "between 2.0 and 1.0"),
         ('law = "uniform"\nbox = [1, 2]\nmean = 1.5', "either a box"),
         ('law = "uniform"', "no finite lower and upper limit"),
         ('law = "beta"', "parameters.stiffness.box' is missing"),
-        ('law = "beta"\nbox = [1, 0]', "swap or correct"),
+        ('law = "beta"\nbox = [1, 0]', "box: 1.0 to 0.0"),
         ('law = "beta"\nbox = [0, 1]\nmean = 0.5\nsd = 0.6', "no beta law"),
         ('law = "gamma"\nmean = {lower = -1, upper = 2}', "not above the lower end"),
         ('law = "lognormal"\nmean = 0\nsd = 1', "not above the lower end"),

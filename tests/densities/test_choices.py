@@ -1,26 +1,32 @@
 """Every density of a study file, and the keys that are not its own."""
 
+from pathlib import Path
+
 import pytest
-from pydantic import ValidationError
+from pydantic_core import PydanticCustomError
 
 from aleator.densities import Convolution, Gaussian, GaussianMixture, LogSpline, MaximumEntropy
-from aleator.study.sections import DensitySection
+from aleator.study.sections import DENSITIES
 
 
 @pytest.mark.parametrize(
     ("section", "choice"),
     [
-        (DensitySection(kind="maximum_entropy"), MaximumEntropy()),
-        (DensitySection(kind="maximum_entropy", order=6), MaximumEntropy(6)),
-        (DensitySection(kind="gaussian"), Gaussian()),
-        (DensitySection(kind="gaussian_mixture"), GaussianMixture()),
-        (DensitySection(kind="convolution", points=50), Convolution(50)),
-        (DensitySection(kind="logspline", knots=12, smoothing=1e-3), LogSpline(12, smoothing=1e-3)),
+        ({"kind": "maximum_entropy"}, MaximumEntropy()),
+        ({"kind": "maximum_entropy", "order": 6}, MaximumEntropy(6)),
+        ({"kind": "gaussian"}, Gaussian()),
+        ({"kind": "gaussian_mixture"}, GaussianMixture()),
+        ({"kind": "convolution", "points": 50}, Convolution(50)),
+        (
+            {"kind": "logspline", "knots": 12, "smoothing": 1e-3},
+            LogSpline(12, smoothing=1e-3),
+        ),
+        ({"kind": "automatic"}, None),
+        ({}, None),
     ],
 )
-def test_the_study_file_names_every_density(section: DensitySection, choice: object) -> None:
-    assert section.build() == choice
-    assert section.build().name
+def test_the_study_file_names_every_density(section: dict, choice: object) -> None:
+    assert DENSITIES.read(section).build(Path()) == choice
 
 
 @pytest.mark.parametrize(
@@ -33,13 +39,8 @@ def test_the_study_file_names_every_density(section: DensitySection, choice: obj
     ],
 )
 def test_a_key_of_another_density_is_refused(kind: str, key: str, owner: str) -> None:
-    with pytest.raises(ValidationError, match=f"{key} has no meaning"):
-        DensitySection.model_validate({"kind": kind, key: 5})
-    assert DensitySection.model_validate({"kind": owner, key: 5}).kind == owner
-
-
-def test_defaults_of_the_file_are_those_of_the_library() -> None:
-    defaults = DensitySection()
-    assert MaximumEntropy().order == defaults.order
-    assert Convolution().points == defaults.points
-    assert LogSpline() == LogSpline(defaults.knots, smoothing=defaults.smoothing)
+    with pytest.raises(PydanticCustomError) as refused:
+        DENSITIES.read({"kind": kind, key: 5})
+    assert refused.value.context["key"] == key
+    assert f'kind = "{owner}"' in refused.value.context["remedy"]
+    assert DENSITIES.read({"kind": owner, key: 5}).kind == owner

@@ -155,8 +155,8 @@ def test_standard_input_and_hook(folder: Path) -> None:
     ("simulator", "message"),
     [
         ('function = "model.py:travel"\ncommand = "true"', r"function and command are both given"),
-        ("vectorized = true", r"key 'simulator': it names no simulator"),
-        ('comand = "true"', r"names no simulator \(did you mean 'command'\?\)"),
+        ("vectorized = true", r"key 'simulator': it names none of the simulators"),
+        ('comand = "true"', r"names none of the simulators \(did you mean 'command'\?\)"),
         ('command = "true"\ntimout = 3', r"key 'simulator.timout'.*mean 'timeout'"),
         ('command = ["true", 3]', r"key 'simulator.command\[1\]' = 3: .*string"),
         ('command = "true"\ntemplate = "spring.tpl"', "1 of template, 0 of input"),
@@ -166,7 +166,7 @@ def test_standard_input_and_hook(folder: Path) -> None:
         ('command = "true"\noutput = {row = 3}', r"row has no meaning by itself\n.*write column"),
         ('command = "true"\noutput = {regex = "(a)", row = 3}', "row has no meaning beside regex"),
         ('command = "true"', r"simulator 'true' is never told the parameter 'stiffness'"),
-        ('command = "./spring {stiffness}"', r"key 'simulator': the program './spring' does not"),
+        ('command = "./spring {stiffness}"', r"key 'simulator.command': the program './spring' does not"),
         ('command = "echo {stifness}"', r"'stifness' is neither.*\(did you mean 'stiffness'\?\)"),
     ],
 )

@@ -24,7 +24,10 @@ from aleator.observations.noise import Noise
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
 from aleator.simulators.fmu import FMUSimulator
+from aleator.study.keys import TOLD, in_toml
+from aleator.study.kinds import Choice
 from aleator.study.sections import ExperimentsSection, StudyFile, pairs
+from aleator.study.simulators import RunsSection
 from aleator.surrogates import ResponseSurface
 
 T = TypeVar("T")
@@ -143,7 +146,7 @@ def load_study(path: str | Path) -> Study:
     except ValidationError as error:
         raise _study_error(error, document, path) from None
     study = _build(file, path, hashlib.sha256(raw).hexdigest())
-    _made(path, file.simulator.key, study.runner)
+    _made(path, f"simulator.{file.simulator.kind}", study.runner)
     return study
 
 
@@ -157,13 +160,17 @@ def _made(path: Path, key: str, make: Callable[[], T]) -> T:
 
 
 def _build(file: StudyFile, path: Path, sha256: str) -> Study:
+    folder = path.parent
+
     def made(key: str, make: Callable[[], T]) -> T:
         return _made(path, key, make)
 
-    table = file.experiments
-    laws = {
-        name: made(f"parameters.{name}", section.build) for name, section in file.parameters.items()
-    }
+    def built(key: str, choice: Choice[T]) -> T:
+        return made(key, lambda: choice.build(folder))
+
+    table, runs = file.experiments, file.simulator.keys
+    assert isinstance(runs, RunsSection)
+    laws = {name: built(f"parameters.{name}", law) for name, law in file.parameters.items()}
     inputs = made("parameters", lambda: Inputs(laws))
     if file.correlation:
         inputs = made("correlation", lambda: Inputs(laws, pairs(file.correlation)))
@@ -173,7 +180,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         title=file.title,
         seed=file.seed,
         experiments=Experiments.from_csv(
-            path.parent / table.file,
+            folder / table.file,
             outcome=table.outcome,
             id=table.id,
             conditions=table.conditions,
@@ -181,17 +188,17 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
             delimiter=table.delimiter,
             decimal=table.decimal,
         ),
-        simulator=made(file.simulator.key, lambda: file.simulator.build(path.parent)),
+        simulator=built(f"simulator.{file.simulator.kind}", file.simulator),
         inputs=inputs,
-        noise=None if file.noise is None else made("noise.sd", file.noise.build),
+        noise=None if file.noise is None else built("noise", file.noise),
         propagation=made("propagation", file.propagation.build),
-        density=made("density", file.density.build),
-        search=made("search", file.search.build),
+        density=built("density", file.density),
+        search=built("search", file.search),
         verification=made("verification", file.verification.build),
         table=table,
-        store=path.parent / file.simulator.store,
-        retries=file.simulator.retries,
-        max_failed=file.simulator.max_failed,
+        store=folder / runs.store,
+        retries=runs.retries,
+        max_failed=runs.max_failed,
     )
 
 
@@ -264,27 +271,16 @@ def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str
     context: dict[str, Any] = dict(details.get("ctx", {}))
     kind = details["type"]
     location = _key(details["loc"], document, missing=kind == "missing")
-    if "key" in context:
+    if context.get("key"):
         location = f"{location}.{context['key']}" if location else str(context["key"])
     key = f"key '{location}'"
-    if kind == "unknown_key":
-        return f"{key}: {context['problem']}", str(context["remedy"])
-    if kind == "inadmissible":
-        return f"{key}: {context['problem']}", str(context["remedy"])
+    if kind == TOLD:
+        return f"{key}{context['problem']}", str(context["remedy"])
     if kind == "missing":
         return f"{key} is missing", "add it"
-    if kind == "union_tag_not_found":
-        return f"key '{location}.law' is missing", 'say which law it is: law = "normal", ...'
-    if kind == "union_tag_invalid":
-        name = str(context["discriminator"]).strip("'")
-        name = "method" if name.startswith("_") else name
-        known = [known.strip(" '") for known in str(context["expected_tags"]).split(",")]
-        return _unknown(f"{location}.{name}", context["tag"], known)
-    shown = f"{key} = {_toml(details.get('input'))}"
-    if kind == "literal_error":
-        expected = str(context["expected"])
-        known = [word.strip("'") for word in expected.replace(" or ", ", ").split(", ")]
-        return _unknown(location, details.get("input"), known)
+    if kind in ("union_tag_invalid", "literal_error"):
+        return _unknown(location, kind, context, details.get("input"))
+    shown = f"{key} = {in_toml(details.get('input'))}"
     if kind in ("model_type", "dict_type", "model_attributes_type"):
         return f"{shown} is not a table", f"write [{location}] and its keys under it"
     message = details["msg"]
@@ -292,9 +288,17 @@ def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str
     return f"{shown}: it {message}", _WANTED.get(kind, "correct the value")
 
 
-def _unknown(key: str, value: object, known: Sequence[str]) -> tuple[str, str]:
+def _unknown(
+    location: str, kind: str, context: Mapping[str, Any], value: object
+) -> tuple[str, str]:
+    """A value that is none of those that there are; pydantic tells them as one text."""
+    if kind == "union_tag_invalid":
+        location, value, told = f"{location}.method", context["tag"], context["expected_tags"]
+    else:
+        told = str(context["expected"]).replace(" or ", ", ")
+    known = [word.strip(" '") for word in str(told).split(",")]
     return (
-        f"key '{key}' = {_toml(value)} is not known{nearest(str(value), known)}",
+        f"key '{location}' = {in_toml(value)} is not known{nearest(str(value), known)}",
         f"choose one of {', '.join(known)}",
     )
 
@@ -324,10 +328,3 @@ def _key(location: Sequence[str | int], document: Mapping[str, Any], missing: bo
         at = at[part] if inside else None
         path += f"[{part}]" if isinstance(part, int) else f".{part}" if path else str(part)
     return path
-
-
-def _toml(value: object) -> str:
-    """A value as it is written in TOML, cut to one line."""
-    text = str(value).lower() if isinstance(value, bool) else repr(value)
-    text = text.replace("'", '"')
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Discriminator, FiniteFloat, Tag, model_validator
@@ -10,6 +10,9 @@ from pydantic_core import PydanticCustomError
 
 from aleator.errors import nearest
 from aleator.laws import Free, Specification
+
+TOLD = "told"
+"""The type of the errors that say themselves what is wrong with a key."""
 
 
 class Section(BaseModel):
@@ -22,14 +25,10 @@ class Section(BaseModel):
     def _known_keys(cls, value: Any) -> Any:
         for key in value if isinstance(value, Mapping) else ():
             if key not in cls.model_fields:
-                raise PydanticCustomError(
-                    "unknown_key",
-                    "{problem}",
-                    {
-                        "key": key,
-                        "problem": f"there is no such key{nearest(key, cls.model_fields)}",
-                        "remedy": f"the keys here are {', '.join(cls.model_fields)}",
-                    },
+                raise fault(
+                    f"there is no such key{nearest(key, cls.model_fields)}",
+                    f"the keys here are {', '.join(cls.model_fields)}",
+                    key,
                 )
         return value
 
@@ -59,9 +58,36 @@ class FreeSection(Section):
         return self
 
 
-def fault(problem: str, remedy: str) -> PydanticCustomError:
-    """What is wrong with a key, and what to do about it."""
-    return PydanticCustomError("inadmissible", "{problem}", {"problem": problem, "remedy": remedy})
+def fault(problem: str, remedy: str, key: str = "") -> PydanticCustomError:
+    """What is wrong with a table, or with a key of it, and what to do about it."""
+    return _told(key, f": {problem}", remedy)
+
+
+def missing(key: str, remedy: str) -> PydanticCustomError:
+    """A key that a table lacks."""
+    return _told(key, " is missing", remedy)
+
+
+def unknown(key: str, value: object, known: Sequence[str]) -> PydanticCustomError:
+    """A key whose value is none of those that there are."""
+    problem = f" = {in_toml(value)} is not known{nearest(str(value), known)}"
+    return _told(key, problem, f"choose one of {', '.join(known)}")
+
+
+def _told(key: str, problem: str, remedy: str) -> PydanticCustomError:
+    context = {"key": key, "problem": problem, "remedy": remedy}
+    return PydanticCustomError(TOLD, "{key}{problem}", context)
+
+
+def in_toml(value: object) -> str:
+    """A value as it is written in TOML, cut to one line.
+
+    >>> in_toml(True), in_toml("text"), in_toml([1.0, "a"])
+    ('true', '"text"', '[1.0, "a"]')
+    """
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    text = text.replace("'", '"')
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _kind(value: Any) -> str:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Field, PlainValidator
 
 from aleator.densities import (
     Convolution,
@@ -17,7 +17,7 @@ from aleator.densities import (
     NodeDensity,
 )
 from aleator.inference.verification import MonteCarlo
-from aleator.laws import Specification
+from aleator.laws import Law, Specification
 from aleator.observations.experiments import Transform
 from aleator.observations.noise import Noise
 from aleator.search import (
@@ -27,10 +27,12 @@ from aleator.search import (
     GradientMultistart,
     Search,
 )
+from aleator.simulators import Simulator
 from aleator.study.keys import Section, Spec, fault, specification
-from aleator.study.laws import LawSection
+from aleator.study.kinds import Choice, Kinds
+from aleator.study.laws import LAWS
 from aleator.study.propagation import PropagationSection, SurfaceSection
-from aleator.study.simulators import SimulatorSection
+from aleator.study.simulators import SIMULATORS
 
 
 def _paired(value: Any) -> Any:
@@ -65,120 +67,40 @@ class ExperimentsSection(Section):
     decimal: str = "."
 
 
-class NoiseSection(Section):
-    """`[noise]`: normal measurement noise, known or identified."""
-
-    sd: Spec
-
-    def build(self) -> Noise:
-        """The library's noise."""
-        return Noise(specification(self.sd))
+def automatic() -> None:
+    """The density that the noise, the surfaces and the answer ask for."""
 
 
-_DENSITIES: dict[str, tuple[type[Density | NodeDensity], tuple[str, ...]]] = {
-    "maximum_entropy": (MaximumEntropy, ("order",)),
-    "gaussian": (Gaussian, ()),
-    "gaussian_mixture": (GaussianMixture, ()),
-    "convolution": (Convolution, ("points",)),
-    "logspline": (LogSpline, ("knots", "smoothing")),
-}
+OBSERVATIONS: Kinds[Noise] = Kinds("aleator.observations", "kind", {"normal": Noise}, "normal")
+"""`[noise] kind = "..."`: how a measured outcome is distributed about the simulated one."""
 
+DENSITIES: Kinds[Density | NodeDensity | None] = Kinds(
+    "aleator.densities",
+    "kind",
+    {
+        "automatic": automatic,
+        "maximum_entropy": MaximumEntropy,
+        "gaussian": Gaussian,
+        "gaussian_mixture": GaussianMixture,
+        "convolution": Convolution,
+        "logspline": LogSpline,
+    },
+    "automatic",
+)
+"""`[density] kind = "..."`: the model of the outcome's density."""
 
-class DensitySection(Section):
-    """`[density]`: the model of the outcome's density."""
-
-    kind: Literal[
-        "automatic", "maximum_entropy", "gaussian", "gaussian_mixture", "convolution", "logspline"
-    ] = "automatic"
-    order: int = 4
-    points: int = 400
-    knots: int = 32
-    smoothing: float = 1e-5
-
-    @model_validator(mode="after")
-    def _keys_are_used(self) -> Self:
-        own = () if self.kind == "automatic" else _DENSITIES[self.kind][1]
-        for key in sorted(self.model_fields_set - {"kind", *own}):
-            owner = next(kind for kind, (_, keys) in _DENSITIES.items() if key in keys)
-            raise fault(
-                f'{key} has no meaning for kind = "{self.kind}"',
-                f'delete the key, or write kind = "{owner}"',
-            )
-        return self
-
-    def build(self) -> Density | NodeDensity | None:
-        """The library's choice; None leaves it to the noise."""
-        if self.kind == "automatic":
-            return None
-        return _DENSITIES[self.kind][0](**self.given("kind"))
-
-
-class GradientSection(Section):
-    """`method = "gradient"`: how often the search starts, and how long each start may climb."""
-
-    method: Literal["gradient"] = "gradient"
-    starts: int = 10
-    evaluations: int = 60
-
-    def build(self) -> Search:
-        """The library's choice."""
-        return GradientMultistart(**self.given("method"))
-
-
-class GeneticSection(Section):
-    """`method = "genetic"`: the paper's genetic algorithm."""
-
-    method: Literal["genetic"]
-    population: int = 50
-    generations: int = 100
-    patience: int = 20
-    polish: bool = True
-
-    def build(self) -> Search:
-        """The library's choice."""
-        return GeneticAlgorithm(**self.given("method"))
-
-
-class DifferentialSection(Section):
-    """`method = "differential_evolution"`."""
-
-    method: Literal["differential_evolution"]
-    population: int = 50
-    generations: int = 100
-    polish: bool = True
-
-    def build(self) -> Search:
-        """The library's choice."""
-        return DifferentialEvolution(**self.given("method"))
-
-
-class CMAESSection(Section):
-    """`method = "cmaes"`: covariance matrix adaptation."""
-
-    method: Literal["cmaes"]
-    runs: int = 3
-    evaluations: int = 1000
-    population: int | None = None
-    step: float = 0.2
-    polish: bool = True
-
-    def build(self) -> Search:
-        """The library's choice."""
-        return CMAES(**self.given("method"))
-
-
-def _search_method(value: Any) -> str:
-    chosen = value if isinstance(value, Mapping) else {"method": getattr(value, "method", None)}
-    return str(chosen.get("method") or "gradient")
-
-
-SearchSection = Annotated[
-    Annotated[GradientSection, Tag("gradient")]
-    | Annotated[GeneticSection, Tag("genetic")]
-    | Annotated[DifferentialSection, Tag("differential_evolution")]
-    | Annotated[CMAESSection, Tag("cmaes")],
-    Discriminator(_search_method),
-]
+SEARCHES: Kinds[Search] = Kinds(
+    "aleator.searches",
+    "method",
+    {
+        "gradient": GradientMultistart,
+        "genetic": GeneticAlgorithm,
+        "differential_evolution": DifferentialEvolution,
+        "cmaes": CMAES,
+    },
+    "gradient",
+)
+"""`[search] method = "..."`: how the log-likelihood is maximized."""
 
 
 class VerificationSection(Section):
@@ -197,11 +119,15 @@ class StudyFile(Section):
     title: str = ""
     seed: Annotated[int, Field(ge=0)] = 0
     experiments: ExperimentsSection
-    simulator: SimulatorSection
-    parameters: Annotated[dict[str, LawSection], Field(min_length=1)]
+    simulator: Annotated[Choice[Simulator], PlainValidator(SIMULATORS.read)]
+    parameters: Annotated[
+        dict[str, Annotated[Choice[Law], PlainValidator(LAWS.read)]], Field(min_length=1)
+    ]
     correlation: CorrelationSection = Field(default_factory=dict)
-    noise: NoiseSection | None = None
+    noise: Annotated[Choice[Noise], PlainValidator(OBSERVATIONS.read)] | None = None
     propagation: PropagationSection = SurfaceSection()
-    density: DensitySection = DensitySection()
-    search: SearchSection = GradientSection()
+    density: Annotated[Choice[Density | NodeDensity | None], PlainValidator(DENSITIES.read)] = (
+        DENSITIES.read({})
+    )
+    search: Annotated[Choice[Search], PlainValidator(SEARCHES.read)] = SEARCHES.read({})
     verification: VerificationSection = VerificationSection()

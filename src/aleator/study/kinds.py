@@ -1,0 +1,235 @@
+"""The kinds of a section of study.toml: those that come along, and those of installed plug-ins."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from functools import lru_cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Generic, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from pydantic import AfterValidator, Field, PydanticSchemaGenerationError, TypeAdapter, create_model
+
+from aleator.errors import AleatorError, StudyError, nearest
+from aleator.laws import Free
+from aleator.study.keys import Section, Spec, fault, missing, specification, unknown
+
+T = TypeVar("T")
+
+FOLDER = "folder"
+"""The argument of this name is the study's folder; it is no key."""
+
+
+@dataclass(frozen=True)
+class Choice(Generic[T]):
+    """One kind of a section, with its keys checked; `keys` holds those of every kind too.
+
+    `origin` names the plug-in that it is of; it is empty for what comes along.
+    """
+
+    kind: str
+    keys: Section
+    maker: Callable[..., T]
+    origin: str = ""
+
+    def build(self, folder: Path) -> T:
+        """The library's value; `folder` is the study's. Raises AleatorError where it is refused."""
+        own = inspect.signature(self.maker).parameters
+        given = {key: value for key, value in self.keys.given().items() if key in own}
+        arguments = {k: folder / v if isinstance(v, Path) else v for k, v in given.items()}
+        if FOLDER in own:
+            arguments[FOLDER] = folder
+        try:
+            return self.maker(**arguments)
+        except Exception as error:
+            if isinstance(error, AleatorError) or not self.origin:
+                raise
+            raise StudyError(
+                f"{self.origin} refuses these keys: {_described(error)}", "correct the keys"
+            ) from error
+
+
+@dataclass(frozen=True)
+class Kinds(Generic[T]):
+    """What a section may choose by name: the makers that come along, and those of entry points.
+
+    A maker is a class or a function. The keys of its section are its arguments, by name: one with a
+    default may be left out, and the annotation is the type (`Specification`: a number or a table;
+    `tuple`: a list; `Path`: a file relative to the study). An argument `folder` is the study's
+    folder. An argument with a default whose type TOML does not have is no key.
+
+    `group` is the group of entry points and `key` the key that names the kind, `default` where it
+    is left out. Without a `key` the kind is named by the key that bears its name. `common` are keys
+    of every kind. What comes along cannot be replaced by a plug-in.
+
+    >>> from aleator.laws import Normal
+    >>> laws = Kinds("aleator.laws", "law", {"normal": Normal})
+    >>> chosen = laws.read({"law": "normal", "mean": {"lower": 0.0, "upper": 1.0}, "sd": 0.1})
+    >>> chosen.build(Path())
+    Normal(mean=Free(lower=0.0, upper=1.0, start=None), sd=0.1)
+    """
+
+    group: str
+    key: str
+    known: Mapping[str, Callable[..., T]]
+    default: str = ""
+    common: type[Section] = Section
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all kinds; those of plug-ins come last."""
+        return (*self.known, *sorted({*entry_points(group=self.group).names} - {*self.known}))
+
+    def read(self, value: Any) -> Choice[T]:
+        """The kind that a table chooses, with its keys checked.
+
+        Raises what pydantic makes a message of: a table without a kind, a kind that nobody offers,
+        a plug-in that cannot be imported, an unknown key, a value of the wrong type.
+        """
+        if not isinstance(value, Mapping):
+            self.common.model_validate(value)
+        kind = self._kind(value)
+        maker, origin = self._maker(kind)
+        try:
+            section = _section(maker, self.key, self.common)
+        except (NameError, TypeError) as error:
+            raise self._fault(f"{origin} cannot be used: {_described(error)}", "mend it") from error
+        for key in value:
+            self._not_of_another(str(key), kind, section)
+        return Choice(kind, section.model_validate(value), maker, origin)
+
+    def _kind(self, value: Mapping[str, Any]) -> str:
+        if self.key:
+            kind = value.get(self.key, self.default)
+            if not kind:
+                raise missing(self.key, f'say which it is: {self.key} = "{next(iter(self.known))}"')
+            return str(kind)
+        chosen = [kind for kind in self.known if kind in value] or [
+            kind for kind in self.names if kind in value
+        ]
+        if len(chosen) == 1:
+            return chosen[0]
+        if chosen:
+            raise fault(f"{' and '.join(chosen)} are both given", "keep one of them")
+        meant = "".join(filter(None, (nearest(str(key), self.names) for key in value)))
+        raise fault(
+            f"it names none of the {self.group.rpartition('.')[2]}{meant}",
+            f"write one of {', '.join(f'{name} = ...' for name in self.names)}",
+        )
+
+    def _maker(self, kind: str) -> tuple[Callable[..., T], str]:
+        """The maker of a kind, and the plug-in that it is of."""
+        if kind in self.known:
+            return self.known[kind], ""
+        found = [*entry_points(group=self.group, name=kind)]
+        if not found:
+            raise unknown(self.key, kind, self.names)
+        if len(found) > 1:
+            raise self._fault(
+                f"'{kind}' is offered by {' and by '.join(_origin(point) for point in found)}",
+                "uninstall one of them",
+            )
+        return self._loaded(found[0]), _origin(found[0])
+
+    def _loaded(self, point: EntryPoint) -> Callable[..., T]:
+        try:
+            maker = point.load()
+        except (Exception, SystemExit) as error:
+            raise self._fault(
+                f"{_origin(point)} cannot be imported: {_described(error)}",
+                "mend it, install what it needs, or uninstall it",
+            ) from error
+        if not callable(maker):
+            raise self._fault(f"{_origin(point)} is no class or function", "mend its entry point")
+        loaded: Callable[..., T] = maker
+        return loaded
+
+    def _not_of_another(self, key: str, kind: str, section: type[Section]) -> None:
+        """Raise where a key belongs to another kind that comes along."""
+        if key in section.model_fields:
+            return
+        for other, maker in self.known.items():
+            if key in _section(maker, self.key, self.common).model_fields:
+                here = f'{self.key} = "{kind}"' if self.key else kind
+                there = f'{self.key} = "{other}"' if self.key else other
+                raise fault(
+                    f"it has no meaning for {here}",
+                    f"the keys here are {', '.join(section.model_fields)}; or write {there}",
+                    key,
+                )
+
+    def _fault(self, problem: str, remedy: str) -> Exception:
+        return fault(problem, remedy, self.key)
+
+
+@lru_cache(maxsize=64)
+def _section(maker: Callable[..., Any], key: str, common: type[Section]) -> type[Section]:
+    """The keys that a maker takes, beside those of every kind.
+
+    Raises NameError or TypeError for annotations that cannot be understood.
+    """
+    keys: dict[str, Any] = {key: (str, "")} if key else {}
+    for name, parameter in inspect.signature(maker).parameters.items():
+        if name == FOLDER or parameter.kind not in (
+            parameter.KEYWORD_ONLY,
+            parameter.POSITIONAL_OR_KEYWORD,
+        ):
+            continue
+        required = parameter.default is parameter.empty
+        kind = _in_toml(_types(maker).get(name, Any))
+        if _is_known(kind):
+            keys[name] = (kind, ... if required else parameter.default)
+        elif required:
+            raise TypeError(f"its argument '{name}' has no default, and TOML no such type")
+    return create_model("Keys", __base__=common, **keys)
+
+
+def _types(maker: Callable[..., Any]) -> dict[str, Any]:
+    if is_dataclass(maker):
+        names = {field.name for field in fields(maker) if field.init}
+        if names == {*inspect.signature(maker).parameters}:
+            return get_type_hints(maker, include_extras=True)
+    made = maker.__init__ if isinstance(maker, type) else maker  # type: ignore[misc]
+    return get_type_hints(made, include_extras=True)
+
+
+def _in_toml(hint: Any) -> Any:
+    """The type of the key for an argument of this type; what is read becomes the argument."""
+    parts = get_args(hint)
+    if hint is Path:
+        return Annotated[str, AfterValidator(_path)]
+    if get_origin(hint) is tuple:
+        least, most = (0, None) if parts[-1] is ... else (len(parts), len(parts))
+        size = Field(min_length=least, max_length=most)
+        return Annotated[list[parts[0]], size, AfterValidator(tuple)]  # type: ignore[valid-type]
+    if get_origin(hint) not in (Union, UnionType):
+        return hint
+    if Free in parts:
+        rest = [part for part in parts if part not in (Free, float)]
+        return Union[Annotated[Spec, AfterValidator(specification)], *rest]
+    return Union[*(_in_toml(part) for part in parts)]
+
+
+def _path(text: str) -> Path:
+    return Path(text)
+
+
+def _is_known(kind: Any) -> bool:
+    try:
+        TypeAdapter(kind)
+    except PydanticSchemaGenerationError:
+        return False
+    return True
+
+
+def _origin(point: EntryPoint) -> str:
+    """A plug-in as messages name it."""
+    of = f" of {point.dist.name} {point.dist.version}" if point.dist else ""
+    return f"the plug-in '{point.name}' ({point.value}{of})"
+
+
+def _described(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}".rstrip(": ")
