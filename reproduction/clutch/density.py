@@ -9,6 +9,7 @@ import pandas as pd
 
 from aleator.densities import Status
 from aleator.densities.moments import weighted_moments
+from aleator.quadrature import TensorGauss
 from reproduction.canvas import BLUE, DASHES, GRAY, PALE, VERMILION, explain
 from reproduction.clutch.reference import (
     DENSITIES,
@@ -46,7 +47,7 @@ def density_16(context: Context) -> Reproduction:
     sources = {
         EXPANSION: expansion_moments(study, GIVEN, one),
         SAMPLED: found.moments,
-        PLAIN: weighted_moments(outcomes, law.nodes(GIVEN, 5).weights, ORDER),
+        PLAIN: weighted_moments(outcomes, TensorGauss(5).nodes(law, GIVEN).weights, ORDER),
     }
     low, high = float(found.histogram.low[0]), float(found.histogram.high[0])
     y = np.linspace(low - MARGIN, high + MARGIN, 401)

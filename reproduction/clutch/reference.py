@@ -27,7 +27,9 @@ from aleator.densities import (
 from aleator.densities.distances import earth_movers_distance
 from aleator.densities.moments import Moments, joined, weighted_moments
 from aleator.densities.outcomes import Outcomes
+from aleator.expansion.projection import expansion_map
 from aleator.progress import Progress
+from aleator.quadrature import TensorGauss
 from aleator.surrogates import ResponseSurface, Surface, build_surface
 from aleator.types import Array
 from reproduction.clutch.study import ClutchStudy
@@ -126,12 +128,12 @@ def of_sample(alpha: Array, y: Array, lower: Array, upper: Array, error: Array) 
 def expansion_moments(study: ClutchStudy, alpha: Array, experiments: NDArray[np.intp]) -> Moments:
     """Moments as the paper takes them: the clip, Hermite polynomials, d = 4, q = 5, 25 runs."""
     law = study.law("hermite")
-    matrix, weights = law.expansion_map(alpha, NODES, DEGREE, ORDER)
+    matrix, weights = expansion_map(law, alpha, NODES, DEGREE, ORDER)
     return weighted_moments(node_outcomes(study, alpha, experiments) @ matrix.T, weights, ORDER)
 
 
 def node_outcomes(study: ClutchStudy, alpha: Array, experiments: NDArray[np.intp]) -> Array:
     """Outcomes (N, 25) at the nodes of the paper's quadrature."""
-    nodes = study.law("hermite").nodes(alpha, NODES)
+    nodes = TensorGauss(NODES).nodes(study.law("hermite"), alpha)
     index = np.repeat(experiments, len(nodes.x))
     return study.run(index, np.tile(nodes.x, (len(experiments), 1))).reshape(len(experiments), -1)

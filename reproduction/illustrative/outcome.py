@@ -17,6 +17,7 @@ from scipy.special import ndtr
 
 from aleator.densities import FittedDensity
 from aleator.densities.moments import Moments, weighted_moments
+from aleator.expansion.projection import expansion_map
 from aleator.laws import TruncatedNormal
 from aleator.laws.inputs import Inputs
 from aleator.polynomials.recurrence import evaluate
@@ -114,7 +115,7 @@ class Camelback:
         """The expansion from q runs at nodes with weights that integrate its `order` exactly."""
         outcomes, _ = self.nodes(q, polynomials)
         inputs = Inputs({"x": self.law(polynomials)})
-        matrix, weights = inputs.expansion_map(ALPHA, q, degree, order)
+        matrix, weights = expansion_map(inputs, ALPHA, q, degree, order)
         return matrix @ outcomes, weights
 
     def coefficients(self, degree: int, q: int, polynomials: Polynomials = "hermite") -> Array:

@@ -20,9 +20,9 @@ from aleator.densities.outcomes import Outcomes
 from aleator.errors import InputsError
 from aleator.expansion import Basis, Expanding
 from aleator.laws import Normal
-from aleator.laws.inputs import Inputs, Nodes
+from aleator.laws.inputs import Inputs
 from aleator.likelihood.likelihood import NOISE_REACH
-from aleator.quadrature import Cubature, MonteCarloPoints, SobolPoints
+from aleator.quadrature import Cubature, MonteCarloPoints, Nodes, SobolPoints
 from aleator.surrogates.responses import Response
 from aleator.types import Array
 from reproduction.sampling.histogram import FittedHistogram, HistogramSpline
@@ -96,8 +96,7 @@ class Sampling:
 
     @property
     def _basis(self) -> Basis:
-        count = self.inputs.scattering
-        return Basis((Normal(0.0, 1.0),) * count, (np.array([0.0, 1.0]),) * count)
+        return Basis.normal(self.inputs.scattering)
 
     def _germ(self) -> Nodes:
         """The cubature of the germ itself: its image under standard normal laws is the identity."""

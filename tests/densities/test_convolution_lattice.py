@@ -7,9 +7,9 @@ from scipy import stats
 from aleator.densities import Convolution, FittedConvolution, Status
 from aleator.densities.outcomes import Outcomes
 from aleator.laws import Normal
-from aleator.laws.inputs import Inputs, Nodes
+from aleator.laws.inputs import Inputs
 from aleator.polynomials.gauss import gauss_hermite
-from aleator.quadrature import GermGrid
+from aleator.quadrature import GermGrid, Nodes
 from aleator.types import Array
 
 SD_V, SD_K = 0.4, 0.5

@@ -81,7 +81,7 @@ def test_jacobians_are_those_of_differences(problem, degree) -> None:
 
 
 def test_simulator_differences_converge_with_the_square_of_the_step() -> None:
-    points = GROWTH.inputs.nodes(GROWTH.alpha, 6).x
+    points = TensorGauss(6).nodes(GROWTH.inputs, GROWTH.alpha).x
     _, exact = Exact(GROWTH).evaluate_with_gradient(points)
     errors = [
         np.abs(direct(GROWTH, step).evaluate_with_gradient(points)[1] - exact).max()
@@ -93,7 +93,7 @@ def test_simulator_differences_converge_with_the_square_of_the_step() -> None:
 
 def test_simulator_differences_are_good_to_seven_digits_by_default() -> None:
     for problem in (GROWTH, SQUARE, PRODUCT, BINDING):
-        points = problem.inputs.nodes(problem.alpha, 6).x
+        points = TensorGauss(6).nodes(problem.inputs, problem.alpha).x
         value, exact = Exact(problem).evaluate_with_gradient(points)
         outcome, found = direct(problem).evaluate_with_gradient(points)
         np.testing.assert_array_equal(outcome, value)

@@ -13,6 +13,7 @@ from scipy import stats
 from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
 from aleator.densities.moments import weighted_moments
 from aleator.errors import InputsError
+from aleator.expansion.projection import expansion_map
 from aleator.laws import Beta, Gamma, LogNormal, Uniform
 from aleator.laws.correlation import Correlation, between
 from aleator.quadrature import ProbabilityGrid, Smolyak, SobolPoints, TensorGauss
@@ -215,26 +216,26 @@ def test_moments_of_an_expansion_in_the_germs_are_exact() -> None:
     """y = a b: mean mu_a mu_b + s_ab, variance from the moments of a normal pair."""
     inputs = Inputs({"a": Normal(1.0, 0.5), "b": Normal(-0.5, 0.8)}, {("a", "b"): 0.6})
     alpha = np.array([1.0, 0.5, -0.5, 0.8, 0.6])
-    nodes = inputs.nodes(alpha, 3)
-    matrix, weights = inputs.expansion_map(alpha, 3, 2, 4)
+    nodes = TensorGauss(3).nodes(inputs, alpha)
+    matrix, weights = expansion_map(inputs, alpha, 3, 2, 4)
     found = weighted_moments((nodes.x[:, 0] * nodes.x[:, 1])[None, :] @ matrix.T, weights, 4)
     mu, nu, s, t, c = 1.0, -0.5, 0.5, 0.8, 0.6 * 0.5 * 0.8
     variance = (nu * s) ** 2 + (mu * t) ** 2 + 2 * mu * nu * c + (s * t) ** 2 + c**2
     assert found.mean[0] == pytest.approx(mu * nu + c, rel=1e-13)
     assert found.sd[0] == pytest.approx(np.sqrt(variance), rel=1e-13)
     # quadrature with enough nodes agrees on the higher moments
-    fine = inputs.nodes(alpha, 5)
+    fine = TensorGauss(5).nodes(inputs, alpha)
     plain = weighted_moments((fine.x[:, 0] * fine.x[:, 1])[None, :], fine.weights, 4)
     np.testing.assert_allclose(found.standardized, plain.standardized, atol=1e-11)
 
 
-def test_independent_variables_join_to_the_nodes() -> None:
+def test_independent_variables_are_tied_to_the_nodes() -> None:
     inputs, alpha, _ = four()
     laws, values = inputs.independent(alpha)
     own = np.stack([law.rule(v, 2).x[[-1]] for law, v in zip(laws, values, strict=True)], axis=1)
-    np.testing.assert_allclose(
-        inputs.joined(alpha, own), inputs.nodes(alpha, 2).x[[-1]], atol=1e-13
-    )
+    at = list(inputs.correlated)
+    own[:, at], _ = inputs.tied(alpha, own[:, at])
+    np.testing.assert_allclose(own, TensorGauss(2).nodes(inputs, alpha).x[[-1]], atol=1e-13)
 
 
 # ------------------------------------------------------------------------------ copulas
@@ -283,7 +284,7 @@ def test_pearson_of_a_copula_by_nodes_and_by_integration() -> None:
     joint = stats.multivariate_normal(cov=[[1.0, 0.7], [0.7, 1.0]])
     density = joint.pdf(np.stack(np.meshgrid(z, z, indexing="ij"), axis=-1))
     expected = (z[1] - z[0]) ** 2 * u @ density @ v
-    nodes = inputs.nodes(alpha, 40)
+    nodes = TensorGauss(40).nodes(inputs, alpha)
     assert nodes.weights @ (nodes.x[:, 0] * nodes.x[:, 1]) == pytest.approx(expected, abs=1e-7)
     points = SobolPoints(2**14, 0).nodes(inputs, alpha)
     found = points.weights @ (points.x[:, 0] * points.x[:, 1])
@@ -299,7 +300,7 @@ def test_pearson_of_two_lognormal_parameters() -> None:
     }
     inputs = Inputs(laws, {("a", "b"): r})
     alpha = np.array([h.start for h in inputs.hyperparameters])
-    nodes = inputs.nodes(alpha, 20)
+    nodes = TensorGauss(20).nodes(inputs, alpha)
     mean = nodes.weights @ nodes.x
     covariance = ((nodes.x - mean).T * nodes.weights) @ (nodes.x - mean)
     expected = np.expm1(r * s * t) / np.sqrt(np.expm1(s * s) * np.expm1(t * t))

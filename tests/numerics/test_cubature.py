@@ -22,6 +22,7 @@ from aleator.quadrature import (
     SobolPoints,
     TensorGauss,
 )
+from aleator.quadrature.nodes import axes, combined
 from aleator.types import Array
 
 BOX = (-1.0, 1.0)
@@ -177,10 +178,10 @@ def test_a_sparse_grid_is_the_combination_of_tensor_rules() -> None:
     for levels in product(range(level + 1), repeat=d):
         left = level - sum(levels)
         if 0 <= left < d:
-            axes = [inputs.axes(ALPHA, l + 1) for l in levels]
-            rules = [axes[0][0], axes[0][1], axes[1][2], axes[2][3]]
+            stacks = [axes(inputs, ALPHA, l + 1) for l in levels]
+            rules = [stacks[0][0], stacks[0][1], stacks[1][2], stacks[2][3]]
             picks = np.indices([rule.x.size for rule in rules]).reshape(4, -1).T
-            nodes = inputs.product(ALPHA, rules, picks)
+            nodes = combined(inputs, ALPHA, rules, picks)
             expected += (-1) ** left * comb(d - 1, left) * (nodes.weights @ outcome(nodes.x))
     found = Smolyak(level).nodes(inputs, ALPHA)
     assert found.weights @ outcome(found.x) == pytest.approx(expected, rel=1e-12)

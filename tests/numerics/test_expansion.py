@@ -50,8 +50,9 @@ def test_the_basis_of_inputs_is_that_of_its_laws() -> None:
     assert basis.rule(0, 1).x.tolist() == [0.3]
     assert basis.rule(1, 5).x.tolist() == [2.0]
     tied = Inputs({"a": Normal(0.0, 1.0), "b": Normal(0.0, 1.0)}, {("a", "b"): 0.5})
-    with pytest.raises(InputsError, match="a, b are correlated"):
-        Basis.of(tied, np.array([0.0, 1.0, 0.0, 1.0, 0.5]))
+    # correlated parameters are expanded in the standard normal variates that they are made of
+    basis = Basis.of(tied, np.array([3.0, 2.0, 0.0, 1.0, 0.5]))
+    assert [basis.rule(i, 1).x.tolist() for i in (0, 1)] == [[0.0], [0.0]]
 
 
 # ------------------------------------------------------------------------------ every way

@@ -7,9 +7,11 @@ import pytest
 from problems import from_raw, raw_normal, raw_truncated
 from scipy import special
 
-from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
+from aleator import Constant, Free, Inputs, Normal, TensorGauss, TruncatedNormal
 from aleator.densities.moments import weighted_moments
 from aleator.errors import InputsError
+from aleator.expansion import Basis
+from aleator.expansion.projection import expansion_map, tensor_design
 from aleator.polynomials.recurrence import evaluate
 from aleator.types import Array
 
@@ -55,7 +57,7 @@ def test_the_order_of_alpha_is_that_of_the_laws() -> None:
 
 @pytest.mark.parametrize("basis", ["own", "hermite"])
 def test_a_tensor_rule_has_the_product_moments(basis) -> None:
-    nodes = inputs(basis).nodes(ALPHA, 6 if basis == "own" else 60)
+    nodes = TensorGauss(6 if basis == "own" else 60).nodes(inputs(basis), ALPHA)
     assert nodes.x.shape == ((6 if basis == "own" else 60) ** 2, 3)
     assert nodes.weights.sum() == pytest.approx(1.0, abs=1e-14)
     # the Hermite rule of the clip converges slowly: 60 nodes leave 1e-7
@@ -70,10 +72,10 @@ def test_the_derivative_of_any_weighted_sum_is_exact(basis) -> None:
     """Also where the rule itself is coarse: q = 3 for an exponential."""
 
     def total(alpha: Array) -> float:
-        nodes = inputs(basis).nodes(alpha, 3)
+        nodes = TensorGauss(3).nodes(inputs(basis), alpha)
         return float(nodes.weights @ np.exp(nodes.x[:, 0] * nodes.x[:, 2] - 0.1 * nodes.x[:, 1]))
 
-    nodes = inputs(basis).nodes(ALPHA, 3)
+    nodes = TensorGauss(3).nodes(inputs(basis), ALPHA)
     x, c, w = nodes.x.T
     value = np.exp(x * w - 0.1 * c)
     slope = value[:, None] * np.stack([w, np.full_like(w, -0.1), x], axis=1)
@@ -94,29 +96,26 @@ def test_the_derivative_of_any_weighted_sum_is_exact(basis) -> None:
 def test_the_coefficients_of_a_basis_polynomial_are_found(basis) -> None:
     """Outcomes that are one basis polynomial give its values, the square of which averages 1."""
     joint, degree = inputs(basis), 3
-    laws, values = joint.laws, [ALPHA[part] for part in joint.slices]
-    rules = [law.rule(v, 4) for law, v in zip(laws.values(), values, strict=True)]
-    tables = [
-        evaluate(*law.recurrence(v, degree + 1), rule.germ, degree if law.scatters else 0)
-        for law, v, rule in zip(laws.values(), values, rules, strict=True)
-    ]
-    outcomes = np.einsum("a,b,c->abc", tables[0][:, 1], tables[1][:, 0], tables[2][:, 2]).ravel()
-    matrix, weights = joint.expansion_map(ALPHA, 4, degree, 8)
+    one, polynomials = np.array([[1, 0, 2]]), Basis.of(joint, ALPHA)
+    outcomes = polynomials.evaluate(tensor_design(polynomials, [4] * 3).germ, one)[:, 0]
+    matrix, weights = expansion_map(joint, ALPHA, 4, degree, 8)
     found = matrix @ outcomes
     assert weights @ found == pytest.approx(0.0, abs=1e-12)
     assert weights @ found**2 == pytest.approx(1.0, rel=1e-12)
     # ... and is the same polynomial at the finer nodes, 8 * 3 // 2 + 1 a dimension
-    fine = [law.rule(v, 13) for law, v in zip(laws.values(), values, strict=True)]
-    first = evaluate(*laws["x"].recurrence(values[0], 2), fine[0].germ, 1)[:, 1]
-    third = evaluate(*laws["w"].recurrence(values[2], 3), fine[2].germ, 2)[:, 2]
-    np.testing.assert_allclose(found, np.outer(first, third).ravel(), atol=1e-10)
+    fine = tensor_design(polynomials, [13] * 3)
+    expected = polynomials.evaluate(fine.germ, one)[:, 0]
+    np.testing.assert_allclose(found, expected, atol=1e-10)
+    # an independent value of it: Hermite of degree 1 times the law's own of degree 2
+    x, w = fine.germ[:, 0], evaluate(*joint.laws["w"].recurrence(ALPHA[3:], 3), fine.germ[:, 2], 2)
+    np.testing.assert_allclose(found, x * w[:, 2], atol=1e-10)
 
 
 def test_moments_of_the_expansion_of_a_polynomial_are_exact_to_order_8() -> None:
     """Against the product moments in closed form; 20 nodes serve degree 24 as well."""
     joint = inputs()
-    nodes = joint.nodes(ALPHA, 4)
-    matrix, weights = joint.expansion_map(ALPHA, 4, 3, 8)
+    nodes = TensorGauss(4).nodes(joint, ALPHA)
+    matrix, weights = expansion_map(joint, ALPHA, 4, 3, 8)
     outcome = cubic(nodes.x)[None, :] @ matrix.T
     found = weighted_moments(outcome, weights, 8)
     terms = [((2, 0, 1), 1.0), ((0, 1, 2), 1.0), ((1, 0, 0), -0.5), ((0, 0, 0), 2.0)]
@@ -146,9 +145,9 @@ def test_degree_q_minus_1_through_q_nodes_interpolates(basis) -> None:
     law = Inputs({"w": TruncatedNormal(BOX, sd=Free(0.05, 2.0), polynomials=basis)})  # type: ignore[arg-type]
     alpha, q = np.array([0.8, 0.5]), 5
     # order 2 asks for 2 * 4 // 2 + 1 = 5 finer nodes: the same
-    matrix, _ = law.expansion_map(alpha, q, q - 1, 2)
+    matrix, _ = expansion_map(law, alpha, q, q - 1, 2)
     np.testing.assert_allclose(matrix, np.eye(q), atol=1e-12)
-    lower, _ = law.expansion_map(alpha, q, q - 2, 2)
+    lower, _ = expansion_map(law, alpha, q, q - 2, 2)
     assert lower.shape == (4, 5)
 
 
@@ -156,9 +155,9 @@ def test_a_lower_degree_is_the_best_approximation() -> None:
     """What the projection leaves out is orthogonal to all that it keeps."""
     law = Inputs({"x": Normal(mean=Free(-1.0, 1.0), sd=Free(0.05, 1.0))})
     alpha, q, degree = np.array([0.4, 0.5]), 12, 3
-    nodes = law.nodes(alpha, q)
-    matrix, weights = law.expansion_map(alpha, q, degree, 2 * (q - 1) // degree)
-    fine = law.nodes(alpha, weights.size)
+    nodes = TensorGauss(q).nodes(law, alpha)
+    matrix, weights = expansion_map(law, alpha, q, degree, 2 * (q - 1) // degree)
+    fine = TensorGauss(weights.size).nodes(law, alpha)
     found = matrix @ np.exp(nodes.x[:, 0])
     for power in range(degree + 1):
         left = nodes.weights @ (np.exp(nodes.x[:, 0]) * nodes.x[:, 0] ** power)
@@ -181,7 +180,9 @@ def test_noise_at_the_end_of_alpha_is_not_of_the_law() -> None:
     noisy = np.append(ALPHA, 0.7)
     u = np.random.default_rng(1).random((5, 3))
     np.testing.assert_array_equal(inputs().sample(noisy, u), inputs().sample(ALPHA, u))
-    np.testing.assert_array_equal(inputs().nodes(noisy, 3).dx, inputs().nodes(ALPHA, 3).dx)
+    np.testing.assert_array_equal(
+        TensorGauss(3).nodes(inputs(), noisy).dx, TensorGauss(3).nodes(inputs(), ALPHA).dx
+    )
 
 
 def test_the_image_of_a_germ_is_the_quantile_of_its_probability() -> None:

@@ -17,11 +17,12 @@ from aleator.densities.moments import (
     weighted_moments_with_gradient,
 )
 from aleator.polynomials.gauss import gauss_hermite
+from aleator.quadrature import TensorGauss
 from aleator.types import Array
 
 
 def at_nodes(problem: Problem, nodes: int) -> tuple[Array, Array]:
-    rule = problem.inputs.nodes(problem.alpha, nodes)
+    rule = TensorGauss(nodes).nodes(problem.inputs, problem.alpha)
     return Exact(problem).evaluate(rule.x), rule.weights
 
 

@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import norm
 
 from aleator.densities import Gaussian
+from aleator.quadrature import TensorGauss
 from reproduction import Context, Verdict, chosen
 from reproduction.canvas import drawn
 from reproduction.clutch.reference import (
@@ -99,7 +100,7 @@ def test_the_papers_expansion_takes_25_runs_and_agrees_with_its_coefficients() -
     study, one = ClutchStudy(), np.array([SHOWN - 1])
     y = node_outcomes(study, GIVEN, one)
     assert y.shape == (1, 25)
-    nodes = study.law("hermite").nodes(GIVEN, 5)
+    nodes = TensorGauss(5).nodes(study.law("hermite"), GIVEN)
     found = expansion_moments(study, GIVEN, one)
     assert found.mean[0] == pytest.approx(float(y[0] @ nodes.weights), rel=1e-12)
     # projection: the variance of the expansion is at most that of the quadrature

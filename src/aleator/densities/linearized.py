@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aleator.laws.inputs import Lattice
+from aleator.quadrature import Lattice
 from aleator.types import Array, Flags
 
 _FARTHEST_RATIO = 700.0

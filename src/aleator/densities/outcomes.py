@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.densities.moments import Moments, weighted_moments, weighted_moments_with_gradient
-from aleator.laws.inputs import Lattice
+from aleator.quadrature import Lattice
 from aleator.types import Array
 
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.errors import InputsError
-from aleator.laws import Law, Rule
-from aleator.laws.inputs import Inputs
+from aleator.laws import Inputs, Law, Normal, Rule
 from aleator.polynomials.indices import Indices
 from aleator.polynomials.recurrence import evaluate
 from aleator.types import Array
@@ -40,18 +39,16 @@ class Basis:
 
     @classmethod
     def of(cls, inputs: Inputs, alpha: Array) -> Basis:
-        """The basis of the joint law of the inputs at alpha (K,).
+        """The basis of the joint law at alpha (K,), in the independent variables it is made of.
 
-        Raises InputsError where parameters are correlated: products of polynomials of the marginal
-        laws are then not orthogonal.
+        These are the parameters themselves, and standard normal variates for correlated ones.
         """
-        if inputs.correlated:
-            names = ", ".join(inputs.names[i] for i in inputs.correlated)
-            raise InputsError(
-                f"{names} are correlated, and an expansion needs independent parameters",
-                "expand in the independent germ, or leave out the correlation",
-            )
-        return cls(tuple(inputs.laws.values()), tuple(alpha[part] for part in inputs.slices))
+        return cls(*inputs.independent(alpha))
+
+    @classmethod
+    def normal(cls, count: int) -> Basis:
+        """Hermite polynomials of `count` independent standard normal variates."""
+        return cls((Normal(0.0, 1.0),) * count, (np.array([0.0, 1.0]),) * count)
 
     @property
     def limits(self) -> tuple[int | None, ...]:

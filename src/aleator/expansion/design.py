@@ -22,8 +22,9 @@ the square of a polynomial of degree 39 exactly, so that polynomials stay orthon
 class Design:
     """J points at which each experiment is to be run.
 
-    `germ` (J, n) are the points in the coordinates of the polynomials, `x` (J, n) the parameters,
-    and `weights` (J,) make sum_j weights_j f(x_j) an estimate of E f.
+    `germ` (J, n) are the points in the coordinates of the polynomials, `x` (J, n) the variables of
+    the basis, which are the parameters where none is correlated, and `weights` (J,) make
+    sum_j weights_j f(x_j) an estimate of E f.
     """
 
     germ: Array

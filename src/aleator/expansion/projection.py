@@ -10,8 +10,9 @@ from aleator.errors import InputsError
 from aleator.expansion.basis import Basis
 from aleator.expansion.design import Design
 from aleator.expansion.expansion import Expansion, checked
+from aleator.laws import Inputs
 from aleator.polynomials.gauss import tensor
-from aleator.polynomials.indices import IndexSet, Indices
+from aleator.polynomials.indices import IndexSet, Indices, TotalDegree
 from aleator.types import Array
 
 
@@ -64,6 +65,22 @@ def project(basis: Basis, indices: Indices, design: Design, outcomes: Array) -> 
     psi = basis.evaluate(design.germ, indices)
     coefficients = (outcomes * design.weights) @ psi
     return Expansion(basis, indices, coefficients, np.full(len(outcomes), np.nan))
+
+
+def expansion_map(
+    inputs: Inputs, alpha: Array, nodes: int, degree: int, order: int
+) -> tuple[Array, Array]:
+    """Matrix (F, J) from outcomes at the J nodes to the expansion at F finer nodes, and weights.
+
+    The expansion is the projection on a tensor rule of `nodes` a parameter, to total degree
+    `degree` (paper, eq. (quadrature)). The finer rule, with floor(order degree / 2) + 1 nodes a
+    parameter, integrates the expansion to the power `order` exactly (paper, eq. (moments)).
+    """
+    basis, way = Basis.of(inputs, alpha), Projection(TotalDegree(degree), nodes)
+    design = way.design(basis)
+    fine = tensor_design(basis, [order * degree // 2 + 1] * len(basis.laws))
+    unit = way.fit(basis, design, np.eye(len(design)))
+    return unit.evaluate(fine.germ).T, fine.weights
 
 
 def tensor_design(basis: Basis, sizes: list[int]) -> Design:

@@ -1,4 +1,4 @@
-"""Marginal laws of the parameters: one file a law, one interface."""
+"""Laws of the parameters: one file for each marginal law, and `Inputs`, the joint law."""
 
 from aleator.laws.beta import Beta
 from aleator.laws.constant import Constant
@@ -11,6 +11,7 @@ from aleator.laws.hyperparameter import (
     resolve,
     within,
 )
+from aleator.laws.inputs import Inputs
 from aleator.laws.law import Law, MeanSd, Rule, Standard
 from aleator.laws.lognormal import LogNormal
 from aleator.laws.normal import Normal
@@ -25,6 +26,7 @@ __all__ = [
     "Free",
     "Gamma",
     "Hyperparameter",
+    "Inputs",
     "Law",
     "LogNormal",
     "MeanSd",

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.errors import InputsError, nearest
-from aleator.laws import Hyperparameter, Specification, resolve
+from aleator.laws.hyperparameter import Hyperparameter, Specification, resolve
 from aleator.types import Array
 
 Pair = tuple[str, str]

@@ -16,12 +16,15 @@ germ for a law that goes through it (lognormal, and every correlated parameter).
 
 from aleator.quadrature.germ_grid import GermGrid
 from aleator.quadrature.interface import Cubature
+from aleator.quadrature.nodes import Lattice, Nodes
 from aleator.quadrature.points import MonteCarloPoints, ProbabilityGrid, SobolPoints
 from aleator.quadrature.smolyak import Smolyak
 from aleator.quadrature.tensor import TensorGauss
 
 __all__ = [
     "Cubature",
+    "Lattice",
+    "Nodes",
     "TensorGauss",
     "Smolyak",
     "SobolPoints",

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from aleator.errors import InputsError
-from aleator.laws.inputs import Inputs, Lattice, Nodes
+from aleator.laws import Inputs
 from aleator.polynomials.gauss import tensor
 from aleator.quadrature.interface import affordable
+from aleator.quadrature.nodes import Lattice, Nodes
 from aleator.types import Array
 
 Numbers = NDArray[np.int64]

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Protocol
 
 from aleator.errors import InputsError
-from aleator.laws.inputs import Inputs, Nodes
+from aleator.laws import Inputs
+from aleator.quadrature.nodes import Nodes
 from aleator.types import Array
 
 MOST_NODES = 1_000_000

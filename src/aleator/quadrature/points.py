@@ -10,9 +10,10 @@ from scipy import special
 from scipy.stats import qmc
 
 from aleator.errors import InputsError
-from aleator.laws.inputs import Inputs, Nodes
+from aleator.laws import Inputs
 from aleator.polynomials.gauss import tensor
 from aleator.quadrature.interface import MOST_NODES, affordable, between
+from aleator.quadrature.nodes import Nodes
 from aleator.types import Array
 
 SOBOL_BITS = 30

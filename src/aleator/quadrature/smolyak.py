@@ -9,10 +9,10 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.laws import Rule
-from aleator.laws.inputs import Inputs, Nodes
+from aleator.laws import Inputs, Rule
 from aleator.polynomials.gauss import tensor
 from aleator.quadrature.interface import affordable, between
+from aleator.quadrature.nodes import Nodes, axes, combined
 from aleator.types import Array
 
 Indices = NDArray[np.int64]
@@ -54,13 +54,13 @@ class Smolyak:
         """The rule at alpha. Cost O(J n K), besides the grid, which is made once."""
         # before merging: the coefficients of t^0..t^L in (sum_l (l + 1) t^l)^d = (1 - t)^(-2d)
         affordable(comb(2 * inputs.scattering + self.level, self.level))
-        levels = [inputs.axes(alpha, q) for q in range(1, self.level + 2)]
+        levels = [axes(inputs, alpha, q) for q in range(1, self.level + 2)]
         stacks = [
             _stacked([rules[i] for rules in levels] if scatters else [levels[0][i]])
             for i, scatters in enumerate(law.scatters for law in inputs.laws.values())
         ]
         grid = _grid(self.level, tuple(_identity(stack) for stack in stacks))
-        every = inputs.product(alpha, stacks, grid.picks)
+        every = combined(inputs, alpha, stacks, grid.picks)
         weights = np.asarray(np.bincount(grid.node, grid.factor * every.weights), dtype=float)
         dweights = np.zeros((weights.size, inputs.size))
         for k in np.flatnonzero(np.any(every.dweights, axis=0)):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aleator.laws.inputs import Inputs, Nodes
+from aleator.laws import Inputs
+from aleator.polynomials.gauss import tensor
 from aleator.quadrature.interface import affordable, between
+from aleator.quadrature.nodes import Nodes, axes, combined
 from aleator.types import Array
 
 
@@ -33,7 +35,8 @@ class TensorGauss:
     def nodes(self, inputs: Inputs, alpha: Array) -> Nodes:
         """The rule at alpha. Cost O(J n K)."""
         affordable(self.size(inputs))
-        return inputs.nodes(alpha, self.per_dimension)
+        rules = axes(inputs, alpha, self.per_dimension)
+        return combined(inputs, alpha, rules, tensor(tuple(rule.x.size for rule in rules)))
 
     def size(self, inputs: Inputs) -> int:
         """per_dimension^d."""

@@ -12,8 +12,7 @@ from aleator.densities.outcomes import Outcomes
 from aleator.expansion import Basis, Design
 from aleator.expansion.moments import Automatic, ExpansionMoments, prepare
 from aleator.expansion.moments import Basis as Recurrences
-from aleator.laws import Normal
-from aleator.laws.inputs import Inputs
+from aleator.laws import Inputs
 from aleator.likelihood.propagation.choice import Fit
 from aleator.likelihood.propagation.quadrature import along_alpha
 from aleator.polynomials.recurrence import hermite_recurrence
@@ -42,8 +41,7 @@ class ExpandedPropagation:
 
     @cached_property
     def _basis(self) -> Basis:
-        count = self.inputs.scattering
-        return Basis((Normal(0.0, 1.0),) * count, (np.array([0.0, 1.0]),) * count)
+        return Basis.normal(self.inputs.scattering)
 
     @cached_property
     def design(self) -> Design:

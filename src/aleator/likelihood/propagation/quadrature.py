@@ -8,7 +8,8 @@ import numpy as np
 
 from aleator.densities.moments import Moments
 from aleator.densities.outcomes import Outcomes
-from aleator.laws.inputs import Inputs
+from aleator.expansion.projection import expansion_map
+from aleator.laws import Inputs
 from aleator.quadrature import Cubature, TensorGauss
 from aleator.surrogates.responses import Response
 from aleator.types import Array
@@ -51,7 +52,7 @@ class QuadraturePropagation:
         per_dimension = self.cubature.per_dimension
 
         def expansion(at: Array) -> tuple[Array, Array]:
-            return self.inputs.expansion_map(at, per_dimension, degree, order)
+            return expansion_map(self.inputs, at, per_dimension, degree, order)
 
         matrix, weights = expansion(alpha)
         fine = outcomes.y @ matrix.T
