@@ -1,5 +1,6 @@
-"""The commands of the pages run as printed, in a copy of what the pages speak of."""
+"""The pages tell the truth: their commands run as printed, what they link to and name is there."""
 
+import importlib
 import json
 import os
 import re
@@ -17,11 +18,11 @@ import aleator
 from aleator.study.sections import StudyFile
 
 ROOT = Path(__file__).parents[1]
-PAGES = [
+EVERY = [
     path.relative_to(ROOT)
     for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *ROOT.glob("examples/*/*.md"))
-    if "```bash" in path.read_text(encoding="utf-8")
 ]
+PAGES = [page for page in EVERY if "```bash" in (ROOT / page).read_text(encoding="utf-8")]
 LIMIT = 300.0  # s, of a block that hangs
 
 
@@ -109,3 +110,61 @@ def test_the_studies_for_other_tools_have_keys_that_exist() -> None:
     studies = [StudyFile.model_validate(tomllib.loads(text)) for text in blocks(page, "toml")]
     assert {study.simulator.kind for study in studies} <= {"command", "fmu"}
     assert len(studies) == 6
+
+
+def anchor(heading: str) -> str:
+    """The name by which a link within a page finds a heading, as the usual renderers make it."""
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", EVERY, ids=str)
+def test_what_a_page_links_to_is_there(page: Path) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if link.startswith(("http://", "https://")):
+            continue
+        name, _, place = link.partition("#")
+        target = (ROOT / page).parent / name if name else ROOT / page
+        assert target.exists(), link
+        headings = (
+            re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.M) if place else []
+        )
+        assert not place or place in map(anchor, headings), link
+
+
+FILES_OF_A_RUN = {"aleator.stdout", "aleator.stderr", "aleator.run"}
+
+
+@pytest.mark.parametrize("page", EVERY, ids=str)
+def test_modules_tests_and_examples_that_a_page_names_are_there(page: Path) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    quoted = "".join(re.findall(r"`[^`]+`", text))
+    named = set(re.findall(r"\b(aleator(?:\.[A-Za-z_]\w*)+)", quoted))
+    for name in {".".join(name.split(".")[:3]) for name in named}:
+        assert any(map(name.startswith, FILES_OF_A_RUN)) or resolved(name), name
+    for path in set(re.findall(r"\b((?:tests|examples|src)/[\w/]+\.(?:py|toml|csv|md))\b", text)):
+        assert (ROOT / path).exists(), path
+
+
+@pytest.mark.parametrize("page", EVERY, ids=str)
+def test_what_the_python_of_a_page_imports_is_there(page: Path) -> None:
+    for block in blocks((ROOT / page).read_text(encoding="utf-8"), "python"):
+        lines = re.findall(r"^(?:>>> )?from (aleator[\w.]*) import (.*?)(?:#.*)?$", block, re.M)
+        for module, names in lines:
+            for name in re.findall(r"\w+", names):
+                assert resolved(f"{module}.{name}"), (module, name)
+
+
+def resolved(name: str) -> bool:
+    """Whether a dotted name leads to a module, or to something in one."""
+    parts = name.split(".")
+    for last in range(len(parts), 0, -1):
+        with suppress(ImportError):
+            found = importlib.import_module(".".join(parts[:last]))
+            try:
+                for part in parts[last:]:
+                    found = getattr(found, part)
+            except AttributeError:
+                return False
+            return True
+    return False
