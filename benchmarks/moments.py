@@ -12,7 +12,8 @@ from functools import partial
 
 import numpy as np
 
-from aleator.expansion.moments import Basis, Galerkin, TensorGauss, prepare
+from aleator.expansion.moments import ExactQuadrature, Galerkin, prepare
+from aleator.types import Array, Indices
 from benchmarks.row import Row, ms
 from reproduction.index_sets import LARGE, PAPER_SECONDS, hermite
 from reproduction.push_fork import nonzero_set, raw_moment, raw_moments
@@ -24,16 +25,16 @@ MANY = (10, 2, 4)
 
 def moment_rows() -> list[Row]:
     """The paper's largest case, and one of ten parameters."""
-    basis = hermite(*LARGE)
-    c = coefficients(basis)
-    paper = seconds(partial(nonzero_set, basis, LARGE[2]))
-    terms = nonzero_set(basis, LARGE[2])
+    (basis, indices), order = hermite(*LARGE[:2]), LARGE[2]
+    c = coefficients(indices)
+    paper = seconds(partial(nonzero_set, basis, indices, order))
+    terms = nonzero_set(basis, indices, order)
     sums = seconds(partial(raw_moment, terms, c))
-    ready = prepare(basis, LARGE[2], TensorGauss())
-    offline = seconds(partial(prepare, basis, LARGE[2], TensorGauss()))
+    ready = prepare(basis, indices, order, ExactQuadrature())
+    offline = seconds(partial(prepare, basis, indices, order, ExactQuadrature()))
     online = seconds(partial(ready.moments, c))
-    moments, expected = raw_moments(ready.moments(c))[:, LARGE[2]], raw_moment(terms, c)
-    scale = np.maximum(np.abs(moments), np.linalg.norm(c, axis=1) ** LARGE[2])
+    moments, expected = raw_moments(ready.moments(c))[:, order], raw_moment(terms, c)
+    scale = np.maximum(np.abs(moments), np.linalg.norm(c, axis=1) ** order)
     gap = float(np.max(np.abs(moments - expected) / scale))
     name = f"moments, (n, d, m) = {LARGE}"
     return [
@@ -69,17 +70,17 @@ def chaospy_row(ours: float) -> list[Row]:
 
 def ten_parameters() -> Row:
     """Galerkin products against the multinomial sums of the orders 3 and 4."""
-    basis, orders = hermite(*MANY), (3, 4)
-    c = coefficients(basis)
-    ours = seconds(lambda: prepare(basis, MANY[2], Galerkin()).moments(c))
-    theirs = seconds(lambda: [raw_moment(nonzero_set(basis, m), c) for m in orders])
+    (basis, indices), orders = hermite(*MANY[:2]), (3, 4)
+    c = coefficients(indices)
+    ours = seconds(lambda: prepare(basis, indices, MANY[2], Galerkin()).moments(c))
+    theirs = seconds(lambda: [raw_moment(nonzero_set(basis, indices, m), c) for m in orders])
     what = f"moments, (n, d, m) = {MANY}: Galerkin, with {EXPERIMENTS} expansions"
     return Row(what, ms(ours), f"push and fork {ms(theirs)}", ours / theirs)
 
 
-def coefficients(basis: Basis) -> np.ndarray:
+def coefficients(indices: Indices) -> Array:
     """Coefficients (EXPERIMENTS, P) of random expansions."""
-    return np.random.default_rng(0).standard_normal((EXPERIMENTS, basis.size))
+    return np.random.default_rng(0).standard_normal((EXPERIMENTS, len(indices)))
 
 
 def seconds(work: Callable[[], object]) -> float:

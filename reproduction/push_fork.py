@@ -3,7 +3,7 @@
 I_(m,p) holds the ways to lay m items on p locations (paper, "Estimation of high-order moments").
 A multi-index is here its exponents (p,), or its `stack` (m,): how far each item lies from the last
 location, s_1 >= s_2 >= ... . Push and fork visit the stacks in lexicographic order. The package
-itself computes the same moments by `TensorGauss` or `Galerkin`, in a fraction of the time.
+itself computes the same moments by `ExactQuadrature` or `Galerkin`, in a fraction of the time.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.densities.moments import Moments
-from aleator.expansion.moments import Basis
+from aleator.expansion import Basis
+from aleator.polynomials.indices import highest
 from aleator.types import Array
 
 Integers = NDArray[np.int64]
@@ -95,22 +96,19 @@ def multinomials(found: Integers) -> Array:
     return coefficient
 
 
-def inner_products(basis: Basis, k: int, m: int) -> Array:
+def inner_products(basis: Basis, k: int, degree: int, m: int) -> Array:
     """<p_(i_1) .. p_(i_m)> of all degrees 0..d of parameter k, (d + 1, .., d + 1) with m axes.
 
     A Gauss rule gives them, exact to degree m d (paper, eq. (moments2.0)). Zero, and exactly so, is
     what orthogonality makes zero: a degree above the sum of the others, and an odd sum for a
     symmetric weight. For Hermite, Legendre and Laguerre polynomials nothing else is zero.
 
-    >>> from aleator.polynomials.recurrence import hermite_recurrence
-    >>> basis = Basis((hermite_recurrence(5),), np.array([[0], [1], [2]]))
-    >>> table = inner_products(basis, 0, 4)
+    >>> table = inner_products(Basis.normal(1), 0, degree=2, m=4)
     >>> table[[1, 2], [1, 1], [1, 1], [1, 0]].round(6).tolist()
     [3.0, 1.414214]
     """
-    degree = basis.degrees[k]
     # order 1 is exact with fewer nodes than there are polynomials to evaluate
-    _, weights, polynomials = basis.rule(k, max(m, 2) * degree)
+    _, weights, polynomials = basis.exact_rule(k, max(m, 2) * degree)
     product = weights
     for _ in range(m):
         product = product[..., None, :] * polynomials.T[: degree + 1]
@@ -118,7 +116,7 @@ def inner_products(basis: Basis, k: int, m: int) -> Array:
     degrees = np.indices(table.shape)
     total = degrees.sum(axis=0)
     vanishes = 2 * degrees.max(axis=0) > total
-    if basis.symmetric(k):
+    if basis.symmetric(k, weights.size):
         vanishes |= total % 2 == 1
     return np.where(vanishes, 0.0, table)
 
@@ -148,27 +146,26 @@ class NonzeroSet:
         return count(self.order, self.size)
 
 
-def nonzero_set(basis: Basis, m: int) -> NonzeroSet:
+def nonzero_set(basis: Basis, indices: Integers, m: int) -> NonzeroSet:
     """I*_(m,p): every multi-index of I_(m,p) whose inner product is not zero (the offline step).
 
     Cost O(m C(m + p - 1, m)) in time and memory.
 
-    >>> from aleator.polynomials.recurrence import hermite_recurrence
-    >>> basis = Basis((hermite_recurrence(4),), np.array([[0], [1], [2]]))
-    >>> terms = nonzero_set(basis, 3)     # E[Y^3] = c0^3 + 3 c0 c1^2 + 3 c0 c2^2 + ...
+    >>> indices = np.array([[0], [1], [2]])
+    >>> terms = nonzero_set(Basis.normal(1), indices, 3)   # c0^3 + 3 c0 c1^2 + 3 c0 c2^2 + ...
     >>> terms.exponents.tolist()
     [[0, 0, 3], [0, 2, 1], [1, 0, 2], [1, 2, 0], [3, 0, 0]]
     >>> terms.coefficients.round(4).tolist()
     [2.8284, 4.2426, 3.0, 3.0, 1.0]
     """
-    basis.check(max(m, 2))
-    found = stacks(m, basis.size)
+    size, largest = len(indices), highest(indices)
+    found = stacks(m, size)
     product = np.ones(found.shape[0])
-    for k, degrees in enumerate(basis.indices[::-1].T):
-        value = inner_products(basis, k, m)[tuple(degrees[found].T)]
+    for k, degrees in enumerate(indices[::-1].T):
+        value = inner_products(basis, k, largest[k], m)[tuple(degrees[found].T)]
         kept = value != 0.0
         found, product = found[kept], product[kept] * value[kept]
-    return NonzeroSet(m, basis.size, basis.size - 1 - found, product * multinomials(found))
+    return NonzeroSet(m, size, size - 1 - found, product * multinomials(found))
 
 
 def raw_moment(terms: NonzeroSet, coefficients: Array) -> Array:
@@ -176,9 +173,8 @@ def raw_moment(terms: NonzeroSet, coefficients: Array) -> Array:
 
     Loses all digits of the scatter where the mean is large against it.
 
-    >>> from aleator.polynomials.recurrence import hermite_recurrence
-    >>> basis = Basis((hermite_recurrence(3),), np.array([[0], [1]]))
-    >>> raw_moment(nonzero_set(basis, 4), np.array([[1.0, 1.0]])).round(9).tolist()
+    >>> terms = nonzero_set(Basis.normal(1), np.array([[0], [1]]), 4)
+    >>> raw_moment(terms, np.array([[1.0, 1.0]])).round(9).tolist()
     [10.0]
     """
     columns = np.ascontiguousarray(coefficients.T)

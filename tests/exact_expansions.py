@@ -11,18 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from problems import from_raw
 
-from aleator.expansion.moments import (
-    Automatic,
-    Basis,
-    Galerkin,
-    TensorGauss,
-)
+from aleator.expansion import Basis
+from aleator.expansion.moments import ExactQuadrature, Galerkin
+from aleator.laws import Beta, Gamma, Law, Normal, Uniform
 from aleator.polynomials.recurrence import hermite_recurrence
 from aleator.types import Array
 
 Recurrence = tuple[Array, Array]
 
-WAYS = [TensorGauss(), Galerkin(), Automatic()]
+WAYS = [ExactQuadrature(), Galerkin(), None]
 
 
 # ------------------------------------------------- four families, and their moments of monomials
@@ -63,6 +60,13 @@ FAMILIES: dict[str, tuple[Callable[[int], Recurrence], Callable[[int], mpmath.mp
     "laguerre": (laguerre, lambda m: mpmath.rf(mpmath.mpf("1.5"), m)),
     "jacobi": (jacobi, beta_moment),
 }
+LAWS: dict[str, Law] = {
+    "hermite": Normal(0.0, 1.0),
+    "legendre": Uniform.between(-1.0, 1.0),
+    "laguerre": Gamma(1.5, 1.5**0.5),
+    "jacobi": Beta((-1.0, 1.0), 3.0 / 11.0, (28.0 / (5.5**2 * 6.5)) ** 0.5),
+}
+"""Laws with these polynomials, in their own coordinates."""
 MIXED = ("hermite", "laguerre", "jacobi")
 
 TOTAL = {n: np.array([k for k in product(range(4), repeat=n) if sum(k) <= 3]) for n in (1, 2, 3)}
@@ -71,10 +75,9 @@ SCATTERED = np.array([[0, 2], [3, 0], [0, 0], [1, 1], [4, 1], [1, 0], [2, 2]])
 SETS = {"total": TOTAL[2], "scattered": SCATTERED}
 
 
-def basis_of(names: tuple[str, ...], indices: NDArray[np.int64], order: int) -> Basis:
-    counts = order * indices.max(axis=0) // 2 + 1
-    recurrences = [FAMILIES[f][0](int(c)) for f, c in zip(names, counts, strict=True)]
-    return Basis(tuple(recurrences), indices)
+def basis_of(*names: str) -> Basis:
+    laws = tuple(LAWS[name] for name in names)
+    return Basis(laws, tuple(np.array([h.start for h in law.hyperparameters]) for law in laws))
 
 
 @cache

@@ -23,17 +23,12 @@ from exact_expansions import (
 from problems import from_raw
 
 from aleator.errors import InputsError
-from aleator.expansion.moments import (
-    Automatic,
-    Basis,
-    Galerkin,
-    TensorGauss,
-    cheapest,
-    prepare,
-)
-from aleator.expansion.moments.automatic import estimated_seconds
-from aleator.expansion.moments.rules import polished_rule, symmetric
-from aleator.polynomials.recurrence import evaluate, hermite_recurrence
+from aleator.expansion import Basis
+from aleator.expansion.moments import ExactQuadrature, Galerkin, cheapest, prepare
+from aleator.expansion.moments.cheapest import estimated_seconds
+from aleator.polynomials.gauss import polished_rule
+from aleator.polynomials.recurrence import evaluate, hermite_recurrence, symmetric
+from aleator.types import Indices
 
 # ------------------------------------------------------------------------------ truths
 
@@ -44,7 +39,7 @@ from aleator.polynomials.recurrence import evaluate, hermite_recurrence
 def test_moments_are_those_of_exact_arithmetic(way, indices, name) -> None:
     names = (name, name)
     c, truth = drawn_with_truth(names, next(key for key in SETS if SETS[key] is indices))
-    found = prepare(basis_of(names, indices, 8), 8, way).moments(c)
+    found = prepare(basis_of(*names), indices, 8, way).moments(c)
     mean, sd, standardized = (np.array(part) for part in zip(*truth, strict=True))
     np.testing.assert_allclose(found.mean, mean, rtol=1e-13)
     np.testing.assert_allclose(found.sd, sd, rtol=1e-13)
@@ -57,13 +52,13 @@ def test_the_ways_agree_to_rounding(names, order) -> None:
     indices = TOTAL[len(names)]
     if len(names) == 3:
         order = min(order, 6)  # push and fork tries 3.1 million terms at order 9
-    basis = basis_of(names, indices, order)
+    basis = basis_of(*names)
     c = np.random.default_rng(order).standard_normal((4, len(indices)))
-    truth = prepare(basis, order, Galerkin()).moments_with_gradient(c)
+    truth = prepare(basis, indices, order, Galerkin()).moments_with_gradient(c)
     for way in WAYS:
         for found in (
-            prepare(basis, order, way).moments(c),
-            prepare(basis, order, way).moments_with_gradient(c),
+            prepare(basis, indices, order, way).moments(c),
+            prepare(basis, indices, order, way).moments_with_gradient(c),
         ):
             assert_same(found.standardized, truth.standardized, 1e-12)
             assert found.order == order
@@ -104,8 +99,8 @@ def test_a_quadratic_form_of_ten_normals_has_its_closed_cumulants(order) -> None
         raw.append(mpmath.fsum(mpmath.binomial(m - 1, j - 1) * kappa[j] * raw[m - j]
                                for j in range(1, m + 1)))  # fmt: skip
     mean, sd, standardized = from_raw(raw)
-    basis = basis_of(("hermite",) * n, indices, order)
-    found = prepare(basis, order, Galerkin()).moments(c[None])
+    basis = Basis.normal(n)
+    found = prepare(basis, indices, order, Galerkin()).moments(c[None])
     assert found.mean[0] == pytest.approx(mean, rel=1e-13)
     assert found.sd[0] == pytest.approx(sd, rel=1e-13)
     np.testing.assert_allclose(found.standardized[0], standardized, rtol=1e-11, atol=1e-12)
@@ -114,9 +109,8 @@ def test_a_quadratic_form_of_ten_normals_has_its_closed_cumulants(order) -> None
 def test_a_sample_has_the_moments_within_its_standard_error() -> None:
     rng = np.random.default_rng(7)
     indices = TOTAL[3]
-    basis = basis_of(MIXED, indices, 6)
     c = rng.standard_normal((1, len(indices))) * 0.5 ** indices.sum(axis=1)
-    exact = prepare(basis, 6, Automatic()).moments(c)
+    exact = prepare(basis_of(*MIXED), indices, 6).moments(c)
     size = 400_000
     theta = (
         rng.standard_normal(size),
@@ -135,12 +129,11 @@ def test_a_sample_has_the_moments_within_its_standard_error() -> None:
 
 @pytest.mark.parametrize("way", WAYS, ids=repr)
 def test_derivatives_are_those_of_the_moments(way) -> None:
-    basis = basis_of(("hermite", "laguerre"), SCATTERED, 6)
-    ready = prepare(basis, 6, way)
-    c = np.random.default_rng(5).standard_normal((3, basis.size))
+    ready = prepare(basis_of("hermite", "laguerre"), SCATTERED, 6, way)
+    c = np.random.default_rng(5).standard_normal((3, len(SCATTERED)))
     exact = ready.moments_with_gradient(c)
     step = 1e-5
-    for i in range(basis.size):
+    for i in range(len(SCATTERED)):
         change = np.zeros_like(c)
         change[:, i] = step
         up, down = ready.moments(c + change), ready.moments(c - change)
@@ -183,28 +176,27 @@ def test_symmetry_is_seen_about_any_center_and_through_rounding() -> None:
 # ------------------------------------------------------------------------------ choice and misuse
 
 
-def hermite_basis(n: int, d: int, order: int) -> Basis:
-    indices = np.array([k for k in product(range(d + 1), repeat=n) if sum(k) <= d])
-    return basis_of(("hermite",) * n, indices, order)
+def hermite(n: int, d: int) -> tuple[Basis, Indices]:
+    return Basis.normal(n), np.array([k for k in product(range(d + 1), repeat=n) if sum(k) <= d])
 
 
-def test_few_parameters_take_the_tensor_rule_and_many_take_galerkin() -> None:
-    assert cheapest(hermite_basis(1, 8, 8), 8, 1_000) == TensorGauss()
-    assert cheapest(hermite_basis(3, 3, 5), 5, 1_000) == TensorGauss()
-    assert cheapest(hermite_basis(7, 2, 4), 4, 1_000) == Galerkin()
+def test_few_parameters_take_quadrature_and_many_take_galerkin() -> None:
+    assert cheapest(*hermite(1, 8), 8, 1_000) == ExactQuadrature()
+    assert cheapest(*hermite(3, 3), 5, 1_000) == ExactQuadrature()
+    assert cheapest(*hermite(7, 2), 4, 1_000) == Galerkin()
     # one evaluation does not pay for a longer preparation
-    assert cheapest(hermite_basis(4, 3, 5), 5, 1) == TensorGauss()
+    assert cheapest(*hermite(4, 3), 5, 1) == ExactQuadrature()
 
 
 def test_the_model_of_the_cost_knows_what_a_way_refuses() -> None:
-    big = Basis((hermite_recurrence(9),) * 16, np.vstack([np.zeros(16), np.eye(16)]))
-    tensor, galerkin = estimated_seconds(big, 8, 1)
-    assert tensor == np.inf > galerkin
+    big = Basis.normal(16), np.vstack([np.zeros(16, dtype=int), np.eye(16, dtype=int)])
+    quadrature, galerkin = estimated_seconds(*big, 8, 1)
+    assert quadrature == np.inf > galerkin
     with pytest.raises(InputsError, match=r"3.*nodes.*\n.*Galerkin"):
-        prepare(big, 8, TensorGauss())
-    hopeless = Basis((hermite_recurrence(21),) * 12, np.vstack([np.zeros(12), 5 * np.eye(12)]))
+        prepare(*big, 8, ExactQuadrature())
+    hopeless = Basis.normal(12), np.vstack([np.zeros(12), 5 * np.eye(12)])
     with pytest.raises(InputsError, match=r"Galerkin products to order 8.*\n.*lower the degree"):
-        prepare(hopeless, 8, Automatic())
+        prepare(*hopeless, 8)
 
 
 @pytest.mark.parametrize(
@@ -219,20 +211,12 @@ def test_the_model_of_the_cost_knows_what_a_way_refuses() -> None:
 )
 def test_wrong_multi_indices_are_named(indices, message) -> None:
     with pytest.raises(InputsError, match=message):
-        Basis((hermite_recurrence(4),), np.array(indices))
+        prepare(Basis.normal(1), np.array(indices), 3)
 
 
-def test_wrong_recurrences_orders_and_coefficients_are_named() -> None:
-    with pytest.raises(InputsError, match="same count"):
-        Basis(((np.zeros(3), np.ones(2)),), np.array([[0]]))
-    with pytest.raises(InputsError, match="not positive"):
-        Basis(((np.zeros(3), np.zeros(3)),), np.array([[0]]))
-    basis = Basis((hermite_recurrence(6),), np.array([[0], [3]]))
-    with pytest.raises(InputsError, match=r"parameter 0: 6 .* need 7\n.*count=7"):
-        prepare(basis, 4, Galerkin())
+def test_wrong_orders_and_coefficients_are_named() -> None:
+    basis, indices = Basis.normal(1), np.array([[0], [3]])
     with pytest.raises(InputsError, match="order 1"):
-        prepare(basis, 1, Galerkin())
-    with pytest.raises(InputsError, match=r"shape \(3,\) for a basis of 2"):
-        prepare(basis, 3, Galerkin()).moments(np.ones(3))
-    with pytest.raises(InputsError, match="expansions"):
-        Automatic(0)
+        prepare(basis, indices, 1)
+    with pytest.raises(InputsError, match=r"shape \(3,\) for 2 polynomials"):
+        prepare(basis, indices, 3).moments(np.ones(3))

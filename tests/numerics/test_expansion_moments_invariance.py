@@ -14,11 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from aleator.expansion.moments import (
-    Galerkin,
-    TensorGauss,
-    prepare,
-)
+from aleator.expansion import Basis
+from aleator.expansion.moments import ExactQuadrature, Galerkin, prepare
+from aleator.polynomials.indices import constant
 
 # ------------------------------------------------------------------------------ properties
 
@@ -30,11 +28,11 @@ from aleator.expansion.moments import (
     shift=st.floats(-5.0, 5.0),
 )
 def test_an_affine_change_of_the_outcome_changes_mean_and_sd_only(c, scale, shift) -> None:
-    basis = basis_of(("hermite", "jacobi"), TOTAL[2], 6)
+    basis, indices = basis_of("hermite", "jacobi"), TOTAL[2]
     moved = -scale * c
-    moved[:, basis.constant] += scale * shift
-    for way in (TensorGauss(), Galerkin()):
-        ready = prepare(basis, 6, way)
+    moved[:, constant(indices)] += scale * shift
+    for way in (ExactQuadrature(), Galerkin()):
+        ready = prepare(basis, indices, 6, way)
         one, other = ready.moments(c), ready.moments(moved)
         sign = (-1.0) ** np.arange(7)
         assert_same(sign * other.standardized, one.standardized, 1e-11)
@@ -43,12 +41,12 @@ def test_an_affine_change_of_the_outcome_changes_mean_and_sd_only(c, scale, shif
 
 
 def test_no_digit_is_lost_for_a_small_scatter_about_a_large_outcome() -> None:
-    basis = basis_of(("hermite",), TOTAL[1], 8)
+    basis, indices = Basis.normal(1), TOTAL[1]
     c = np.array([[0.0, 1.0, 0.3, 0.1]])
-    truth = prepare(basis, 8, Galerkin()).moments(c).standardized
+    truth = prepare(basis, indices, 8, Galerkin()).moments(c).standardized
     small = 1e-9 * c + np.array([[0.8, 0.0, 0.0, 0.0]])
     for way in WAYS:
-        assert_same(prepare(basis, 8, way).moments(small).standardized, truth, 1e-12)
+        assert_same(prepare(basis, indices, 8, way).moments(small).standardized, truth, 1e-12)
 
 
 def test_order_of_functions_and_of_experiments_does_not_matter() -> None:
@@ -56,17 +54,17 @@ def test_order_of_functions_and_of_experiments_does_not_matter() -> None:
     order, rows = rng.permutation(len(TOTAL[2])), rng.permutation(5)
     c = rng.standard_normal((5, len(TOTAL[2])))
     for way in WAYS:
-        straight = prepare(basis_of(("legendre",) * 2, TOTAL[2], 5), 5, way).moments(c)
-        basis = basis_of(("legendre",) * 2, TOTAL[2][order], 5)
-        mixed = prepare(basis, 5, way).moments(c[rows][:, order])
+        straight = prepare(basis_of("legendre", "legendre"), TOTAL[2], 5, way).moments(c)
+        mixed = prepare(basis_of("legendre", "legendre"), TOTAL[2][order], 5, way).moments(
+            c[rows][:, order]
+        )
         assert_same(mixed.standardized, straight.standardized[rows], 1e-13)
 
 
 @pytest.mark.parametrize("way", WAYS, ids=repr)
 def test_parts_of_the_experiments_give_what_all_of_them_give(way) -> None:
-    basis = basis_of(("hermite", "laguerre"), TOTAL[2], 6)
-    c = np.random.default_rng(0).standard_normal((7, basis.size))
-    ready, many = prepare(basis, 6, way), 600
+    c = np.random.default_rng(0).standard_normal((7, len(TOTAL[2])))
+    ready, many = prepare(basis_of("hermite", "laguerre"), TOTAL[2], 6, way), 600
     whole, parts = (
         ready.moments_with_gradient(c),
         ready.moments_with_gradient(np.tile(c, (many, 1))),
@@ -84,9 +82,8 @@ def test_parts_of_the_experiments_give_what_all_of_them_give(way) -> None:
 
 @pytest.mark.parametrize("way", WAYS, ids=repr)
 def test_an_expansion_without_scatter_has_none(way) -> None:
-    basis = basis_of(("hermite",), TOTAL[1], 4)
     c = np.array([[2.0, 0.0, 0.0, 0.0], [2.0, 1e-17, 0.0, 0.0]])
-    found = prepare(basis, 4, way).moments_with_gradient(c)
+    found = prepare(Basis.normal(1), TOTAL[1], 4, way).moments_with_gradient(c)
     assert (found.mean.tolist(), found.sd.tolist()) == ([2.0, 2.0], [0.0, 0.0])
     assert found.standardized.tolist() == [[1.0, 0.0, 1.0, 0.0, 0.0]] * 2
     assert np.all(found.standardized_jac == 0.0)

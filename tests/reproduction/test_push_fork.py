@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from aleator.expansion.moments import Basis, TensorGauss, prepare
+from aleator.expansion import Basis
+from aleator.expansion.moments import prepare
+from aleator.laws import Gamma, Law, Normal, Uniform
 from aleator.polynomials.indices import TotalDegree
-from aleator.polynomials.recurrence import hermite_recurrence
+from aleator.types import Indices
 from reproduction.push_fork import (
     count,
     exponents,
@@ -28,9 +29,8 @@ from reproduction.push_fork import (
 )
 
 
-def hermite_basis(n: int, d: int, order: int) -> Basis:
-    recurrence = hermite_recurrence(order * d // 2 + 1)
-    return Basis((recurrence,) * n, TotalDegree(d).indices((None,) * n))
+def hermite(n: int, d: int) -> tuple[Basis, Indices]:
+    return Basis.normal(n), TotalDegree(d).indices((None,) * n)
 
 
 # ------------------------------------------------------------------------------ I_(m,p)
@@ -103,25 +103,23 @@ def norm(name: str, degree: int) -> float:
     return float(integral(name, (degree, degree))) ** 0.5
 
 
-def legendre(length: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    k = np.arange(1.0, length)
-    return np.zeros(length), np.concatenate([[1.0], k**2 / (4.0 * k**2 - 1.0)])
+LAWS: dict[str, Law] = {
+    "hermite": Normal(0.0, 1.0),
+    "legendre": Uniform.between(-1.0, 1.0),
+    "laguerre": Gamma(1.0, 1.0),
+}
 
 
-def laguerre(length: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    k = np.arange(float(length))
-    return 2.0 * k + 1.0, np.where(k > 0.0, k**2, 1.0)
+def basis_of(name: str, n: int) -> Basis:
+    values = np.array([h.start for h in LAWS[name].hyperparameters])
+    return Basis((LAWS[name],) * n, (values,) * n)
 
 
-RECURRENCES = {"hermite": hermite_recurrence, "legendre": legendre, "laguerre": laguerre}
-
-
-@pytest.mark.parametrize("name", RECURRENCES)
+@pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize(("n", "d", "m"), [(1, 4, 5), (2, 2, 5), (2, 3, 5), (3, 2, 3)])
 def test_the_nonzero_set_is_that_of_exact_fractions(name, n, d, m) -> None:
-    indices = hermite_basis(n, d, m).indices
-    basis = Basis((RECURRENCES[name](m * d // 2 + 1),) * n, indices)
-    found = nonzero_set(basis, m)
+    _, indices = hermite(n, d)
+    found = nonzero_set(basis_of(name, n), indices, m)
     known: dict[tuple[int, ...], Fraction] = {}
     for degrees in combinations_with_replacement(range(d + 1), m):
         known[degrees] = integral(name, degrees)
@@ -138,18 +136,18 @@ def test_the_nonzero_set_is_that_of_exact_fractions(name, n, d, m) -> None:
 
 
 def test_the_counts_are_the_paper_s() -> None:
-    basis = hermite_basis(4, 3, 5)
-    found = [nonzero_set(basis, m) for m in (2, 3, 4, 5)]
-    assert basis.size == 35
+    basis, indices = hermite(4, 3)
+    found = [nonzero_set(basis, indices, m) for m in (2, 3, 4, 5)]
+    assert len(indices) == 35
     assert [terms.candidates for terms in found] == [630, 7_770, 73_815, 575_757]
     assert [terms.coefficients.size for terms in found] == [35, 205, 2_315, 18_415]
     # order 2 is orthonormality: one term for each function, with coefficient one
-    square = nonzero_set(hermite_basis(3, 3, 2), 2)
+    square = nonzero_set(*hermite(3, 3), 2)
     np.testing.assert_allclose(square.coefficients, 1.0, rtol=1e-14)
 
 
 def test_both_sets_of_the_paper_s_figure() -> None:
-    found = nonzero_set(hermite_basis(2, 3, 5), 5)
+    found = nonzero_set(*hermite(2, 3), 5)
     every = exponents(stacks(5, 10), 10)
     kept = {tuple(row) for row in found.exponents.tolist()}
     assert (found.candidates, every.shape, found.exponents.shape) == (2002, (2002, 10), (388, 10))
@@ -157,10 +155,12 @@ def test_both_sets_of_the_paper_s_figure() -> None:
     assert np.all(every.sum(axis=1) == 5)
 
 
-@pytest.mark.parametrize("name", RECURRENCES)
+@pytest.mark.parametrize("name", LAWS)
 def test_the_multinomial_sum_is_the_moment_of_another_way(name) -> None:
-    basis = Basis((RECURRENCES[name](9),) * 2, hermite_basis(2, 3, 5).indices)
-    c = np.random.default_rng(2).standard_normal((3, basis.size))
-    found = raw_moments(prepare(basis, 5, TensorGauss()).moments(c))
+    basis, (_, indices) = basis_of(name, 2), hermite(2, 3)
+    c = np.random.default_rng(2).standard_normal((3, len(indices)))
+    found = raw_moments(prepare(basis, indices, 5).moments(c))
     for m in range(1, 6):
-        np.testing.assert_allclose(raw_moment(nonzero_set(basis, m), c), found[:, m], rtol=1e-12)
+        np.testing.assert_allclose(
+            raw_moment(nonzero_set(basis, indices, m), c), found[:, m], rtol=1e-12
+        )

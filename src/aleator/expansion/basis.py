@@ -8,9 +8,9 @@ import numpy as np
 
 from aleator.errors import InputsError
 from aleator.laws import Inputs, Law, Normal, Rule
-from aleator.polynomials.indices import Indices
-from aleator.polynomials.recurrence import evaluate
-from aleator.types import Array
+from aleator.polynomials.gauss import polished_rule
+from aleator.polynomials.recurrence import evaluate, symmetric
+from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +59,21 @@ class Basis:
         """The Gauss rule of one marginal (one node for a constant)."""
         return self.laws[parameter].rule(self.values[parameter], nodes)
 
+    def exact_rule(self, parameter: int, degree: int) -> tuple[Array, Array, Array]:
+        """A Gauss rule exact to `degree`, for high powers: germs (q,), weights, p_0..p_(q-1)."""
+        return polished_rule(*self.recurrence(parameter, degree // 2 + 1), degree)
+
+    def recurrence(self, parameter: int, count: int) -> tuple[Array, Array]:
+        """The recurrence coefficients (count,), (count,) of one marginal's polynomials."""
+        return self.laws[parameter].recurrence(self.values[parameter], count)
+
+    def symmetric(self, parameter: int, count: int) -> bool:
+        """Whether polynomials below degree `count` have a symmetric weight, as far as they show."""
+        return symmetric(*self.recurrence(parameter, count))
+
     def table(self, parameter: int, germ: Array, degree: int) -> Array:
         """The polynomials of one marginal at its germ (J,), as (J, degree + 1)."""
-        a, b = self.laws[parameter].recurrence(self.values[parameter], degree + 1)
-        return evaluate(a, b, germ, degree)
+        return evaluate(*self.recurrence(parameter, degree + 1), germ, degree)
 
     def evaluate(self, germ: Array, indices: Indices) -> Array:
         """psi at germs (J, n) for multi-indices (P, n), as (J, P). Cost O(J P n)."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from aleator.errors import InputsError
 from aleator.expansion.basis import Basis
-from aleator.polynomials.indices import Indices
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 FINE = 40
 """Nodes of the Gauss rule that stands for a marginal law where points are drawn: it integrates
@@ -88,7 +86,7 @@ def induced(basis: Basis, indices: Indices, runs: int, seed: int) -> Design:
     return Design(germ, x, 1.0 / (density * runs))
 
 
-def _at(basis: Basis, picks: list[NDArray[np.intp]]) -> tuple[Array, Array]:
+def _at(basis: Basis, picks: list[Indices]) -> tuple[Array, Array]:
     rules = [basis.rule(i, FINE) for i in range(len(picks))]
     germ = np.stack([rule.germ[pick] for rule, pick in zip(rules, picks, strict=True)], axis=1)
     return germ, np.stack([rule.x[p] for rule, p in zip(rules, picks, strict=True)], axis=1)

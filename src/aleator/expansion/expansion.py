@@ -10,8 +10,7 @@ import numpy as np
 from aleator.errors import InputsError
 from aleator.expansion.basis import Basis
 from aleator.expansion.design import Design
-from aleator.polynomials.indices import Indices
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 NOTHING = 1e-12
 """Standard deviation over mean below which an outcome does not vary: what is left is rounding."""

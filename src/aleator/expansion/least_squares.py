@@ -10,11 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from aleator.threads import single_threaded
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 SMALLEST = 1e-10
 """Share of a column that must be left over by the columns before it; less is rounding."""
@@ -35,7 +34,7 @@ class NestedFits:
     leave_one_out: Array
     corrected: Array
 
-    def coefficients(self, end: int, which: NDArray[np.intp]) -> Array:
+    def coefficients(self, end: int, which: Indices) -> Array:
         """Coefficients (k, n') of the first k terms for the outcomes `which` (n',)."""
         part = self.projected[:end, which]
         return np.asarray(linalg.solve_triangular(self.upper[:end, :end], part))

@@ -12,8 +12,8 @@ from aleator.expansion.design import Design
 from aleator.expansion.expansion import Expansion, checked
 from aleator.laws import Inputs
 from aleator.polynomials.gauss import tensor
-from aleator.polynomials.indices import IndexSet, Indices, TotalDegree
-from aleator.types import Array
+from aleator.polynomials.indices import IndexSet, TotalDegree
+from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

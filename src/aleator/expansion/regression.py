@@ -11,8 +11,8 @@ from aleator.expansion.basis import Basis
 from aleator.expansion.design import Design, induced
 from aleator.expansion.expansion import Expansion, checked
 from aleator.expansion.least_squares import nested_fits
-from aleator.polynomials.indices import IndexSet, Indices
-from aleator.types import Array
+from aleator.polynomials.indices import IndexSet
+from aleator.types import Array, Indices
 
 OVERSAMPLING = 2
 """Runs for each term, where the user does not choose their number."""
@@ -88,4 +88,4 @@ class Regression:
                 f"{runs} runs do not determine {ends[0]} coefficients",
                 "allow more runs, lower the degree, or set adaptive=True",
             )
-        return np.array(list(seen), dtype=np.int64), kept
+        return np.array(list(seen), dtype=np.intp), kept

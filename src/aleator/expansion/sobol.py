@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.errors import InputsError
-from aleator.polynomials.indices import Indices
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 NOTHING = 1e-12
 """Standard deviation over mean below which an outcome does not vary: rounding has no shares."""

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import AleatorError, InputsError
 from aleator.expansion.basis import Basis
@@ -15,9 +14,9 @@ from aleator.expansion.design import Design, drawn
 from aleator.expansion.expansion import Expansion, checked
 from aleator.expansion.least_squares import nested_fits
 from aleator.polynomials.indices import IndexSet
-from aleator.types import Array
+from aleator.types import Array, Indices
 
-Order = Callable[[Array, Array, int], NDArray[np.intp]]
+Order = Callable[[Array, Array, int], Indices]
 
 FULLEST = 0.6
 """Terms for each run that a path may reach."""
@@ -112,7 +111,7 @@ def _least_angles() -> Order:
             "pip install 'aleator[sparse]', or use Regression",
         ) from None
 
-    def order(gram: Array, correlation: Array, longest: int) -> NDArray[np.intp]:
+    def order(gram: Array, correlation: Array, longest: int) -> Indices:
         if longest == 0 or not np.any(correlation):
             return np.zeros(0, dtype=np.intp)
         with warnings.catch_warnings():

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.expansion.basis import Basis
 from aleator.expansion.design import Design
 from aleator.expansion.expansion import Expansion, checked
 from aleator.expansion.projection import tensor_design
-from aleator.polynomials.indices import IndexSet, Indices
-from aleator.types import Array
+from aleator.polynomials.indices import IndexSet
+from aleator.types import Array, Indices
 
 DIGITS = 10
 """Decimals to which two nodes must agree to be one."""
@@ -76,7 +75,7 @@ class SparseProjection:
         return Design(germ[first], x[first], operator[:, 0].copy()), operator
 
 
-def combination(indices: Indices) -> NDArray[np.int64]:
+def combination(indices: Indices) -> Indices:
     """Signs s (P,) of the combination technique for a downward closed set (P, n).
 
     The indicator of the set, differenced once along every parameter.
@@ -85,7 +84,7 @@ def combination(indices: Indices) -> NDArray[np.int64]:
     [-1, 1, 1]
     """
     place = {tuple(row): k for k, row in enumerate(indices.tolist())}
-    signs = np.ones(len(indices), dtype=np.int64)
+    signs = np.ones(len(indices), dtype=np.intp)
     for i in range(indices.shape[1]):
         above = indices.copy()
         above[:, i] += 1

@@ -12,12 +12,9 @@ from dataclasses import dataclass
 from typing import Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import InputsError
-from aleator.types import Array
-
-Indices = NDArray[np.int64]
+from aleator.types import Array, Indices
 
 MOST = 200_000
 """Multi-indices that a set may have: an expansion of more is a slip, and fills the memory."""
@@ -154,6 +151,24 @@ def total_degree(limits: tuple[int, ...], degree: int) -> Indices:
     return _below([np.arange(min(limit, degree) + 1.0) for limit in limits], degree)
 
 
+def highest(indices: Indices) -> tuple[int, ...]:
+    """The largest degree of each parameter among multi-indices (P, n).
+
+    >>> highest(np.array([[0, 0], [3, 0], [1, 1]]))
+    (3, 1)
+    """
+    return tuple(int(degree) for degree in indices.max(axis=0))
+
+
+def constant(indices: Indices) -> int:
+    """Where the constant polynomial stands among multi-indices (P, n).
+
+    >>> constant(np.array([[1, 0], [0, 0]]))
+    1
+    """
+    return int(np.flatnonzero(~indices.any(axis=1))[0])
+
+
 def _below(costs: Sequence[Array], most: float) -> Indices:
     """Multi-indices whose costs, costs[i][k_i] for each parameter, sum to at most `most`.
 
@@ -161,7 +176,7 @@ def _below(costs: Sequence[Array], most: float) -> Indices:
     Degree zero is free, so that no partial index is ever lost: cost O(P n).
     """
     most = most * (1.0 + ROUNDING)
-    found: Indices = np.zeros((1, 0), dtype=np.int64)
+    found: Indices = np.zeros((1, 0), dtype=np.intp)
     spent = np.zeros(1)
     for cost in costs:
         counts = np.searchsorted(cost, most - spent, side="right")

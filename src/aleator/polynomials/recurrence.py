@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from aleator.types import Array
 
+SYMMETRY = 1e-13
+"""Centers a_k that differ by less than this, relative to the scale of the weight, are one."""
+
 Value = float | complex
 Coefficients = NDArray[np.float64] | NDArray[np.complex128]
 
@@ -144,3 +147,12 @@ def evaluate(a: Array, b: Array, t: Array, degree: int) -> Array:
         previous = np.sqrt(b[k]) * values[:, k - 1] if k else 0.0
         values[:, k + 1] = ((t - a[k]) * values[:, k] - previous) / np.sqrt(b[k + 1])
     return values
+
+
+def symmetric(a: Array, b: Array) -> bool:
+    """Whether the weight is symmetric about its mean: all a_k are the same.
+
+    >>> symmetric(*hermite_recurrence(5))
+    True
+    """
+    return bool(np.all(np.abs(a - a[0]) <= SYMMETRY * np.sqrt(np.max(b))))

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from aleator.errors import InputsError
@@ -14,9 +13,7 @@ from aleator.laws import Inputs
 from aleator.polynomials.gauss import tensor
 from aleator.quadrature.interface import affordable
 from aleator.quadrature.nodes import Lattice, Nodes
-from aleator.types import Array
-
-Numbers = NDArray[np.int64]
+from aleator.types import Array, Flags, Indices
 
 REACH = 8.0
 """Ends of the grid in standard deviations of the germ: the mass beyond is 1e-15."""
@@ -101,7 +98,7 @@ def _width(step: float) -> float:
     return float(np.sqrt(2.0 * np.log(2.0 * frequency**2 / LARGEST_WAVE)) / frequency)
 
 
-def _neighbors(kept: NDArray[np.bool_]) -> list[tuple[Numbers, Numbers]]:
+def _neighbors(kept: Flags) -> list[tuple[Indices, Indices]]:
     """For every axis the nodes (J,) to the left and to the right, -1 where there is none."""
     number = np.where(kept, np.cumsum(kept).reshape(kept.shape) - 1, -1)
     pairs = []
@@ -114,7 +111,7 @@ def _neighbors(kept: NDArray[np.bool_]) -> list[tuple[Numbers, Numbers]]:
 
 
 def _differences(
-    left: Numbers, right: Numbers, step: float
+    left: Indices, right: Indices, step: float
 ) -> tuple[sparse.csr_array, sparse.csr_array]:
     """Matrices (J, J) of first and second differences along one axis."""
     node = np.arange(left.size)

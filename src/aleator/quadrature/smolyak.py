@@ -7,15 +7,12 @@ from functools import lru_cache
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.laws import Inputs, Rule
 from aleator.polynomials.gauss import tensor
 from aleator.quadrature.interface import affordable, between
 from aleator.quadrature.nodes import Nodes, axes, combined
-from aleator.types import Array
-
-Indices = NDArray[np.int64]
+from aleator.types import Array, Indices
 
 ALIKE = 1e-12
 """Nodes of one parameter closer than this, in the unit of the germ, are one."""
@@ -92,7 +89,7 @@ def _grid(level: int, identities: tuple[tuple[int, ...], ...]) -> _Grid:
     """Combine the stacks: rule l of a stack begins at l (l + 1)/2; a constant's stack has one."""
     moving = [i for i, identity in enumerate(identities) if len(identity) > 1]
     if not moving:
-        zero = np.zeros((1, len(identities)), dtype=np.int64)
+        zero = np.zeros((1, len(identities)), dtype=np.intp)
         return _Grid(zero, np.ones(1), zero[:, 0], zero[:, 0])
     picks, factors = [], []
     for levels in _levels(len(moving), level):
@@ -100,7 +97,7 @@ def _grid(level: int, identities: tuple[tuple[int, ...], ...]) -> _Grid:
         if left >= len(moving):
             continue
         sizes = [1] * len(identities)
-        begin = np.zeros(len(identities), dtype=np.int64)
+        begin = np.zeros(len(identities), dtype=np.intp)
         for i, l in zip(moving, levels, strict=True):
             sizes[i], begin[i] = l + 1, l * (l + 1) // 2
         picks.append(tensor(tuple(sizes)) + begin)

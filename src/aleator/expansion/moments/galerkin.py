@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from math import comb, prod
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from aleator.errors import InputsError
-from aleator.expansion.moments.basis import Basis
+from aleator.expansion.basis import Basis
 from aleator.expansion.moments.linearization import Linearization, linearization, multiply
-from aleator.types import Array
-
-Indices = NDArray[np.int64]
+from aleator.polynomials.indices import constant, highest
+from aleator.types import Array, Indices
 
 MOST_ENTRIES = 100_000_000
 """Entries of the product tensors that fill 1.2 GB."""
@@ -36,32 +34,32 @@ class Galerkin:
     where there may be more than 1e8 entries.
     """
 
-    def powers(self, basis: Basis, order: int) -> GalerkinPowers:
+    def powers(self, basis: Basis, indices: Indices, order: int) -> GalerkinPowers:
         """The products psi_i psi_j of the basis with that of every power."""
-        entries = entry_bound(basis, order)
+        entries, degrees = entry_bound(basis, indices, order), highest(indices)
         levels = (order - 1) // 2
-        strides = _strides(basis, order)
+        strides = _strides(degrees, order)
         if entries > MOST_ENTRIES or strides is None:
             raise InputsError(
-                f"Galerkin products to order {order} of {basis.size} functions of "
-                f"{len(basis.degrees)} parameters may need {entries:.3g} entries",
+                f"Galerkin products to order {order} of {len(indices)} functions of "
+                f"{len(degrees)} parameters may need {entries:.3g} entries",
                 "lower the degree or the order of the moments, or use fewer parameters",
             )
         tables = tuple(
-            linearization(basis, k, levels * degree, order // 2 * degree)
-            for k, degree in enumerate(basis.degrees)
+            linearization(basis, k, degree, levels * degree, order // 2 * degree)
+            for k, degree in enumerate(degrees)
         )
-        keys, places = np.unique(basis.indices @ strides, return_inverse=True)
+        keys, places = np.unique(indices @ strides, return_inverse=True)
         products = []
         for level in range(1, levels + 1):
             # E[Z^(2k+1)] asks of Z^(k+1) only what Z^k holds
             within = keys if order == 2 * level + 1 else None
-            products.append(_product(basis, keys, strides, tables, within))
+            products.append(_product(indices, keys, strides, tables, within))
             keys = products[-1].keys
-        return GalerkinPowers(order, basis.constant, places, tuple(products))
+        return GalerkinPowers(order, constant(indices), places, tuple(products))
 
 
-def entry_bound(basis: Basis, order: int) -> float:
+def entry_bound(basis: Basis, indices: Indices, order: int) -> float:
     """An upper bound of the entries of the last product, from counts of functions alone.
 
     psi_i psi_j holds at most prod_k (i_k + 1) functions where all weights are symmetric, and
@@ -69,12 +67,14 @@ def entry_bound(basis: Basis, order: int) -> float:
     degree allow.
     """
     level = max((order - 1) // 2, 1)
-    spread = np.array([1 if basis.symmetric(k) else 2 for k in range(len(basis.degrees))])
-    split = float(np.sum(np.prod(spread * basis.indices + 1.0, axis=1)))
-    total = int(basis.indices.sum(axis=1).max())
+    degrees = highest(indices)
+    alike = [basis.symmetric(k, order * d // 2 + 1) for k, d in enumerate(degrees)]
+    spread = np.where(alike, 1, 2)
+    split = float(np.sum(np.prod(spread * indices + 1.0, axis=1)))
+    total = int(indices.sum(axis=1).max())
     functions = min(
-        float(prod(level * degree + 1 for degree in basis.degrees)),
-        float(comb(len(basis.degrees) + level * total, level * total)),
+        float(prod(level * degree + 1 for degree in degrees)),
+        float(comb(len(degrees) + level * total, level * total)),
     )
     return split * functions
 
@@ -88,20 +88,20 @@ class Product:
     """
 
     keys: Indices
-    places: NDArray[np.intp]
-    rows: tuple[NDArray[np.intp], ...]
+    places: Indices
+    rows: tuple[Indices, ...]
     matrices: tuple[sparse.csr_array, ...]
 
 
 def _product(
-    basis: Basis,
+    functions: Indices,
     keys: Indices,
     strides: Indices,
     tables: tuple[Linearization, ...],
     within: Indices | None,
 ) -> Product:
     indices = _decoded(keys, strides)
-    entries = [multiply(factor, indices, strides, tables) for factor in basis.indices]
+    entries = [multiply(factor, indices, strides, tables) for factor in functions]
     if within is None:
         within = np.unique(np.concatenate([np.unique(found) for _, found, _ in entries]))
     reached, matrices = [], []
@@ -115,16 +115,16 @@ def _product(
     return Product(within, np.searchsorted(within, keys), tuple(reached), tuple(matrices))
 
 
-def _strides(basis: Basis, order: int) -> Indices | None:
+def _strides(degrees: tuple[int, ...], order: int) -> Indices | None:
     """Strides by which a multi-index of any power becomes one whole number, None if too large."""
-    sizes = [order * degree + 1 for degree in basis.degrees]
+    sizes = [order * degree + 1 for degree in degrees]
     if prod(sizes) >= 2**62:
         return None
-    return np.array([prod(sizes[k + 1 :]) for k in range(len(sizes))], dtype=np.int64)
+    return np.array([prod(sizes[k + 1 :]) for k in range(len(sizes))], dtype=np.intp)
 
 
 def _decoded(keys: Indices, strides: Indices) -> Indices:
-    indices = np.empty((keys.size, strides.size), dtype=np.int64)
+    indices = np.empty((keys.size, strides.size), dtype=np.intp)
     rest = keys
     for k, stride in enumerate(strides):
         indices[:, k], rest = np.divmod(rest, stride)
@@ -137,7 +137,7 @@ class GalerkinPowers:
 
     order: int
     constant: int
-    places: NDArray[np.intp]
+    places: Indices
     products: tuple[Product, ...]
 
     def means(self, z: Array) -> Array:

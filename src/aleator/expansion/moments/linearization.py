@@ -5,13 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aleator.expansion.moments.basis import Basis
-from aleator.polynomials.recurrence import evaluate
-from aleator.types import Array
-
-Indices = NDArray[np.int64]
+from aleator.expansion.basis import Basis
+from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,34 +18,32 @@ class Linearization:
     `value` = C_(gjl) = <p_g p_j p_l>.
     """
 
-    starts: NDArray[np.intp]
-    counts: NDArray[np.intp]
+    starts: Indices
+    counts: Indices
     shift: Indices
     value: Array
 
 
-def linearization(basis: Basis, k: int, most: int, highest: int) -> Linearization:
-    """The coefficients of parameter k for g <= d_k, j <= `most`, l <= `highest`, by a Gauss rule.
+def linearization(basis: Basis, k: int, degree: int, most: int, highest: int) -> Linearization:
+    """The coefficients of parameter k for g <= `degree`, j <= `most` and l <= `highest`.
 
-    The rule is exact to their sum. Zero, and exactly so, is what orthogonality makes zero: l
-    outside |g - j| .. g + j, and an odd g + j + l for a symmetric weight. Cost O(d most highest q).
+    By a Gauss rule of q nodes that is exact to their sum. Zero, and exactly so, is what
+    orthogonality makes zero: l outside |g - j| .. g + j, and an odd g + j + l for a symmetric
+    weight. Cost O(degree most highest q).
 
-    >>> from aleator.polynomials.recurrence import hermite_recurrence
-    >>> basis = Basis((hermite_recurrence(5),), np.array([[0], [1], [2]]))
-    >>> products = linearization(basis, 0, 2, 4)       # theta * theta = 1 + sqrt(2) p_2
+    >>> products = linearization(Basis.normal(1), 0, 2, 2, 4)    # theta * theta = 1 + sqrt(2) p_2
     >>> row = slice(products.starts[1, 1], products.starts[1, 1] + products.counts[1, 1])
     >>> products.shift[row].tolist(), products.value[row].round(6).tolist()
     ([-1, 1], [1.0, 1.414214])
     """
-    degree = basis.degrees[k]
     g, j, l = np.ogrid[: degree + 1, : most + 1, : highest + 1]
-    t, weights, _ = basis.rule(k, degree + most + highest)
-    p = evaluate(*basis.recurrences[k], t, max(degree, most, highest))
+    t, weights, _ = basis.exact_rule(k, degree + most + highest)
+    p = basis.table(k, t, max(degree, most, highest))
     dense = np.einsum(
         "q,qg,qj,ql->gjl", weights, p[:, g.ravel()], p[:, j.ravel()], p[:, l.ravel()], optimize=True
     )
     possible = (l >= np.abs(g - j)) & (l <= g + j)
-    if basis.symmetric(k):
+    if basis.symmetric(k, t.size):
         possible &= (g + j + l) % 2 == 0
     counts = possible.sum(axis=2)
     starts = np.cumsum(counts).reshape(counts.shape) - counts
@@ -59,7 +53,7 @@ def linearization(basis: Basis, k: int, most: int, highest: int) -> Linearizatio
 
 def multiply(
     factor: Indices, indices: Indices, strides: Indices, tables: tuple[Linearization, ...]
-) -> tuple[NDArray[np.intp], Indices, Array]:
+) -> tuple[Indices, Indices, Array]:
     """psi_factor psi_j = sum_l T_l psi_l for every row j of `indices`: the entries (j, l, T_l).
 
     An entry names j by its row and l by its key, sum_k l_k strides_k. Parameter after parameter

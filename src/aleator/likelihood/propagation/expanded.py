@@ -10,17 +10,12 @@ import numpy as np
 from aleator.densities.moments import Moments
 from aleator.densities.outcomes import Outcomes
 from aleator.expansion import Basis, Design
-from aleator.expansion.moments import Automatic, ExpansionMoments, prepare
-from aleator.expansion.moments import Basis as Recurrences
+from aleator.expansion.moments import ExpansionMoments, prepare
 from aleator.laws import Inputs
 from aleator.likelihood.propagation.choice import Fit
 from aleator.likelihood.propagation.quadrature import along_alpha
-from aleator.polynomials.recurrence import hermite_recurrence
 from aleator.surrogates.responses import Response
 from aleator.types import Array
-
-EVALUATIONS = 50_000
-"""Expansions that a search asks the moments of: some hundred evaluations, some hundred outcomes."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +51,7 @@ class ExpandedPropagation:
     @cached_property
     def _exact(self) -> ExpansionMoments:
         expansion = self.fit.fit(self._basis, self.design, np.zeros((1, len(self.design))))
-        degree = int(expansion.indices.max())
-        family = hermite_recurrence(self.order * degree // 2 + 1)
-        basis = Recurrences((family,) * self.inputs.scattering, expansion.indices)
-        return prepare(basis, self.order, Automatic(EVALUATIONS))
+        return prepare(self._basis, expansion.indices, self.order)
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
         """Moments of the expansions of the N outcomes, with derivatives if asked for."""

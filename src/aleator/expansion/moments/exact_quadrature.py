@@ -1,4 +1,4 @@
-"""Exact moments by tensor Gauss quadrature of the polynomial itself."""
+"""Exact moments by tensor Gauss quadrature of the powers of the polynomial itself."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from math import prod
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import InputsError
-from aleator.expansion.moments.basis import Basis
-from aleator.types import Array
+from aleator.expansion.basis import Basis
+from aleator.polynomials.indices import highest
+from aleator.types import Array, Indices
 
 MOST_NODES = 50_000_000
 """Nodes of a rule whose values fill 400 MB."""
@@ -20,7 +20,7 @@ VALUES_AT_ONCE = 100_000
 
 
 @dataclass(frozen=True)
-class TensorGauss:
+class ExactQuadrature:
     """floor(M d_k/2) + 1 Gauss nodes for parameter k, exact for polynomials of degree M d_k.
 
     The polynomial is evaluated on the tensor grid one parameter at a time (sum factorization), so
@@ -30,38 +30,38 @@ class TensorGauss:
     more than 5e7 nodes.
     """
 
-    def powers(self, basis: Basis, order: int) -> TensorPowers:
+    def powers(self, basis: Basis, indices: Indices, order: int) -> QuadraturePowers:
         """Weights, and the polynomials of each parameter at its nodes."""
-        nodes = node_count(basis, order)
+        nodes, degrees = node_count(indices, order), highest(indices)
         if nodes > MOST_NODES:
             raise InputsError(
-                f"tensor Gauss quadrature needs {nodes:.3g} nodes for {len(basis.degrees)} "
-                f"parameters of degree {max(basis.degrees)} and order {order}",
+                f"tensor Gauss quadrature needs {nodes:.3g} nodes for {len(degrees)} "
+                f"parameters of degree {max(degrees)} and order {order}",
                 "use Galerkin()",
             )
         tables, weights = [], np.ones(())
-        for k, degree in enumerate(basis.degrees):
-            _, w, p = basis.rule(k, order * degree)
+        for k, degree in enumerate(degrees):
+            _, w, p = basis.exact_rule(k, order * degree)
             # with order 2 or more there are more nodes than degrees
             tables.append(np.ascontiguousarray(p[:, : degree + 1]))
             weights = np.multiply.outer(weights, w)
-        shape = tuple(degree + 1 for degree in basis.degrees)
-        places = np.ravel_multi_index(tuple(basis.indices.T), shape)
-        return TensorPowers(order, shape, places, tuple(tables), weights.reshape(-1))
+        shape = tuple(degree + 1 for degree in degrees)
+        places = np.ravel_multi_index(tuple(indices.T), shape)
+        return QuadraturePowers(order, shape, places, tuple(tables), weights.reshape(-1))
 
 
-def node_count(basis: Basis, order: int) -> int:
+def node_count(indices: Indices, order: int) -> int:
     """J, the number of nodes of the tensor rule that is exact for moments to `order`."""
-    return prod(order * degree // 2 + 1 for degree in basis.degrees)
+    return prod(order * degree // 2 + 1 for degree in highest(indices))
 
 
 @dataclass(frozen=True, eq=False)
-class TensorPowers:
+class QuadraturePowers:
     """Weights (J,), and `tables` (q_k, d_k + 1) of the polynomials at each parameter's nodes."""
 
     order: int
     shape: tuple[int, ...]
-    places: NDArray[np.intp]
+    places: Indices
     tables: tuple[Array, ...]
     weights: Array
 
