@@ -15,9 +15,11 @@ from aleator.densities import (
     MaximumEntropy,
     Status,
 )
+from aleator.densities.distances import distance_on_grid
 from aleator.likelihood.likelihood import Likelihood
 from aleator.likelihood.problem import MOST_ON_LATTICE, Problem
 from aleator.likelihood.propagation import QuadraturePropagation, default_cubature
+from aleator.likelihood.scoring import scoring_step
 from aleator.types import Array
 
 COMPARED: tuple[Density, ...] = (
@@ -29,8 +31,6 @@ COMPARED: tuple[Density, ...] = (
 MOST = 25
 """Experiments whose distances are averaged; more would say the same and take longer."""
 REACH = 8.0
-SMALLEST = 1e-8
-"""Least eigenvalue of the scores' correlation matrix that still tells a direction."""
 POINTS = 401
 """Points over 16 standard deviations: the distance is then good to a thousandth of one."""
 
@@ -73,8 +73,7 @@ def density_distances(problem: Problem, alpha: Array) -> tuple[DensityDistance, 
     rows = []
     for density in COMPARED:
         other = replace(exact, density=density)
-        gap = np.abs(_only(other, chosen).fit(alpha).cdf(y) - truth)
-        distance = np.trapezoid(gap, steps, axis=1)
+        distance = distance_on_grid(_only(other, chosen).fit(alpha).cdf(y), truth, steps)
         value = other.evaluate(alpha)
         rows.append(
             DensityDistance(
@@ -91,10 +90,9 @@ def density_distances(problem: Problem, alpha: Array) -> tuple[DensityDistance, 
 def exact_movement(problem: Problem, alpha: Array) -> float:
     """Standard errors by which an estimate would move, at most, if the density were exact.
 
-    One step of Fisher scoring with the convolution, its information by outer products of the
-    scores (as `verification.movement`). Infinite where an outcome has no density at alpha; zero
-    where the convolution is not to be had, its nodes are too coarse or nothing is identified. Cost:
-    one log-likelihood with its score.
+    One step of Fisher scoring with the convolution. Infinite where an outcome has no density at
+    alpha; zero where the convolution is not to be had, its nodes are too coarse or nothing is
+    identified. Cost: one log-likelihood with its score.
     """
     exact = _exact(problem)
     if exact is None:
@@ -107,16 +105,8 @@ def exact_movement(problem: Problem, alpha: Array) -> float:
     assert found.scores is not None
     inside = [h.free and h.lower < a < h.upper
               for h, a in zip(exact.hyperparameters, alpha, strict=True)]  # fmt: skip
-    scores = found.scores[:, inside]
-    size = np.sqrt(np.sum(scores**2, axis=0))
-    if not np.all(size > 0.0):
-        return 0.0
-    values, vectors = np.linalg.eigh(scores.T @ scores / np.outer(size, size))
-    if values.size == 0 or values[0] < SMALLEST:
-        return 0.0
-    inverse = (vectors / values) @ vectors.T
-    step = inverse @ (scores.sum(axis=0) / size)
-    return float(np.max(np.abs(step) / np.sqrt(np.diag(inverse))))
+    step = scoring_step(found.scores[:, inside])
+    return 0.0 if step is None else float(np.max(np.abs(step.in_standard_errors)))
 
 
 def _exact(problem: Problem) -> Likelihood | None:

@@ -1,0 +1,47 @@
+"""One step of Fisher scoring, with the information by outer products of the scores."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.types import Array
+
+SMALLEST = 1e-8
+"""Least eigenvalue of the scores' correlation matrix that still tells a direction."""
+
+
+@dataclass(frozen=True)
+class ScoringStep:
+    """The step J^-1 s (F,) towards the maximum, and the inverse information J^-1 (F, F)."""
+
+    step: Array
+    inverse: Array
+
+    @property
+    def in_standard_errors(self) -> Array:
+        """The step (F,) over the standard errors that J itself gives."""
+        return np.asarray(self.step / np.sqrt(np.diag(self.inverse)))
+
+
+def scoring_step(scores: Array) -> ScoringStep | None:
+    """The step J^-1 s of the scores s_l (N, F) of N experiments: s = sum s_l, J = sum s_l s_l'.
+
+    J is the information by outer products (Berndt, Hall, Hall and Hausman, 1974). It holds where
+    the observed information does not: far from the maximum, and with a density that is far off. A
+    step tells sign and size of a small movement, and of a large one only that it is large. None
+    where J is not of full rank. Cost O(N F^2).
+
+    >>> found = scoring_step(np.array([[1.0], [-1.0], [1.0], [0.0]]))
+    >>> found.step.round(6).tolist(), found.in_standard_errors.round(6).tolist()
+    ([0.333333], [0.57735])
+    """
+    size = np.sqrt(np.sum(scores**2, axis=0))
+    if size.size == 0 or not np.all(size > 0.0):
+        return None
+    values, vectors = np.linalg.eigh(scores.T @ scores / np.outer(size, size))
+    if values[0] < SMALLEST:
+        return None
+    inverse = (vectors / values) @ vectors.T / np.outer(size, size)
+    return ScoringStep(inverse @ scores.sum(axis=0), inverse)
