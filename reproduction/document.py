@@ -12,7 +12,7 @@ from pathlib import Path
 import pandas as pd
 
 from aleator.errors import AleatorError
-from aleator.report import documents
+from aleator.tasks import documents
 from reproduction.figure import Claim, Verdict
 from reproduction.output import claims_table, count_sentence
 

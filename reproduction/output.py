@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from aleator.errors import AleatorError
-from aleator.report import documents
+from aleator.tasks import documents
 from reproduction.canvas import drawn
 from reproduction.context import Context
 from reproduction.figure import Claim, Figure, Verdict

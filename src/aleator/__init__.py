@@ -54,12 +54,14 @@ if TYPE_CHECKING:
     from aleator.tasks.identify import identify as identify
     from aleator.tasks.predict import predict as predict
     from aleator.tasks.result import Identification as Identification
+    from aleator.tasks.saved import load as load
     from aleator.tasks.screen import screen as screen
 
 # A public name is imported when it is first used: `import aleator` itself costs nothing.
 _HOMES = {
     "tasks.identify": ["identify"],
     "tasks.result": ["Identification"],
+    "tasks.saved": ["load"],
     "tasks.predict": ["predict"],
     "tasks.screen": ["screen"],
     "tasks.box": ["feasible_box"],

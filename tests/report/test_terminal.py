@@ -6,6 +6,7 @@ import pytest
 from rich.console import Console, RenderableType
 
 from aleator.report import recovery, terminal
+from aleator.tasks.printed import with_error
 from aleator.tasks.recover import Recovery
 
 
@@ -209,7 +210,7 @@ def test_the_least_document_can_be_rendered() -> None:
 
 
 def test_a_bias_of_nothing_has_no_sign() -> None:
-    assert terminal.with_error(-0.00001, 0.0034) == ("0.0000", "0.0034")
+    assert with_error(-0.00001, 0.0034) == ("0.0000", "0.0034")
 
 
 def test_predictions_are_a_table() -> None:

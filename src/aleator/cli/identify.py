@@ -20,8 +20,9 @@ from aleator.cli.running import (
 )
 from aleator.cli.showing import can_draw, say, shown
 from aleator.plot.identification import save_figures
-from aleator.report import documents, terminal
+from aleator.report import terminal
 from aleator.study import load_study
+from aleator.tasks import documents
 
 IDENTIFICATION = "identification.json"
 

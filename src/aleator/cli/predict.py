@@ -9,8 +9,9 @@ from rich.console import Console
 
 from aleator.cli.running import FILE, RunOptions, makes_runs, outcome_of, running
 from aleator.cli.showing import shown
-from aleator.report import documents, terminal
+from aleator.report import terminal
 from aleator.study import load_study
+from aleator.tasks import documents
 from aleator.tasks.predict import predict as predict_outcomes
 
 
@@ -50,7 +51,7 @@ def predict(
     document = documents.read_json(identification)
     alpha = documents.estimates(document, identification)
     value = load_study(study or documents.study_file(document, identification))
-    if value.sha256 != (document.get("study") or {}).get("sha256"):
+    if value.sha256 != documents.study_entry(document).get("sha256"):
         click.echo(f"aleator: note: {value.file} has changed since the identification", err=True)
     table = value.read_conditions(conditions)
     with running(value, options, table) as runner, shown(options.quiet) as progress:

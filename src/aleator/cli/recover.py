@@ -12,9 +12,10 @@ from aleator.cli.running import FILE, SEED, RunOptions, identified, makes_runs, 
 from aleator.cli.showing import shown
 from aleator.errors import AleatorError, nearest
 from aleator.progress import Progress
-from aleator.report import documents, recovery
+from aleator.report import recovery
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
+from aleator.tasks import documents
 from aleator.tasks.recover import recover as recover_law
 
 

@@ -18,9 +18,9 @@ from aleator.cli.running import (
 )
 from aleator.cli.showing import can_draw, shown
 from aleator.plot.sensitivity import save_sensitivity
-from aleator.report import documents
 from aleator.report import sensitivity as report
 from aleator.study import load_study
+from aleator.tasks import documents
 from aleator.tasks.screen import screen
 
 

@@ -1,1 +1,1 @@
-"""How results are shown and stored; nothing here computes a result."""
+"""How results are shown; nothing here computes one."""

@@ -8,7 +8,8 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from aleator.report.terminal import NONE, number, table_of, with_error
+from aleator.report.terminal import table_of
+from aleator.tasks.printed import NONE, number, with_error
 from aleator.tasks.recover import Recovery
 
 BIASED = 3.0  # errors of the bias that chance hardly ever exceeds

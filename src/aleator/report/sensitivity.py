@@ -11,7 +11,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from aleator.report.terminal import number, table_of
+from aleator.report.terminal import table_of
+from aleator.tasks.printed import number
 from aleator.tasks.screen import CONFOUNDED, GOOD, Sensitivity
 
 SHOWN = 5  # pairs in the terminal; the document has all

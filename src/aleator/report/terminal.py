@@ -11,9 +11,18 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from aleator.tasks.printed import (
+    COLUMNS,
+    NONE,
+    alpha_rows,
+    number,
+    to_three,
+    verdict,
+    with_error,
+)
+
 Result = Mapping[str, Any]
 WORST = 3
-NONE = "-"
 
 
 def render(result: Result, files: Sequence[str] = ()) -> RenderableType:
@@ -59,35 +68,6 @@ def render_predictions(columns: Mapping[Any, Sequence[Any]], outcome: str) -> Re
     return Group(Text(f"Predicted distribution of {outcome}", style="bold"), table)
 
 
-def number(value: float | None, digits: int = 4) -> str:
-    """A number with so many significant digits, "-" for none.
-
-    >>> number(0.91234), number(None), number(123456.0), number(1.5e-7)
-    ('0.9123', '-', '123456', '1.5e-07')
-    """
-    if value is None:
-        return NONE
-    if value and (abs(value) >= 10.0**digits) and abs(value) < 1e7:
-        return f"{value:.0f}"
-    return f"{value:.{digits}g}"
-
-
-def with_error(value: float, error: float | None, *, estimate: bool = False) -> tuple[str, str]:
-    """A value and its standard error, both to the second digit of the error.
-
-    An `estimate` keeps two digits of its own where the error is larger than itself.
-
-    >>> with_error(0.912345, 0.01234), with_error(-9.37012, 0.2149), with_error(2.0, None)
-    (('0.912', '0.012'), ('-9.37', '0.21'), ('2', '-'))
-    """
-    if error is None or not error > 0 or not 1e-4 < abs(value) + error < 1e6:
-        return number(value), number(error, 2)
-    scale = min(error, abs(value) or error) if estimate else error
-    decimals = min(max(1 - math.floor(math.log10(scale)), 0), 9)
-    # Adding zero turns a -0.0 that rounding left into 0.0.
-    return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{error:.{decimals}f}"
-
-
 def _opening(result: Result) -> RenderableType:
     alpha = result["alpha"]
     free = sum(not entry.get("fixed") for entry in alpha.values())
@@ -128,34 +108,12 @@ def table_of(*columns: tuple[str, str]) -> Table:
 
 
 def _alpha(result: Result) -> RenderableType:
-    table = table_of(
-        ("alpha", "left"),
-        ("estimate", "right"),
-        ("std. error", "right"),
-        ("95 % interval", "right"),
-        ("note", "fold"),
-    )
-    for name, entry in result["alpha"].items():
-        estimate, error = with_error(entry["estimate"], entry.get("standard_error"), estimate=True)
-        interval = NONE
-        if entry.get("interval") and None not in entry["interval"]:
-            error_of = entry.get("standard_error")
-            low, high = (with_error(e, error_of, estimate=True)[0] for e in entry["interval"])
-            interval = f"{low} .. {high}"
-        table.add_row(Text(name), estimate, error, interval, Text(_note(entry)))
+    sides = ("left", "right", "right", "right", "fold")
+    table = table_of(*zip(COLUMNS, sides, strict=True))
+    for name, *cells, note in alpha_rows(result["alpha"]):
+        table.add_row(Text(name), *cells, Text(note))
     lines = [_strongest(result.get("correlation") or {}), _correlations(result)]
     return Group(table, *(Text(line) for line in lines if line))
-
-
-def _note(entry: Mapping[str, Any]) -> str:
-    if entry.get("fixed"):
-        return "fixed"
-    if entry.get("at_bound"):
-        return f"at its {entry['at_bound']} bound"
-    error, sandwich = entry.get("standard_error"), entry.get("sandwich_error")
-    if error and sandwich and not 0.7 < sandwich / error < 1.4:
-        return f"sandwich error {number(sandwich, 2)}"
-    return ""
 
 
 def _strongest(correlation: Mapping[str, Any]) -> str:
@@ -186,21 +144,21 @@ def _correlations(result: Result) -> str:
 def _log_likelihood(result: Result) -> RenderableType:
     found = result["log_likelihood"]
     table = table_of(("log-likelihood", "left"), ("", "right"), ("", "fold"))
-    table.add_row("estimated", _fixed(found.get("estimated")), "by the densities at alpha")
+    table.add_row("estimated", to_three(found.get("estimated")), "by the densities at alpha")
     if found.get("verified") is not None:
         error = found.get("verified_standard_error")
         table.add_row(
             "verified",
-            _fixed(found["verified"]),
+            to_three(found["verified"]),
             f"+- {number(error, 2)}, Monte Carlo on the simulator",
         )
     if part := found.get("reached"):
         table.add_row(
             "verified in part",
-            _fixed(part["verified"]),
+            to_three(part["verified"]),
             f"+- {number(part['standard_error'], 2)}, Monte Carlo on the simulator of the "
             f"{part['experiments']} experiments that it reaches; their densities say "
-            f"{_fixed(part['estimated'])}",
+            f"{to_three(part['estimated'])}",
         )
     baselines = result.get("baselines") or {}
     fit, linear = baselines.get("least_squares"), baselines.get("circe")
@@ -208,14 +166,14 @@ def _log_likelihood(result: Result) -> RenderableType:
         where = ", ".join(f"{k} {number(v)}" for k, v in fit.get("parameters", {}).items())
         table.add_row(
             "least squares",
-            _fixed(fit.get("log_likelihood")),
+            to_three(fit.get("log_likelihood")),
             Text(f"one value for all: {where}; rmse {number(fit.get('rmse'))}"),
         )
     if linear:
         where = ", ".join(f"{k} {number(v)}" for k, v in linear.get("alpha", {}).items())
         table.add_row(
             "linear-Gaussian",
-            _fixed(linear.get("log_likelihood")),
+            to_three(linear.get("log_likelihood")),
             Text(
                 "another model (CIRCE): simulator linearized, law normal; a start for the search, "
                 f"not to be compared with the lines above: {where}"
@@ -241,10 +199,6 @@ def _densities(result: Result) -> RenderableType | None:
         )
     head = "Against the exact density of the outcome; distances in standard deviations:"
     return Group(Text(head), table)
-
-
-def _fixed(value: float | None) -> str:
-    return NONE if value is None else f"{value:.3f}"
 
 
 def _worst(result: Result) -> RenderableType | None:
@@ -295,8 +249,8 @@ def _efforts(result: Result) -> Iterator[tuple[str, str]]:
         yield "simulator", "\n".join([str(simulator.get("name", "")), *simulator["notes"]])
     if search:
         optima = [
-            f"{_fixed(optimum.get('log_likelihood'))} ({_count(optimum.get('starts', 0), 'start')})"
-            for optimum in search.get("optima", [])[:4]
+            f"{to_three(found.get('log_likelihood'))} ({_count(found.get('starts', 0), 'start')})"
+            for found in search.get("optima", [])[:4]
         ]
         text = f"{_words(search.get('method'))}, " if search.get("method") else ""
         text += f"{search.get('evaluations', NONE)} evaluations"
@@ -343,27 +297,12 @@ def _warnings(result: Result) -> Iterator[RenderableType]:
         yield text
 
 
-def _checked(result: Result) -> str:
-    found = result["log_likelihood"]
-    if part := found.get("reached"):
-        count = len(result["experiments"])
-        return (
-            f", and the simulator itself agrees for {part['experiments']} of {count} experiments; "
-            "the others lie too far out to be verified"
-        )
-    agrees = found.get("verified") is not None
-    return ", and the simulator itself agrees" if agrees else "; not verified"
-
-
 def _verdict(result: Result, files: Sequence[str]) -> RenderableType | None:
     text = Text()
     if "accepted" in result:
-        if result["accepted"]:
-            text.append("Accepted", style="bold green")
-            text.append(f": the search converged, every density was solved{_checked(result)}.")
-        else:
-            text.append("NOT accepted", style="bold red")
-            text.append(": do not use alpha before the warnings above are dealt with.")
+        text.append(verdict(result))
+        style = "bold green" if result["accepted"] else "bold red"
+        text.stylize(style, 0, text.plain.index(":"))
     for file in files:
         text.append(f"\nWritten: {file}" if text.plain else f"Written: {file}")
     return text if text.plain else None

@@ -37,6 +37,7 @@ from aleator.tasks.baselines import (
     start_point,
 )
 from aleator.tasks.concentration import Concentration
+from aleator.tasks.predict import DEFAULT_PROPAGATION
 from aleator.tasks.result import Identification
 from aleator.tasks.uniform import Uniform
 from aleator.types import Array
@@ -50,7 +51,6 @@ COARSE = 0.1
 MOVES = 0.1
 """Standard errors by which the exact density has to move an estimate to be worth its time."""
 
-DEFAULT_PROPAGATION = ResponseSurface()
 DEFAULT_SEARCH = GradientMultistart()
 DEFAULT_VERIFICATION = MonteCarlo()
 
@@ -110,8 +110,8 @@ def identify(
                 checked = _verify(answer, runner, verification, seed, ledger)
     return summary.assemble(
         table, answer.problem, answer.found, answer.inference, answer.profile, checked,
-        answer.baselines, seconds=ledger.seconds, runs_by_stage=ledger.runs, seed=seed,
-        failures=findings.failure_report(runner),
+        answer.baselines, runner.simulator, seconds=ledger.seconds, runs_by_stage=ledger.runs,
+        seed=seed, failures=findings.failure_report(runner),
         notes=[findings.MOMENTS_STAND_IN] if answer.stands_in else [],
     )  # fmt: skip
 

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 
 from aleator.densities import Density, MaximumEntropy, NodeDensity, Status
-from aleator.errors import InputsError, nearest
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Model, default_density, prepare
 from aleator.likelihood.propagation import Collocation
@@ -19,10 +18,10 @@ from aleator.observations.noise import Noise
 from aleator.progress import Progress
 from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.identify import DEFAULT_PROPAGATION
 from aleator.tasks.region import own_region
-from aleator.tasks.result import QUANTILES, Estimate
-from aleator.types import Array
+from aleator.tasks.values import QUANTILES, Estimate, in_order
+
+DEFAULT_PROPAGATION = ResponseSurface()
 
 
 def predict(
@@ -56,7 +55,7 @@ def predict(
     table = conditions if isinstance(conditions, Conditions) else Conditions.from_frame(conditions)
     chosen = density or default_density(inputs, noise, propagation)
     model = Model(inputs, noise, propagation, chosen)
-    values = _in_order(model, alpha)
+    values = in_order(alpha, model.hyperparameters)
     runner = as_runner(simulator, table, inputs.names, vectorized)
     # there is no outcome to look at: any finite number will do where the likelihood wants one
     region = own_region(inputs, values)
@@ -76,18 +75,3 @@ def predict(
     columns |= {f"q{p:g}": found[:, i] for i, p in enumerate(quantiles)}
     columns["status"] = [Status(int(code)).name.lower() for code in fitted.status]
     return pd.DataFrame(columns)
-
-
-def _in_order(model: Model, alpha: Mapping[str, float | Estimate]) -> Array:
-    names = [h.name for h in model.hyperparameters]
-    for name in alpha:
-        if name not in names:
-            raise InputsError(
-                f"alpha has '{name}', which the model does not know{nearest(name, names)}",
-                f"the model's hyperparameters are {', '.join(names)}",
-            )
-    missing = [name for name in names if name not in alpha]
-    if missing:
-        raise InputsError(f"alpha lacks {', '.join(missing)}", "give every hyperparameter a value")
-    values = (alpha[name] for name in names)
-    return np.array([v.estimate if isinstance(v, Estimate) else float(v) for v in values])

@@ -1,103 +1,62 @@
-"""The result of an identification: values only, and the document made of them."""
+"""The result of an identification: its values, and what can be asked of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
 
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.failures import FailureReport
 from aleator.likelihood.comparison import DensityDistance
+from aleator.observations.experiments import Conditions, Transform
+from aleator.progress import Progress
+from aleator.tasks import documents, printed
+from aleator.tasks.law import JointLaw
+from aleator.tasks.session import Session
+from aleator.tasks.values import (
+    QUANTILES,
+    Estimate,
+    ExperimentReport,
+    LogLikelihoodReport,
+    ParameterCorrelation,
+)
 
-QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One hyperparameter: estimate, standard errors, 95 % interval; None where undetermined.
-
-    `standard_error` from the observed information, `sandwich_error` valid also for a wrong model;
-    `at_bound` is "lower" or "upper" where the estimate lies on its limit; a fixed
-    hyperparameter has neither error nor interval.
-    """
-
-    estimate: float
-    standard_error: float | None
-    sandwich_error: float | None
-    interval: tuple[float, float] | None
-    at_bound: str | None
-    fixed: bool
+NO_SESSION = Session(None, None, None)
 
 
-@dataclass(frozen=True)
-class ParameterCorrelation:
-    """Correlation of two parameters under the identified law, whatever it was identified by.
-
-    That of their normal germs, which is theirs where both laws are normal. `standard_error` by the
-    delta method; None where the correlation is known, or rests on an estimate without one.
-    """
-
-    between: tuple[str, str]
-    estimate: float
-    standard_error: float | None
-
-
-@dataclass(frozen=True)
-class LogLikelihoodReport:
-    """The maximum as `estimated` by the densities and as `verified` on the simulator itself.
-
-    `verified` is None without a check, and where it did not reach every experiment: `reached` has
-    then the number of `experiments` that it did, and their sum as `estimated`, `verified` and
-    `standard_error`.
-    """
-
-    estimated: float
-    verified: float | None
-    verified_standard_error: float | None
-    reached: Mapping[str, float] | None = None
-
-
-@dataclass(frozen=True)
-class ExperimentReport:
-    """What the identified law says of one experiment; moments include measurement noise.
-
-    `kurtosis` is not in excess (3 for a normal outcome); `pit` is the probability of an outcome
-    below the measured one; `surface_error` the root-mean-square error of the response surface
-    under the identified law, over the outcome's standard deviation, where it was verified.
-    `verified` tells whether the Monte Carlo check reached the experiment; None without a check.
-    """
-
-    id: str
-    outcome: float
-    log_density: float
-    mean: float
-    standard_deviation: float
-    skewness: float
-    kurtosis: float
-    quantiles: Mapping[str, float]
-    pit: float
-    status: str
-    surface_error: float | None
-    verified: bool | None = None
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Identification:
     """An identified law: alpha with its uncertainty, its log-likelihood, and how it was found.
 
     `accepted` is true only if the search converged, every density was solved with every outcome
     in its support, and the Monte Carlo check, where it was made, agrees. `warnings` say what to
-    mend or to know. `to_dict()` is the document identification.json.
+    mend or to know. It prints as a report in short. `session` holds what it was made with: model,
+    simulator, surfaces. An identification that was read from a file has only what was given again.
 
-    >>> import pandas as pd
     >>> from aleator import Free, Inputs, MonteCarlo, Normal, identify
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
     >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
     >>> found = identify(lambda load, x: load * x, table, law, outcome="y",
     ...                  verification=MonteCarlo(0))
-    >>> found.alpha["x.mean"].estimate
-    1.031
+    >>> found
+    2 hyperparameters identified from 4 experiments, ... runs of the simulator
+    alpha   estimate  std. error   95 % interval  note
+    x.mean     1.031       0.062  0.874 .. 1.189
+    x.sd       0.124       0.044  0.071 .. 0.303  sandwich error 0.017
+    log-likelihood -0.511
+    ...
+    Accepted: the search converged, every density was solved; not verified on the
+    simulator.
+    >>> float(found.values["x.mean"]), found.intervals.loc["x.mean"].round(3).tolist()
+    (1.031, [0.874, 1.189])
+    >>> found.predict(pd.DataFrame({"load": [10.0]}))["mean"].tolist()
+    [10.31]
     """
 
     alpha: Mapping[str, Estimate]
@@ -120,10 +79,92 @@ class Identification:
     versions: Mapping[str, str] = field(default_factory=dict)
     parameter_correlations: tuple[ParameterCorrelation, ...] = ()
     density_distances: tuple[DensityDistance, ...] = ()
+    outcome: str = "outcome"
+    transform: Transform = "none"
+    session: Session = field(default=NO_SESSION, compare=False)
+
+    def __repr__(self) -> str:
+        return printed.text(self.to_dict())
+
+    def _repr_html_(self) -> str:
+        """The report in a notebook."""
+        return printed.html(self.to_dict())
+
+    @property
+    def values(self) -> pd.Series[float]:
+        """The estimates (K,) by the name of the hyperparameter, fixed ones included."""
+        return pd.Series({name: e.estimate for name, e in self.alpha.items()}, dtype=float)
+
+    @property
+    def errors(self) -> pd.Series[float]:
+        """The standard errors (K,) from the observed information; NaN where there is none.
+
+        A hyperparameter that is fixed, on its bound or not determined by the data has none.
+        """
+        return pd.Series({name: e.standard_error for name, e in self.alpha.items()}, dtype=float)
+
+    @property
+    def intervals(self) -> pd.DataFrame:
+        """95 % intervals by profile likelihood: columns lower, upper; NaN where there is none."""
+        ends = {name: e.interval or (np.nan, np.nan) for name, e in self.alpha.items()}
+        return pd.DataFrame.from_dict(ends, orient="index", columns=["lower", "upper"])
+
+    @property
+    def covariance(self) -> pd.DataFrame:
+        """The covariance (F, F) of those estimates that have a standard error, by name."""
+        names = [*self.correlation_names]
+        errors = self.errors[names].to_numpy()
+        matrix = np.reshape(self.correlation, (len(names), len(names))) * np.outer(errors, errors)
+        return pd.DataFrame(matrix, index=names, columns=names)
+
+    @property
+    def law(self) -> JointLaw:
+        """The identified joint law of the parameters: `sample`, `pdf`, `cdf`, `marginals`.
+
+        Raises AleatorError where the identification was read from a file without the inputs.
+        """
+        return self.session.law(self.alpha)
+
+    def predict(
+        self,
+        conditions: Conditions | pd.DataFrame,
+        *,
+        quantiles: tuple[float, ...] = QUANTILES,
+        progress: Progress | None = None,
+    ) -> pd.DataFrame:
+        """The distribution of the outcome under conditions that need not have been tested.
+
+        As `aleator.predict`, with the simulator, inputs and noise of the identification. A data
+        frame may have further columns, and the `transform` of the experiments holds for it too.
+        Raises AleatorError where the identification was read from a file without the simulator.
+        """
+        return self.session.predict(
+            conditions, self.alpha, self.transform, quantiles=quantiles, progress=progress
+        )
+
+    def log_likelihood_at(self, alpha: Mapping[str, float] | ArrayLike) -> float:
+        """log L(alpha) on the surfaces of the identification; minus infinity outside a support.
+
+        `alpha` maps names to values, where hyperparameters that are not named keep their estimate,
+        or is an array (K,) in the order of `values`. The surfaces are exact around the estimate
+        and over its intervals; far beyond them the value is rough. Raises InputsError for a name
+        that is unknown and a value beyond its limits, AleatorError where the identification was
+        read from a file: surfaces are not saved. Cost: some milliseconds, no run.
+        """
+        return self.session.log_likelihood(alpha, self.alpha)
+
+    def save(self, path: str | Path) -> None:
+        """Write all values as a JSON file, which `aleator.load` reads; the session is not saved.
+
+        Raises AleatorError where the file cannot be written.
+        """
+        documents.write_json(self.to_dict(), path)
 
     def to_dict(self) -> dict[str, Any]:
         """The document identification.json as plain dictionaries, lists, numbers and texts."""
         return {
+            "outcome": self.outcome,
+            "transform": self.transform,
             "alpha": {name: _estimate(value) for name, value in self.alpha.items()},
             "correlation": {
                 "names": list(self.correlation_names),

@@ -24,12 +24,14 @@ from aleator.likelihood.likelihood import Likelihood, LogLikelihood
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.search import SearchResult
+from aleator.simulators import Simulator
 from aleator.tasks.baselines import LeastSquares, LinearGaussian
-from aleator.tasks.result import (
+from aleator.tasks.result import Identification
+from aleator.tasks.session import Session
+from aleator.tasks.values import (
     QUANTILES,
     Estimate,
     ExperimentReport,
-    Identification,
     LogLikelihoodReport,
     ParameterCorrelation,
 )
@@ -44,6 +46,7 @@ def assemble(
     profile: Profile,
     checked: Verification | None,
     baselines: tuple[LeastSquares, LinearGaussian],
+    simulator: Simulator,
     *,
     seconds: Mapping[str, float],
     runs_by_stage: Mapping[str, int],
@@ -87,6 +90,9 @@ def assemble(
         seed=seed,
         versions=_versions(),
         density_distances=density_distances(problem, alpha),
+        outcome=table.outcome_name,
+        transform=table.transform,
+        session=Session(problem.model, simulator, problem.likelihood),
         parameter_correlations=_parameter_correlations(
             problem.model.inputs, alpha, hyperparameters, inference
         ),

@@ -71,20 +71,32 @@ def linked(
     return {"title": title, "study": {"file": file, "sha256": sha256, "outcome": outcome}, **result}
 
 
+def study_entry(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What a document says of its study file; empty where it says nothing that can be read."""
+    entry = document.get("study")
+    return entry if isinstance(entry, Mapping) else {}
+
+
 def study_file(document: Mapping[str, Any], path: Path) -> Path:
     """The study file of a document that was read from `path`.
 
     Raises AleatorError where it is not named, or no longer there.
     """
-    entry = document.get("study")
-    file = entry.get("file") if isinstance(entry, Mapping) else None
+    file = study_entry(document).get("file")
     found = path.parent / file if isinstance(file, str) else None
-    if found is None or not found.is_file():
+    if found is None or not _is_file(found):
         raise AleatorError(
             f"{path}: its study file {f'{found} ' if found else ''}is not there",
             "name the study file with --study",
         )
     return Path(os.path.relpath(found))
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name that is too long, or no name at all
+        return False
 
 
 def make_folder(folder: Path) -> None:
@@ -140,7 +152,7 @@ def read_json(path: str | Path) -> dict[str, Any]:
             f"{path}: the file cannot be read: {error.strerror}",
             "name the identification.json that `aleator identify` wrote",
         ) from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise AleatorError(
             f"{path}: this is not JSON: {error}", "run `aleator identify` again to write it anew"
         ) from None
@@ -163,7 +175,7 @@ def estimates(document: Mapping[str, Any], path: str | Path) -> dict[str, float]
     """
     try:
         return {name: float(entry["estimate"]) for name, entry in document["alpha"].items()}
-    except (AttributeError, KeyError, TypeError, ValueError):
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise AleatorError(
             f"{path}: key 'alpha' does not hold an estimate for each hyperparameter",
             "run `aleator identify` again to write it anew",

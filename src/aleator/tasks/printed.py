@@ -1,0 +1,154 @@
+"""An identification as a few lines of text, and as HTML for a notebook: both from its document."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator, Mapping
+from html import escape
+from typing import Any
+
+Document = Mapping[str, Any]
+NONE = "-"
+WIDTH = 80  # columns
+COLUMNS = ("alpha", "estimate", "std. error", "95 % interval", "note")
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """A number with so many significant digits, "-" for none.
+
+    >>> number(0.91234), number(None), number(123456.0), number(1.5e-7)
+    ('0.9123', '-', '123456', '1.5e-07')
+    """
+    if value is None:
+        return NONE
+    if value and (abs(value) >= 10.0**digits) and abs(value) < 1e7:
+        return f"{value:.0f}"
+    return f"{value:.{digits}g}"
+
+
+def with_error(value: float, error: float | None, *, estimate: bool = False) -> tuple[str, str]:
+    """A value and its standard error, both to the second digit of the error.
+
+    An `estimate` keeps two digits of its own where the error is larger than itself.
+
+    >>> with_error(0.912345, 0.01234), with_error(-9.37012, 0.2149), with_error(2.0, None)
+    (('0.912', '0.012'), ('-9.37', '0.21'), ('2', '-'))
+    """
+    if error is None or not error > 0 or not 1e-4 < abs(value) + error < 1e6:
+        return number(value), number(error, 2)
+    scale = min(error, abs(value) or error) if estimate else error
+    decimals = min(max(1 - math.floor(math.log10(scale)), 0), 9)
+    # Adding zero turns a -0.0 that rounding left into 0.0.
+    return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{error:.{decimals}f}"
+
+
+def to_three(value: float | None) -> str:
+    """A log-likelihood, "-" for none.
+
+    >>> to_three(262.51234), to_three(None)
+    ('262.512', '-')
+    """
+    return NONE if value is None else f"{value:.3f}"
+
+
+def alpha_rows(alpha: Mapping[str, Document]) -> Iterator[tuple[str, str, str, str, str]]:
+    """A row for each hyperparameter: name, estimate, standard error, interval, note."""
+    for name, entry in alpha.items():
+        error_of = entry.get("standard_error")
+        estimate, error = with_error(entry["estimate"], error_of, estimate=True)
+        interval = NONE
+        if entry.get("interval") and None not in entry["interval"]:
+            low, high = (with_error(e, error_of, estimate=True)[0] for e in entry["interval"])
+            interval = f"{low} .. {high}"
+        yield name, estimate, error, interval, _note(entry)
+
+
+def _note(entry: Document) -> str:
+    if entry.get("fixed"):
+        return "fixed"
+    if entry.get("at_bound"):
+        return f"at its {entry['at_bound']} bound"
+    error, sandwich = entry.get("standard_error"), entry.get("sandwich_error")
+    if error and sandwich and not 0.7 < sandwich / error < 1.4:
+        return f"sandwich error {number(sandwich, 2)}"
+    return ""
+
+
+def verdict(document: Document) -> str:
+    """One sentence: whether the answer can be used, and why.
+
+    >>> verdict({"accepted": False, "warnings": [{"about": "search"}, {"about": "check"}]})
+    'NOT accepted: do not use alpha before the warnings are dealt with (search, check).'
+    """
+    if document["accepted"]:
+        return f"Accepted: the search converged, every density was solved{_checked(document)}."
+    about = dict.fromkeys(str(entry["about"]) for entry in document.get("warnings") or [])
+    named = f" ({', '.join(about)})" if about else ""
+    return f"NOT accepted: do not use alpha before the warnings are dealt with{named}."
+
+
+def _checked(document: Document) -> str:
+    found = document["log_likelihood"]
+    if part := found.get("reached"):
+        count = len(document["experiments"])
+        return (
+            f", and the simulator itself agrees for {part['experiments']} of {count} experiments; "
+            "the others lie too far out to be verified"
+        )
+    agrees = found.get("verified") is not None
+    return ", and the simulator itself agrees" if agrees else "; not verified on the simulator"
+
+
+def text(document: Document) -> str:
+    """The answer in short: alpha, log-likelihood, warnings, verdict."""
+    rows = [COLUMNS, *alpha_rows(document["alpha"])]
+    width = [max(len(row[k]) for row in rows) for k in range(len(COLUMNS))]
+    lines = [
+        f"{row[0]:{width[0]}}  {row[1]:>{width[1]}}  {row[2]:>{width[2]}}  {row[3]:>{width[3]}}"
+        f"  {row[4]}".rstrip()
+        for row in rows
+    ]
+    sentences = [_likelihood(document)]
+    for warning in document["warnings"]:
+        sentences += [f"Warning, {warning['about']}: {warning['message']}"]
+        sentences += [f"  Remedy: {warning['remedy']}"] if warning["remedy"] else []
+    folded = [textwrap.fill(line, WIDTH) for line in (*sentences, verdict(document))]
+    return "\n".join([_head(document), *lines, *folded])
+
+
+def html(document: Document) -> str:
+    """The same for a notebook."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in COLUMNS)
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
+        for row in alpha_rows(document["alpha"])
+    )
+    warnings = "".join(
+        f"<p><b>Warning, {escape(w['about'])}:</b> {escape(w['message'])}<br>"
+        f"Remedy: {escape(w['remedy'])}</p>"
+        for w in document["warnings"]
+    )
+    return (
+        f"<p>{escape(_head(document))}</p>"
+        f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+        f"<p>{escape(_likelihood(document))}</p>{warnings}"
+        f"<p><b>{escape(verdict(document))}</b></p>"
+    )
+
+
+def _head(document: Document) -> str:
+    free = sum(not entry["fixed"] for entry in document["alpha"].values())
+    return (
+        f"{free} hyperparameters identified from {len(document['experiments'])} experiments, "
+        f"{document['runs']:,} runs of the simulator"
+    )
+
+
+def _likelihood(document: Document) -> str:
+    found = document["log_likelihood"]
+    line = f"log-likelihood {to_three(found['estimated'])}"
+    if found["verified"] is None:
+        return line
+    error = number(found["verified_standard_error"], 2)
+    return f"{line}; on the simulator itself {to_three(found['verified'])} +- {error}"

@@ -1,0 +1,169 @@
+"""Reading an identification from its document."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from aleator.densities import Density, NodeDensity, Status
+from aleator.errors import AleatorError, InputsError
+from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.inference.diagnostics.failures import FailureReport
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.comparison import DensityDistance
+from aleator.likelihood.problem import Model, default_density
+from aleator.likelihood.propagation import Collocation
+from aleator.observations.noise import Noise
+from aleator.simulators import Simulator, as_simulator
+from aleator.surrogates import ResponseSurface
+from aleator.tasks import documents
+from aleator.tasks.predict import DEFAULT_PROPAGATION
+from aleator.tasks.result import Identification
+from aleator.tasks.session import Session
+from aleator.tasks.values import (
+    Estimate,
+    ExperimentReport,
+    LogLikelihoodReport,
+    ParameterCorrelation,
+    in_order,
+)
+
+Entry = Mapping[str, Any]
+
+OUTSIDE = Status.OUTSIDE_SUPPORT.name.lower()
+
+
+def load(
+    path: str | Path,
+    *,
+    simulator: Callable[..., Any] | Simulator | None = None,
+    inputs: Inputs | None = None,
+    vectorized: bool = False,
+    noise: Noise | None = None,
+    propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
+    density: Density | NodeDensity | None = None,
+) -> Identification:
+    """Read an identification that `found.save` or the command `aleator identify` wrote.
+
+    All values come back as they were. What is no value is given again, as `identify` takes it:
+    `inputs` and `noise` for `found.law`, `simulator` as well for `found.predict`. Raises
+    AleatorError that names the file and the key where it is no identification, InputsError where
+    the inputs and the noise have other hyperparameters than those that were identified.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> import pandas as pd
+    >>> from aleator import Free, MonteCarlo, Normal, identify
+    >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
+    >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
+    >>> found = identify(lambda load, x: load * x, table, law, outcome="y",
+    ...                  verification=MonteCarlo(0))
+    >>> with TemporaryDirectory() as folder:
+    ...     found.save(f"{folder}/found.json")
+    ...     again = load(f"{folder}/found.json", inputs=law)
+    >>> again == found, again.law.marginals["x"].mean
+    (True, 1.031)
+    """
+    found = from_document(documents.read_json(path), path)
+    if inputs is None:
+        return found
+    model = Model(
+        inputs, noise, propagation, density or default_density(inputs, noise, propagation)
+    )
+    try:
+        in_order(found.alpha, model.hyperparameters)
+    except InputsError as error:
+        raise InputsError(
+            f"{path} was identified with other inputs or another noise: {error.problem}",
+            "give those of the identification",
+        ) from None
+    made = None if simulator is None else as_simulator(simulator, vectorized)
+    return replace(found, session=Session(model, made, None))
+
+
+def from_document(document: Entry, path: str | Path) -> Identification:
+    """The identification of a document; what JSON cannot hold (null) is NaN again.
+
+    A log-density that is null because the outcome lies outside the support is minus infinity.
+    Raises AleatorError, naming `path` and the key, for an entry that is not as it was written.
+    """
+
+    def part(key: str, build: Callable[[Any], Any], default: Any = ()) -> Any:
+        try:
+            return build(document.get(key, default))
+        except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
+            raise AleatorError(
+                f"{path}: key '{key}' is not as an identification writes it",
+                "identify again to write it anew",
+            ) from None
+
+    experiments = part("experiments", lambda rows: tuple(map(_experiment, rows)))
+    return Identification(
+        outcome=part("outcome", str, "outcome"),
+        transform=part("transform", str, "none"),
+        alpha=part("alpha", lambda rows: {name: _estimate(row) for name, row in rows.items()}),
+        log_likelihood=part("log_likelihood", lambda row: _log_likelihood(row, experiments)),
+        density=part("density", str),
+        propagation=part("propagation", str),
+        accepted=part("accepted", bool),
+        warnings=part("warnings", lambda rows: tuple(Diagnostic(**row) for row in rows)),
+        experiments=experiments,
+        correlation_names=part("correlation", lambda row: tuple(row["names"])),
+        correlation=part("correlation", lambda row: tuple(tuple(r) for r in row["matrix"])),
+        search=part("search", dict),
+        surface=part("surface", lambda row: None if row is None else dict(row), None),
+        baselines=part("baselines", dict),
+        runs=part("runs", int),
+        runs_by_stage=part("runs_by_stage", dict),
+        seconds=part("seconds", dict),
+        seed=part("seed", int),
+        failures=part("failures", _failures, None),
+        versions=part("versions", dict, {}),
+        parameter_correlations=part(
+            "parameter_correlations",
+            lambda rows: tuple(
+                ParameterCorrelation(**{**row, "between": tuple(row["between"])}) for row in rows
+            ),
+        ),
+        density_distances=part(
+            "density_distances",
+            lambda rows: tuple(DensityDistance(**_numbers(row)) for row in rows),
+        ),
+    )
+
+
+def _estimate(row: Entry) -> Estimate:
+    interval = None if row["interval"] is None else tuple(row["interval"])
+    return Estimate(**{**row, "estimate": float(row["estimate"]), "interval": interval})
+
+
+def _numbers(row: Entry) -> dict[str, Any]:
+    """An entry whose nulls are numbers that JSON cannot hold."""
+    return {key: math.nan if value is None else value for key, value in row.items()}
+
+
+def _experiment(row: Entry) -> ExperimentReport:
+    maybe = {key: row.get(key) for key in ("surface_error", "verified")}
+    log_density = row["log_density"]
+    if log_density is None and row["status"] == OUTSIDE:
+        log_density = -math.inf
+    whole = {**_numbers(row), **maybe, "quantiles": _numbers(row["quantiles"])}
+    return ExperimentReport(
+        **{**whole, "log_density": math.nan if log_density is None else log_density}
+    )
+
+
+def _log_likelihood(row: Entry, experiments: tuple[ExperimentReport, ...]) -> LogLikelihoodReport:
+    estimated = row["estimated"]
+    if estimated is None:
+        estimated = sum(experiment.log_density for experiment in experiments)
+    return LogLikelihoodReport(**{**row, "estimated": estimated})
+
+
+def _failures(row: Entry | None) -> FailureReport | None:
+    if row is None:
+        return None
+    region = {name: tuple(ends) for name, ends in row["region"].items()}
+    return FailureReport(**{**row, "experiments": tuple(row["experiments"]), "region": region})

@@ -1,0 +1,104 @@
+"""The parts of an identification: plain values, with their places in its document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.errors import InputsError, nearest
+from aleator.laws import Hyperparameter
+from aleator.types import Array
+
+QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One hyperparameter: estimate, standard errors, 95 % interval; None where undetermined.
+
+    `standard_error` from the observed information, `sandwich_error` valid also for a wrong model;
+    `at_bound` is "lower" or "upper" where the estimate lies on its limit; a fixed
+    hyperparameter has neither error nor interval.
+    """
+
+    estimate: float
+    standard_error: float | None
+    sandwich_error: float | None
+    interval: tuple[float, float] | None
+    at_bound: str | None
+    fixed: bool
+
+
+@dataclass(frozen=True)
+class ParameterCorrelation:
+    """Correlation of two parameters under the identified law, whatever it was identified by.
+
+    That of their normal germs, which is theirs where both laws are normal. `standard_error` by the
+    delta method; None where the correlation is known, or rests on an estimate without one.
+    """
+
+    between: tuple[str, str]
+    estimate: float
+    standard_error: float | None
+
+
+@dataclass(frozen=True)
+class LogLikelihoodReport:
+    """The maximum as `estimated` by the densities and as `verified` on the simulator itself.
+
+    `verified` is None without a check, and where it did not reach every experiment: `reached` has
+    then the number of `experiments` that it did, and their sum as `estimated`, `verified` and
+    `standard_error`.
+    """
+
+    estimated: float
+    verified: float | None
+    verified_standard_error: float | None
+    reached: Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class ExperimentReport:
+    """What the identified law says of one experiment; moments include measurement noise.
+
+    `kurtosis` is not in excess (3 for a normal outcome); `pit` is the probability of an outcome
+    below the measured one; `surface_error` the root-mean-square error of the response surface
+    under the identified law, over the outcome's standard deviation, where it was verified.
+    `verified` tells whether the Monte Carlo check reached the experiment; None without a check.
+    """
+
+    id: str
+    outcome: float
+    log_density: float
+    mean: float
+    standard_deviation: float
+    skewness: float
+    kurtosis: float
+    quantiles: Mapping[str, float]
+    pit: float
+    status: str
+    surface_error: float | None
+    verified: bool | None = None
+
+
+def in_order(
+    alpha: Mapping[str, float | Estimate], hyperparameters: Sequence[Hyperparameter]
+) -> Array:
+    """The values (K,) of named hyperparameters, in the order of the model.
+
+    Raises InputsError where one is missing or unknown.
+    """
+    names = [h.name for h in hyperparameters]
+    for name in alpha:
+        if name not in names:
+            raise InputsError(
+                f"alpha has '{name}', which the model does not know{nearest(name, names)}",
+                f"the model's hyperparameters are {', '.join(names)}",
+            )
+    missing = [name for name in names if name not in alpha]
+    if missing:
+        raise InputsError(f"alpha lacks {', '.join(missing)}", "give every hyperparameter a value")
+    values = (alpha[name] for name in names)
+    return np.array([v.estimate if isinstance(v, Estimate) else float(v) for v in values])

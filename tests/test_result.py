@@ -1,0 +1,277 @@
+"""What a user holds: the identification by name, its law, and what can be asked of it again."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+import aleator
+from aleator import Constant, Free, Identification, Inputs, MonteCarlo, Noise, Normal, Uniform
+from aleator.errors import AleatorError, InputsError
+from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.tasks.documents import to_json
+from aleator.tasks.law import JointLaw
+from aleator.tasks.values import Estimate
+
+LOAD = np.arange(1.0, 13.0)
+CONSTANT = Estimate(2.0, None, None, None, None, fixed=True)
+MEASURED = LOAD * np.array([1.1, 0.9, 1.2, 0.95, 1.0, 1.05, 0.8, 1.15, 0.92, 1.3, 1.02, 0.98])
+TABLE = pd.DataFrame({"load": LOAD, "length": MEASURED})
+INPUTS = Inputs({"softness": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
+
+
+def spring(load: float, softness: float) -> float:
+    return load * softness
+
+
+@pytest.fixture(scope="module")
+def found() -> Identification:
+    """y = load x with x ~ N(mean, sd^2): maximum likelihood is the mean and sd of y/load."""
+    return aleator.identify(spring, TABLE, INPUTS, outcome="length", verification=MonteCarlo(200))
+
+
+RATIO = MEASURED / LOAD
+MEAN, SD = float(RATIO.mean()), float(RATIO.std())
+
+
+def log_likelihood(mean: float, sd: float) -> float:
+    return float(stats.norm.logpdf(MEASURED, LOAD * mean, LOAD * sd).sum())
+
+
+def test_values_errors_and_covariance_are_those_of_a_normal_sample(found: Identification) -> None:
+    names = ["softness.mean", "softness.sd"]
+    assert found.values.index.tolist() == names
+    assert found.values.to_numpy() == pytest.approx([MEAN, SD], rel=1e-3)
+    exact = [SD / math.sqrt(12), SD / math.sqrt(24)]
+    assert found.errors.to_numpy() == pytest.approx(exact, rel=5e-3)
+    assert found.covariance.index.tolist() == found.covariance.columns.tolist() == names
+    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(found.errors.to_numpy())
+    assert abs(found.covariance.loc["softness.mean", "softness.sd"]) < 1e-2 * exact[0] * exact[1]
+
+
+def test_intervals_are_where_the_likelihood_has_dropped(found: Identification) -> None:
+    # the profile of the mean is N/2 log(1 + (m - mean)^2/sd^2) below the maximum
+    drop = stats.chi2.ppf(0.95, 1) / 2.0
+    half = SD * math.sqrt(math.expm1(2.0 * drop / 12.0))
+    assert found.intervals.columns.tolist() == ["lower", "upper"]
+    ends = found.intervals.loc["softness.mean"].to_numpy()
+    assert ends == pytest.approx([MEAN - half, MEAN + half], rel=2e-3)
+
+
+def test_the_law_is_the_identified_normal_law(found: Identification) -> None:
+    mean, sd = found.values
+    x = np.linspace(0.7, 1.3, 7)
+    assert found.law.pdf({"softness": x}) == pytest.approx(stats.norm.pdf(x, mean, sd))
+    assert found.law.cdf({"softness": x}) == pytest.approx(stats.norm.cdf(x, mean, sd))
+    marginal = found.law.marginals["softness"]
+    assert (marginal.mean, marginal.sd) == pytest.approx((mean, sd))
+    assert marginal.quantile(marginal.cdf(x)) == pytest.approx(x)
+    draws = found.law.sample(4000, seed=3)
+    assert draws.equals(found.law.sample(4000, seed=3))
+    assert stats.kstest(draws["softness"], stats.norm(mean, sd).cdf).pvalue > 0.01
+
+
+def test_predictions_need_nothing_again(found: Identification) -> None:
+    table = found.predict(pd.DataFrame({"load": [10.0, 20.0]}), quantiles=(0.1, 0.9))
+    mean, sd = found.values
+    assert table["mean"].to_numpy() == pytest.approx([10 * mean, 20 * mean])
+    assert table["standard_deviation"].to_numpy() == pytest.approx([10 * sd, 20 * sd], rel=1e-3)
+    assert table["q0.9"].to_numpy() == pytest.approx(
+        stats.norm.ppf(0.9, [10 * mean, 20 * mean], [10 * sd, 20 * sd]), rel=1e-3
+    )
+
+
+def test_the_log_likelihood_can_be_asked_anywhere_near(found: Identification) -> None:
+    at = {"softness.mean": 1.05, "softness.sd": 0.15}
+    assert found.log_likelihood_at(at) == pytest.approx(log_likelihood(1.05, 0.15), abs=2e-3)
+    assert found.log_likelihood_at([1.05, 0.15]) == found.log_likelihood_at(at)
+    assert found.log_likelihood_at(found.values) == found.log_likelihood.estimated
+    moved = found.log_likelihood_at({"softness.mean": 1.05})
+    assert moved == found.log_likelihood_at([1.05, found.values["softness.sd"]])
+
+
+@pytest.mark.parametrize(
+    ("alpha", "named"),
+    [
+        ({"softness.mena": 1.0}, "softness.mena"),
+        ({"softness.sd": -1.0}, "softness.sd"),
+        ({"softness.sd": math.nan}, "softness.sd"),
+        ([1.0], "(1,)"),
+    ],
+)
+def test_an_alpha_that_is_none_is_told(found: Identification, alpha: Any, named: str) -> None:
+    with pytest.raises(InputsError) as caught:
+        found.log_likelihood_at(alpha)
+    assert named in caught.value.problem
+
+
+def test_it_prints_as_a_report_of_80_columns(found: Identification) -> None:
+    shown = repr(found)
+    assert str(found) == shown
+    assert max(map(len, shown.splitlines())) <= 80
+    assert "softness.sd" in shown
+    assert "Accepted" in shown
+    odd = replace(found, warnings=(Diagnostic("surface", "a < b & c", "narrow"),))
+    assert "a &lt; b &amp; c" in odd._repr_html_()
+    assert "a < b & c" in repr(odd)
+
+
+def test_all_values_survive_the_file(found: Identification, tmp_path: Path) -> None:
+    path = tmp_path / "new" / "found.json"
+    found.save(path)
+    again = aleator.load(path)
+    assert again == found
+    assert to_json(again.to_dict()) == to_json(found.to_dict())
+    assert again.covariance.equals(found.covariance)
+
+
+def test_numbers_that_json_does_not_know_survive_too(found: Identification, tmp_path: Path) -> None:
+    outside = replace(
+        found.experiments[0], log_density=-math.inf, status="outside_support", pit=math.nan
+    )
+    odd = replace(
+        found,
+        experiments=(outside, *found.experiments[1:]),
+        log_likelihood=replace(found.log_likelihood, estimated=-math.inf, verified=None),
+        alpha={**found.alpha, "b": CONSTANT},
+    )
+    odd.save(tmp_path / "odd.json")
+    again = aleator.load(tmp_path / "odd.json")
+    assert again.log_likelihood == odd.log_likelihood
+    assert again.experiments[0].log_density == -math.inf
+    assert math.isnan(again.experiments[0].pit)
+    assert again.experiments[1:] == odd.experiments[1:]
+    assert again.alpha == odd.alpha
+    assert again.errors.isna().tolist() == [False, False, True]
+
+
+def test_a_file_alone_says_what_it_lacks(found: Identification, tmp_path: Path) -> None:
+    path = tmp_path / "found.json"
+    found.save(path)
+    bare = aleator.load(path)
+    questions = (
+        lambda: bare.law,
+        lambda: bare.predict(TABLE),
+        lambda: bare.log_likelihood_at(bare.values),
+    )
+    for question in questions:
+        with pytest.raises(AleatorError) as caught:
+            question()
+        assert caught.value.remedy
+
+
+def test_what_is_given_again_works_again(found: Identification, tmp_path: Path) -> None:
+    path = tmp_path / "found.json"
+    found.save(path)
+    again = aleator.load(path, simulator=spring, inputs=INPUTS)
+    new = pd.DataFrame({"load": [10.0]})
+    assert again.predict(new)["mean"].tolist() == pytest.approx(found.predict(new)["mean"].tolist())
+    assert again.law.pdf({"softness": 1.0}) == found.law.pdf({"softness": 1.0})
+    with pytest.raises(InputsError, match=r"noise\.sd"):
+        aleator.load(path, inputs=INPUTS, noise=Noise(0.1))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("alpha", {"x": {"estimate": None}}),
+        ("alpha", {"x": {"estimate": 10**400}}),
+        ("experiments", [{"id": "1"}]),
+        ("correlation", []),
+        ("runs", "many"),
+        ("warnings", [1]),
+    ],
+)
+def test_an_entry_that_was_changed_is_named(
+    found: Identification, tmp_path: Path, key: str, value: Any
+) -> None:
+    path = tmp_path / "changed.json"
+    path.write_text(json.dumps({**json.loads(to_json(found.to_dict())), key: value}))
+    with pytest.raises(AleatorError) as caught:
+        aleator.load(path)
+    assert str(path) in caught.value.problem
+    assert f"'{key}'" in caught.value.problem
+
+
+def test_a_logarithm_is_remembered(tmp_path: Path) -> None:
+    table = aleator.Experiments.from_frame(
+        TABLE.assign(length=np.exp(MEASURED / LOAD)), outcome="length", transform="log"
+    )
+    found = aleator.identify(
+        lambda load, softness: np.exp(softness) + 0.0 * load, table, INPUTS,
+        verification=MonteCarlo(0),
+    )  # fmt: skip
+    assert (found.outcome, found.transform) == ("length", "log")
+    assert found.predict(pd.DataFrame({"load": [1.0]}))["mean"][0] == pytest.approx(MEAN, rel=1e-3)
+    found.save(tmp_path / "found.json")
+    assert aleator.load(tmp_path / "found.json").transform == "log"
+
+
+# ------------------------------------------------------------------------------- the joint law
+
+
+def pair(rho: float) -> JointLaw:
+    inputs = Inputs(
+        {"a": Normal(1.0, 2.0), "b": Constant(3.0), "c": Normal(0.0, 0.5)}, {("a", "c"): rho}
+    )
+    return JointLaw(inputs, np.array([1.0, 2.0, 3.0, 0.0, 0.5, rho]))
+
+
+def test_a_correlated_pair_is_the_bivariate_normal_law() -> None:
+    covariance = [[4.0, 0.6], [0.6, 0.25]]
+    exact = stats.multivariate_normal([1.0, 0.0], covariance)
+    points = exact.rvs(20, random_state=1)
+    at = {"a": points[:, 0], "c": points[:, 1]}
+    assert pair(0.6).pdf(at) == pytest.approx(exact.pdf(points))
+    assert pair(0.6).cdf(at) == pytest.approx(exact.cdf(points), abs=1e-8)
+    draws = pair(0.6).sample(20_000, seed=1)
+    assert np.cov(draws[["a", "c"]].T).ravel() == pytest.approx(np.ravel(covariance), rel=0.05)
+    assert draws["b"].unique().tolist() == [3.0]
+
+
+def test_uniform_laws_tied_by_a_copula_stay_uniform_and_integrate_to_one() -> None:
+    inputs = Inputs(
+        {"u": Uniform.between(0.0, 1.0), "v": Uniform.between(0.0, 1.0)}, {("u", "v"): 0.5}
+    )
+    law = JointLaw(inputs, np.array([h.start for h in inputs.hyperparameters]))
+    grid = (np.arange(400) + 0.5) / 400
+    u, v = np.meshgrid(grid, grid)
+    density = law.pdf({"u": u, "v": v})
+    assert density.shape == (400, 400)
+    assert density.mean() == pytest.approx(1.0, abs=2e-3)
+    assert law.cdf({"u": grid, "v": 2.0}) == pytest.approx(grid)
+    assert law.cdf({"u": -0.5, "v": 0.5}) == 0.0
+    assert law.pdf({"u": -0.5, "v": 0.5}) == 0.0
+
+
+def test_three_correlated_parameters_have_the_orthant_probability() -> None:
+    laws = {name: Normal(0.0, 1.0) for name in "abc"}
+    inputs = Inputs(laws, {("a", "b"): 0.5, ("a", "c"): 0.5})
+    law = JointLaw(inputs, np.array([h.start for h in inputs.hyperparameters]))
+    # 1/8 + (asin r12 + asin r13 + asin r23)/(4 pi), r23 = r12 r13
+    exact = 0.125 + (2.0 * math.asin(0.5) + math.asin(0.25)) / (4.0 * math.pi)
+    at = {"a": 0.0, "b": 0.0, "c": 0.0}
+    assert law.cdf(at) == pytest.approx(exact, abs=1e-5)
+    assert law.cdf(at) == law.cdf(at)
+
+
+def test_a_constant_takes_one_value() -> None:
+    law = pair(0.0)
+    at = {"a": 1.0, "c": 0.0}
+    assert law.pdf({**at, "b": 3.0}) == law.pdf(at) > 0.0
+    assert law.pdf({**at, "b": 2.9}) == 0.0
+    assert [law.cdf({**at, "b": b}) for b in (2.9, 3.0, 3.1)] == pytest.approx([0.0, 0.25, 0.25])
+    assert law.marginals["b"].cdf([2.9, 3.0]).tolist() == [0.0, 1.0]
+    assert (law.marginals["b"].mean, law.marginals["b"].sd) == (3.0, 0.0)
+
+
+@pytest.mark.parametrize("at", [{"a": 1.0}, {"a": 1.0, "c": 0.0, "d": 1.0}])
+def test_a_point_that_is_none_is_told(at: dict[str, float]) -> None:
+    with pytest.raises(InputsError):
+        pair(0.5).pdf(at)
