@@ -122,7 +122,7 @@ def ours(wanted: Targets, order: int) -> tuple[Array, Array, Array, float]:
     began = time.perf_counter()
     fitted = MaximumEntropy(order).fit(m, wanted.lower, wanted.upper)
     seconds = time.perf_counter() - began
-    a, b = ((fitted.support - m.mean[:, None]) / m.sd[:, None]).T
+    a, b = ((fitted.quantile([0.0, 1.0]) - m.mean[:, None]) / m.sd[:, None]).T
     half = 0.5 * (b - a)
 
     def density(t: float) -> Array:

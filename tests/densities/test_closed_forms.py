@@ -17,9 +17,8 @@ def test_moments_of_the_uniform_law_give_the_uniform_law(order: int) -> None:
     y = np.linspace(2.0, 5.0, 41)[None]
     assert fitted.status.tolist() == [Status.SOLVED]
     np.testing.assert_allclose(fitted.pdf(y), 1.0 / 3.0, rtol=1e-9)
-    np.testing.assert_allclose(fitted.entropy(), np.log(3.0), rtol=1e-10)
     np.testing.assert_allclose(fitted.cdf(y), (y - 2.0) / 3.0, atol=1e-10)
-    np.testing.assert_allclose(fitted.support, [[2.0, 5.0]], rtol=1e-14)
+    np.testing.assert_allclose(fitted.quantile([0.0, 1.0]), [[2.0, 5.0]], rtol=1e-14)
 
 
 def test_two_moments_of_a_truncated_normal_give_it_back() -> None:
@@ -31,7 +30,6 @@ def test_two_moments_of_a_truncated_normal_give_it_back() -> None:
     # the multiplier of y^2 is -1/(2 scale^2)
     bend = np.polyfit(y - 3.0, fitted.log_pdf(y[None])[0], 2)[0]
     np.testing.assert_allclose(bend, -0.5 / 0.7**2, rtol=1e-8)
-    np.testing.assert_allclose(fitted.entropy(), law.entropy(), rtol=1e-8)
 
 
 def test_moments_of_a_truncated_exponential_give_a_straight_exponent() -> None:
@@ -126,11 +124,10 @@ def test_gaussian_is_the_normal_law() -> None:
     y = np.array([1.7, -5.0])
     np.testing.assert_allclose(fitted.log_pdf(y), law.logpdf(y), rtol=1e-14)
     np.testing.assert_allclose(fitted.cdf(y), law.cdf(y), rtol=1e-13)
-    np.testing.assert_allclose(fitted.entropy(), law.entropy(), rtol=1e-14)
     np.testing.assert_allclose(
         fitted.quantile([0.1, 0.9]), np.array([law.ppf(0.1), law.ppf(0.9)]).T
     )
-    np.testing.assert_allclose(fitted.support, [[-np.inf, np.inf]] * 2)
+    assert fitted.quantile([0.0, 1.0]).tolist() == [[-np.inf, np.inf]] * 2
 
 
 def test_order_two_on_a_wide_support_tends_to_the_gaussian() -> None:

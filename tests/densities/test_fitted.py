@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.integrate import quad
 
-from aleator.densities import FittedDensity, Gaussian, MaximumEntropy, Status
+from aleator.densities import FittedDensity, MaximumEntropy, Status
 from aleator.densities.moments import Moments
 
 
 def moments_by_quad(fitted: FittedDensity, index: int, moments: Moments, order: int) -> list[float]:
-    one = fitted.support[index]
+    one = fitted.quantile([0.0, 1.0])[index]
     count = fitted.status.size
 
     def density(y: float) -> float:
@@ -44,7 +44,10 @@ def test_cdf_and_quantile_are_inverse(order: int) -> None:
     y = fitted.quantile(p)
     np.testing.assert_allclose(fitted.cdf(y), np.broadcast_to(p, y.shape), atol=1e-12)
     assert (np.diff(y, axis=1) > 0).all()
-    np.testing.assert_allclose(fitted.quantile([0.0, 1.0]), fitted.support, rtol=1e-12, atol=1e-12)
+    ends = fitted.quantile([0.0, 1.0])
+    np.testing.assert_allclose(fitted.cdf(ends), [[0.0, 1.0]] * 24, atol=1e-12)
+    assert np.isfinite(fitted.log_pdf(ends)).all()
+    assert (fitted.pdf(ends + moments.sd[:, None] * [-1e-9, 1e-9]) == 0.0).all()
 
 
 def test_cdf_is_the_integral_of_the_pdf() -> None:
@@ -53,32 +56,24 @@ def test_cdf_is_the_integral_of_the_pdf() -> None:
     end = moments.mean + 0.3 * moments.sd
     for index in range(4):
         one = MaximumEntropy(4).fit(row(moments, index), lower[[index]], upper[[index]])
-        area = quad(lambda y, f=one: f.pdf([y])[0], one.support[0, 0], end[index], limit=200)[0]
+        area = quad(
+            lambda y, f=one: f.pdf([y])[0], one.quantile([0.0])[0, 0], end[index], limit=200
+        )[0]
         np.testing.assert_allclose(fitted.cdf(end)[index], area, atol=1e-8)
     below, above = fitted.cdf(lower - 1.0), fitted.cdf(upper + 1.0)
     np.testing.assert_allclose(below, 0.0, atol=0)
     np.testing.assert_allclose(above, 1.0, rtol=1e-13)
 
 
-@pytest.mark.parametrize("density", [Gaussian(), MaximumEntropy(4)])
-def test_samples_have_the_moments(density: Gaussian | MaximumEntropy) -> None:
-    moments, lower, upper = mixed(4, 4, seed=4)
-    size = 40_000
-    y = density.fit(moments, lower, upper).sample(np.random.default_rng(0), size)
-    z = (y - moments.mean[:, None]) / moments.sd[:, None]
-    for m in range(1, density.order + 1):
-        error = np.abs((z**m).mean(axis=1) - moments.standardized[:, m])
-        assert (error < 4.5 * (z**m).std(axis=1) / np.sqrt(size)).all()
-
-
-def test_entropy_is_the_mean_of_minus_log_pdf_and_not_below_the_true_law() -> None:
+def test_the_entropy_falls_with_every_moment_and_not_below_the_true_law() -> None:
     law = stats.beta(2.0, 3.0)
     fitted = MaximumEntropy(4).fit(single(law.pdf, 0.0, 1.0, 4), [0.0], [1.0])
-    mean = quad(lambda y: -fitted.pdf([y])[0] * fitted.log_pdf([y])[0], 0.0, 1.0)[0]
-    np.testing.assert_allclose(fitted.entropy(), mean, rtol=1e-8)
-    assert fitted.entropy()[0] > law.entropy()
     coarser = MaximumEntropy(2).fit(single(law.pdf, 0.0, 1.0, 2), [0.0], [1.0])
-    assert coarser.entropy()[0] > fitted.entropy()[0]
+    four, two = (
+        quad(lambda y, f=f: -f.pdf([y])[0] * f.log_pdf([y])[0], 0.0, 1.0)[0]
+        for f in (fitted, coarser)
+    )
+    assert two > four > law.entropy()
 
 
 @settings(max_examples=25, deadline=None)
@@ -98,7 +93,6 @@ def test_a_change_of_unit_changes_nothing(shift: float, scale: float, p: float, 
     np.testing.assert_allclose(
         there.log_pdf(shift + scale * y) + np.log(scale), here.log_pdf(y), atol=2e-6
     )
-    np.testing.assert_allclose(there.entropy() - np.log(scale), here.entropy(), atol=1e-7)
 
 
 @settings(max_examples=25, deadline=None)
@@ -108,7 +102,7 @@ def test_densities_integrate_to_one(p: float, q: float, order: int) -> None:
     fitted = MaximumEntropy(order).fit(moments, [0.0], [1.0])
     x, w = np.polynomial.legendre.leggauss(600)
     assert fitted.status[0] == Status.SOLVED
-    first, last = fitted.support[0]  # a reach of 8 may cut the range
+    first, last = fitted.quantile([0.0, 1.0])[0]  # a reach of 8 may cut the range
     half = 0.5 * (last - first)
     np.testing.assert_allclose(fitted.pdf(first + half * (1 + x[None])) @ w * half, 1.0, rtol=1e-9)
 
@@ -136,13 +130,3 @@ def test_shapes_of_y() -> None:
     np.testing.assert_allclose(fitted.log_pdf(grid[:, 1]), fitted.log_pdf(grid)[:, 1], rtol=1e-14)
     none = Moments(np.empty(0), np.empty(0), np.empty((0, 5)))
     assert MaximumEntropy(4).fit(none, np.empty(0), np.empty(0)).log_pdf(np.empty(0)).shape == (0,)
-
-
-def test_a_bump_at_the_reach_is_reported_and_a_physical_edge_is_not() -> None:
-    heavy = Moments(np.zeros(2), np.ones(2), np.tile([1.0, 0.0, 1.0, 0.0, 4.0], (2, 1)))
-    fitted = MaximumEntropy(4).fit(heavy, [-np.inf, -3.0], [np.inf, 3.0])
-    assert fitted.status.tolist() == [Status.SOLVED] * 2
-    assert fitted.rises_at_edge.tolist() == [True, False]
-    np.testing.assert_allclose(moments_by_quad(fitted, 1, heavy, 4)[0], 1.0, rtol=1e-7)
-    light = Moments(np.zeros(1), np.ones(1), np.array([[1.0, 0.0, 1.0, 0.0, 2.5]]))
-    assert not MaximumEntropy(4).fit(light, [-np.inf], [np.inf]).rises_at_edge[0]

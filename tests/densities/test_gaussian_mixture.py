@@ -61,8 +61,6 @@ def test_moments_by_a_quadrature_of_the_density() -> None:
     for m in range(7):
         recomputed = 3.0 * (f * u**m).sum(axis=1) * (u[1] - u[0])
         np.testing.assert_allclose(recomputed, mixture_moments(w, d, v)[:, m], rtol=1e-9, atol=1e-9)
-    assert (fitted.residual < 1e-8).all()
-    assert fitted.order_used.tolist() == [5, 5, 5]
 
 
 def test_no_mixture_is_overlooked() -> None:
@@ -163,7 +161,6 @@ def test_a_normal_law_is_itself() -> None:
     assert fitted.status.tolist() == [Status.SOLVED]
     np.testing.assert_allclose(fitted.log_pdf(y), exact.logpdf(y), rtol=1e-12)
     np.testing.assert_allclose(fitted.cdf(y), exact.cdf(y), rtol=1e-12)
-    np.testing.assert_allclose(fitted.entropy(), exact.entropy(), rtol=1e-10)
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.3, -1.0, 0.5), (0.2, 1.0, -1.0)])
@@ -183,12 +180,10 @@ def test_without_a_mixture_the_normal_density_stands_in_and_pays() -> None:
     points = moments(three.standardized, mean=1.0, sd=2.0)
     fitted, y = fit(points), np.array([0.4])
     assert fitted.status.tolist() == [Status.NO_MIXTURE]
-    assert fitted.order_used.tolist() == [2]
     np.testing.assert_allclose(fitted.log_pdf(y), stats.norm.logpdf(0.4, 1.0, 2.0))
     found = check_partials(points, y)
     lost = fitted.log_pdf(y) - found.value
     assert 0.0 < float(lost[0]) <= FAILED_SOLVE_PENALTY
-    assert fitted.residual[0] > 0.1
 
 
 @settings(max_examples=300)
@@ -204,25 +199,21 @@ def test_any_moments_give_a_finite_value_and_an_honest_status(
     assert float(found.value[0]) <= float(fitted.log_pdf([y])[0]) + 1e-9
     if fitted.status[0] == Status.SOLVED:
         # moments within 1e-6 of a normal or symmetric law's are taken as those
-        assert float(fitted.residual[0]) <= 2e-5
+        parts = fitted.parts
+        has = mixture_moments(parts.weights, parts.means, parts.variances)[0, :6]
+        asked = m.standardized[0, :6]
+        assert (np.abs(has - asked) <= 2e-5 * np.maximum(1.0, np.abs(asked))).all()
         normal = Gaussian().fit(m, -np.inf, np.inf)
         assert float(fitted.log_pdf([0.0])[0]) <= float(normal.log_pdf([0.0])[0]) + 4.7
 
 
-def test_distribution_function_quantiles_and_sample_agree() -> None:
+def test_distribution_function_and_quantiles_agree() -> None:
     w, d, v = mixtures(4, seed=6)
     fitted = fit(moments(mixture_moments(w, d, v), mean=-2.0, sd=0.1))
     p = np.array([0.0, 1e-12, 0.03, 0.5, 0.999, 1.0])
     q = fitted.quantile(p)
     np.testing.assert_allclose(fitted.cdf(q), np.tile(p, (4, 1)), rtol=1e-9)
-    drawn = fitted.sample(np.random.default_rng(7), 4000)
-    for level in fitted.cdf(drawn):
-        assert stats.kstest(level, "uniform").pvalue > 1e-3
-    monte_carlo = -fitted.log_pdf(drawn)
-    error = monte_carlo.std(axis=1) / np.sqrt(4000)
-    assert (np.abs(monte_carlo.mean(axis=1) - fitted.entropy()) < 4.0 * error).all()
-    assert np.isinf(fitted.support).all()
-    assert not fitted.rises_at_edge.any()
+    assert np.isinf(q[:, [0, -1]]).all()
 
 
 def test_no_scatter_is_a_point_mass() -> None:
@@ -234,9 +225,7 @@ def test_no_scatter_is_a_point_mass() -> None:
     assert found.value.tolist() == [DEGENERATE_VALUE] * 2
     assert fitted.log_pdf([1.0, 0.0])[0] == -np.inf
     np.testing.assert_allclose(fitted.quantile([0.1, 0.9])[0], 1.0)
-    np.testing.assert_allclose(fitted.sample(np.random.default_rng(0), 3)[0], 1.0)
     np.testing.assert_allclose(fitted.cdf([[0.9, 1.1], [0.0, 0.0]])[0], [0.0, 1.0])
-    assert fitted.entropy()[0] == -np.inf
 
 
 def test_too_few_moments_are_refused() -> None:

@@ -100,7 +100,6 @@ def test_a_normal_outcome_with_noise_stays_normal() -> None:
     exact = stats.norm(0.0, np.sqrt(2.0))
     y = np.linspace(-4.0, 4.0, 9)[None]
     np.testing.assert_allclose(fitted.log_pdf(y), exact.logpdf(y), atol=2e-3)
-    np.testing.assert_allclose(fitted.entropy(), exact.entropy(), atol=1e-5)
 
 
 @pytest.mark.parametrize("law", [0, 1, 2])
@@ -174,28 +173,19 @@ def test_every_partial_by_differences() -> None:
                 lambda h, e=shift, at=at: value(at, y, w + h * e, noise, low, high),
             )
         close(found.d_noise, lambda h, at=at: value(at, y, w, noise + h, low, high))
-        close(found.d_lower, lambda h, at=at: value(at, y, w, noise, low + h, high))
-        close(found.d_upper, lambda h, at=at: value(at, y, w, noise, low, high + h))
 
 
-def test_distribution_function_quantiles_and_sample_agree() -> None:
+def test_distribution_function_and_quantiles_agree() -> None:
     y = np.stack([bimodal(LEVELS), stats.norm.ppf(LEVELS)])
     fitted = fit(LogSpline(20), y, 0.1)
     p = np.array([0.0, 1e-6, 0.3, 0.999, 1.0])
     q = fitted.quantile(p)
-    np.testing.assert_allclose(q[:, [0, -1]], fitted.support)
+    np.testing.assert_allclose(q[:, 0], fitted.range.a)
+    np.testing.assert_allclose(q[:, -1], fitted.range.b)
     np.testing.assert_allclose(fitted.cdf(q), np.tile(p, (2, 1)), atol=1e-12)
     h = 1e-5
     slope = (fitted.cdf(q[:, 2:4] + h) - fitted.cdf(q[:, 2:4] - h)) / (2 * h)
     np.testing.assert_allclose(fitted.pdf(q[:, 2:4]), slope, rtol=1e-6)
-    drawn = fitted.sample(np.random.default_rng(3), 3000)
-    for level in fitted.cdf(drawn):
-        assert stats.kstest(level, "uniform").pvalue > 1e-3
-    monte_carlo = -fitted.log_pdf(drawn)
-    error = monte_carlo.std(axis=1) / np.sqrt(3000)
-    assert (np.abs(monte_carlo.mean(axis=1) - fitted.entropy()) < 4.0 * error).all()
-    assert not fitted.rises_at_edge.any()
-    assert fitted.order_used.tolist() == [23, 23]
     assert (fitted.residual < 1e-3).all()
 
 
@@ -210,7 +200,7 @@ def test_a_batch_is_its_rows() -> None:
 
 def test_the_value_outside_never_exceeds_the_edge() -> None:
     fitted = fit(LogSpline(8, reach=4.0), stats.norm.ppf(LEVELS), 0.2)
-    low, high = fitted.support[0]
+    low, high = fitted.quantile([0.0, 1.0])[0]
     edge = fitted.log_pdf([[low, high]])[0]
     for y, value in ((low - 1.0, edge[0]), (high + 1.0, edge[1]), (1e150, edge[1])):
         found = fitted.node_sensitivity([y])

@@ -23,6 +23,7 @@ from aleator.densities.interface import (
 from aleator.densities.logspline import LogSpline
 from aleator.densities.logspline_fitted import FittedLogSpline
 from aleator.densities.maximum_entropy import MaximumEntropy
+from aleator.densities.standardized import StandardizedDensity
 
 __all__ = [
     "Density",
@@ -42,6 +43,7 @@ __all__ = [
     "FittedGaussian",
     "FittedMaximumEntropy",
     "Sensitivity",
+    "StandardizedDensity",
     "Status",
     "FAILED_SOLVE_PENALTY",
     "DEGENERATE_VALUE",

@@ -201,27 +201,6 @@ class FittedConvolution:
         return np.where(self.none, Status.DEGENERATE, coarse).astype(np.int64)
 
     @property
-    def order_used(self) -> Codes:
-        """(N,) number of nodes; 2 where the normal density stands in, 0 without a density."""
-        kept = np.where(self._coarse, 2, self.weights.size)
-        return np.where(self.none, 0, kept).astype(np.int64)
-
-    @property
-    def support(self) -> Array:
-        """(N, 2) the real line."""
-        return np.tile([-np.inf, np.inf], (self.none.size, 1))
-
-    @property
-    def residual(self) -> Array:
-        """(N,) the ripple or the bend; inf where there is no density."""
-        return np.where(self.none, np.inf, self.roughness)
-
-    @property
-    def rises_at_edge(self) -> Flags:
-        """(N,) never: there is no edge."""
-        return np.zeros(self.none.shape, dtype=bool)
-
-    @property
     def _coarse(self) -> Flags:
         coarse: Flags = self.too_coarse & ~self.none
         return coarse
@@ -271,14 +250,6 @@ class FittedConvolution:
         """Outcomes (N, P) that are not exceeded with probabilities p (P,)."""
         return self._sum.quantile(probabilities(p))
 
-    def sample(self, rng: np.random.Generator, size: int) -> Array:
-        """Independent outcomes (N, size)."""
-        return self._sum.sample(rng, size)
-
-    def entropy(self) -> Array:
-        """Differential entropy (N,) in nats; -inf where there is no density."""
-        return np.where(self.none, -np.inf, self._sum.entropy())
-
     def node_sensitivity(self, y: ArrayLike) -> NodeSensitivity:
         """Value for the search at y (N,) with its partial derivatives, cost O(N J).
 
@@ -298,14 +269,11 @@ class FittedConvolution:
             normal = self._normal.sensitivity(outcome)
             value, d_noise = np.where(coarse, (normal[0], normal[3]), (value, d_noise))
             d_y, d_weights = np.where(coarse[:, None], normal[1:3], (d_y, d_weights))
-        zero = np.zeros_like(value)
         return NodeSensitivity(
             value=np.where(none, DEGENERATE_VALUE, value),
             d_y=np.where(none[:, None], 0.0, d_y),
             d_weights=np.where(none[:, None], 0.0, d_weights),
             d_noise=np.where(none, 0.0, d_noise),
-            d_lower=zero,
-            d_upper=zero.copy(),
             status=np.where(none, Status.DEGENERATE, self.status).astype(np.int64),
         )
 

@@ -19,7 +19,6 @@ from aleator.densities.interface import (
     one_per_experiment,
     probabilities,
 )
-from aleator.densities.legendre import legendre
 from aleator.densities.partials import TOUCH, partials
 from aleator.densities.probability import cumulative, inverse, log_density
 from aleator.densities.solution import Solution
@@ -44,44 +43,9 @@ class FittedMaximumEntropy:
         )
 
     @property
-    def order_used(self) -> Codes:
-        """(N,) the order asked for, or that of the fallback, M-2, M-4, .. 2; 0 for a point mass."""
-        return np.where(self._bounded, self.solution.order_used, self.normal.order_used)
-
-    @property
     def _bounded(self) -> Flags:
         bounded: Flags = (self.solution.order_used > 0) & ~self.normal.degenerate
         return bounded
-
-    @property
-    def support(self) -> Array:
-        """(N, 2) first and last outcome with a positive density, in the unit of the outcome."""
-        mean, sd = self.normal.safe()
-        edges = np.stack([self.solution.a, self.solution.b], axis=1)
-        own = mean[:, None] + sd[:, None] * edges
-        return np.where(self._bounded[:, None], own, self.normal.support)
-
-    @property
-    def residual(self) -> Array:
-        """(N,) largest |moment - target|/max(1, |target|) of standardized moments.
-
-        Recomputed by a rule whose nodes are not those of the solve. Where a fallback stands in,
-        this is the distance of its moments.
-        """
-        return np.where(self.normal.degenerate, np.inf, self.solution.residual)
-
-    @property
-    def rises_at_edge(self) -> Flags:
-        """(N,) whether the density increases outward at an edge set by the reach.
-
-        A kurtosis above that of the normal on a wide support does this: the density of largest
-        entropy hides a small bump at the edge. Its mass is real, its place is the reach.
-        """
-        slopes = legendre(np.array([-1.0, 1.0]), self.solution.multipliers.shape[1], 1)[:, 1:]
-        left, right = (self.solution.multipliers @ slope for slope in slopes)
-        lower, upper = self.solution.lower_moves, self.solution.upper_moves
-        rises: Flags = ((left < 0.0) & ~lower) | ((right > 0.0) & ~upper)
-        return rises & self._bounded
 
     def log_pdf(self, y: ArrayLike) -> Array:
         """Logarithm of the density at y (N,) or (N, G); -inf outside the support."""
@@ -107,18 +71,6 @@ class FittedMaximumEntropy:
         p = probabilities(p)
         t = inverse(self.solution, np.broadcast_to(p, (self.normal.mean.size, p.size)))
         return self._or_normal(self._outcome(t), t.shape, lambda: self.normal.quantile(p))
-
-    def sample(self, rng: np.random.Generator, size: int) -> Array:
-        """Independent outcomes (N, size), by inversion of the cdf."""
-        t = inverse(self.solution, rng.random((self.normal.mean.size, size)))
-        return self._or_normal(self._outcome(t), t.shape, lambda: self.normal.sample(rng, size))
-
-    def entropy(self) -> Array:
-        """Differential entropy (N,) in nats: log Z - lambda.E phi + log(sd (b - a))."""
-        s = self.solution
-        _, sd = self.normal.safe()
-        own = s.log_z - np.einsum("nk,nk->n", s.multipliers, s.mean) + np.log(sd * (s.b - s.a))
-        return self._or_normal(own, own.shape, self.normal.entropy)
 
     def sensitivity(self, y: ArrayLike) -> Sensitivity:
         """Value for the search at y (N,) with its partial derivatives, cost O(N M^2).

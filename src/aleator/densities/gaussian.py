@@ -66,7 +66,7 @@ class FittedGaussian:
     """Normal densities of N experiments; methods as in `FittedDensity`.
 
     Where sd is not positive the outcome is a point mass at its mean: no density, a cdf with one
-    step, entropy -inf. Where a moment is not finite a quantile or a sample is NaN.
+    step. Where a moment is not finite a quantile is NaN.
     """
 
     mean: Array
@@ -84,27 +84,6 @@ class FittedGaussian:
     def status(self) -> Codes:
         """(N,) SOLVED or DEGENERATE."""
         return np.where(self.degenerate, Status.DEGENERATE, Status.SOLVED).astype(np.int64)
-
-    @property
-    def order_used(self) -> Codes:
-        """(N,) two moments, none for a point mass."""
-        return np.where(self.degenerate, 0, 2).astype(np.int64)
-
-    @property
-    def support(self) -> Array:
-        """(N, 2) the real line, or the point of a point mass."""
-        ends = np.array([-np.inf, np.inf])
-        return np.where(self.degenerate[:, None], self.mean[:, None], ends)
-
-    @property
-    def residual(self) -> Array:
-        """(N,) zero: the two moments are met by construction; inf where there is no density."""
-        return np.where(self.degenerate, np.inf, 0.0)
-
-    @property
-    def rises_at_edge(self) -> Flags:
-        """(N,) never: there is no edge."""
-        return np.zeros(self.mean.shape, dtype=bool)
 
     def _standardized(self, y: ArrayLike) -> tuple[Array, Array]:
         """Outcomes u (N, G) in units of sd about the mean, and sd (N, 1), of safe rows."""
@@ -138,22 +117,8 @@ class FittedGaussian:
         """Outcomes (N, P) that are not exceeded with probabilities p (P,)."""
         mean, sd = self.safe()
         outcome = mean[:, None] + sd[:, None] * ndtri(probabilities(p))
-        return self._or_point(outcome)
-
-    def sample(self, rng: np.random.Generator, size: int) -> Array:
-        """Independent outcomes (N, size)."""
-        mean, sd = self.safe()
-        outcome = mean[:, None] + sd[:, None] * rng.standard_normal((mean.size, size))
-        return self._or_point(outcome)
-
-    def _or_point(self, outcome: Array) -> Array:
         point = np.where(self.sd <= SMALLEST_SD, self.mean, np.nan)
         return np.where(self.degenerate[:, None], point[:, None], outcome)
-
-    def entropy(self) -> Array:
-        """Differential entropy (N,): log(sd sqrt(2 pi e)); -inf for a point mass."""
-        _, sd = self.safe()
-        return np.where(self.degenerate, -np.inf, 0.5 + _LOG_SQRT_2PI + np.log(sd))
 
     def sensitivity(self, y: ArrayLike) -> Sensitivity:
         """Value for the search at y (N,) with its partial derivatives, cost O(N).

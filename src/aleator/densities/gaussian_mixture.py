@@ -9,22 +9,17 @@ from numpy.typing import ArrayLike
 
 from aleator.densities.gaussian import FittedGaussian
 from aleator.densities.interface import (
-    DEGENERATE_VALUE,
     FAILED_SOLVE_PENALTY,
     Codes,
-    Sensitivity,
     Status,
-    by_experiment,
     check_moments,
-    in_sds,
-    one_per_experiment,
-    probabilities,
 )
 from aleator.densities.moments import Moments
 from aleator.densities.normal_sum import NormalSum
-from aleator.densities.pearson import Mixtures, mixture_moments, two_normals, two_scales
+from aleator.densities.pearson import Mixtures, two_normals, two_scales
+from aleator.densities.standardized import FittedStandardized
 from aleator.threads import single_threaded
-from aleator.types import Array, Flags
+from aleator.types import Array
 
 SAME = 1e-6
 """Moments that differ by less from those of a normal, or of a symmetric law, are those."""
@@ -115,7 +110,7 @@ def _put(parts: Mixtures, rows: Codes, found: Mixtures) -> None:
 
 
 @dataclass(frozen=True)
-class FittedGaussianMixture:
+class FittedGaussianMixture(FittedStandardized):
     """Mixtures of N experiments; methods as in `FittedDensity`.
 
     `parts` are the normals in units of sd about the mean, twice the normal density where no
@@ -133,106 +128,38 @@ class FittedGaussianMixture:
         return np.where(self.normal.degenerate, Status.DEGENERATE, found).astype(np.int64)
 
     @property
-    def order_used(self) -> Codes:
-        """(N,) five moments, two where the normal density stands in, none for a point mass."""
-        found = np.where(self.parts.exists, 5, 2)
-        return np.where(self.normal.degenerate, 0, found).astype(np.int64)
-
-    @property
-    def support(self) -> Array:
-        """(N, 2) the real line, or the point of a point mass."""
-        return self.normal.support
-
-    @property
-    def residual(self) -> Array:
-        """(N,) largest |moment - target|/max(1, |target|) of the standardized moments 1 to 5,
-        recomputed from the normals."""
-        found = mixture_moments(self.parts.weights, self.parts.means, self.parts.variances)
-        asked = self.standardized[:, 1:6]
-        distance = np.abs(found[:, 1:6] - asked) / np.maximum(1.0, np.abs(asked))
-        return np.where(self.normal.degenerate, np.inf, distance.max(axis=1))
-
-    @property
-    def rises_at_edge(self) -> Flags:
-        """(N,) never: there is no edge."""
-        return self.normal.rises_at_edge
-
-    @property
     def _sum(self) -> NormalSum:
         return NormalSum(self.parts.weights, self.parts.means, np.sqrt(self.parts.variances))
 
-    def _standardize(self, y: ArrayLike) -> tuple[Array, Array]:
-        mean, sd = self.normal.safe()
-        outcome = by_experiment(y, mean.size, "the outcome")
-        return in_sds(outcome, mean[:, None], sd[:, None]), sd[:, None]
+    def log_density(self, u: Array) -> Array:
+        """log g at u (N, G)."""
+        return self._sum.log_pdf(u)
 
-    def log_pdf(self, y: ArrayLike) -> Array:
-        """Logarithm of the density at y (N,) or (N, G); -inf for a point mass."""
-        u, sd = self._standardize(y)
-        value = self._sum.log_pdf(u) - np.log(sd)
-        return self._or(value, -np.inf).reshape(np.shape(y))
+    def below(self, u: Array) -> Array:
+        """Probability (N, G) of less than u (N, G)."""
+        return self._sum.cdf(u)
 
-    def pdf(self, y: ArrayLike) -> Array:
-        """The density at y (N,) or (N, G)."""
-        return np.exp(self.log_pdf(y))
+    def inverse(self, p: Array) -> Array:
+        """u (N, P) with probabilities p (P,) below."""
+        return self._sum.quantile(p)
 
-    def cdf(self, y: ArrayLike) -> Array:
-        """Probability of an outcome not above y (N,) or (N, G)."""
-        u, _ = self._standardize(y)
-        normal = self.normal.cdf(by_experiment(y, u.shape[0], "the outcome"))
-        return self._or(self._sum.cdf(u), normal).reshape(np.shape(y))
+    def partials(self, u: Array) -> tuple[Array, Array, Array]:
+        """Value (N,) for the search at u (N,), its slope (N,), and (N, M+1) by the moments.
 
-    def quantile(self, p: ArrayLike) -> Array:
-        """Outcomes (N, P) that are not exceeded with probabilities p (P,)."""
-        mean, sd = self.normal.safe()
-        own = mean[:, None] + sd[:, None] * self._sum.quantile(probabilities(p))
-        return self._or(own, self.normal.quantile(p))
-
-    def sample(self, rng: np.random.Generator, size: int) -> Array:
-        """Independent outcomes (N, size)."""
-        mean, sd = self.normal.safe()
-        own = mean[:, None] + sd[:, None] * self._sum.sample(rng, size)
-        return self._or(own, self.normal.quantile([0.5]))
-
-    def entropy(self) -> Array:
-        """Differential entropy (N,) in nats; -inf for a point mass."""
-        _, sd = self.normal.safe()
-        return np.where(self.normal.degenerate, -np.inf, self._sum.entropy() + np.log(sd))
-
-    def _or(self, own: Array, normal: Array | float) -> Array:
-        """`own` (N, G) with the rows without a density replaced."""
-        return np.where(self.normal.degenerate[:, None], normal, own)
-
-    def sensitivity(self, y: ArrayLike) -> Sensitivity:
-        """Value for the search at y (N,) with its partial derivatives, cost O(N).
-
-        With u = (y - mean)/sd, s_i the share of normal i in f(u) and z_i = (u - d_i)/sqrt(v_i):
-        d log f = (s_1/w_1 - s_2/w_2) dw_1
+        With s_i the share of normal i in g(u) and z_i = (u - d_i)/sqrt(v_i):
+        d log g = (s_1/w_1 - s_2/w_2) dw_1
                   + sum_i s_i (z_i/sqrt(v_i) dd_i + (z_i^2 - 1)/(2 v_i) dv_i),
         and d(w, d, v) by the moments from the implicit function theorem.
 
         Without a mixture the value is that of the normal density less
         FAILED_SOLVE_PENALTY (1 - exp(-10 g)), g = c_3^2/6 + c_4^2/24 + c_5^2/120 with the cumulants
         c of the standardized outcome: g/2 is what the normal density loses (Edgeworth), and nothing
-        is taken from an outcome that is normal. No density at all has DEGENERATE_VALUE.
+        is taken from an outcome that is normal.
         """
-        outcome = one_per_experiment(y, self.normal.mean.size, "the outcome")
-        none = self.normal.degenerate | ~np.isfinite(outcome)
-        mean, sd = self.normal.safe()
-        u = in_sds(np.where(none, mean, outcome), mean, sd)
         value, d_u, by_moment = self._value(u)
         d_standardized = np.zeros((u.size, self.normal.columns))
-        d_standardized[:, 3:7] = np.where(none[:, None], 0.0, by_moment)
-        zero = np.zeros_like(u)
-        return Sensitivity(
-            value=np.where(none, DEGENERATE_VALUE, value - np.log(sd)),
-            d_mean=np.where(none, 0.0, -d_u / sd),
-            d_sd=np.where(none, 0.0, -(1.0 + u * d_u) / sd),
-            d_standardized=d_standardized,
-            d_lower=zero,
-            d_upper=zero.copy(),
-            status=np.where(none, Status.DEGENERATE, self.status).astype(np.int64),
-        )
+        d_standardized[:, 3:7] = by_moment
+        return value, d_u, d_standardized
 
     def _value(self, u: Array) -> tuple[Array, Array, Array]:
         """Value (N,) at u (N,), its slope by u (N,) and by the moments 3 to 6 (N, 4)."""

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from aleator.densities.moments import Moments
 from aleator.densities.outcomes import Outcomes
 from aleator.errors import InputsError
-from aleator.types import Array, Flags
+from aleator.types import Array
 
 Codes = NDArray[np.int64]
 
@@ -106,16 +106,13 @@ class NodeSensitivity:
 
     `value` (N,) as in `Sensitivity`; `d_y` and `d_weights` (N, J) are the partial derivatives by
     the noise-free outcomes at the nodes and by their weights, `d_noise` (N,) by the noise's
-    standard deviation, `d_lower` and `d_upper` (N,) by the ends of the range. Always finite;
-    `status` (N,) holds `Status` codes.
+    standard deviation. Always finite; `status` (N,) holds `Status` codes.
     """
 
     value: Array
     d_y: Array
     d_weights: Array
     d_noise: Array
-    d_lower: Array
-    d_upper: Array
     status: Codes
 
 
@@ -130,22 +127,6 @@ class FittedDensity(Protocol):
     def status(self) -> Codes:
         """(N,) `Status` codes of the fits."""
 
-    @property
-    def order_used(self) -> Codes:
-        """(N,) number of moments that the density matches; 0 for a point mass."""
-
-    @property
-    def support(self) -> Array:
-        """(N, 2) first and last outcome with a positive density, in the unit of the outcome."""
-
-    @property
-    def residual(self) -> Array:
-        """(N,) distance between the moments of the density and those asked for."""
-
-    @property
-    def rises_at_edge(self) -> Flags:
-        """(N,) whether the density increases outward at an edge that the reach has set."""
-
     def log_pdf(self, y: ArrayLike) -> Array:
         """Logarithm of the density; -inf outside the support."""
 
@@ -157,12 +138,6 @@ class FittedDensity(Protocol):
 
     def quantile(self, p: ArrayLike) -> Array:
         """Outcomes (N, P) that are not exceeded with probabilities p (P,)."""
-
-    def sample(self, rng: np.random.Generator, size: int) -> Array:
-        """Independent outcomes (N, size)."""
-
-    def entropy(self) -> Array:
-        """Differential entropy (N,) in nats."""
 
 
 class FittedMomentDensity(FittedDensity, Protocol):

@@ -87,26 +87,6 @@ class FittedLogSpline:
     def _solved(self) -> Flags:
         return np.asarray(self.status == int(Status.SOLVED))
 
-    @property
-    def order_used(self) -> Codes:
-        """(N,) number of splines; 2 where the normal density stands in, 0 for a point mass."""
-        return np.where(self._solved, self.coefficients.shape[1], self.normal.order_used)
-
-    @property
-    def support(self) -> Array:
-        """(N, 2) first and last outcome with a positive density, in the unit of the outcome."""
-        own = np.stack([self.range.a, self.range.b], axis=1)
-        return np.where(self._solved[:, None], own, self.normal.support)
-
-    @property
-    def rises_at_edge(self) -> Flags:
-        """(N,) whether the density increases outward at an edge that the reach has set."""
-        ends = np.tile([0.0, 1.0], (self.log_z.size, 1))
-        slope = evaluate(self.coefficients, ends, 1)
-        left: Flags = (slope[:, 0] < 0.0) & ~self.range.lower_moves
-        right: Flags = (slope[:, 1] > 0.0) & ~self.range.upper_moves
-        return (left | right) & self._solved
-
     def log_pdf(self, y: ArrayLike) -> Array:
         """Logarithm of the density at y (N,) or (N, G); -inf outside the support."""
         outcome = by_experiment(y, self.log_z.size, "the outcome")
@@ -131,17 +111,6 @@ class FittedLogSpline:
         own = self._inverse(np.broadcast_to(level, (self.log_z.size, level.size)))
         return self._or(own, self.normal.quantile(level))
 
-    def sample(self, rng: np.random.Generator, size: int) -> Array:
-        """Independent outcomes (N, size), by inversion of the cdf."""
-        own = self._inverse(rng.random((self.log_z.size, size)))
-        return self._or(own, self.normal.sample(rng, size))
-
-    def entropy(self) -> Array:
-        """Differential entropy (N,) in nats: log Z - theta.E B + log W."""
-        dot = np.einsum("nl,nl->n", self.coefficients, self.mean)
-        own = self.log_z - dot + np.log(self.range.width)
-        return np.where(self._solved, own, self.normal.entropy())
-
     def node_sensitivity(self, y: ArrayLike) -> NodeSensitivity:
         """Value for the search at y (N,) with its partial derivatives; cost O(N J K).
 
@@ -162,8 +131,6 @@ class FittedLogSpline:
             d_y=np.where(none[:, None], 0.0, own.d_y),
             d_weights=np.where(none[:, None], 0.0, own.d_weights),
             d_noise=np.where(none, 0.0, own.d_noise),
-            d_lower=np.where(none, 0.0, own.d_lower),
-            d_upper=np.where(none, 0.0, own.d_upper),
             status=np.where(none, Status.DEGENERATE, status).astype(np.int64),
         )
 
@@ -197,8 +164,6 @@ class FittedLogSpline:
             d_y=d_y + d_t / width[:, None],
             d_weights=d_weights + value,
             d_noise=d_noise + d_s / width + self.range.margin * (d_upper - d_lower),
-            d_lower=d_lower,
-            d_upper=d_upper,
             status=self.status,
         )
 
@@ -215,8 +180,7 @@ class FittedLogSpline:
 
     def _stand_in(self, outcome: Array) -> NodeSensitivity:
         value, d_y, d_weights, d_noise = self.nodes.sensitivity(outcome)
-        zero = np.zeros_like(value)
-        return NodeSensitivity(value, d_y, d_weights, d_noise, zero, zero, self.status)
+        return NodeSensitivity(value, d_y, d_weights, d_noise, self.status)
 
     def _or(self, own: Array, normal: Array) -> Array:
         """`own` (N, G) with the rows where the normal density stands in replaced."""
@@ -271,7 +235,5 @@ def _put(own: NodeSensitivity, other: NodeSensitivity, kept: Flags) -> NodeSensi
         d_y=np.where(column, own.d_y, other.d_y),
         d_weights=np.where(column, own.d_weights, other.d_weights),
         d_noise=np.where(kept, own.d_noise, other.d_noise),
-        d_lower=np.where(kept, own.d_lower, other.d_lower),
-        d_upper=np.where(kept, own.d_upper, other.d_upper),
         status=own.status,
     )

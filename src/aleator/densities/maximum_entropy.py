@@ -29,8 +29,8 @@ class MaximumEntropy:
     deviations and grows smoothly with heavy tails, so that their moments are (`densities.reach`).
     `order` M is 2..8, `nodes` the Gauss-Legendre nodes of the solve.
 
-    A kurtosis above 3 puts a small bump at an edge set by the reach, which
-    `FittedDensity.rises_at_edge` reports. Raises InputsError for an inadmissible choice. Cost:
+    A kurtosis above 3 puts a small bump at an edge that the reach has set. Raises InputsError for
+    an inadmissible choice. Cost:
     some 7 Newton steps of O(N nodes M), for hard targets at M of 6 and more some 100 times that.
     It fails, with a status and M-2 moments in its place, where the moments are not realizable, so
     close to that boundary that the density is a set of spikes, or where eight moments of heavy

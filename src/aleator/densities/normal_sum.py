@@ -17,11 +17,6 @@ _LOG_SQRT_2PI = 0.5 * np.log(2.0 * np.pi)
 _LARGEST_BATCH = 2_000_000
 """Exponentials evaluated at once."""
 
-_TAIL = 9.0
-"""Standard deviations beyond the outermost normal where the entropy's integral stops."""
-
-_MOST_PANELS = 4000
-
 
 @dataclass(frozen=True)
 class NormalSum:
@@ -76,33 +71,6 @@ class NormalSum:
             high[:, part] = np.where(carries, own, -np.inf).max(axis=2)
         y = invert(self.cdf, lambda y: np.exp(self.log_pdf(y)), inner, low, high)
         return np.where(every <= 0.0, -np.inf, np.where(every >= 1.0, np.inf, y))
-
-    def sample(self, rng: np.random.Generator, size: int) -> Array:
-        """Independent outcomes (N, size): one of the normals by its weight, then its outcome."""
-        below = np.cumsum(self.weights, axis=1)
-        below /= below[:, -1:]
-        chance = rng.random((below.shape[0], size))
-        pick = np.stack(
-            [np.searchsorted(*pair, side="right") for pair in zip(below, chance, strict=True)]
-        )
-        center = np.take_along_axis(self.centers, pick, axis=1)
-        sd = np.take_along_axis(self.sds, pick, axis=1)
-        return center + sd * rng.standard_normal(chance.shape)
-
-    def entropy(self) -> Array:
-        """Differential entropy (N,) in nats, by Gauss-Legendre on panels of the smallest sd.
-
-        Accurate to 1e-9 unless the normals lie more than 4000 of their sds apart.
-        """
-        low = (self.centers - _TAIL * self.sds).min(axis=1)
-        high = (self.centers + _TAIL * self.sds).max(axis=1)
-        wanted = float(((high - low) / self.sds.min(axis=1)).max(initial=1.0))
-        panels = int(min(np.ceil(wanted), _MOST_PANELS))
-        x, w = np.polynomial.legendre.leggauss(8)
-        t = ((np.arange(panels)[:, None] + 0.5 * (x + 1.0)) / panels).ravel()
-        log_f = self.log_pdf(low[:, None] + (high - low)[:, None] * t)
-        total = -(np.exp(log_f) * log_f) @ np.tile(0.5 * w / panels, panels)
-        return np.asarray(total * (high - low))
 
     def _columns(self, columns: int) -> Iterator[slice]:
         """Columns of y that fit the memory of one batch."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from aleator.densities.dual import node_probabilities
 from aleator.densities.interface import Codes
+from aleator.densities.inversion import invert
 from aleator.densities.legendre import panel_edges
 from aleator.densities.solution import PANELS, Solution
 from aleator.types import Array
@@ -37,8 +38,7 @@ def cumulative(solution: Solution, t: Array) -> Array:
 def inverse(solution: Solution, p: Array) -> Array:
     """t (N, G) with probability p (N, G) below it.
 
-    The panel by bisection, then Newton's method within it, kept in a shrinking bracket. Cost: some
-    six evaluations of the cdf.
+    The panel by bisection, then Newton's method within it. Cost: some six evaluations of the cdf.
     """
     columns = max(1, _LARGEST_BATCH // (_part_nodes(solution) * max(1, p.shape[0])))
     t = np.empty(p.shape)
@@ -53,20 +53,13 @@ def _inverse(solution: Solution, p: Array) -> Array:
     panel = _panel_of(below, p)
     wanted = p - np.take_along_axis(below, panel, axis=1)
     low, high = panel_edges(PANELS)[panel], panel_edges(PANELS)[panel + 1]
-    mass = np.take_along_axis(np.diff(below, axis=1), panel, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(mass > 0.0, wanted / mass, 0.5)
-    t = low + (high - low) * np.clip(share, 0.0, 1.0)
-    for _ in range(60):
-        excess = _part(solution, panel, t) - wanted
-        low, high = np.where(excess < 0.0, t, low), np.where(excess < 0.0, high, t)
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            newton = t - 2.0 * excess / np.exp(log_density(solution, t))
-        moved = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
-        change = np.abs(moved - t).max(initial=0.0)
-        t = moved
-        if change < 1e-14:
-            break
+    t = invert(
+        lambda t: _part(solution, panel, t),
+        lambda t: 0.5 * np.exp(log_density(solution, t)),
+        wanted,
+        low,
+        high,
+    )
     return np.where(p <= 0.0, -1.0, np.where(p >= 1.0, 1.0, t))
 
 

@@ -15,6 +15,7 @@ from aleator.laws.inputs import Inputs
 from aleator.laws.law import Law, MeanSd, Rule, Standard
 from aleator.laws.lognormal import LogNormal
 from aleator.laws.normal import Normal
+from aleator.laws.quantile_law import QuantileLaw
 from aleator.laws.scipy_law import ScipyLaw
 from aleator.laws.truncated_normal import TruncatedNormal
 from aleator.laws.uniform import Uniform
@@ -31,6 +32,7 @@ __all__ = [
     "LogNormal",
     "MeanSd",
     "Normal",
+    "QuantileLaw",
     "Rule",
     "ScipyLaw",
     "Specification",
