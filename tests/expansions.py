@@ -8,14 +8,14 @@ import numpy as np
 
 from aleator.expansion import (
     Basis,
+    Design,
     Expanding,
     Expansion,
     Projection,
     Regression,
-    Sparse,
     SparseProjection,
 )
-from aleator.expansion.design import drawn
+from aleator.expansion.design import induced
 from aleator.laws import (
     Constant,
     Law,
@@ -51,13 +51,17 @@ EVERY_WAY = [
     Regression(TotalDegree(3)),
     Regression(TotalDegree(3), adaptive=False),
     Regression(Hyperbolic(4, 0.6)),
-    Sparse(TotalDegree(3), runs=80),
 ]
 
 
 def fitted(way: Expanding, basis: Basis, *functions: Callable[[Array], Array]) -> Expansion:
     design = way.design(basis)
     return way.fit(basis, design, np.stack([function(design.x) for function in functions]))
+
+
+def drawn(basis: Basis, runs: int, seed: int) -> Design:
+    """Points of the law itself: those that the constant polynomial induces."""
+    return induced(basis, np.zeros((1, len(basis.laws)), dtype=int), runs, seed)
 
 
 def miss(expansion: Expansion, function: Callable[[Array], Array], runs: int = 4096) -> float:

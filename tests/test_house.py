@@ -18,7 +18,6 @@ LONGEST_FILE = 400
 EMPTY_NAMES = {"utils", "util", "helpers", "helper", "manager", "process", "data", "common", "misc"}
 
 # What a single module of the numerics may import besides, inside a function: an optional extra.
-EXTRAS = {"expansion.sparse": {"sklearn"}}
 
 
 def floors() -> list[set[str]]:
@@ -109,7 +108,7 @@ def test_numerics_import_numpy_scipy_and_each_other_only() -> None:
         if not (
             imported.split(".")[1] in house
             if inside(imported, "aleator") and "." in imported
-            else room(imported) in allowed | EXTRAS.get(name, set())
+            else room(imported) in allowed
         )
     ]
     assert strangers == []

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from aleator.errors import AleatorError as AleatorError
     from aleator.expansion import Projection as Projection
     from aleator.expansion import Regression as Regression
-    from aleator.expansion import Sparse as Sparse
     from aleator.expansion import SparseProjection as SparseProjection
     from aleator.expansion.sobol import sobol_indices as sobol_indices
     from aleator.inference.verification import MonteCarlo as MonteCarlo
@@ -80,7 +79,7 @@ _HOMES = {
     "quadrature": [
         "TensorGauss", "Smolyak", "SobolPoints", "MonteCarloPoints", "ProbabilityGrid", "GermGrid",
     ],
-    "expansion": ["Projection", "SparseProjection", "Regression", "Sparse"],
+    "expansion": ["Projection", "SparseProjection", "Regression"],
     "expansion.sobol": ["sobol_indices"],
     "polynomials.indices": ["TotalDegree", "Hyperbolic", "Anisotropic"],
     "densities": ["Convolution", "MaximumEntropy", "Gaussian", "GaussianMixture", "LogSpline"],

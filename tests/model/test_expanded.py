@@ -12,7 +12,7 @@ from aleator.likelihood.propagation import (
     ExpandedPropagation,
     QuadraturePropagation,
 )
-from aleator.polynomials.indices import TotalDegree
+from aleator.polynomials.indices import Anisotropic, TotalDegree
 from aleator.quadrature import SobolPoints, TensorGauss
 
 TEN = Inputs({f"x{i}": Normal(Free(-1.0, 1.0), Free(0.01, 1.0)) for i in range(10)})
@@ -48,6 +48,22 @@ def test_ten_parameters_are_exact_for_a_quadratic(fit) -> None:
     fourth = 48.0 * (variance**4 + 4.0 * mean**2 * variance**3)
     assert found.standardized[0, 3] == pytest.approx(third / found.sd[0] ** 3, rel=1e-9)
     assert found.standardized[0, 4] == pytest.approx(3.0 + fourth / found.sd[0] ** 4, rel=1e-9)
+
+
+def test_an_anisotropic_set_spends_its_terms_on_the_parameter_that_needs_them() -> None:
+    """Y = x^4 + y is exact with degree 4 in x and 1 in y: 7 terms instead of 15."""
+    inputs = Inputs({"x": Normal(0.0, 1.0), "y": Normal(0.0, 1.0)})
+
+    class Quartic:
+        def evaluate(self, x: np.ndarray) -> np.ndarray:
+            return (x[:, 0] ** 4 + x[:, 1])[None]
+
+    fit = Collocation(fit=Regression(Anisotropic(4, (1.0, 3.0)))).fit
+    way = ExpandedPropagation(inputs, Quartic(), fit, 2)
+    assert len(way.design) == 14
+    found = way.moments(np.array([0.0, 1.0, 0.0, 1.0]), 2, gradient=False)
+    # E x^4 = 3, Var x^4 = 105 - 9
+    assert (found.mean[0], found.sd[0] ** 2) == pytest.approx((3.0, 97.0), rel=1e-10)
 
 
 def test_jacobians_are_those_of_differences() -> None:

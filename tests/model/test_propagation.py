@@ -13,7 +13,7 @@ from aleator import Collocation, Constant, Free, Inputs, Normal, ResponseSurface
 from aleator.densities import Convolution, MaximumEntropy
 from aleator.densities.moments import Moments, weighted_moments
 from aleator.errors import InputsError
-from aleator.expansion import Regression, Sparse
+from aleator.expansion import Regression
 from aleator.likelihood.propagation import (
     QuadraturePropagation,
     check_nodes,
@@ -263,7 +263,7 @@ def test_a_finer_rule_has_more_nodes_where_that_is_known() -> None:
         lambda: Collocation(difference_step=0.0),
         lambda: check_nodes(1),
         lambda: Collocation(nodes=SobolPoints(64), moments="expansion"),
-        lambda: Collocation(fit=Sparse(TotalDegree(2), runs=50)),  # type: ignore[arg-type]
+        lambda: Collocation(fit=TotalDegree(2)),  # type: ignore[arg-type]
         lambda: Collocation(nodes=5, fit=Regression(TotalDegree(2))),
     ],
 )

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from expansions import MIXED, NORMAL, basis_of, box, fitted, miss
+from expansions import MIXED, NORMAL, basis_of, box, drawn, fitted, miss
 
 from aleator.expansion import (
     Basis,
@@ -16,7 +16,7 @@ from aleator.expansion import (
     Regression,
     SparseProjection,
 )
-from aleator.expansion.design import drawn, induced
+from aleator.expansion.design import induced
 from aleator.expansion.least_squares import nested_fits
 from aleator.laws import (
     Beta,

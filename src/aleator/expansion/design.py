@@ -1,4 +1,4 @@
-"""Where the simulator is to be run for an expansion, and two ways to draw such points."""
+"""Where the simulator is to be run for an expansion, and how such points are drawn."""
 
 from __future__ import annotations
 
@@ -36,27 +36,6 @@ class Design:
 
     def __len__(self) -> int:
         return len(self.weights)
-
-
-def drawn(basis: Basis, runs: int, seed: int) -> Design:
-    """`runs` points of the joint law itself, by a randomly shifted sequence of Sobol'.
-
-    A design of fewer runs is the beginning of one of more. Every marginal is represented by its
-    Gauss rule of 40 nodes, so that a germ is known for every parameter whatever the law. Raises
-    InputsError for less than one run.
-
-    >>> from aleator.laws import Normal
-    >>> design = drawn(Basis((Normal(0.0, 1.0),), (np.array([0.0, 1.0]),)), 1024, seed=0)
-    >>> round(float(design.weights @ design.x[:, 0] ** 4), 1)
-    3.0
-    """
-    uniform = _uniform(runs, len(basis.laws), seed)
-    picks = []
-    for i in range(len(basis.laws)):
-        steps = np.cumsum(basis.rule(i, FINE).weights)
-        picks.append(np.searchsorted(steps[:-1], uniform[:, i]))
-    germ, x = _at(basis, picks)
-    return Design(germ, x, np.full(runs, 1.0 / runs))
 
 
 def induced(basis: Basis, indices: Indices, runs: int, seed: int) -> Design:
