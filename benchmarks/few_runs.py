@@ -36,8 +36,9 @@ from aleator.surrogates import ResponseSurface
 from aleator.tasks.baselines import linear_gaussian, start_point
 from aleator.tasks.identify import identify
 from aleator.tasks.region import law_region
+from aleator.types import Array
+from benchmarks.identifications import CLUTCH
 
-CLUTCH = Path(__file__).parent.parent / "examples" / "wet_clutch" / "study.toml"
 FIGURE = Path("out") / "few_runs.png"
 DENSITY = MaximumEntropy(4)
 DENSE = ResponseSurface(tolerance=0.001, max_runs=1000)
@@ -53,8 +54,6 @@ APART = 1.3
 """Rows of one ascent: as many times more runs than the row before."""
 LOG_LIKELIHOOD, ERROR = 0.5, 0.1
 """The targets: difference of log-likelihoods, and of alpha in standard errors."""
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

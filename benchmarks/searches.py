@@ -25,12 +25,8 @@ from aleator.search import (
     compare,
 )
 from aleator.study import load_study
+from benchmarks.identifications import STUDIES
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
-STUDIES = {
-    "wet clutch": EXAMPLES / "wet_clutch" / "study.toml",
-    "concrete fatigue": EXAMPLES / "concrete_fatigue" / "study.toml",
-}
 SEARCHES: dict[str, Search] = {
     "gradient, 10 starts": GradientMultistart(10),
     "genetic, 50 (the paper's), plain": GeneticAlgorithm(50, 50, 50, polish=False),
