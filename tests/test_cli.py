@@ -4,7 +4,7 @@ import importlib.util
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin
+from typing import Any
 
 import click
 import pandas as pd
@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 
 from aleator import cli
 from aleator.study.laws import LAWS
-from aleator.study.propagation import PropagationSection
+from aleator.study.propagation import PROPAGATIONS
 from aleator.study.sections import DENSITIES, SEARCHES, StudyFile
 
 STUDY = """\
@@ -85,18 +85,8 @@ def test_every_command_and_option_is_documented() -> None:
         assert max(map(len, shown.output.splitlines())) <= 90
 
 
-def words_of(section: Any, key: str) -> list[str]:
-    """All that a study may write for a key: the literals of its sections."""
-    found: list[str] = []
-    for kind in get_args(get_args(section)[0]):
-        model = get_args(kind)[0] if get_origin(kind) is Annotated else kind
-        found += get_args(model.model_fields[key].annotation)
-    return found
-
-
 def test_the_help_and_the_docs_name_every_law_density_search_and_propagation() -> None:
-    kinds = (LAWS, DENSITIES, SEARCHES)
-    words = {*words_of(PropagationSection, "method"), *(name for k in kinds for name in k.known)}
+    words = {word for kinds in (LAWS, DENSITIES, SEARCHES, PROPAGATIONS) for word in kinds.known}
     assert {"beta", "logspline", "genetic", "collocation"} <= words
     shown = run("identify", "--help").output
     docs = (Path(__file__).parents[1] / "docs" / "study.md").read_text(encoding="utf-8")

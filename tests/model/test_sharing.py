@@ -1,5 +1,7 @@
 """Whether experiments share a surface, and what an identification on it finds."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +11,7 @@ from aleator import Free, Inputs, MaximumEntropy, MonteCarlo, Normal, ResponseSu
 from aleator.errors import InputsError
 from aleator.observations.experiments import Experiments
 from aleator.simulators import FunctionSimulator, Runner
-from aleator.study.propagation import SurfaceSection
+from aleator.study.propagation import PROPAGATIONS
 from aleator.surrogates import Shared, Sharpened
 from aleator.surrogates.sharing import first_surfaces, later_surfaces
 
@@ -84,8 +86,8 @@ def test_each_has_its_own_unless_asked() -> None:
 
 @pytest.mark.parametrize(("value", "expected"), [(None, False), (True, True), ("automatic", None)])
 def test_the_key_of_the_study(value: object, expected: bool | None) -> None:
-    section = SurfaceSection(**({} if value is None else {"shared": value}))
-    assert section.build().shared is expected
+    section = PROPAGATIONS.read({} if value is None else {"shared": value})
+    assert section.build(Path()).shared is expected
 
 
 def test_a_shared_surface_has_no_tolerance_of_its_own() -> None:

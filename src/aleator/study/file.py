@@ -109,8 +109,9 @@ class Study:
 
     def close(self) -> None:
         """End the processes that the simulator holds; a later run starts them again."""
-        if isinstance(self.simulator, FMUSimulator):
-            self.simulator.close()
+        close = getattr(self.simulator, "close", None)
+        if close is not None:
+            close()
 
     def read_conditions(self, path: str | Path) -> Conditions:
         """Read a table of new conditions, written as the study's table is; it has no outcomes.
@@ -191,7 +192,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         simulator=built(f"simulator.{file.simulator.kind}", file.simulator),
         inputs=inputs,
         noise=None if file.noise is None else built("noise", file.noise),
-        propagation=made("propagation", file.propagation.build),
+        propagation=built("propagation", file.propagation),
         density=built("density", file.density),
         search=built("search", file.search),
         verification=made("verification", file.verification.build),
@@ -278,8 +279,8 @@ def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str
         return f"{key}{context['problem']}", str(context["remedy"])
     if kind == "missing":
         return f"{key} is missing", "add it"
-    if kind in ("union_tag_invalid", "literal_error"):
-        return _unknown(location, kind, context, details.get("input"))
+    if kind == "literal_error":
+        return _unknown(location, str(context["expected"]), details.get("input"))
     shown = f"{key} = {in_toml(details.get('input'))}"
     if kind in ("model_type", "dict_type", "model_attributes_type"):
         return f"{shown} is not a table", f"write [{location}] and its keys under it"
@@ -288,15 +289,9 @@ def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str
     return f"{shown}: it {message}", _WANTED.get(kind, "correct the value")
 
 
-def _unknown(
-    location: str, kind: str, context: Mapping[str, Any], value: object
-) -> tuple[str, str]:
+def _unknown(location: str, expected: str, value: object) -> tuple[str, str]:
     """A value that is none of those that there are; pydantic tells them as one text."""
-    if kind == "union_tag_invalid":
-        location, value, told = f"{location}.method", context["tag"], context["expected_tags"]
-    else:
-        told = str(context["expected"]).replace(" or ", ", ")
-    known = [word.strip(" '") for word in str(told).split(",")]
+    known = [word.strip(" '") for word in expected.replace(" or ", ", ").split(",")]
     return (
         f"key '{location}' = {in_toml(value)} is not known{nearest(str(value), known)}",
         f"choose one of {', '.join(known)}",

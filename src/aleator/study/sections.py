@@ -18,6 +18,7 @@ from aleator.densities import (
 )
 from aleator.inference.verification import MonteCarlo
 from aleator.laws import Law, Specification
+from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Transform
 from aleator.observations.noise import Noise
 from aleator.search import (
@@ -31,8 +32,9 @@ from aleator.simulators import Simulator
 from aleator.study.keys import Section, Spec, fault, specification
 from aleator.study.kinds import Choice, Kinds
 from aleator.study.laws import LAWS
-from aleator.study.propagation import PropagationSection, SurfaceSection
+from aleator.study.propagation import PROPAGATIONS
 from aleator.study.simulators import SIMULATORS
+from aleator.surrogates import ResponseSurface
 
 
 def _paired(value: Any) -> Any:
@@ -125,7 +127,9 @@ class StudyFile(Section):
     ]
     correlation: CorrelationSection = Field(default_factory=dict)
     noise: Annotated[Choice[Noise], PlainValidator(OBSERVATIONS.read)] | None = None
-    propagation: PropagationSection = SurfaceSection()
+    propagation: Annotated[
+        Choice[ResponseSurface | Collocation], PlainValidator(PROPAGATIONS.read)
+    ] = PROPAGATIONS.read({})
     density: Annotated[Choice[Density | NodeDensity | None], PlainValidator(DENSITIES.read)] = (
         DENSITIES.read({})
     )
