@@ -25,9 +25,10 @@ from aleator.densities import MaximumEntropy
 from aleator.errors import AleatorError
 from aleator.inference.information import infer
 from aleator.inference.verification import MonteCarlo
-from aleator.likelihood.likelihood import Likelihood, LogLikelihood
+from aleator.likelihood.likelihood import Likelihood
 from aleator.likelihood.problem import prepare
 from aleator.likelihood.propagation import Collocation
+from aleator.likelihood.value import LogLikelihood
 from aleator.quadrature import MonteCarloPoints
 from aleator.search import GradientMultistart
 from aleator.simulators import Runner
@@ -95,7 +96,7 @@ def reference_of(study: Study) -> Reference:
         )
         free = problem.likelihood.hyperparameters
         alpha = search.maximize(problem.likelihood, free, seed=0, guesses=[alpha]).alpha
-        error = infer(problem.likelihood, alpha, free).standard_error
+        error = infer(problem.objective, alpha, free).standard_error
         moved = [
             np.clip(alpha + sign * 3.0 * np.nan_to_num(error) * one,
                     [h.lower for h in free], [h.upper for h in free])
@@ -139,11 +140,11 @@ def by_runs(way: str, study: Study, choice: Collocation) -> list[Point]:
     runner = study.runner()
     model = replace(study.model, density=DENSITY, propagation=choice)
     problem = prepare(runner, study.experiments.outcomes, model, study.inputs.box)
-    watched, free = Watched(way, problem.likelihood, runner, []), model.hyperparameters
+    watched, free = Watched(way, problem.objective, runner, []), model.hyperparameters
     search = GradientMultistart(1, EVALUATIONS)
     guess = linear_gaussian(
-        problem.response, study.inputs, start_point(study.inputs), problem.condition,
-        study.experiments.outcomes, free, search, noisy=False, seed=0,
+        problem.response, model, start_point(study.inputs), problem.condition,
+        study.experiments.outcomes, search, seed=0,
     )  # fmt: skip
     begun = [replace(h, start=float(value)) for h, value in zip(free, guess.alpha, strict=True)]
     search.maximize(watched, begun, seed=0)

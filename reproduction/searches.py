@@ -10,6 +10,7 @@ import pandas as pd
 
 from aleator.densities import MaximumEntropy
 from aleator.likelihood.likelihood import Likelihood
+from aleator.likelihood.predictive import predictive
 from aleator.likelihood.propagation import QuadraturePropagation
 from aleator.progress import Progress
 from aleator.quadrature import TensorGauss
@@ -88,16 +89,16 @@ def likelihood(study: ClutchStudy, progress: Progress) -> Likelihood:
     choice = ResponseSurface(tolerance=SEARCH_TOLERANCE)
     surface = build_surface(study.run, study.box, count, choice, tell)
     law, margin = study.law(), 3.0 * surface.error
-    return Likelihood(
+    distribution = predictive(
         QuadraturePropagation(law, Confined(surface, study.box), TensorGauss(NODES)),
         MaximumEntropy(order=4),
-        study.outcomes,
         np.arange(count),
         surface.lower - margin,
         surface.upper + margin,
         law.hyperparameters,
-        noisy=False,
+        None,
     )
+    return Likelihood(distribution, study.outcomes)
 
 
 def _choices() -> dict[str, Search]:

@@ -21,6 +21,7 @@ from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal
 from aleator.densities import Density, MaximumEntropy, NodeDensity
 from aleator.laws import Hyperparameter
 from aleator.likelihood.likelihood import Likelihood
+from aleator.likelihood.predictive import predictive
 from aleator.likelihood.propagation import QuadraturePropagation, as_cubature, default_cubature
 from aleator.types import Array
 
@@ -98,21 +99,13 @@ class Problem:
         """The package's likelihood of the outcomes, propagated without error in the response."""
         lower, upper = self.limits(self.z)
         density = density or MaximumEntropy(4)
-        return Likelihood(
-            QuadraturePropagation(
-                self.inputs,
-                Exact(self),
-                as_cubature(nodes) if nodes else default_cubature(self.inputs, density, runs=False),
-                degree,
-            ),
-            density,
-            outcomes,
-            np.arange(self.z.size),
-            lower,
-            upper,
-            self.hyperparameters,
-            self.noise is not None,
+        cubature = default_cubature(self.inputs, density, runs=False)
+        way = QuadraturePropagation(
+            self.inputs, Exact(self), as_cubature(nodes) if nodes else cubature, degree
         )
+        where = (np.arange(self.z.size), lower, upper)
+        distribution = predictive(way, density, *where, self.hyperparameters, self.noise)
+        return Likelihood(distribution, outcomes)
 
 
 @dataclass(frozen=True)

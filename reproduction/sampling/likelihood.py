@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aleator.densities import Density, FittedDensity, NodeDensity
-from aleator.densities.moments import add_normal_noise
+from aleator.densities.moments import add_noise
 from aleator.densities.outcomes import Outcomes
 from aleator.errors import InputsError
 from aleator.expansion import Basis, Expanding
 from aleator.laws import Normal
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.likelihood import NOISE_REACH
+from aleator.observations.normal import NormalError
 from aleator.quadrature import Cubature, MonteCarloPoints, Nodes, SobolPoints
 from aleator.surrogates.responses import Response
 from aleator.types import Array
@@ -136,8 +136,8 @@ def density_of(
         return density.fit_nodes(outcomes, noise_sd, low, high)
     moments = outcomes.moments(density.order)
     if noise_sd > 0.0:
-        moments = add_normal_noise(moments, noise_sd)
-    margin = NOISE_REACH * noise_sd
+        moments = add_noise(moments, noise_sd, NormalError().moments(density.order))
+    margin = NormalError().reach * noise_sd
     return density.fit(moments, low - margin, high + margin)
 
 

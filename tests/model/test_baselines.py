@@ -9,7 +9,17 @@ import pytest
 from problems import GROWTH, REGRESSION, SAMPLE, Exact, Problem
 from scipy import optimize, stats
 
-from aleator import Constant, Free, GradientMultistart, Inputs, Noise, Normal
+from aleator import (
+    Constant,
+    Free,
+    Gaussian,
+    GradientMultistart,
+    Inputs,
+    Noise,
+    Normal,
+    ResponseSurface,
+)
+from aleator.likelihood.model import Model
 from aleator.tasks.baselines import LinearGaussian, least_squares, linear_gaussian
 from aleator.types import Array
 
@@ -17,10 +27,10 @@ LINE = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 40))
 
 
 def circe(problem: Problem, y: Array, x0: Array) -> LinearGaussian:
+    model = Model(problem.inputs, problem.noise, ResponseSurface(), Gaussian())
     return linear_gaussian(
-        Exact(problem), problem.inputs, x0, np.arange(y.size), y, problem.hyperparameters,
-        GradientMultistart(4), noisy=problem.noise is not None, seed=0,
-    )  # fmt: skip
+        Exact(problem), model, x0, np.arange(y.size), y, GradientMultistart(4), seed=0
+    )
 
 
 def fit(problem: Problem, y: Array, start: Array):

@@ -9,8 +9,9 @@ from scipy import integrate, stats
 from aleator import Inputs, MaximumEntropy, Noise, Normal, ResponseSurface
 from aleator.densities import Convolution
 from aleator.likelihood.comparison import density_distances, exact_movement
-from aleator.likelihood.problem import Model, prepare
+from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem as Prepared
+from aleator.likelihood.problem import prepare
 from aleator.likelihood.propagation import ExpandedPropagation
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner, as_simulator
@@ -33,7 +34,10 @@ def test_distances_fall_with_the_moments_and_agree_with_integration() -> None:
     assert abs(rows["maximum_entropy(6)"].log_likelihood) < abs(rows["gaussian"].log_likelihood)
     # the Gaussian's distance, integrated for the first experiment by an adaptive rule
     likelihood = ready.likelihood
-    fitted, moments = likelihood.fit(NOISY.alpha), likelihood.moments(NOISY.alpha)
+    fitted, moments = (
+        likelihood.predictive.fitted(NOISY.alpha),
+        likelihood.predictive.moments(NOISY.alpha),
+    )
     mean, sd = moments.mean[0], moments.sd[0]
     count = moments.mean.size
 
@@ -60,7 +64,7 @@ def test_of_five_parameters_the_moments_are_an_expansion_s_and_distances_the_nod
     model = Model(inputs, Noise(0.3), ResponseSurface(), MaximumEntropy(4))
     alpha = np.append(np.tile([1.0, 0.2], 5), 0.3)
     ready = prepare(runner, table.outcomes, model, law_region(inputs, [alpha[:-1]]))
-    assert isinstance(ready.likelihood.propagation, ExpandedPropagation)
+    assert isinstance(ready.predictive.propagation, ExpandedPropagation)
     rows = density_distances(ready, alpha)
     assert len(rows) == 4
     assert all(abs(row.log_likelihood) < 0.02 and row.mean < 0.01 for row in rows)

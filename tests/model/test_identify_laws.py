@@ -27,6 +27,7 @@ from aleator import (
     identify,
 )
 from aleator.laws import Law
+from aleator.likelihood.model import Model
 from aleator.search import GradientMultistart
 from aleator.tasks.baselines import linear_gaussian, start_point
 from aleator.types import Array
@@ -151,8 +152,8 @@ def test_the_linear_gaussian_law_takes_any_law(law: Law) -> None:
     noise = Noise(Free(0.1, 2.0))
     y = 1.0 + Z * WEIBULL.rvs(size=COUNT, random_state=np.random.default_rng(1))
     found = linear_gaussian(
-        Line(), inputs, start_point(inputs), np.arange(COUNT), y,
-        (*inputs.hyperparameters, noise.hyperparameter), GradientMultistart(3), noisy=True, seed=0,
+        Line(), Model.of(inputs, noise), start_point(inputs), np.arange(COUNT), y,
+        GradientMultistart(3), seed=0,
     )  # fmt: skip
     *own, b, e = found.alpha
     moments = law.mean_and_sd(np.array(own))

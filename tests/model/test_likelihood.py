@@ -22,8 +22,10 @@ from problems import (
 
 from aleator import Free, Gaussian, Inputs, MaximumEntropy, Normal
 from aleator.densities import DEGENERATE_VALUE, FAILED_SOLVE_PENALTY, Density, Status
-from aleator.likelihood.likelihood import Likelihood, LogLikelihood
+from aleator.likelihood.likelihood import Continued, Likelihood
+from aleator.likelihood.predictive import predictive
 from aleator.likelihood.propagation import QuadraturePropagation
+from aleator.likelihood.value import LogLikelihood
 from aleator.quadrature import TensorGauss
 from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array
@@ -44,7 +46,7 @@ def score_by_differences(likelihood: Likelihood, alpha: Array, free: Array) -> A
         for s in (-2, -1, 1, 2):
             moved = alpha.copy()
             moved[k] += s * h
-            ends.append(likelihood(moved).each)
+            ends.append(Continued(likelihood)(moved).each)
         columns.append((8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12.0 * h))
     return np.stack(columns, axis=1)
 
@@ -125,9 +127,8 @@ def test_the_score_through_collocation_is_that_of_differences(problem, degree) -
     y = problem.draw(7)
     exact = problem.likelihood(y, nodes=5, degree=degree)
     response = DirectResponse(problem.run, problem.z.size, problem.inputs.box)
-    likelihood = replace(
-        exact, propagation=QuadraturePropagation(problem.inputs, response, TensorGauss(5), degree)
-    )
+    way = QuadraturePropagation(problem.inputs, response, TensorGauss(5), degree)
+    likelihood = replace(exact, predictive=replace(exact.predictive, propagation=way))
     found = likelihood(problem.alpha)
     assert found.scores is not None
     expected = score_by_differences(likelihood, problem.alpha, problem.free)
@@ -140,7 +141,7 @@ def test_the_score_holds_outside_the_support_too(order) -> None:
     """An outcome beyond what the law reaches: the continuation has its own exact score."""
     y = BINDING.z * np.array([0.5, -0.02, 1.03, 1.5, -0.7, 0.2, 1.2])
     likelihood = BINDING.likelihood(y, MaximumEntropy(order))
-    found = likelihood(BINDING.alpha)
+    found = Continued(likelihood)(BINDING.alpha)
     assert np.count_nonzero(found.status == Status.OUTSIDE_SUPPORT) == 5
     assert found.scores is not None
     expected = score_by_differences(likelihood, BINDING.alpha, BINDING.free)
@@ -169,21 +170,20 @@ def test_repeated_conditions_count_as_distinct_copies() -> None:
     unique, condition = np.unique(z, return_inverse=True)
     few = replace(NOISY, z=unique).likelihood(np.zeros(3))
     shared = Likelihood(
-        few.propagation,
-        few.density,
+        replace(
+            few.predictive,
+            condition=condition,
+            lower=apart.predictive.lower,
+            upper=apart.predictive.upper,
+        ),
         y,
-        condition,
-        apart.lower,
-        apart.upper,
-        few.hyperparameters,
-        noisy=True,
     )
     one, other = apart(NOISY.alpha), shared(NOISY.alpha)
     np.testing.assert_allclose(other.each, one.each, rtol=1e-13)
     assert one.scores is not None
     assert other.scores is not None
     np.testing.assert_allclose(other.scores, one.scores, rtol=1e-12, atol=1e-12)
-    assert shared.moments(NOISY.alpha).mean.shape == (6,)
+    assert shared.predictive.moments(NOISY.alpha).mean.shape == (6,)
 
 
 @pytest.mark.parametrize("factor", [1e-3, -40.0])
@@ -241,11 +241,11 @@ def assert_never_above(found: LogLikelihood, honest: LogLikelihood, edge: Array)
 def test_the_search_never_sees_more_than_the_honest_density(mean, sd, y, order) -> None:
     alpha, outcomes = np.array([mean, 10.0**sd]), np.array(y)
     likelihood = BINDING.likelihood(outcomes, MaximumEntropy(order))
-    found, honest = likelihood(alpha), likelihood.evaluate(alpha)
+    found, honest = Continued(likelihood)(alpha), likelihood.evaluate(alpha)
     assert np.isfinite(found.each).all()
     assert found.scores is not None
     assert np.isfinite(found.scores).all()
-    fitted = likelihood.fit(alpha)
+    fitted = likelihood.predictive.fitted(alpha)
     inside = np.clip(outcomes, *fitted.quantile([0.0, 1.0]).T)
     assert_never_above(found, honest, fitted.log_pdf(inside))
 
@@ -272,7 +272,7 @@ def test_a_tiny_sd_is_punished_without_limit(order) -> None:
     y = SAMPLE.alpha[0] + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
     likelihood = SAMPLE.likelihood(y, MaximumEntropy(order))
     sds = np.array([0.05, 1e-2, 1e-3, 1e-5, 1e-8])
-    totals = [likelihood(np.array([1.0, sd])).total for sd in sds]
+    totals = [Continued(likelihood)(np.array([1.0, sd])).total for sd in sds]
     honest = [likelihood.evaluate(np.array([1.0, sd])).total for sd in sds]
     best = SAMPLE.log_density(np.array([1.0, 0.5 / 7.0**0.5]), SAMPLE.z, y).sum()
     assert np.all(np.diff(totals) < 0.0)
@@ -285,7 +285,7 @@ def test_no_scatter_at_all_is_a_status_and_a_very_small_value() -> None:
     """Six experiments react to x, the one with z = 0 does not: without noise it has no density."""
     problem = replace(BINDING, z=np.array([0.0, 0.5, 1.0, 1.5]))
     y = np.array([0.0, 0.3, 0.8, 1.2])
-    found = problem.likelihood(y)(BINDING.alpha)
+    found = Continued(problem.likelihood(y))(BINDING.alpha)
     assert found.status.tolist() == [Status.DEGENERATE, *[Status.SOLVED] * 3]
     assert found.each[0] == DEGENERATE_VALUE
     assert problem.likelihood(y).evaluate(BINDING.alpha).each[0] == -np.inf
@@ -293,23 +293,30 @@ def test_no_scatter_at_all_is_a_status_and_a_very_small_value() -> None:
     assert np.all(noisy.likelihood(y)(NOISY.alpha).status == Status.SOLVED)
 
 
+def test_a_user_calls_the_honest_likelihood() -> None:
+    """Minus infinity where an outcome cannot be, the same value and score as a search elsewhere."""
+    y = BINDING.z * np.array([0.5, -0.02, 1.03, 0.5, 0.7, 0.2, 0.8])
+    likelihood = BINDING.likelihood(y)
+    found, searched = likelihood(BINDING.alpha), Continued(likelihood)(BINDING.alpha)
+    outside = searched.status == Status.OUTSIDE_SUPPORT
+    assert outside.tolist() == [False, True, True, False, False, False, False]
+    assert np.all(found.each[outside] == -np.inf)
+    np.testing.assert_allclose(found.each[~outside], searched.each[~outside], rtol=1e-12)
+    np.testing.assert_array_equal(found.scores, searched.scores)
+
+
 def test_a_failed_solve_costs_more_than_its_fallback_gains() -> None:
     """Two well separated outcomes have the kurtosis 1 that no density on the line has."""
     inputs = Inputs({"x": Normal(mean=Free(-1.0, 1.0), sd=Free(0.1, 2.0))})
     response = DirectResponse(lambda _, x: np.sign(x[:, 0]), 1, inputs.box)
     zero = np.zeros(1, dtype=np.intp)
-    likelihood = Likelihood(
-        QuadraturePropagation(inputs, response, TensorGauss(8)),
-        MaximumEntropy(4),
-        np.array([0.2]),
-        zero,
-        np.array([-1.0]),
-        np.array([1.0]),
-        inputs.hyperparameters,
-        noisy=False,
-    )
+    distribution = predictive(
+        QuadraturePropagation(inputs, response, TensorGauss(8)), MaximumEntropy(4), zero,
+        np.array([-1.0]), np.array([1.0]), inputs.hyperparameters, None,
+    )  # fmt: skip
+    likelihood = Likelihood(distribution, np.array([0.2]))
     alpha = np.array([0.0, 1.0])
-    found, honest = likelihood(alpha), likelihood.evaluate(alpha)
+    found, honest = Continued(likelihood)(alpha), likelihood.evaluate(alpha)
     assert found.status[0] == Status.NOT_REALIZABLE
     assert found.each[0] <= honest.each[0] - FAILED_SOLVE_PENALTY + 1e-12
 

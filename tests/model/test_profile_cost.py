@@ -9,7 +9,7 @@ import numpy as np
 from aleator.inference.information import infer
 from aleator.inference.profile import CLOSE, TARGET, profile_intervals
 from aleator.laws import Hyperparameter
-from aleator.likelihood.likelihood import LogLikelihood
+from aleator.likelihood.value import LogLikelihood
 from aleator.search import GradientMultistart
 from aleator.types import Array
 

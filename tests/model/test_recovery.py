@@ -11,7 +11,7 @@ from problems import BINDING, SAMPLE, Problem
 
 from aleator import Gaussian, GradientMultistart, MaximumEntropy, ResponseSurface
 from aleator.errors import InputsError
-from aleator.likelihood.problem import Model
+from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner
 from aleator.tasks.recover import Recovery, recover

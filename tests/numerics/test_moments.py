@@ -12,13 +12,18 @@ from problems import PROBLEMS, Exact, Problem, from_raw, raw_normal, title
 
 from aleator.densities.moments import (
     Moments,
-    add_normal_noise,
+    add_noise,
     weighted_moments,
     weighted_moments_with_gradient,
 )
+from aleator.observations.normal import NormalError
 from aleator.polynomials.gauss import gauss_hermite
 from aleator.quadrature import TensorGauss
 from aleator.types import Array
+
+
+def add_normal_noise(moments: Moments, sd: float) -> Moments:
+    return add_noise(moments, sd, NormalError().moments(moments.order))
 
 
 def at_nodes(problem: Problem, nodes: int) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ import pytest
 from landscapes import Heard, Recorded, box, hills, ridge, waves
 from searches import ALL, GENETIC, PLAIN, POPULATIONS, each
 
-from aleator.likelihood.likelihood import LogLikelihood
+from aleator.likelihood.value import LogLikelihood
 from aleator.search import (
     CMAES,
     DifferentialEvolution,

@@ -26,6 +26,7 @@ from aleator import (
     Normal,
     identify,
 )
+from aleator.likelihood.likelihood import Continued
 from aleator.search import compare, wide_limits
 
 
@@ -74,8 +75,8 @@ def test_values_are_the_totals_of_the_calls() -> None:
     rng = np.random.default_rng(0)
     low, high = np.array([[h.lower, h.upper] for h in problem.hyperparameters]).T
     alphas = low + (high - low) * rng.random((6, low.size))
-    totals = [likelihood(alpha).total for alpha in alphas]
-    np.testing.assert_allclose(likelihood.values(alphas), totals, rtol=1e-7)
+    totals = [Continued(likelihood)(alpha).total for alpha in alphas]
+    np.testing.assert_allclose(Continued(likelihood).values(alphas), totals, rtol=1e-7)
 
 
 def test_a_plain_genetic_search_stays_below_the_maximum_by_less_than_a_tenth() -> None:

@@ -12,7 +12,7 @@ from searches import ALL, DIFFERENTIAL, GENETIC, PLAIN, POPULATIONS, each
 
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
-from aleator.likelihood.likelihood import LogLikelihood
+from aleator.likelihood.value import LogLikelihood
 from aleator.search import (
     CMAES,
     GradientMultistart,

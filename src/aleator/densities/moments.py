@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import comb, factorial
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,25 +117,29 @@ def weighted_moments_with_gradient(
     return Moments(mean, sd, standardized, mean_jac, sd[:, None] * log_sd_jac, standardized_jac)
 
 
-def add_normal_noise(moments: Moments, noise_sd: float) -> Moments:
-    """Moments of Y + e with e ~ Normal(0, noise_sd^2) independent of Y.
+def add_noise(moments: Moments, scale: float, unit: Array) -> Moments:
+    """Moments of Y + scale u with u independent of Y, of mean zero and E[u^j] = `unit` (M + 1,).
 
-    With S^2 = sd^2 + noise_sd^2 the standardized moments are
-    E[(Y + e - mean)^m]/S^m = sum_j C(m, j) c_(m-j) (sd/S)^(m-j) (noise_sd/S)^j E[N(0,1)^j].
-    The jacobians gain a last column, the derivative by noise_sd. Cost O(N M^2 K).
+    With s = scale sqrt(E[u^2]) and S^2 = sd^2 + s^2 the standardized moments are
+    E[(Y + scale u - mean)^m]/S^m = sum_j C(m, j) c_(m-j) (sd/S)^(m-j) (s/S)^j E[u^j]/E[u^2]^(j/2).
+    The jacobians gain a last column, the derivative by the scale. NaN where u has no such moment.
+    Cost O(N M^2 K).
 
     >>> m = weighted_moments(np.array([[-3.0, 3.0]]), np.array([0.5, 0.5]), 4)
-    >>> noisy = add_normal_noise(m, 4.0)
+    >>> noisy = add_noise(m, 4.0, np.array([1.0, 0.0, 1.0, 0.0, 3.0]))  # normal noise
     >>> float(noisy.sd[0]), float(noisy.standardized[0, 4])  # (81 + 6*9*16 + 3*256)/625
     (5.0, 2.7408)
     """
+    rms = float(np.sqrt(unit[2]))
+    own = unit / rms ** np.arange(unit.size)
+    noise_sd = scale * rms
     total = np.hypot(moments.sd, noise_sd)
     safe = np.where(total > 0.0, total, 1.0)
     p, r = moments.sd / safe, noise_sd / safe
     standardized = np.zeros_like(moments.standardized)
     for m in range(moments.order + 1):
-        for j in range(0, m + 1, 2):
-            factor = comb(m, j) * _normal_moment(j)
+        for j in np.flatnonzero(own[: m + 1]).tolist():
+            factor = comb(m, j) * own[j]
             standardized[:, m] += factor * moments.standardized[:, m - j] * p ** (m - j) * r**j
     standardized[:, 1] = 0.0
     standardized[:, 2] = 1.0
@@ -144,14 +148,14 @@ def add_normal_noise(moments: Moments, noise_sd: float) -> Moments:
     mean_jac = _with_column(moments.mean_jac, 0.0)
     inner_jac = _with_column(moments.sd_jac, 0.0)
     noise_jac = np.zeros_like(inner_jac)
-    noise_jac[:, -1] = 1.0
+    noise_jac[:, -1] = rms
     total_jac = p[:, None] * inner_jac + r[:, None] * noise_jac
     dp = (inner_jac - p[:, None] * total_jac) / safe[:, None]
     dr = (noise_jac - r[:, None] * total_jac) / safe[:, None]
     standardized_jac = np.zeros((*standardized.shape, mean_jac.shape[1]))
     for m in range(3, moments.order + 1):
-        for j in range(0, m + 1, 2):
-            factor = comb(m, j) * _normal_moment(j)
+        for j in np.flatnonzero(own[: m + 1]).tolist():
+            factor = comb(m, j) * own[j]
             c = moments.standardized[:, m - j, None]
             dc = _with_column(moments.standardized_jac[:, m - j], 0.0)
             pm, rj = p[:, None] ** (m - j), r[:, None] ** j
@@ -180,11 +184,6 @@ def _powers(z: Array, weights: Array, order: int) -> Array:
     # exact by definition; free of rounding for the solver of the density
     standardized[:, 0], standardized[:, 1], standardized[:, 2] = 1.0, 0.0, 1.0
     return standardized
-
-
-def _normal_moment(j: int) -> float:
-    """E[N(0,1)^j] = (j - 1)!! for even j."""
-    return float(factorial(j) // (2 ** (j // 2) * factorial(j // 2)))
 
 
 def _with_column(jac: Array, value: float) -> Array:

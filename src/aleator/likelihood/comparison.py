@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.densities import (
     Convolution,
@@ -17,7 +16,8 @@ from aleator.densities import (
 )
 from aleator.densities.distances import distance_on_grid
 from aleator.likelihood.likelihood import Likelihood
-from aleator.likelihood.problem import MOST_ON_LATTICE, Problem
+from aleator.likelihood.model import MOST_ON_LATTICE
+from aleator.likelihood.problem import Problem
 from aleator.likelihood.propagation import QuadraturePropagation, default_cubature
 from aleator.likelihood.scoring import scoring_step
 from aleator.types import Array
@@ -65,15 +65,17 @@ def density_distances(problem: Problem, alpha: Array) -> tuple[DensityDistance, 
     if np.any(reference.status != Status.SOLVED) or not np.isfinite(reference.total):
         return ()
     chosen = np.unique(np.linspace(0, exact.outcomes.size - 1, MOST).astype(np.intp))
-    few = _only(exact, chosen)
-    moments = few.moments(alpha)
+    few = exact.take(chosen)
+    moments = few.predictive.moments(alpha)
     steps = np.linspace(-REACH, REACH, POINTS)
     y = moments.mean[:, None] + moments.sd[:, None] * steps
-    truth = few.fit(alpha).cdf(y)
+    truth = few.predictive.fitted(alpha).cdf(y)
     rows = []
     for density in COMPARED:
-        other = replace(exact, density=density)
-        distance = distance_on_grid(_only(other, chosen).fit(alpha).cdf(y), truth, steps)
+        other = replace(exact, predictive=exact.predictive.by(density))
+        distance = distance_on_grid(
+            other.take(chosen).predictive.fitted(alpha).cdf(y), truth, steps
+        )
         value = other.evaluate(alpha)
         rows.append(
             DensityDistance(
@@ -100,7 +102,7 @@ def exact_movement(problem: Problem, alpha: Array) -> float:
     found = exact(alpha)
     if np.any(found.status != Status.SOLVED):
         return 0.0
-    if not np.isfinite(exact.evaluate(alpha).total):
+    if not np.isfinite(found.total):
         return float("inf")
     assert found.scores is not None
     inside = [h.free and h.lower < a < h.upper
@@ -111,21 +113,10 @@ def exact_movement(problem: Problem, alpha: Array) -> float:
 
 def _exact(problem: Problem) -> Likelihood | None:
     """The likelihood of the convolution on the same surfaces, where there is one."""
-    inputs = problem.model.inputs
+    model, inputs = problem.model, problem.model.inputs
     on_lattice = 1 <= inputs.scattering <= MOST_ON_LATTICE
-    if problem.surface is None or not (problem.likelihood.noisy or on_lattice):
+    if model.surfaces is None or not model.normal_noise or not (model.noise or on_lattice):
         return None
     cubature = default_cubature(inputs, Convolution(), runs=False)
     grid = QuadraturePropagation(inputs, problem.response, cubature)
-    return replace(problem.likelihood, density=Convolution(), propagation=grid)
-
-
-def _only(likelihood: Likelihood, chosen: NDArray[np.intp]) -> Likelihood:
-    """The likelihood of some of the experiments."""
-    return replace(
-        likelihood,
-        outcomes=likelihood.outcomes[chosen],
-        condition=likelihood.condition[chosen],
-        lower=likelihood.lower[chosen],
-        upper=likelihood.upper[chosen],
-    )
+    return replace(problem.likelihood, predictive=problem.predictive.by(Convolution(), grid))

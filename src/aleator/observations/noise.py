@@ -2,32 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter, Specification, resolve
+from aleator.observations.model import ObservationModel
+from aleator.observations.normal import NormalError
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Measured outcome = simulated outcome + e, e ~ Normal(0, sd^2), independent per experiment.
+    """Measured outcome = simulated outcome + error, independent per experiment.
 
-    `sd` carries the unit of the outcome: a number (known) or `Free(lower, upper)` (identified,
-    both limits needed). Raises InputsError where it is zero, or the limits are missing or out of
-    order.
+    p(y | eta, sd) is that of `kind`, by default e ~ Normal(0, sd^2). `sd` is its scale and carries
+    the unit of the outcome: a number (known) or `Free(lower, upper)` (identified, both limits
+    needed). Raises InputsError where it is zero, or the limits are missing or out of order.
 
     >>> Noise(0.002).hyperparameter.name
     'noise.sd'
     """
 
     sd: Specification
+    kind: ObservationModel = field(default_factory=NormalError)
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
         if self.sd == 0:
             raise InputsError("noise: sd = 0 is no noise", "leave the noise out")
         _ = self.hyperparameter
+
+    @property
+    def normal(self) -> bool:
+        """Whether the error is normal, so that it adds to moments and densities in closed form."""
+        return isinstance(self.kind, NormalError)
 
     @cached_property
     def hyperparameter(self) -> Hyperparameter:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import optimize
 
-from aleator.likelihood.likelihood import LogLikelihood
+from aleator.likelihood.value import LogLikelihood
 from aleator.search.coordinates import Coordinates
 from aleator.search.interface import Ascent
 from aleator.search.limits import outsized

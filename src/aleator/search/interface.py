@@ -9,7 +9,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from aleator.laws import Hyperparameter
-from aleator.likelihood.likelihood import LogLikelihood
+from aleator.likelihood.likelihood import Continued, Likelihood
+from aleator.likelihood.value import LogLikelihood
 from aleator.progress import Progress
 from aleator.types import Array
 
@@ -41,14 +42,16 @@ class _Looped:
         return np.array([self.function(alpha).total for alpha in alphas], dtype=np.float64)
 
 
-def objective_of(function: Objective | Scored) -> Objective:
-    """The function itself where it is an Objective, else one whose `values` calls it in a loop.
+def objective_of(function: Objective | Scored | Likelihood) -> Objective:
+    """What a search climbs: a likelihood continued, an Objective itself, else a loop over calls.
 
     >>> def log_likelihood(alpha):
     ...     return LogLikelihood(-(alpha**2), -2.0 * alpha[None, :], np.zeros(1, dtype=int))
     >>> objective_of(log_likelihood).values(np.array([[1.0], [2.0]])).tolist()
     [-1.0, -4.0]
     """
+    if isinstance(function, Likelihood):
+        return Continued(function)
     return function if isinstance(function, Objective) else _Looped(function)
 
 

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from aleator.likelihood.likelihood import LogLikelihood
+from aleator.likelihood.value import LogLikelihood
 from aleator.search.interface import Objective, Scored, Step, objective_of
 from aleator.types import Array
 

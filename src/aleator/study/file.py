@@ -17,7 +17,7 @@ from aleator.densities import Density, NodeDensity
 from aleator.errors import AleatorError, InputsError, SimulatorError, StudyError, nearest
 from aleator.inference.verification import MonteCarlo
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.problem import Model, default_density
+from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
@@ -62,8 +62,7 @@ class Study:
     @property
     def model(self) -> Model:
         """The choices that, with a simulator and a table, make a likelihood."""
-        density = self.density or default_density(self.inputs, self.noise, self.propagation)
-        return Model(self.inputs, self.noise, self.propagation, density)
+        return Model.of(self.inputs, self.noise, self.propagation, self.density)
 
     def overridden(
         self, seed: int | None = None, starts: int | None = None, verified: bool = True

@@ -52,6 +52,11 @@ class ResponseSurface:
     nodes: int | Cubature | None = None
     shared: bool | None = False
 
+    @property
+    def name(self) -> str:
+        """How the result names this choice."""
+        return "response_surface"
+
     def __post_init__(self) -> None:
         checks = (
             (

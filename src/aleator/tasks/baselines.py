@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,12 +10,14 @@ from scipy import optimize
 
 from aleator.densities import Gaussian
 from aleator.densities.moments import Moments
-from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.likelihood import Likelihood
+from aleator.likelihood.likelihood import Continued, Likelihood
+from aleator.likelihood.model import Model
+from aleator.likelihood.predictive import FromMoments
+from aleator.observations.noise import Noise
 from aleator.search import Search
 from aleator.surrogates.responses import Response
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 HUGE = 1e100
 """A residual whose square is still finite."""
@@ -132,33 +133,31 @@ class _LinearPropagation:
 
 def linear_gaussian(
     response: Response,
-    inputs: Inputs,
+    model: Model,
     x0: Array,
-    condition: NDArray[np.intp],
+    condition: Indices,
     outcomes: Array,
-    hyperparameters: Sequence[Hyperparameter],
     search: Search,
     *,
-    noisy: bool,
     seed: int,
 ) -> LinearGaussian:
     """Identify the law with the simulator replaced by its tangent at x0 (n,).
 
     y_l ~ Normal(eta_l(x0) + g_l (mean - x0), g_l Cov(x) g_l' + sigma_e^2): the model of
-    CIRCE (de Crecy and Bazin), maximized here by the same search. Needs one evaluation with
-    gradient at one point.
+    CIRCE (de Crecy and Bazin), maximized here by the same search. Noise of any kind counts as
+    normal. Needs one evaluation with gradient at one point.
     """
     value, slope = response.evaluate_with_gradient(x0[None, :])
     unbounded = np.full(outcomes.size, np.inf)
-    likelihood = Likelihood(
-        _LinearPropagation(inputs, x0, value[:, 0], slope[:, 0]),
+    distribution = FromMoments(
+        _LinearPropagation(model.inputs, x0, value[:, 0], slope[:, 0]),
         Gaussian(),
-        outcomes,
         condition,
         -unbounded,
         unbounded,
-        tuple(hyperparameters),
-        noisy,
+        model.hyperparameters,
+        Noise(model.noise.sd) if model.noise else None,
     )
-    result = search.maximize(likelihood, hyperparameters, seed=seed)
+    likelihood = Likelihood(distribution, outcomes)
+    result = search.maximize(Continued(likelihood), model.hyperparameters, seed=seed)
     return LinearGaussian(result.alpha, result.log_likelihood)

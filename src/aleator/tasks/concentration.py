@@ -18,11 +18,12 @@ from scipy.stats import qmc
 from aleator.inference import diagnostics as findings
 from aleator.inference.information import Inference, infer
 from aleator.laws import Hyperparameter
-from aleator.likelihood.problem import Model, Problem, prepare, told
+from aleator.likelihood.model import Model
+from aleator.likelihood.problem import Problem, prepare, told
 from aleator.progress import Progress
 from aleator.search import SearchResult, ascend
 from aleator.simulators import Runner
-from aleator.surrogates import ResponseSurface, Shared
+from aleator.surrogates import Shared
 from aleator.surrogates.responses import moving_parameters
 from aleator.surrogates.sharing import first_surfaces, later_surfaces
 from aleator.tasks import region as focus
@@ -75,8 +76,8 @@ class Concentration:
 
     def search(self, seed: int) -> tuple[Problem, SearchResult]:
         """The answer that further runs do not move."""
-        assert isinstance(self.model.propagation, ResponseSurface)
-        self.choice = self.model.propagation
+        assert self.model.surfaces is not None
+        self.choice = self.model.surfaces
         with self.stage(SURFACE):
             self._begin(focus.first_region(self.runner, self.model, self.outcomes, seed))
             problem = self._reachable()
@@ -99,7 +100,7 @@ class Concentration:
             self.held = True
             with self.stage(SURFACE):
                 self._move(region)
-        ends = _ends(found.alpha, inference, intervals, problem.likelihood.hyperparameters)
+        ends = _ends(found.alpha, inference, intervals, problem.model.hyperparameters)
         draws = np.concatenate([self.where, *(self._law(problem, end) for end in ends)])
         self._judge(draws)
         wanting = self._wanting(2.0 * self.rough)
@@ -148,7 +149,7 @@ class Concentration:
         self, problem: Problem, alpha: Array, inference: Inference, tolerance: float
     ) -> None:
         """Move the region to the law, and run the experiments that are rougher than `tolerance`."""
-        likely = likely_alphas(alpha, inference, problem.likelihood.hyperparameters)
+        likely = likely_alphas(alpha, inference, problem.model.hyperparameters)
         region = None if self.held else focus.next_region(problem, alpha, [*likely])
         if region is not None:
             self._move(region)
@@ -185,14 +186,14 @@ class Concentration:
         """Judge the surfaces under the law alpha."""
         self.where, self.noise_sd = self._law(problem, alpha), self.model.noise_sd(alpha)
         self._judge(self.where)
-        return infer(problem.likelihood, alpha, problem.likelihood.hyperparameters)
+        return infer(problem.objective, alpha, problem.model.hyperparameters)
 
     def _judge(self, where: Array) -> None:
         self.state.judge(where, self.noise_sd)
 
     def _climbed(self, problem: Problem, found: SearchResult, inference: Inference) -> SearchResult:
         alpha, value = ascend(
-            problem.likelihood, found.alpha, problem.likelihood.hyperparameters,
+            problem.objective, found.alpha, problem.model.hyperparameters,
             inference.identified, inference.information,
         )  # fmt: skip
         return found.improved(alpha, value)

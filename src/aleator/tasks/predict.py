@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from aleator.densities import Density, MaximumEntropy, NodeDensity, Status
+from aleator.densities import Density, NodeDensity, Status
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.problem import Model, default_density, prepare
+from aleator.likelihood.model import Model
+from aleator.likelihood.problem import forward
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions
 from aleator.observations.noise import Noise
@@ -53,17 +53,13 @@ def predict(
     [[10.0, 1.0, 10.0]]
     """
     table = conditions if isinstance(conditions, Conditions) else Conditions.from_frame(conditions)
-    chosen = density or default_density(inputs, noise, propagation)
-    model = Model(inputs, noise, propagation, chosen)
+    model = Model.of(inputs, noise, propagation, density)
     values = in_order(alpha, model.hyperparameters)
     runner = as_runner(simulator, table, inputs.names, vectorized)
-    # there is no outcome to look at: any finite number will do where the likelihood wants one
-    region = own_region(inputs, values)
-    problem = prepare(runner, np.zeros(len(table.ids)), model, region, progress)
-    likelihood = problem.likelihood
-    moments, fitted = likelihood.moments(values), likelihood.fit(values)
-    if density is None and np.any(fitted.status == Status.TOO_COARSE):
-        fitted = replace(likelihood, density=MaximumEntropy(order=4)).fit(values)
+    ready = forward(runner, model, own_region(inputs, values), progress)
+    moments, fitted = ready.predictive.moments(values), ready.predictive.fitted(values)
+    if model.open and np.any(fitted.status == Status.TOO_COARSE):
+        fitted = ready.by(model.by_moments()).predictive.fitted(values)
     found = fitted.quantile(np.array(quantiles))
     columns: dict[str, Any] = {
         "id": list(table.ids),

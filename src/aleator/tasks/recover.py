@@ -6,20 +6,25 @@ import multiprocessing
 import pickle
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import cloudpickle
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
-from aleator.likelihood.problem import Model, Problem, prepare
+from aleator.likelihood.model import Model
+from aleator.observations.experiments import Conditions
 from aleator.progress import Progress, Silent
 from aleator.search import Search
-from aleator.simulators import Runner
-from aleator.tasks.identify import infer_at
-from aleator.tasks.region import known_region
+from aleator.simulators import Runner, Simulator
+from aleator.simulators.store import Store
+from aleator.tasks.answer import Question, answered
+from aleator.tasks.ledger import Ledger
 from aleator.types import Array
 
 
@@ -77,24 +82,22 @@ def recover(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Recovery:
-    """Draw outcomes from the model at `truth`, identify each data set, and compare.
+    """Draw outcomes from the model at `truth`, identify each data set as `identify` does, compare.
 
     The outcomes come from the simulator, one run an experiment and replicate, plus noise if the
-    model has it; the response surfaces are built once and shared. `workers` processes identify in
-    parallel; the answer does not depend on their number. Raises InputsError for fewer than two
-    replicates, or a truth that lacks a hyperparameter or lies outside its limits.
+    model has it. Each data set then goes the whole way, from the first run of its response
+    surfaces to its intervals; a run that one of them has made is not made again for another.
+    `workers` processes identify in parallel; the answer does not depend on their number. Raises
+    InputsError for fewer than two replicates, or a truth that lacks a hyperparameter or lies
+    outside its limits. Cost: that of `replicates` identifications without verification.
     """
     progress = progress or Silent()
     alpha = _checked(truth, model.hyperparameters, replicates)
-    progress.stage("response surface")
-    count = runner.group.size
-    region = model.inputs.box if model.inputs.bounded else known_region(model, alpha)
-    problem = prepare(runner, np.zeros(count), model, region, progress)
     progress.stage("virtual experiments")
-    data = _draw(runner, model, alpha, replicates, count, np.random.default_rng(seed))
+    data = _draw(runner, model, alpha, replicates, np.random.default_rng(seed))
     progress.stage("identification")
     found: dict[int, Replicate] = {}
-    for number, replicate in _identified(problem, search, data, seed, workers):
+    for number, replicate in _identified(runner, model, search, data, seed, workers):
         found[number] = replicate
         progress.update(f"{len(found)} of {replicates} data sets", len(found), replicates)
     results = [found[number] for number in range(replicates)]
@@ -110,56 +113,91 @@ def recover(
 
 
 def _draw(
-    runner: Runner,
-    model: Model,
-    alpha: Array,
-    replicates: int,
-    count: int,
-    rng: np.random.Generator,
+    runner: Runner, model: Model, alpha: Array, replicates: int, rng: np.random.Generator
 ) -> Array:
     """Outcomes (replicates, N) of independent parameters and noise."""
-    inputs = model.inputs
+    inputs, count = model.inputs, len(runner.ids)
     uniform = rng.random((replicates * count, len(inputs.names)))
-    x = inputs.sample(alpha, uniform)
+    x = inputs.sample(alpha[: inputs.size], uniform)
     outcomes = runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)
-    return outcomes + model.noise_sd(alpha) * rng.standard_normal(outcomes.shape)
+    if model.noise is None:
+        return outcomes
+    scale = np.array(model.noise_sd(alpha))
+    return model.noise.kind.quantile(rng.random(outcomes.shape), outcomes, scale)
+
+
+@dataclass(frozen=True)
+class _Elsewhere:
+    """What another process needs to identify data sets of the same experiments."""
+
+    simulator: Simulator
+    conditions: Conditions
+    parameters: tuple[str, ...]
+    store: Path
+    retries: int
+    max_failed: float
+    model: Model
+    search: Search
+
+    @classmethod
+    def of(cls, runner: Runner, model: Model, search: Search, store: Path) -> _Elsewhere:
+        """The same runner, with a store by which processes share their runs."""
+        table = Conditions(tuple(runner.ids), pd.DataFrame(runner.conditions), runner.transform)
+        return cls(
+            runner.simulator, table, runner.parameters, store, runner.retries, runner.max_failed,
+            model, search,
+        )  # fmt: skip
+
+    def identify(self, outcomes: Array, seed: int) -> Replicate:
+        """One data set, on a runner of this process."""
+        with Store(self.store) as store:
+            runner = Runner(
+                self.simulator, self.conditions, self.parameters, store=store,
+                retries=self.retries, max_failed=self.max_failed,
+            )  # fmt: skip
+            return _replicate(runner, self.model, self.search, outcomes, seed)
 
 
 def _identified(
-    problem: Problem, search: Search, data: Array, seed: int, workers: int
+    runner: Runner, model: Model, search: Search, data: Array, seed: int, workers: int
 ) -> Iterator[tuple[int, Replicate]]:
-    if workers > 1 and _can_travel(problem, search):
+    with TemporaryDirectory() as folder:
+        store = runner.kept.store.path if runner.kept else Path(folder) / "runs.sqlite"
+        job = _packed(_Elsewhere.of(runner, model, search, store)) if workers > 1 else None
+        if job is None:
+            for k, outcomes in enumerate(data):
+                yield k, _replicate(runner, model, search, outcomes, seed + k)
+            return
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(workers, mp_context=context) as pool:
-            jobs = {
-                pool.submit(_one, problem, search, outcomes, seed + k): k
-                for k, outcomes in enumerate(data)
-            }
+            jobs = {pool.submit(_unpacked, job, y, seed + k): k for k, y in enumerate(data)}
             try:
-                for job in as_completed(jobs):
-                    yield jobs[job], job.result()
+                for done in as_completed(jobs):
+                    yield jobs[done], done.result()
             finally:
                 pool.shutdown(wait=True, cancel_futures=True)
-    else:
-        for k, outcomes in enumerate(data):
-            yield k, _one(problem, search, outcomes, seed + k)
 
 
-def _can_travel(problem: Problem, search: Search) -> bool:
-    """Whether both can be sent to another process; a function of a script cannot."""
+def _packed(elsewhere: _Elsewhere) -> bytes | None:
+    """The work as bytes; None for a simulator that cannot travel."""
     try:
-        pickle.dumps((problem, search))
+        return cloudpickle.dumps(elsewhere)  # type: ignore[no-any-return]
     except (pickle.PicklingError, AttributeError, TypeError):
-        return False
-    return True
+        return None
 
 
-def _one(problem: Problem, search: Search, outcomes: Array, seed: int) -> Replicate:
-    likelihood = replace(problem.likelihood, outcomes=outcomes)
-    problem = replace(problem, likelihood=likelihood)
-    found = search.maximize(likelihood, likelihood.hyperparameters, seed=seed)
-    found, _, profile = infer_at(problem, found)
-    return Replicate(found.alpha, profile.intervals, found.log_likelihood, found.converged)
+def _unpacked(job: bytes, outcomes: Array, seed: int) -> Replicate:
+    elsewhere: _Elsewhere = pickle.loads(job)
+    return elsewhere.identify(outcomes, seed)
+
+
+def _replicate(
+    runner: Runner, model: Model, search: Search, outcomes: Array, seed: int
+) -> Replicate:
+    question = Question(runner, outcomes, runner.ids, model, search, seed)
+    answer = answered(question, Ledger(runner, Silent()))
+    found = answer.found
+    return Replicate(found.alpha, answer.profile.intervals, found.log_likelihood, found.converged)
 
 
 def _checked(

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from aleator.inference.information import infer
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.problem import Model, Problem
+from aleator.likelihood.model import Model
+from aleator.likelihood.problem import Problem
 from aleator.search import GradientMultistart
 from aleator.simulators import NoOutcome, Runner
-from aleator.surrogates import ResponseSurface
 from aleator.surrogates.responses import DirectResponse
 from aleator.tasks.baselines import least_squares, linear_gaussian, start_point
 from aleator.types import Array
@@ -61,7 +61,7 @@ def first_region(runner: Runner, model: Model, outcomes: Array, seed: int) -> Ar
     Those of which a run fails are left out, up to half of them; then the failure is raised.
     """
     inputs = model.inputs
-    if inputs.bounded or not isinstance(model.propagation, ResponseSurface):
+    if inputs.bounded or model.surfaces is None:
         return inputs.box
     count = np.unique(runner.group).size
     chosen = np.unique(np.linspace(0, count - 1, PILOT).astype(np.intp))
@@ -87,13 +87,11 @@ def _pilot_region(
     response = DirectResponse(
         lambda index, x: runner(first[chosen[index]], x), chosen.size, inputs.box
     )
-    hyperparameters = model.hyperparameters
     start = np.clip(start_point(inputs), *inputs.box.T)
     fit = least_squares(response, local, outcomes[rows], inputs.box, start)
     linear = linear_gaussian(
-        response, inputs, fit.x, local, outcomes[rows], hyperparameters, GradientMultistart(3),
-        noisy=bool(model.noise), seed=seed,
-    )  # fmt: skip
+        response, model, fit.x, local, outcomes[rows], GradientMultistart(3), seed=seed
+    )
     return _within(inputs.box, known_region(model, linear.alpha))
 
 
@@ -137,7 +135,7 @@ def next_region(
         wanted = _padded(_likely_region(problem, alpha, likely), box)
         reach = region + width[:, None] * np.array([-1.0, 1.0])
         return _hull(region, np.clip(wanted, reach[:, :1], reach[:, 1:]))
-    sd = problem.likelihood.moments(alpha).sd
+    sd = problem.predictive.moments(alpha).sd
     rough = surface.error[problem.condition] / np.where(sd > 0.0, sd, np.inf)
     if np.quantile(rough, 0.9 if likely is None else 1.0) <= FINE:
         return None
@@ -187,12 +185,12 @@ def widened(region: Array, box: Array) -> Array:
 
 def _likely_region(problem: Problem, alpha: Array, likely: Sequence[Array] | None) -> Array:
     """Region of the laws at alpha and at the likely ones, or some standard errors off."""
-    inputs, hyperparameters = problem.model.inputs, problem.likelihood.hyperparameters
+    inputs, hyperparameters = problem.model.inputs, problem.model.hyperparameters
     if likely is not None:
         some = law_region(inputs, [other[: inputs.size] for other in likely], OPEN_TAIL)
         return _hull(law_region(inputs, [alpha]), some)
     alphas = [alpha]
-    error = infer(problem.likelihood, alpha, hyperparameters).standard_error
+    error = infer(problem.objective, alpha, hyperparameters).standard_error
     for k in np.flatnonzero(np.isfinite(error[: inputs.size])):
         h = hyperparameters[k]
         reach = min(SURE * error[k], 0.25 * (h.upper - h.lower))

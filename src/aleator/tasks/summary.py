@@ -20,8 +20,8 @@ from aleator.inference.verification import Verification
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.comparison import density_distances
-from aleator.likelihood.likelihood import Likelihood, LogLikelihood
 from aleator.likelihood.problem import Problem
+from aleator.likelihood.value import LogLikelihood
 from aleator.observations.experiments import Experiments
 from aleator.search import SearchResult
 from aleator.simulators import Simulator
@@ -56,7 +56,7 @@ def assemble(
 ) -> Identification:
     """The Identification of a finished search of a table's experiments."""
     ids = table.ids
-    alpha, hyperparameters = found.alpha, problem.likelihood.hyperparameters
+    alpha, hyperparameters = found.alpha, problem.model.hyperparameters
     honest = problem.likelihood.evaluate(alpha)
     surface_error = findings.surface_errors(problem, checked)
     warnings, accepted = findings.review(
@@ -77,7 +77,7 @@ def assemble(
         propagation=problem.name,
         accepted=accepted,
         warnings=(*warnings, *findings.failure_warnings(failures), *notes),
-        experiments=experiment_reports(problem.likelihood, alpha, ids, surface_error, checked),
+        experiments=experiment_reports(problem, alpha, ids, surface_error, checked),
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
         search=_search(found, inference, hyperparameters),
@@ -114,21 +114,21 @@ def _log_likelihood(honest: LogLikelihood, checked: Verification | None) -> LogL
 
 
 def experiment_reports(
-    likelihood: Likelihood,
+    problem: Problem,
     alpha: Array,
     ids: Sequence[str],
     surface_error: Array,
     checked: Verification | None = None,
 ) -> tuple[ExperimentReport, ...]:
     """What the law alpha says of each experiment, beside its measured outcome."""
-    moments, fitted = likelihood.moments(alpha), likelihood.fit(alpha)
-    log_density = fitted.log_pdf(likelihood.outcomes)
-    pit, quantiles = fitted.cdf(likelihood.outcomes), fitted.quantile(np.array(QUANTILES))
+    moments, fitted = problem.predictive.moments(alpha), problem.predictive.fitted(alpha)
+    log_density = fitted.log_pdf(problem.outcomes)
+    pit, quantiles = fitted.cdf(problem.outcomes), fitted.quantile(np.array(QUANTILES))
     status = findings.statuses(fitted.status, log_density)
     return tuple(
         ExperimentReport(
             id=ids[l],
-            outcome=float(likelihood.outcomes[l]),
+            outcome=float(problem.outcomes[l]),
             log_density=float(log_density[l]),
             mean=float(moments.mean[l]),
             standard_deviation=float(moments.sd[l]),

@@ -10,11 +10,11 @@ import numpy as np
 
 from aleator.inference import diagnostics as findings
 from aleator.inference.information import Inference
-from aleator.likelihood.problem import Model, Problem, prepare
+from aleator.likelihood.model import Model
+from aleator.likelihood.problem import Problem, prepare
 from aleator.progress import Progress
 from aleator.search import SearchResult
 from aleator.simulators import Runner
-from aleator.surrogates import ResponseSurface
 from aleator.tasks import region as focus
 from aleator.types import Array
 
@@ -41,7 +41,7 @@ class Uniform:
 
     def search(self, seed: int) -> tuple[Problem, SearchResult]:
         """The answer on a region that fits it."""
-        surfaces = isinstance(self.model.propagation, ResponseSurface)
+        surfaces = self.model.surfaces is not None
         stage = "response surface" if surfaces else "preparation"
         box = self.model.inputs.box
         guess: list[Array] = []

@@ -3,7 +3,7 @@
 from aleator.inference.diagnostics.check import score_steps
 from aleator.inference.diagnostics.failures import boxes_proposed, failure_report, failure_warnings
 from aleator.inference.diagnostics.reach import refuse_unreachable, unreachable
-from aleator.inference.diagnostics.review import MOMENTS_STAND_IN, quadrature_gap, review, statuses
+from aleator.inference.diagnostics.review import MOMENTS_STAND_IN, review, statuses
 from aleator.inference.diagnostics.surfaces import surface_errors, surface_report
 
 __all__ = [
@@ -11,7 +11,6 @@ __all__ = [
     "boxes_proposed",
     "failure_report",
     "failure_warnings",
-    "quadrature_gap",
     "refuse_unreachable",
     "review",
     "score_steps",

@@ -70,7 +70,7 @@ def _times(effect: Array, other: Array, condition: Array) -> bool:
 
 def _close(problem: Problem, inference: Inference) -> Iterator[tuple[int, int]]:
     """Pairs of parameters whose means or values are free, and hardly told apart."""
-    hyperparameters, inputs = problem.likelihood.hyperparameters, problem.model.inputs
+    hyperparameters, inputs = problem.model.hyperparameters, problem.model.inputs
     where = {
         int(k): i
         for i, part in enumerate(inputs.slices)

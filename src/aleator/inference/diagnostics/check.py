@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.densities import Convolution
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import named
 from aleator.inference.information import Inference
 from aleator.inference.verification import FEW_SAMPLES, Movement, Verification, movement
 from aleator.laws import Hyperparameter
-from aleator.likelihood.likelihood import LogLikelihood
-from aleator.likelihood.problem import Problem, has_lattice
+from aleator.likelihood.policy import density_remedy
+from aleator.likelihood.problem import Problem
+from aleator.likelihood.value import LogLikelihood
 from aleator.types import Array
 
 MOST = 0.5
@@ -122,7 +122,7 @@ def _without(rows: NDArray[np.intp], inference: Inference, problem: Problem, alp
     H^-1 times the score of the others, which is minus that of these at the maximum: the
     infinitesimal jackknife (Giordano et al., 2019). Infinite where the information has no inverse.
     """
-    scores = problem.likelihood(alpha).scores
+    scores = problem.objective(alpha).scores
     assert scores is not None
     free = inference.free
     if not inference.positive or not free.size:
@@ -146,7 +146,7 @@ def _total(
         Diagnostic(
             "verification",
             f"the log-likelihood differs from Monte Carlo on the simulator by {gap:.2g}: {meaning}",
-            _remedy(problem),
+            density_remedy(problem.model),
         )
     ]
 
@@ -155,7 +155,7 @@ def _moves(step: Movement | None, inference: Inference, problem: Problem) -> lis
     """Hyperparameters that the exact density would move, beyond two errors of the step."""
     if step is None:
         return []
-    names = [problem.likelihood.hyperparameters[k].name for k in inference.free]
+    names = [problem.model.hyperparameters[k].name for k in inference.free]
     rows = np.flatnonzero(np.abs(step.step) - 2.0 * step.error > LARGEST_MOVE)
     if rows.size == 0:
         return []
@@ -164,18 +164,13 @@ def _moves(step: Movement | None, inference: Inference, problem: Problem) -> lis
         for i in rows[np.argsort(-np.abs(step.step[rows]))]
     )
     return [
-        Diagnostic("density", f"with the exact density of the outcomes {moves}", _remedy(problem))
+        Diagnostic(
+            "density",
+            f"with the exact density of the outcomes {moves}",
+            density_remedy(problem.model),
+        )
     ]
 
 
 def _size(step: float) -> str:
     return f"about {step:.2f} standard errors" if step < 1.0 else "a standard error or more"
-
-
-def _remedy(problem: Problem) -> str:
-    if isinstance(problem.model.density, Convolution):
-        return "lower the tolerance of the surface, or take more points of the convolution"
-    model = problem.model
-    if model.noise is not None or has_lattice(model.inputs, model.propagation):
-        return 'take density.kind = "convolution", which is exact, or a higher order'
-    return 'take a higher order (6) or density.kind = "logspline", and compare'

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import ExperimentsError
-from aleator.likelihood.likelihood import NOISE_REACH, Likelihood
+from aleator.likelihood.likelihood import Likelihood
 from aleator.types import Array
 
 
@@ -30,7 +30,9 @@ def refuse_unreachable(likelihood: Likelihood, ids: Sequence[str]) -> None:
     )
     more = f"; and {outside.size - 5} more" if outside.size > 5 else ""
     remedy = "check these rows and the units, widen the box of the parameters, or "
-    remedy += "allow more noise" if likelihood.noisy else "add measurement noise ([noise] sd)"
+    remedy += (
+        "allow more noise" if likelihood.predictive.noise else "add measurement noise ([noise] sd)"
+    )
     raise ExperimentsError(
         f"{outside.size} outcome(s) lie outside the range that the simulator reaches on the box, "
         f"so that no law explains them: {named}{more}",
@@ -39,5 +41,5 @@ def refuse_unreachable(likelihood: Likelihood, ids: Sequence[str]) -> None:
 
 
 def _reach(likelihood: Likelihood) -> tuple[Array, Array]:
-    margin = NOISE_REACH * likelihood.hyperparameters[-1].upper if likelihood.noisy else 0.0
-    return likelihood.lower - margin, likelihood.upper + margin
+    noisy = likelihood.predictive.noise is not None
+    return likelihood.predictive.range(likelihood.hyperparameters[-1].upper if noisy else 0.0)

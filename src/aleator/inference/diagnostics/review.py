@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aleator.densities import Convolution, Status
+from aleator.densities import Status
 from aleator.inference.diagnostics import check
 from aleator.inference.diagnostics.centering import centering_warnings
 from aleator.inference.diagnostics.diagnostic import Diagnostic
@@ -19,12 +18,10 @@ from aleator.inference.information import Inference, weak_directions
 from aleator.inference.profile import Profile
 from aleator.inference.verification import Verification
 from aleator.laws import Hyperparameter
-from aleator.likelihood.likelihood import LogLikelihood
+from aleator.likelihood.policy import nodes_remedy, quadrature_gap
 from aleator.likelihood.problem import Problem
-from aleator.likelihood.propagation import QuadraturePropagation, finer
-from aleator.quadrature import GermGrid, SobolPoints, TensorGauss
+from aleator.likelihood.value import LogLikelihood
 from aleator.search import SearchResult, wide_limits
-from aleator.surrogates import ResponseSurface
 from aleator.types import Array
 
 LARGEST_EDM = 1e-3
@@ -48,21 +45,6 @@ def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:
     return [Status(int(code)).name.lower() for code in combined]
 
 
-def quadrature_gap(problem: Problem, alpha: Array) -> float:
-    """Change of the log-likelihood when every parameter gets half as many nodes again.
-
-    Zero for collocation, where nodes cost runs.
-    """
-    way = problem.likelihood.propagation
-    if problem.surface is None or not isinstance(way, QuadraturePropagation):
-        return 0.0
-    more = finer(way.cubature)
-    if more is None:
-        return 0.0
-    likelihood = replace(problem.likelihood, propagation=replace(way, cubature=more))
-    return likelihood.evaluate(alpha).total - problem.likelihood.evaluate(alpha).total
-
-
 def review(
     problem: Problem,
     found: SearchResult,
@@ -75,7 +57,7 @@ def review(
     conditions: pd.DataFrame,
 ) -> tuple[tuple[Diagnostic, ...], bool]:
     """All warnings, and whether the answer is accepted; `conditions` has a row an experiment."""
-    hyperparameters = problem.likelihood.hyperparameters
+    hyperparameters = problem.model.hyperparameters
     refusals = [
         *_density_warnings(honest, ids),
         *_search_refusals(inference, hyperparameters),
@@ -120,29 +102,9 @@ def _quadrature_warnings(gap: float, problem: Problem) -> list[Diagnostic]:
         Diagnostic(
             "quadrature",
             f"with half as many nodes again the log-likelihood changes by {gap:.2g}",
-            _more_nodes(problem),
+            nodes_remedy(problem),
         )
     ]
-
-
-def _more_nodes(problem: Problem) -> str:
-    """The key of a study that makes the nodes more, with a value to try."""
-    way, choice = problem.likelihood.propagation, problem.model.propagation
-    assert isinstance(way, QuadraturePropagation)
-    assert isinstance(choice, ResponseSurface)
-    density, more = problem.model.density, finer(way.cubature)
-    if isinstance(more, TensorGauss):
-        return f"raise propagation.nodes, to {more.per_dimension}"
-    if isinstance(more, GermGrid):
-        alone = problem.model.inputs.scattering == 1 and choice.nodes is None
-        if alone and isinstance(density, Convolution):
-            kind = 'with density.kind = "convolution" '
-            return f"{kind}raise density.points, to {more.per_dimension}"
-        rule = f'{{rule = "germ_grid", per_dimension = {more.per_dimension}}}'
-    else:
-        assert isinstance(more, SobolPoints)
-        rule = f'{{rule = "sobol", points = {more.points}}}'
-    return f"raise the nodes: propagation.nodes = {rule}"
 
 
 def _density_warnings(honest: LogLikelihood, ids: Sequence[str]) -> list[Diagnostic]:

@@ -11,7 +11,7 @@ from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import named
 from aleator.inference.verification import Verification
 from aleator.likelihood.problem import Problem
-from aleator.surrogates import ResponseSurface, Surface
+from aleator.surrogates import Surface
 from aleator.types import Array
 
 LARGEST_SURFACE_ERROR = 0.1
@@ -41,12 +41,6 @@ def surface_errors(problem: Problem, checked: Verification | None) -> Array:
     return np.asarray(rms / np.where(scatter > 0.0, scatter, np.inf))
 
 
-def follows(problem: Problem) -> bool:
-    """Whether the surfaces were made exact under the law, and not all over their region."""
-    choice = problem.model.propagation
-    return isinstance(choice, ResponseSurface) and choice.tolerance is None
-
-
 def surface_report(problem: Problem) -> dict[str, Any] | None:
     """How good the surfaces are, relative to the outcome's scatter under the law or on the box."""
     surface = problem.surface
@@ -58,7 +52,7 @@ def surface_report(problem: Problem) -> dict[str, Any] | None:
         "experiments": int(surface.converged.size),
         "median_error": float(np.median(relative)),
         "worst_error": float(np.max(relative)),
-        "where": "under the law" if follows(problem) else "on the box",
+        "where": "under the law" if problem.model.follows else "on the box",
         "runs": int(surface.total_runs),
     }
 
@@ -78,7 +72,7 @@ def surface_refusals(
         if checked is not None:
             noise = problem.model.noise_sd(alpha) / np.nanstd(checked.outcomes, axis=1)
             relative = surface_error / np.hypot(1.0, noise)
-        elif follows(problem):
+        elif problem.model.follows:
             relative = (surface.error / surface.scatter)[problem.condition]
         else:
             return []
@@ -103,7 +97,7 @@ def surface_warnings(
     """Surfaces that did not reach their tolerance, and surfaces too rough for the answer."""
     if problem.surface is None:
         return []
-    unexact = _unexact if follows(problem) else _unconverged
+    unexact = _unexact if problem.model.follows else _unconverged
     warnings = unexact(problem, problem.surface, ids)
     with np.errstate(invalid="ignore"):
         rough = np.flatnonzero(surface_error > LARGEST_SURFACE_ERROR)
@@ -140,8 +134,8 @@ def _unexact(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Dia
 
 def _unconverged(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Diagnostic]:
     """Two reasons: the runs were used up, or more runs stopped helping."""
-    choice = problem.model.propagation
-    assert isinstance(choice, ResponseSurface)
+    choice = problem.model.surfaces
+    assert choice is not None
     missed = ~surface.converged[problem.condition]
     spent = surface.runs[problem.condition] >= choice.max_runs
     warnings = []

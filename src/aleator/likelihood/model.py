@@ -1,0 +1,167 @@
+"""The user's choices, and the one place that is asked what follows from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from aleator.densities import Convolution, Density, MaximumEntropy, NodeDensity
+from aleator.errors import InputsError
+from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.integral import NodeIntegral
+from aleator.likelihood.propagation import Collocation
+from aleator.observations.noise import Noise
+from aleator.quadrature import GermGrid
+from aleator.surrogates import ResponseSurface
+from aleator.types import Array
+
+MOST_ON_LATTICE = 3
+"""Scattering parameters up to which the nodes of a density over nodes are a lattice."""
+STAND_IN = MaximumEntropy(order=4)
+"""The density where that of the outcome itself is not to be had."""
+
+ChosenDensity = Density | NodeDensity
+
+
+@dataclass(frozen=True)
+class Model:
+    """Law, noise, propagation and density. `open` says whether another density may take its place.
+
+    >>> from aleator.laws import Normal
+    >>> inputs = Inputs({"x": Normal(0.0, 1.0)})
+    >>> Model.of(inputs).density.name, Model.of(inputs, propagation=Collocation()).density.name
+    ('convolution', 'maximum_entropy(4)')
+    """
+
+    inputs: Inputs
+    noise: Noise | None
+    propagation: ResponseSurface | Collocation
+    density: ChosenDensity
+    open: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        inputs: Inputs,
+        noise: Noise | None = None,
+        propagation: ResponseSurface | Collocation | None = None,
+        density: ChosenDensity | None = None,
+    ) -> Model:
+        """The model with a density of its own where the user chooses none.
+
+        That of the outcome itself where nodes cost no run, and there is noise or they are a
+        lattice: it is exact. Else maximum entropy of four moments. Raises InputsError for choices
+        that do not go together.
+        """
+        propagation = propagation or ResponseSurface()
+        bare = cls(inputs, noise, propagation, density or STAND_IN)
+        if density is None:
+            bare = replace(bare, density=bare._first_density, open=bare.normal_noise)
+        bare._check()
+        return bare
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """All hyperparameters in the order of alpha: the inputs', then the noise's."""
+        noise = (self.noise.hyperparameter,) if self.noise else ()
+        return self.inputs.hyperparameters + noise
+
+    def noise_sd(self, alpha: Array) -> float:
+        """The noise's standard deviation in alpha (K,); zero without noise."""
+        return float(alpha[-1]) if self.noise else 0.0
+
+    @property
+    def normal_noise(self) -> bool:
+        """Whether there is no noise, or normal noise, which adds in closed form."""
+        return self.noise is None or self.noise.normal
+
+    @property
+    def surfaces(self) -> ResponseSurface | None:
+        """The choice of response surfaces; None where the simulator runs for every alpha."""
+        return self.propagation if isinstance(self.propagation, ResponseSurface) else None
+
+    @property
+    def collocation(self) -> Collocation | None:
+        """The choice of collocation; None where there are response surfaces."""
+        return self.propagation if isinstance(self.propagation, Collocation) else None
+
+    @property
+    def follows(self) -> bool:
+        """Whether surfaces are made exact where the law is, and not all over their region."""
+        return self.surfaces is not None and self.surfaces.tolerance is None
+
+    @property
+    def exact(self) -> bool:
+        """Whether the density is that of the outcome itself, exact but for the number of nodes."""
+        return isinstance(self.density, Convolution | NodeIntegral)
+
+    @property
+    def at_nodes(self) -> bool:
+        """Whether the density is fitted to the outcomes at the nodes, and not to their moments."""
+        return isinstance(self.density, NodeDensity)
+
+    @property
+    def order(self) -> int:
+        """Moments that are matched, and the four of a report."""
+        return 4 if isinstance(self.density, NodeDensity) else max(self.density.order, 4)
+
+    @property
+    def lattice(self) -> bool:
+        """Whether a density over nodes gets a lattice of them, which it needs without noise.
+
+        A number of nodes a dimension is one of such a lattice; other nodes carry none.
+        """
+        if self.surfaces is None or not 1 <= self.inputs.scattering <= MOST_ON_LATTICE:
+            return False
+        nodes = self.surfaces.nodes
+        return nodes is None or isinstance(nodes, int | GermGrid)
+
+    @property
+    def exact_possible(self) -> bool:
+        """Whether the outcome's own density can be had: there is noise, or nodes on a lattice."""
+        return self.surfaces is not None and (self.noise is not None or self.lattice)
+
+    def exactly(self) -> Model:
+        """The same with the density of the outcome itself, which may still give way to moments."""
+        return replace(self, density=self.exact_density, open=True)
+
+    def by_moments(self) -> Model:
+        """The same with four moments, for good."""
+        return replace(self, density=STAND_IN, open=False)
+
+    @property
+    def exact_density(self) -> ChosenDensity:
+        """The density of the outcome itself under this noise."""
+        if self.noise is not None and not self.noise.normal:
+            return NodeIntegral(self.noise.kind)
+        return Convolution()
+
+    @property
+    def _first_density(self) -> ChosenDensity:
+        if not self.normal_noise:
+            return self.exact_density
+        sure = self.noise is not None or (self.inputs.scattering == 1 and self.lattice)
+        return Convolution() if self.surfaces is not None and sure else STAND_IN
+
+    def _check(self) -> None:
+        if isinstance(self.density, Convolution) and self.noise is None and not self.lattice:
+            raise InputsError(
+                "without noise the convolution needs nodes on a lattice: response surfaces, up to "
+                "three scattering parameters, and nodes that are left out or a number",
+                "add noise ([noise] sd, or noise=Noise(...)), or take MaximumEntropy or LogSpline",
+            )
+        if not self.normal_noise and not isinstance(self.density, NodeIntegral):
+            raise InputsError(
+                f"density {self.density.name} knows normal noise only, and the noise is "
+                f"{self.noise.kind.name if self.noise else 'none'}",
+                "leave the density out: it is then the integral over the law's nodes",
+            )
+        if not self.normal_noise and self.surfaces is None:
+            raise InputsError(
+                "noise that is not normal needs response surfaces", "leave out the collocation"
+            )
+        if self.inputs.scattering == 0 and self.noise is None:
+            raise InputsError(
+                "nothing scatters: every parameter is a constant and there is no measurement noise",
+                "give a parameter a law, or add noise: [noise] sd, or noise=Noise(...)",
+            )

@@ -1,0 +1,164 @@
+"""From a question to its answer: search, look at the answer, search where it says, be sure.
+
+`identify` asks for the experiments that were measured, `recover` for virtual ones. Both go this
+way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.inference.information import Inference, infer
+from aleator.inference.profile import Profile, profile_intervals
+from aleator.likelihood.model import Model
+from aleator.likelihood.policy import better_model
+from aleator.likelihood.problem import Problem
+from aleator.search import Near, Search, SearchResult, ascend
+from aleator.simulators import Runner
+from aleator.tasks.baselines import (
+    LeastSquares,
+    LinearGaussian,
+    least_squares,
+    linear_gaussian,
+    start_point,
+)
+from aleator.tasks.concentration import Concentration
+from aleator.tasks.ledger import Ledger
+from aleator.tasks.uniform import Uniform
+from aleator.types import Array
+
+WIDER = 3
+"""Times that the region may be widened so that it holds the intervals."""
+CLIMBS = 3
+"""Times that a profile may meet a better maximum."""
+
+Baselines = tuple[LeastSquares, LinearGaussian]
+
+
+@dataclass(frozen=True)
+class Question:
+    """Outcomes (N,) of the runner's experiments, and the choices by which they are explained."""
+
+    runner: Runner
+    outcomes: Array
+    ids: Sequence[str]
+    model: Model
+    search: Search
+    seed: int
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A maximum that was found, and how sure it is.
+
+    `stands_in` tells that four moments serve although the exact density was tried.
+    """
+
+    problem: Problem
+    found: SearchResult
+    inference: Inference
+    profile: Profile
+    baselines: Baselines
+    stands_in: bool
+
+
+def answered(question: Question, ledger: Ledger) -> Answer:
+    """Search until no other density does better at the answer, then see how sure it is.
+
+    A density that is open gives way at most twice: moments to the exact one, and that to moments.
+    """
+    search, tried = question.search, [question.model]
+    while True:
+        way = _way(question, tried[-1], _Search(search, question.seed, ledger), ledger)
+        problem, found = way.search(question.seed)
+        better = better_model(problem, found.alpha)
+        if better is None:
+            break
+        # the exact density is dear, and its maximum is near
+        search = Near(found.alpha) if better.exact else question.search
+        tried.append(better)
+    problem, found, inference, profile = _sure(way, problem, found, ledger)
+    with ledger.stage("baselines"):
+        baselines = _baselines(problem, question.search, question.seed)
+    stands_in = any(model.exact for model in tried) and not tried[-1].exact
+    return Answer(problem, found, inference, profile, baselines, stands_in)
+
+
+def infer_at(problem: Problem, found: SearchResult) -> tuple[SearchResult, Inference, Profile]:
+    """Standard errors and profile intervals; climbs on if the profile meets a better maximum."""
+    objective, hyperparameters = problem.objective, problem.model.hyperparameters
+    for _ in range(CLIMBS):
+        inference = infer(objective, found.alpha, hyperparameters)
+        profile = profile_intervals(objective, found.alpha, hyperparameters, inference)
+        if profile.better is None:
+            break
+        information = inference.information
+        end, value = ascend(
+            objective, profile.better, hyperparameters, inference.identified, information
+        )
+        found = found.improved(end, value)
+    return found, inference, profile
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The user's search, with the baselines of the same surfaces among its guesses."""
+
+    search: Search
+    seed: int
+    ledger: Ledger
+
+    def __call__(self, problem: Problem, guess: list[Array]) -> SearchResult:
+        with self.ledger.stage("baselines"):
+            fit, linear = _baselines(problem, self.search, self.seed)
+        hyperparameters = problem.model.hyperparameters
+        around = np.array([h.start for h in hyperparameters])
+        inputs = problem.model.inputs
+        for law, part, value in zip(inputs.laws.values(), inputs.slices, fit.x, strict=True):
+            around[part] = law.filling(value)
+        with self.ledger.stage("search"):
+            return self.search.maximize(
+                problem.objective,
+                hyperparameters,
+                seed=self.seed,
+                guesses=[*guess, around, linear.alpha],
+                progress=self.ledger.progress,
+            )
+
+
+def _way(
+    question: Question, model: Model, search: _Search, ledger: Ledger
+) -> Concentration | Uniform:
+    runner = question.runner
+    runner.know(runner.completed)
+    way = Concentration if model.follows else Uniform
+    return way(
+        runner, question.outcomes, model, search, ledger.stage, ledger.progress, question.ids
+    )
+
+
+def _sure(
+    way: Concentration | Uniform, problem: Problem, found: SearchResult, ledger: Ledger
+) -> tuple[Problem, SearchResult, Inference, Profile]:
+    """Inference on surfaces that hold the laws at the ends of the intervals."""
+    for widened in range(WIDER + 1):
+        with ledger.stage("inference"):
+            found, inference, profile = infer_at(problem, found)
+        held = None if widened == WIDER else way.hold(problem, found, inference, profile.intervals)
+        if held is None:
+            break
+        problem, found = held
+    return problem, found, inference, profile
+
+
+def _baselines(problem: Problem, search: Search, seed: int) -> Baselines:
+    model, outcomes = problem.model, problem.outcomes
+    start = np.clip(start_point(model.inputs), *problem.region.T)
+    fit = least_squares(problem.response, problem.condition, outcomes, problem.region, start)
+    linear = linear_gaussian(
+        problem.response, model, start, problem.condition, outcomes, search, seed=seed
+    )
+    return fit, linear
