@@ -13,6 +13,7 @@ from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.inference import diagnostics
 from aleator.inference.verification import MonteCarlo, SurfaceEmulator, Verification, verify
+from aleator.inference.verification.kernel import NORMAL
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
@@ -104,6 +105,7 @@ def _verified(
     return verify(
         runner.attempt, model.inputs, alpha, model.noise_sd(alpha), problem.outcomes, choice,
         seed=seed, lower=problem.predictive.lower, upper=problem.predictive.upper,
+        observation=model.noise.kind if model.noise else NORMAL,
         emulator=emulator, progress=progress,
         steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
     )  # fmt: skip

@@ -13,8 +13,9 @@ from aleator.inference.verification.choice import MonteCarlo, Verification
 from aleator.inference.verification.control import Control, Controlled, Samples, copies_of, error_of
 from aleator.inference.verification.emulator import Emulator
 from aleator.inference.verification.germs import defended, explaining, flat, moved, uniforms
-from aleator.inference.verification.kernel import Kernel, Noise, Window, chosen
+from aleator.inference.verification.kernel import NORMAL, Kernel, Noise, Window, chosen
 from aleator.laws.inputs import Inputs
+from aleator.observations.model import ObservationModel
 from aleator.progress import Progress, Silent
 from aleator.types import Array, Indices
 
@@ -51,6 +52,7 @@ def verify(
     seed: int,
     lower: ArrayLike = -np.inf,
     upper: ArrayLike = np.inf,
+    observation: ObservationModel = NORMAL,
     emulator: Emulator | None = None,
     steps: Array | None = None,
     progress: Progress | None = None,
@@ -59,22 +61,24 @@ def verify(
 
     The points are randomly shifted Sobol' points mapped by the quantiles of the law (randomized
     quasi-Monte Carlo: unbiased, and the scatter of the eight copies gives its error). With noise
-    the density is the mean of Normal(y; Y_s, noise_sd^2), unbiased. Without noise it is a kernel
-    estimate of fourth order (Wand and Jones, 1995, sec. 2.8), and half its difference from the
-    estimate of second order is added to the standard error as a bound of the smoothing bias.
+    the density is the mean of p(y | Y_s, noise_sd) by the `observation` model, unbiased. Without
+    noise it is a kernel estimate of fourth order (Wand and Jones, 1995, sec. 2.8), and half its
+    difference from the estimate of second order is added to the standard error as a bound of the
+    smoothing bias.
     `lower` and `upper` (N,) are the ends of the noise-free outcome's range, where its density may
     end abruptly; the kernel is then one-sided. An experiment with fewer than ten effective samples
-    gets as many again by importance sampling. With an `emulator` the samples correct the
-    emulator's exact density instead (module `control`), where that has the smaller error and the
-    two agree; and where `steps` (K,) are positive, of about a quarter of a standard error, the
-    score is told too. The bias -var/2 of the logarithm is corrected. A run that failed, NaN, is
+    gets as many again by importance sampling. With an `emulator` and normal noise the samples
+    correct the emulator's exact density instead (module `control`), where that has the smaller
+    error and the two agree; and where `steps` (K,) are positive, of about a quarter of a standard
+    error, the score is told too. The bias -var/2 of the logarithm is corrected. A run that failed, NaN, is
     left out: the density is that of an outcome where there is one. Cost: N S runs, S more for an
     experiment far out, and LEVELS times 512 for it without an emulator.
     """
     rng, count = np.random.default_rng(seed), measured.size
     told = progress or Silent()
     ends = np.broadcast_to(lower, (count,)), np.broadcast_to(upper, (count,))
-    law = _from_law(run, inputs, alpha, measured, noise_sd, ends, choice.points, rng, told)
+    kernel = Noise(measured, noise_sd, observation) if noise_sd > 0.0 else None
+    law = _from_law(run, inputs, alpha, measured, kernel, ends, choice.points, rng, told)
     plain, parts = _plain(law), [law]
     hard = np.zeros(count, dtype=np.bool_)
     within = (noise_sd > 0.0) | ((measured >= ends[0]) & (measured <= ends[1]))
@@ -86,7 +90,7 @@ def verify(
         parts = [_rows(law, ~np.isin(law.index, far[better])), _rows(again, better)]
         parts = [part for part in parts if part.index.size]
     control = None
-    if emulator is not None:
+    if emulator is not None and observation == NORMAL:
         along = _steepest(law)
         control = Control(emulator, inputs, alpha, measured, along, seed)
     return _verification(law, plain, parts, control, hard, noise_sd, steps)
@@ -181,7 +185,7 @@ def _from_law(
     inputs: Inputs,
     alpha: Array,
     measured: Array,
-    noise_sd: float,
+    kernel: Kernel | None,
     ends: tuple[Array, Array],
     points: int,
     rng: np.random.Generator,
@@ -194,9 +198,7 @@ def _from_law(
     x = inputs.sample(alpha, full).reshape(count, -1, n)
     index = np.arange(count)
     outcomes, weight = _of_those_that_worked(_run_in_chunks(run, index, x, progress))
-    kernel: Kernel = Noise(measured, noise_sd)
-    if noise_sd == 0.0:
-        kernel = Window.of(measured, *ends, outcomes)
+    kernel = kernel or Window.of(measured, *ends, outcomes)
     germ = special.ndtri(uniform).reshape(count, x.shape[1], uniform.shape[1])
     return Samples(index, germ, weight, x, outcomes, kernel)
 

@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from aleator.observations.model import ObservationModel
+from aleator.observations.normal import NormalError
 from aleator.types import Array
 
+NORMAL = NormalError()
 POSITIVE = 0.2
 """An estimate of higher order below this share of that of lower order is not taken."""
 NARROWER = 0.7
@@ -20,10 +23,11 @@ FAR = 0.05
 
 @dataclass(frozen=True)
 class Noise:
-    """Normal(y; Y, sd^2) of outcomes y (N,): unbiased, no smoothing."""
+    """p(y | Y, sd) of outcomes y (N,) by the observation model: unbiased, no smoothing."""
 
     y: Array
     sd: float
+    observation: ObservationModel = NORMAL
 
     @property
     def width(self) -> Array:
@@ -32,7 +36,7 @@ class Noise:
 
     def take(self, rows: NDArray[np.intp]) -> Noise:
         """The kernels of some of the experiments."""
-        return Noise(self.y[rows], self.sd)
+        return Noise(self.y[rows], self.sd, self.observation)
 
     def scaled(self, factor: float) -> Noise:  # noqa: ARG002  one interface for all kernels
         """The same: nothing is smoothed."""
@@ -40,7 +44,8 @@ class Noise:
 
     def orders(self, outcomes: Array) -> tuple[Array, ...]:
         """The one kernel there is, as (N, S) each."""
-        return (normal_pdf((self.y[:, None] - outcomes) / self.sd) / self.sd,)
+        y, scale = self.y[:, None], np.array(self.sd)
+        return (np.exp(self.observation.log_density(y, outcomes, scale).value),)
 
 
 @dataclass(frozen=True)
