@@ -103,14 +103,11 @@ class FittedNodeIntegral:
         value, share, observed = self._shares(np.where(none, 0.0, outcome))
         none = none | ~np.isfinite(value)
         share = np.where(none[:, None], 0.0, share)
-        zero = np.zeros_like(value)
         return NodeSensitivity(
             value=np.where(none, DEGENERATE_VALUE, value),
             d_y=share * observed.d_eta,
             d_weights=share / np.maximum(self.weights, SMALLEST),
             d_noise=(share * observed.d_scale).sum(axis=1),
-            d_lower=zero,
-            d_upper=zero.copy(),
             status=np.where(none, Status.DEGENERATE, self.status).astype(np.int64),
         )
 

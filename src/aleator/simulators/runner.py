@@ -337,7 +337,10 @@ class Runner:
         if self.kept is not None:
             self.kept.add(self.group[index], x, done)
         if np.any(good):
-            self._blocks.append(Runs(index[good], x[good].copy(), done.outcome[good].copy()))
+            block = Runs(index[good], x[good].copy(), done.outcome[good].copy())
+            self._blocks.append(block)
+            keys = self._keys(block.index, block.x)
+            self._known.update(zip(keys, block.outcome.tolist(), strict=True))
         return (*done.failures, *bad)
 
     def _keys(self, index: Indices, x: Array) -> list[bytes]:

@@ -132,11 +132,15 @@ class _Search:
 def _way(
     question: Question, model: Model, search: _Search, ledger: Ledger
 ) -> Concentration | Uniform:
-    runner = question.runner
-    runner.know(runner.completed)
     way = Concentration if model.follows else Uniform
     return way(
-        runner, question.outcomes, model, search, ledger.stage, ledger.progress, question.ids
+        question.runner,
+        question.outcomes,
+        model,
+        search,
+        ledger.stage,
+        ledger.progress,
+        question.ids,
     )
 
 

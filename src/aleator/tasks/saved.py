@@ -14,7 +14,7 @@ from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.failures import FailureReport
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.comparison import DensityDistance
-from aleator.likelihood.problem import Model, default_density
+from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.noise import Noise
 from aleator.simulators import Simulator, as_simulator
@@ -69,9 +69,7 @@ def load(
     found = from_document(documents.read_json(path), path)
     if inputs is None:
         return found
-    model = Model(
-        inputs, noise, propagation, density or default_density(inputs, noise, propagation)
-    )
+    model = Model.of(inputs, noise, propagation, density)
     try:
         in_order(found.alpha, model.hyperparameters)
     except InputsError as error:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from aleator.errors import AleatorError, InputsError
 from aleator.likelihood.likelihood import Likelihood
-from aleator.likelihood.problem import Model
+from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions, Transform
 from aleator.simulators import Simulator
 from aleator.tasks.law import JointLaw
