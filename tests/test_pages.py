@@ -1,6 +1,7 @@
 """The pages tell the truth: their commands run as printed, what they link to and name is there."""
 
 import importlib
+import inspect
 import json
 import os
 import re
@@ -15,7 +16,19 @@ from pathlib import Path
 import pytest
 
 import aleator
-from aleator.study.sections import StudyFile
+from aleator.study.keys import Section
+from aleator.study.kinds import Kinds
+from aleator.study.laws import LAWS
+from aleator.study.propagation import CollocationSection, SurfaceSection
+from aleator.study.sections import (
+    DENSITIES,
+    OBSERVATIONS,
+    SEARCHES,
+    ExperimentsSection,
+    StudyFile,
+    VerificationSection,
+)
+from aleator.study.simulators import SIMULATORS
 
 ROOT = Path(__file__).parents[1]
 EVERY = [
@@ -110,6 +123,42 @@ def test_the_studies_for_other_tools_have_keys_that_exist() -> None:
     studies = [StudyFile.model_validate(tomllib.loads(text)) for text in blocks(page, "toml")]
     assert {study.simulator.kind for study in studies} <= {"command", "fmu"}
     assert len(studies) == 6
+
+
+KEYED = [
+    ("study.md", kinds, kind)
+    for kinds in (LAWS, OBSERVATIONS, DENSITIES, SEARCHES)
+    for kind in kinds.known
+] + [
+    ("study.md" if kind == "function" else "simulators.md", SIMULATORS, kind)
+    for kind in SIMULATORS.known
+]
+
+
+@pytest.mark.parametrize(
+    ("page", "kinds", "kind"), KEYED, ids=[f"{kinds.group}.{kind}" for _, kinds, kind in KEYED]
+)
+def test_every_kind_is_there_with_its_keys_and_their_defaults(
+    page: str, kinds: Kinds[object], kind: str
+) -> None:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    parts = inspect.signature(kinds.known[kind]).parameters
+    for key in parts.keys() - {"folder"}:
+        assert re.search(rf"`{key}\b", text), key
+    if kinds.key:
+        row = re.search(rf"^\|.*`\"{kind}\"`.*$", text, re.M)
+        assert row, kind
+        for key, value in re.findall(r"`(\w+) = ([\w.-]+)`", row[0]):
+            assert parts[key].default == tomllib.loads(f"x = {value}")["x"], key
+
+
+@pytest.mark.parametrize(
+    "section", [ExperimentsSection, SurfaceSection, CollocationSection, VerificationSection]
+)
+def test_every_key_of_the_other_sections_is_there(section: type[Section]) -> None:
+    text = (ROOT / "docs" / "study.md").read_text(encoding="utf-8")
+    for key in section.model_fields.keys() - {"method"}:
+        assert re.search(rf"`{key}\b", text), key
 
 
 def anchor(heading: str) -> str:
