@@ -26,8 +26,9 @@ class NodeIntegral:
     """f(y) = sum_j w_j p(y | eta_j, sd): the integral over the law's nodes.
 
     p is the observation model, eta_j the outcomes at nodes of weights w_j >= 0. It is exact but for
-    the number of nodes: their outcomes must lie closer together than the observation model's own
-    width, which the number of nodes is tested for. Cost O(N J).
+    the number of nodes: their outcomes must lie closer together than the observation model is
+    wide. More nodes are tried at the answer, and a difference is told. A cusp in p, as that of
+    Laplace's error, leaves jumps in the score. Cost O(N J).
     """
 
     observation: ObservationModel
