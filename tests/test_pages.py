@@ -19,7 +19,7 @@ import aleator
 from aleator.study.keys import Section
 from aleator.study.kinds import Kinds
 from aleator.study.laws import LAWS
-from aleator.study.propagation import CollocationSection, SurfaceSection
+from aleator.study.propagation import PROPAGATIONS, RULES
 from aleator.study.sections import (
     DENSITIES,
     OBSERVATIONS,
@@ -127,7 +127,7 @@ def test_the_studies_for_other_tools_have_keys_that_exist() -> None:
 
 KEYED = [
     ("study.md", kinds, kind)
-    for kinds in (LAWS, OBSERVATIONS, DENSITIES, SEARCHES)
+    for kinds in (LAWS, OBSERVATIONS, DENSITIES, SEARCHES, PROPAGATIONS, RULES)
     for kind in kinds.known
 ] + [
     ("study.md" if kind == "function" else "simulators.md", SIMULATORS, kind)
@@ -152,12 +152,10 @@ def test_every_kind_is_there_with_its_keys_and_their_defaults(
             assert parts[key].default == tomllib.loads(f"x = {value}")["x"], key
 
 
-@pytest.mark.parametrize(
-    "section", [ExperimentsSection, SurfaceSection, CollocationSection, VerificationSection]
-)
+@pytest.mark.parametrize("section", [ExperimentsSection, VerificationSection])
 def test_every_key_of_the_other_sections_is_there(section: type[Section]) -> None:
     text = (ROOT / "docs" / "study.md").read_text(encoding="utf-8")
-    for key in section.model_fields.keys() - {"method"}:
+    for key in section.model_fields:
         assert re.search(rf"`{key}\b", text), key
 
 
