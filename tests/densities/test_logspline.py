@@ -16,9 +16,9 @@ from aleator.densities import (
     NodeSensitivity,
     Status,
 )
+from aleator.densities.logspline.splines import NoisyPowers, evaluate, noisy, splines
 from aleator.densities.moments import weighted_moments
 from aleator.densities.outcomes import Outcomes
-from aleator.densities.splines import NoisyPowers, evaluate, noisy, splines
 from aleator.errors import InputsError
 from aleator.types import Array
 

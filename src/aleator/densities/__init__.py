@@ -1,11 +1,10 @@
-"""Densities of the outcome from its moments: one interface, one file for each choice.
+"""Densities of the outcome from its moments or its nodes: one interface, a file or folder a choice.
 
 A choice (`Gaussian()`, `MaximumEntropy(order=4)`) is a `Density`; its `fit` returns a
 `FittedDensity`, N densities at once with a `Status` each.
 """
 
 from aleator.densities.convolution import Convolution, FittedConvolution
-from aleator.densities.fitted import FittedMaximumEntropy
 from aleator.densities.gaussian import FittedGaussian, Gaussian
 from aleator.densities.gaussian_mixture import FittedGaussianMixture, GaussianMixture
 from aleator.densities.interface import (
@@ -20,9 +19,8 @@ from aleator.densities.interface import (
     Sensitivity,
     Status,
 )
-from aleator.densities.logspline import LogSpline
-from aleator.densities.logspline_fitted import FittedLogSpline
-from aleator.densities.maximum_entropy import MaximumEntropy
+from aleator.densities.logspline import FittedLogSpline, LogSpline
+from aleator.densities.maximum_entropy import FittedMaximumEntropy, MaximumEntropy
 from aleator.densities.standardized import StandardizedDensity
 
 __all__ = [

@@ -7,8 +7,8 @@ from scipy.integrate import quad_vec
 from scipy.linalg import eigh
 
 from aleator.densities import FittedDensity, MaximumEntropy, Status
+from aleator.densities.maximum_entropy.support import reach_of, support_of
 from aleator.densities.moments import Moments
-from aleator.densities.reach import reach_of, support_of
 from aleator.types import Array
 
 UNBOUNDED = (-np.inf, np.inf)

@@ -7,9 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from aleator.densities.dual import Expectations, expectations, gaussian_start, minimize_dual
 from aleator.densities.interface import Codes, Status
-from aleator.densities.legendre import (
+from aleator.densities.maximum_entropy.dual import (
+    Expectations,
+    expectations,
+    gaussian_start,
+    minimize_dual,
+)
+from aleator.densities.maximum_entropy.legendre import (
     Rule,
     cholesky,
     forward,
@@ -18,8 +23,8 @@ from aleator.densities.legendre import (
     panel_rule,
     realizable,
 )
-from aleator.densities.reach import Support, support_of
-from aleator.densities.whitened import density_at, orthonormal, outcomes_at, polish
+from aleator.densities.maximum_entropy.support import Support, support_of
+from aleator.densities.maximum_entropy.whitened import density_at, orthonormal, outcomes_at, polish
 from aleator.types import Array, Flags
 
 PANELS = 32

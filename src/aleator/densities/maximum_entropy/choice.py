@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aleator.densities.fitted import FittedMaximumEntropy
 from aleator.densities.gaussian import FittedGaussian
 from aleator.densities.interface import check_moments, in_sds, range_end
+from aleator.densities.maximum_entropy.fitted import FittedMaximumEntropy
+from aleator.densities.maximum_entropy.solution import solve
 from aleator.densities.moments import Moments
-from aleator.densities.solution import solve
 from aleator.errors import InputsError
 from aleator.threads import single_threaded
 from aleator.types import Array
@@ -26,7 +26,7 @@ class MaximumEntropy:
     physical range of the outcome, cut at the reach. The paper takes the whole real line, where
     odd M, or M = 4 with a kurtosis above that of the normal, have no solution; on a bounded
     support every M has one if the moments are realizable. The reach is at least `reach` standard
-    deviations and grows smoothly with heavy tails, so that their moments are (`densities.reach`).
+    deviations and grows smoothly with heavy tails, so that their moments are (module `support`).
     `order` M is 2..8, `nodes` the Gauss-Legendre nodes of the solve.
 
     A kurtosis above 3 puts a small bump at an edge that the reach has set. Raises InputsError for

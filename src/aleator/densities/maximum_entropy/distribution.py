@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from aleator.densities.dual import node_probabilities
 from aleator.densities.interface import Codes
 from aleator.densities.inversion import invert
-from aleator.densities.legendre import panel_edges
-from aleator.densities.solution import PANELS, Solution
+from aleator.densities.maximum_entropy.dual import node_probabilities
+from aleator.densities.maximum_entropy.legendre import panel_edges
+from aleator.densities.maximum_entropy.solution import PANELS, Solution
 from aleator.types import Array
 
 _LARGEST_BATCH = 1_000_000

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.densities.interface import Codes
-from aleator.densities.legendre import SMALLEST_PIVOT, cholesky, substitute
+from aleator.densities.maximum_entropy.legendre import SMALLEST_PIVOT, cholesky, substitute
 from aleator.types import Array, Flags
 
 _WIDENING = 2.0

@@ -35,8 +35,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.densities.legendre import legendre
-from aleator.densities.solution import Solution
+from aleator.densities.maximum_entropy.legendre import legendre
+from aleator.densities.maximum_entropy.solution import Solution
 from aleator.types import Array, Flags
 
 TOUCH = 1e-12

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.densities.legendre import Rule
+from aleator.densities.maximum_entropy.legendre import Rule
 from aleator.types import Array, Flags
 
 _PASSES = 150

@@ -19,9 +19,9 @@ from aleator.densities.interface import (
     one_per_experiment,
     probabilities,
 )
-from aleator.densities.partials import TOUCH, partials
-from aleator.densities.probability import cumulative, inverse, log_density
-from aleator.densities.solution import Solution
+from aleator.densities.maximum_entropy.distribution import cumulative, inverse, log_density
+from aleator.densities.maximum_entropy.partials import TOUCH, partials
+from aleator.densities.maximum_entropy.solution import Solution
 from aleator.types import Array, Flags
 
 

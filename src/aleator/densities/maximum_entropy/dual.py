@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.densities.interface import Codes
-from aleator.densities.legendre import Rule, cholesky, linearization, substitute
+from aleator.densities.maximum_entropy.legendre import Rule, cholesky, linearization, substitute
 from aleator.types import Array, Flags
 
 _PASSES = 150

@@ -30,7 +30,7 @@ from aleator.densities.interface import (
     probabilities,
 )
 from aleator.densities.inversion import invert
-from aleator.densities.splines import NoisyPowers, evaluate, noisy, spline_rule, splines
+from aleator.densities.logspline.splines import NoisyPowers, evaluate, noisy, spline_rule, splines
 from aleator.densities.stand_in import NodeNormal
 from aleator.types import Array, Flags
 

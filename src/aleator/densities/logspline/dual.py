@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.densities.splines import SplineRule, from_band, roughness, spline_rule
+from aleator.densities.logspline.splines import SplineRule, from_band, roughness, spline_rule
 from aleator.types import Array, Flags
 
 _PASSES = 100
