@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from aleator.expansion import Basis
 from aleator.expansion.moments import ExactQuadrature, Galerkin, prepare
-from aleator.polynomials.indices import total_degree
+from aleator.polynomials.indices import TotalDegree
 from aleator.types import Indices
 from reproduction.canvas import BLUE, GREEN, ORANGE, VERMILION, explain, powers_of_ten
 from reproduction.context import Context
@@ -132,7 +132,7 @@ def offline(context: Context) -> Reproduction:
 
 def hermite(n: int, d: int) -> tuple[Basis, Indices]:
     """Hermite polynomials in n parameters, and the multi-indices of total degree d."""
-    return Basis.normal(n), total_degree((d,) * n, d)
+    return Basis.normal(n), TotalDegree(d).indices((None,) * n)
 
 
 def timed(work: Callable[[], T]) -> tuple[float, T]:

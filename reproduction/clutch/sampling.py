@@ -26,7 +26,13 @@ from reproduction.clutch.laws import EXPANSION, SAMPLED, Judged
 from reproduction.clutch.reference import NODES, SAMPLES
 from reproduction.clutch.study import ClutchStudy
 from reproduction.sampling.histogram import HistogramSpline
-from reproduction.sampling.likelihood import Choice, SampledLikelihood, Sampling, log_likelihoods
+from reproduction.sampling.likelihood import (
+    Choice,
+    SampledLikelihood,
+    Sampling,
+    log_likelihoods,
+    node_count,
+)
 
 RANDOM, GRID, SOBOL = "Monte Carlo", "regular grid", "Sobol' points"
 HISTOGRAM, ENTROPY, GAUSSIAN = "histogram spline", "maximum entropy", "Gaussian"
@@ -75,7 +81,7 @@ def sampling_errors(
     rows = []
     for method, cubatures in methods(seed + DRAWN_SEED).items():
         for cubature, replicates in cubatures:
-            progress.update(f"{at.name}: {method}, {cubature.size(study.law()):,} samples")
+            progress.update(f"{at.name}: {method}, {node_count(cubature, study.law()):,} samples")
             way = Sampling(at.surface, study.law(), cubature)
             every = _by(way, at, (HISTOGRAM, ENTROPY), replicates)
             rows += [_row(at, method, name, found) for name, found in every.items()]

@@ -59,7 +59,7 @@ class Sampling:
     def runs(self) -> int:
         """Runs of every experiment for one alpha."""
         if self.expansion is None:
-            return self.cubature.size(self.inputs)
+            return node_count(self.cubature, self.inputs)
         return len(self.expansion.design(self._basis))
 
     def outcomes(self, alpha: Array) -> Outcomes:
@@ -103,6 +103,12 @@ class Sampling:
         names = [f"theta_{i}" for i in range(self.inputs.scattering)]
         germ = Inputs({name: Normal(0.0, 1.0) for name in names})
         return self.cubature.nodes(germ, np.tile([0.0, 1.0], len(names)))
+
+
+def node_count(cubature: Cubature, inputs: Inputs) -> int:
+    """How many nodes a cubature has for these inputs."""
+    start = np.array([h.start for h in inputs.hyperparameters])
+    return cubature.nodes(inputs, start).weights.size
 
 
 def density_of(

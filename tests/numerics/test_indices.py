@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aleator.errors import InputsError
-from aleator.polynomials.indices import Anisotropic, Hyperbolic, IndexSet, TotalDegree, total_degree
+from aleator.polynomials.indices import Anisotropic, Hyperbolic, IndexSet, TotalDegree
 
 
 def rows(indices: np.ndarray) -> set[tuple[int, ...]]:
@@ -22,7 +22,7 @@ def rows(indices: np.ndarray) -> set[tuple[int, ...]]:
 
 @pytest.mark.parametrize(("n", "degree"), [(1, 5), (2, 4), (3, 3), (4, 2)])
 def test_the_total_degree_set_has_the_size_of_the_paper(n, degree) -> None:
-    indices = total_degree((degree,) * n, degree)
+    indices = TotalDegree(degree).indices((None,) * n)
     assert len(rows(indices)) == math.comb(n + degree, degree)
     assert indices.sum(axis=1).max() == degree
     assert indices[0].tolist() == [0] * n
@@ -31,7 +31,7 @@ def test_the_total_degree_set_has_the_size_of_the_paper(n, degree) -> None:
 
 def test_limits_cut_the_index_set() -> None:
     expected = {i for i in product(range(4), range(1), range(2)) if sum(i) <= 3}
-    assert rows(total_degree((3, 0, 1), 3)) == expected
+    assert rows(TotalDegree(3).indices((3, 0, 1))) == expected
     assert rows(TotalDegree(3).indices((None, 0, 1))) == expected
 
 

@@ -16,7 +16,7 @@ from aleator.laws.normal import Normal
 from aleator.threads import single_threaded
 from aleator.types import Array
 
-GERM: Law = Normal(0.0, 1.0)
+STANDARD_NORMAL: Law = Normal(0.0, 1.0)
 """The law of the germ of a correlated parameter."""
 SMALLEST, LARGEST = 1e-300, 1.0 - 2.0**-53
 """Probabilities between which the germ of a sample is finite."""
@@ -184,7 +184,7 @@ class Inputs:
         polynomials of these are orthonormal under the joint law. `joined` gives x.
         """
         tied = set(self.correlated)
-        laws = [GERM if i in tied else law for i, law in enumerate(self.laws.values())]
+        laws = [STANDARD_NORMAL if i in tied else law for i, law in enumerate(self.laws.values())]
         values = [
             np.array([0.0, 1.0]) if i in tied else alpha[part] for i, part in enumerate(self.slices)
         ]

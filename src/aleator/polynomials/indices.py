@@ -62,7 +62,8 @@ class TotalDegree:
 
     def indices(self, limits: Sequence[int | None]) -> Indices:
         """Multi-indices (P, n) in the order of their sum. Cost O(P n)."""
-        return total_degree(_within(limits, self.degree), self.degree)
+        tops = _within(limits, self.degree)
+        return _below([np.arange(top + 1.0) for top in tops], self.degree)
 
 
 @dataclass(frozen=True)
@@ -138,17 +139,6 @@ class Anisotropic:
         steps: list[Array] = [np.arange(top + 1.0) for top in tops]
         costs: list[Array] = [w * k for w, k in zip(self.weights, steps, strict=True)]
         return _below(costs, self.degree)
-
-
-def total_degree(limits: tuple[int, ...], degree: int) -> Indices:
-    """Multi-indices (p, n) with sum at most `degree` and entry k at most limits[k].
-
-    Without limits p = (n + d)!/(n! d!), the paper's set of the d-th order expansion.
-
-    >>> total_degree((2, 2), 2).tolist()
-    [[0, 0], [0, 1], [1, 0], [0, 2], [1, 1], [2, 0]]
-    """
-    return _below([np.arange(min(limit, degree) + 1.0) for limit in limits], degree)
 
 
 def highest(indices: Indices) -> tuple[int, ...]:

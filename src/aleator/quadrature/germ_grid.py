@@ -60,10 +60,6 @@ class GermGrid:
         x, dx = inputs.image(alpha, germ)
         return Nodes(x, weights, dx, np.zeros((weights.size, inputs.size)), lattice)
 
-    def size(self, inputs: Inputs) -> int:
-        """Nodes that are not negligible."""
-        return int(_grid(self.per_dimension, inputs.scattering)[1].size)
-
 
 @lru_cache(maxsize=8)
 def _grid(per_dimension: int, dimensions: int) -> tuple[Array, Array, Lattice | None]:

@@ -20,12 +20,8 @@ class Cubature(Protocol):
         """Nodes and weights of the law alpha (K,), with their derivatives by alpha."""
         ...
 
-    def size(self, inputs: Inputs) -> int:
-        """How many nodes J the rule has for these inputs."""
-        ...
 
-
-def between(name: str, value: int, lower: int, upper: int | None) -> None:
+def check_whole(name: str, value: int, lower: int, upper: int | None) -> None:
     """Raise InputsError unless the value is a whole number within its limits."""
     if type(value) is not int or value < lower or (upper is not None and value > upper):
         limits = f"between {lower} and {upper}" if upper is not None else f"of at least {lower}"

@@ -12,7 +12,7 @@ from scipy.stats import qmc
 from aleator.errors import InputsError
 from aleator.laws import Inputs
 from aleator.polynomials.gauss import tensor
-from aleator.quadrature.interface import MOST_NODES, affordable, between
+from aleator.quadrature.interface import MOST_NODES, affordable, check_whole
 from aleator.quadrature.nodes import Nodes
 from aleator.types import Array
 
@@ -39,8 +39,8 @@ class SobolPoints:
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
-        between("points", self.points, 2, 2**20)
-        between("seed", self.seed, 0, None)
+        check_whole("points", self.points, 2, 2**20)
+        check_whole("seed", self.seed, 0, None)
         if self.points & (self.points - 1):
             below = 1 << (int(self.points).bit_length() - 1)
             raise InputsError(
@@ -51,10 +51,6 @@ class SobolPoints:
     def nodes(self, inputs: Inputs, alpha: Array) -> Nodes:
         """The points at alpha. Cost O(J n K)."""
         return _equal(inputs, alpha, _sobol_germ(self.points, inputs.scattering, self.seed))
-
-    def size(self, inputs: Inputs) -> int:
-        """The points; one where nothing scatters."""
-        return self.points if inputs.scattering else 1
 
 
 @dataclass(frozen=True)
@@ -75,16 +71,12 @@ class MonteCarloPoints:
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
-        between("points", self.points, 2, MOST_NODES)
-        between("seed", self.seed, 0, None)
+        check_whole("points", self.points, 2, MOST_NODES)
+        check_whole("seed", self.seed, 0, None)
 
     def nodes(self, inputs: Inputs, alpha: Array) -> Nodes:
         """The points at alpha. Cost O(J n K)."""
         return _equal(inputs, alpha, _random_germ(self.points, inputs.scattering, self.seed))
-
-    def size(self, inputs: Inputs) -> int:
-        """The points; one where nothing scatters."""
-        return self.points if inputs.scattering else 1
 
 
 @dataclass(frozen=True)
@@ -105,16 +97,12 @@ class ProbabilityGrid:
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
-        between("per_dimension", self.per_dimension, 1, 10_000)
+        check_whole("per_dimension", self.per_dimension, 1, 10_000)
 
     def nodes(self, inputs: Inputs, alpha: Array) -> Nodes:
         """The grid at alpha. Cost O(J n K)."""
-        affordable(self.size(inputs))
+        affordable(self.per_dimension**inputs.scattering)
         return _equal(inputs, alpha, _grid_germ(self.per_dimension, inputs.scattering))
-
-    def size(self, inputs: Inputs) -> int:
-        """per_dimension^d."""
-        return int(self.per_dimension**inputs.scattering)
 
 
 def _equal(inputs: Inputs, alpha: Array, germ: Array) -> Nodes:

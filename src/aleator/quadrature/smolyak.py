@@ -10,7 +10,7 @@ import numpy as np
 
 from aleator.laws import Inputs, Rule
 from aleator.polynomials.gauss import tensor
-from aleator.quadrature.interface import affordable, between
+from aleator.quadrature.interface import affordable, check_whole
 from aleator.quadrature.nodes import Nodes, axes, combined
 from aleator.types import Array, Indices
 
@@ -45,7 +45,7 @@ class Smolyak:
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
-        between("level", self.level, 0, 20)
+        check_whole("level", self.level, 0, 20)
 
     def nodes(self, inputs: Inputs, alpha: Array) -> Nodes:
         """The rule at alpha. Cost O(J n K), besides the grid, which is made once."""
@@ -63,11 +63,6 @@ class Smolyak:
         for k in np.flatnonzero(np.any(every.dweights, axis=0)):
             dweights[:, k] = np.bincount(grid.node, grid.factor * every.dweights[:, k])
         return Nodes(every.x[grid.first], weights, every.dx[grid.first], dweights)
-
-    def size(self, inputs: Inputs) -> int:
-        """Nodes after merging, counted at the start of alpha."""
-        start = np.array([h.start for h in inputs.hyperparameters])
-        return self.nodes(inputs, start).weights.size
 
 
 @dataclass(frozen=True)

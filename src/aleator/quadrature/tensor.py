@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from aleator.laws import Inputs
 from aleator.polynomials.gauss import tensor
-from aleator.quadrature.interface import affordable, between
+from aleator.quadrature.interface import affordable, check_whole
 from aleator.quadrature.nodes import Nodes, axes, combined
 from aleator.types import Array
 
@@ -30,14 +30,10 @@ class TensorGauss:
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
-        between("per_dimension", self.per_dimension, 1, 100)
+        check_whole("per_dimension", self.per_dimension, 1, 100)
 
     def nodes(self, inputs: Inputs, alpha: Array) -> Nodes:
         """The rule at alpha. Cost O(J n K)."""
-        affordable(self.size(inputs))
+        affordable(self.per_dimension**inputs.scattering)
         rules = axes(inputs, alpha, self.per_dimension)
         return combined(inputs, alpha, rules, tensor(tuple(rule.x.size for rule in rules)))
-
-    def size(self, inputs: Inputs) -> int:
-        """per_dimension^d."""
-        return int(self.per_dimension**inputs.scattering)
