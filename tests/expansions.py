@@ -68,4 +68,4 @@ def miss(expansion: Expansion, function: Callable[[Array], Array], runs: int = 4
     """The true share of variance that the expansion of the first experiment misses."""
     points = drawn(expansion.basis, runs, seed=99)
     truth = function(points.x)
-    return float(np.mean((expansion.evaluate(points.germ)[0] - truth) ** 2) / truth.var())
+    return float(np.mean((expansion.evaluate(points.t)[0] - truth) ** 2) / truth.var())

@@ -122,7 +122,7 @@ class Camelback:
         """Coefficients c_0..c_degree in orthonormal polynomials by q runs (paper, eq. 8)."""
         law = self.law(polynomials)
         rule = law.rule(ALPHA, q)
-        basis = evaluate(*law.recurrence(ALPHA, degree + 1), rule.germ, degree)
+        basis = evaluate(*law.recurrence(ALPHA, degree + 1), rule.t, degree)
         return np.asarray(basis.T @ (rule.weights * self.outcome(rule.x)))
 
     def exact_coefficients(self, degree: int, polynomials: Polynomials = "hermite") -> Array:

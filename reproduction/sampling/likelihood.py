@@ -71,7 +71,7 @@ class Sampling:
             nodes = self.cubature.nodes(self.inputs, alpha)
             return Outcomes(self.response.evaluate(nodes.x), nodes.weights)
         design = self.expansion.design(self._basis)
-        x, _ = self.inputs.image(alpha, design.germ)
+        x, _ = self.inputs.image(alpha, design.t)
         fitted = self.expansion.fit(self._basis, design, self.response.evaluate(x))
         samples = self._germ()
         return Outcomes(fitted.evaluate(samples.x), samples.weights)

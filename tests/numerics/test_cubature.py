@@ -199,7 +199,8 @@ def test_nodes_that_coincide_are_merged() -> None:
     gauss, sparse = TensorGauss(5).nodes(inputs, alpha), Smolyak(4).nodes(inputs, alpha)
     np.testing.assert_allclose(np.sort(sparse.x[:, 0]), gauss.x[:, 0], atol=1e-14)
     law = Inputs({"w": TruncatedNormal(BOX, 0.0, 0.5), "v": TruncatedNormal(BOX, 0.0, 0.5)})
-    assert Smolyak(2).size(law) == 3 + 4 + 3 + 2 + 2
+    start = np.array([0.0, 0.5, 0.0, 0.5])
+    assert Smolyak(2).nodes(law, start).weights.size == 3 + 4 + 3 + 2 + 2
 
 
 @settings(max_examples=20, deadline=None)

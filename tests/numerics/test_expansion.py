@@ -37,7 +37,7 @@ from aleator.polynomials.indices import Hyperbolic, TotalDegree
 def test_products_of_polynomials_are_orthonormal_under_the_joint_law() -> None:
     indices = TotalDegree(4).indices(MIXED.limits)
     nodes = Projection(TotalDegree(4)).design(MIXED)
-    psi = MIXED.evaluate(nodes.germ, indices)
+    psi = MIXED.evaluate(nodes.t, indices)
     np.testing.assert_allclose((psi.T * nodes.weights) @ psi, np.eye(len(indices)), atol=1e-10)
     assert np.all(indices[:, 3] == 0)
 
@@ -63,7 +63,7 @@ def test_every_way_finds_any_polynomial_in_its_terms(seed: int, way: Expanding) 
     indices = way.terms.indices(MIXED.limits)  # type: ignore[attr-defined]
     truth = np.random.default_rng(seed).normal(size=(3, len(indices)))
     design = way.design(MIXED)
-    found = way.fit(MIXED, design, truth @ MIXED.evaluate(design.germ, indices).T)
+    found = way.fit(MIXED, design, truth @ MIXED.evaluate(design.t, indices).T)
     known = {tuple(k): c for k, c in zip(indices.tolist(), truth.T, strict=True)}
     for k, coefficients in zip(found.indices.tolist(), found.coefficients.T, strict=True):
         np.testing.assert_allclose(coefficients, known.pop(tuple(k)), atol=1e-7)
@@ -87,7 +87,7 @@ def test_the_points_belong_to_the_law_and_the_constant_is_no_parameter(way: Expa
     assert np.all(design.x[:, 3] == 4.0)
     assert np.all((design.x[:, 1] >= 0.0) & (design.x[:, 1] <= 3.0))
     # x = 1 + 2 theta for the normal law
-    np.testing.assert_allclose(design.x[:, 0], 1.0 + 2.0 * design.germ[:, 0])
+    np.testing.assert_allclose(design.x[:, 0], 1.0 + 2.0 * design.t[:, 0])
     with pytest.raises(ValueError, match="read-only"):
         design.x[0] = 0.0
 
@@ -105,7 +105,7 @@ def test_direct_projection_on_a_sparse_grid_aliases_and_the_pseudo_spectral_does
     basis = basis_of(NORMAL, NORMAL)
     way = SparseProjection(Hyperbolic(6))
     design, indices = way.design(basis), way.terms.indices(basis.limits)
-    psi = basis.evaluate(design.germ, indices)
+    psi = basis.evaluate(design.t, indices)
     # each polynomial of the set in turn is the outcome: the matrix of coefficients is the identity
     right = np.eye(len(indices))
     np.testing.assert_allclose(way.fit(basis, design, psi.T).coefficients, right, atol=1e-10)
@@ -119,7 +119,7 @@ def test_of_the_total_degree_the_direct_projection_does_not_alias() -> None:
     basis = basis_of(NORMAL, NORMAL)
     way = SparseProjection(TotalDegree(4))
     design, indices = way.design(basis), way.terms.indices(basis.limits)
-    psi = basis.evaluate(design.germ, indices)
+    psi = basis.evaluate(design.t, indices)
     direct = project(basis, indices, design, psi.T).coefficients
     np.testing.assert_allclose(direct, np.eye(15), atol=1e-12)
 

@@ -45,11 +45,11 @@ def test_induced_points_have_the_induced_density_and_undo_it_by_weights() -> Non
     design = induced(MIXED, indices, 4096, seed=1)
     # E f = sum w f for the law, and P^-1 sum_k E psi_k^2 f for the unweighted average
     fine = Projection(TotalDegree(11)).design(MIXED)
-    density = np.mean(MIXED.evaluate(fine.germ, indices) ** 2, axis=1)
+    density = np.mean(MIXED.evaluate(fine.t, indices) ** 2, axis=1)
     for f in (lambda t: t[:, 0] ** 2, lambda t: t[:, 1] * t[:, 2], lambda t: np.cos(t[:, 0])):
-        law, mixture = fine.weights @ f(fine.germ), (fine.weights * density) @ f(fine.germ)
-        assert design.weights @ f(design.germ) == pytest.approx(law, abs=0.03)
-        assert np.mean(f(design.germ)) == pytest.approx(mixture, abs=0.03)
+        law, mixture = fine.weights @ f(fine.t), (fine.weights * density) @ f(fine.t)
+        assert design.weights @ f(design.t) == pytest.approx(law, abs=0.03)
+        assert np.mean(f(design.t)) == pytest.approx(mixture, abs=0.03)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_twice_as_many_runs_as_terms_are_well_conditioned(
     basis = basis_of(*[law] * n)
     indices = TotalDegree(degree).indices(basis.limits)
     design = induced(basis, indices, 2 * len(indices), seed=0)
-    psi = np.sqrt(design.weights)[:, None] * basis.evaluate(design.germ, indices)
+    psi = np.sqrt(design.weights)[:, None] * basis.evaluate(design.t, indices)
     assert np.linalg.cond(psi) < 12.0
 
 
@@ -103,7 +103,7 @@ def test_every_law_serves_an_expansion(law: Law) -> None:
 def test_runs_of_the_law_itself_are_not_where_the_law_is_normal() -> None:
     basis = basis_of(NORMAL, NORMAL)
     indices = TotalDegree(8).indices(basis.limits)
-    psi = basis.evaluate(drawn(basis, 90, seed=0).germ, indices)
+    psi = basis.evaluate(drawn(basis, 90, seed=0).t, indices)
     assert np.linalg.cond(psi) > 1e3
 
 

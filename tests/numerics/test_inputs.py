@@ -97,17 +97,17 @@ def test_the_coefficients_of_a_basis_polynomial_are_found(basis) -> None:
     """Outcomes that are one basis polynomial give its values, the square of which averages 1."""
     joint, degree = inputs(basis), 3
     one, polynomials = np.array([[1, 0, 2]]), Basis.of(joint, ALPHA)
-    outcomes = polynomials.evaluate(tensor_design(polynomials, [4] * 3).germ, one)[:, 0]
+    outcomes = polynomials.evaluate(tensor_design(polynomials, [4] * 3).t, one)[:, 0]
     matrix, weights = expansion_map(joint, ALPHA, 4, degree, 8)
     found = matrix @ outcomes
     assert weights @ found == pytest.approx(0.0, abs=1e-12)
     assert weights @ found**2 == pytest.approx(1.0, rel=1e-12)
     # ... and is the same polynomial at the finer nodes, 8 * 3 // 2 + 1 a dimension
     fine = tensor_design(polynomials, [13] * 3)
-    expected = polynomials.evaluate(fine.germ, one)[:, 0]
+    expected = polynomials.evaluate(fine.t, one)[:, 0]
     np.testing.assert_allclose(found, expected, atol=1e-10)
     # an independent value of it: Hermite of degree 1 times the law's own of degree 2
-    x, w = fine.germ[:, 0], evaluate(*joint.laws["w"].recurrence(ALPHA[3:], 3), fine.germ[:, 2], 2)
+    x, w = fine.t[:, 0], evaluate(*joint.laws["w"].recurrence(ALPHA[3:], 3), fine.t[:, 2], 2)
     np.testing.assert_allclose(found, x * w[:, 2], atol=1e-10)
 
 

@@ -239,7 +239,7 @@ def test_own_polynomials_are_orthonormal_to_degree_15(box, mean, sd) -> None:
 )
 def test_polynomials_are_orthonormal_on_their_own_rule(law) -> None:
     rule = law.rule(np.array([0.0, 1.0]), 16)
-    table = evaluate(*law.recurrence(np.array([0.0, 1.0]), 16), rule.germ, 15)
+    table = evaluate(*law.recurrence(np.array([0.0, 1.0]), 16), rule.t, 15)
     # 16 nodes serve degree 31, products have 30
     np.testing.assert_allclose(table.T @ (rule.weights[:, None] * table), np.eye(16), atol=1e-10)
 

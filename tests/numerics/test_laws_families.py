@@ -107,7 +107,7 @@ def test_rules_have_the_mean_and_sd_that_name_the_law(law: Law, mean, sd, truth)
 def test_polynomials_of_every_law_are_orthonormal_to_degree_20(law: Law, mean, sd, truth) -> None:  # noqa: ARG001
     values = np.array([mean, sd])
     rule = law.rule(values, 21)
-    table = evaluate(*law.recurrence(values, 21), rule.germ, 20)
+    table = evaluate(*law.recurrence(values, 21), rule.t, 20)
     np.testing.assert_allclose(table.T @ (table * rule.weights[:, None]), np.eye(21), atol=1e-10)
 
 

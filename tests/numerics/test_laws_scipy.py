@@ -39,7 +39,7 @@ def test_rules_of_known_families_are_theirs(distribution, recurrence) -> None:
     law = ScipyLaw(distribution)
     rule = law.rule(NONE, 21)
     t, w = gauss(*recurrence)
-    np.testing.assert_allclose(rule.germ, t, atol=1e-10)
+    np.testing.assert_allclose(rule.t, t, atol=1e-10)
     np.testing.assert_allclose(rule.weights, w, atol=1e-11)
     expected = distribution.mean() + distribution.std() * t
     np.testing.assert_allclose(rule.x, expected, atol=1e-10 * distribution.std(), rtol=1e-14)
@@ -66,7 +66,7 @@ def test_polynomials_are_orthonormal_under_the_density_itself(distribution) -> N
     moments = [rule.weights @ z**m for m in (1, 2, 3, 4)]
     truth = [0.0, 1.0, skewness, 3.0 + kurtosis]
     np.testing.assert_allclose(moments, truth, rtol=1e-8, atol=1e-8)
-    table = evaluate(*law.recurrence(NONE, 21), rule.germ, 20)
+    table = evaluate(*law.recurrence(NONE, 21), rule.t, 20)
     np.testing.assert_allclose(table.T @ (table * rule.weights[:, None]), np.eye(21), atol=1e-10)
     # independently of the discretization: a midpoint rule in the germ, for low degrees
     theta = np.linspace(-8.2, 8.2, 4001)

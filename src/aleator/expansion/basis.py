@@ -60,7 +60,7 @@ class Basis:
         return self.laws[parameter].rule(self.values[parameter], nodes)
 
     def exact_rule(self, parameter: int, degree: int) -> tuple[Array, Array, Array]:
-        """A Gauss rule exact to `degree`, for high powers: germs (q,), weights, p_0..p_(q-1)."""
+        """A Gauss rule exact to `degree`, for high powers: nodes t (q,), weights, p_0..p_(q-1)."""
         return polished_rule(*self.recurrence(parameter, degree // 2 + 1), degree)
 
     def recurrence(self, parameter: int, count: int) -> tuple[Array, Array]:
@@ -71,16 +71,16 @@ class Basis:
         """Whether polynomials below degree `count` have a symmetric weight, as far as they show."""
         return symmetric(*self.recurrence(parameter, count))
 
-    def table(self, parameter: int, germ: Array, degree: int) -> Array:
-        """The polynomials of one marginal at its germ (J,), as (J, degree + 1)."""
-        return evaluate(*self.recurrence(parameter, degree + 1), germ, degree)
+    def table(self, parameter: int, t: Array, degree: int) -> Array:
+        """The polynomials of one marginal at t (J,), as (J, degree + 1)."""
+        return evaluate(*self.recurrence(parameter, degree + 1), t, degree)
 
-    def evaluate(self, germ: Array, indices: Indices) -> Array:
-        """psi at germs (J, n) for multi-indices (P, n), as (J, P). Cost O(J P n)."""
-        value = np.ones((len(germ), len(indices)))
+    def evaluate(self, t: Array, indices: Indices) -> Array:
+        """psi at points t (J, n) for multi-indices (P, n), as (J, P). Cost O(J P n)."""
+        value = np.ones((len(t), len(indices)))
         for i, degrees in enumerate(indices.T):
             used = np.flatnonzero(degrees)
             if used.size:
-                table = self.table(i, germ[:, i], int(degrees.max()))
+                table = self.table(i, t[:, i], int(degrees.max()))
                 value[:, used] *= table[:, degrees[used]]
         return value

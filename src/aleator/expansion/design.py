@@ -20,18 +20,18 @@ the square of a polynomial of degree 39 exactly, so that polynomials stay orthon
 class Design:
     """J points at which each experiment is to be run.
 
-    `germ` (J, n) are the points in the coordinates of the polynomials, `x` (J, n) the variables of
+    `t` (J, n) are the points in the variables of the polynomials, `x` (J, n) the variables of
     the basis, which are the parameters where none is correlated, and `weights` (J,) make
     sum_j weights_j f(x_j) an estimate of E f.
     """
 
-    germ: Array
+    t: Array
     x: Array
     weights: Array
 
     def __post_init__(self) -> None:
         """Nobody may move a point after its runs."""
-        for array in (self.germ, self.x, self.weights):
+        for array in (self.t, self.x, self.weights):
             array.setflags(write=False)
 
     def __len__(self) -> int:
@@ -57,18 +57,18 @@ def induced(basis: Basis, indices: Indices, runs: int, seed: int) -> Design:
     picks = []
     for i in range(len(basis.laws)):
         rule = basis.rule(i, FINE)
-        table = basis.table(i, rule.germ, int(indices[:, i].max()))
+        table = basis.table(i, rule.t, int(indices[:, i].max()))
         steps = np.cumsum(rule.weights[:, None] * table**2, axis=0)[:-1]
         picks.append(np.sum(steps.T[degrees[:, i]] < uniform[:, i + 1, None], axis=1))
-    germ, x = _at(basis, picks)
-    density = np.mean(basis.evaluate(germ, indices) ** 2, axis=1)
-    return Design(germ, x, 1.0 / (density * runs))
+    t, x = _at(basis, picks)
+    density = np.mean(basis.evaluate(t, indices) ** 2, axis=1)
+    return Design(t, x, 1.0 / (density * runs))
 
 
 def _at(basis: Basis, picks: list[Indices]) -> tuple[Array, Array]:
     rules = [basis.rule(i, FINE) for i in range(len(picks))]
-    germ = np.stack([rule.germ[pick] for rule, pick in zip(rules, picks, strict=True)], axis=1)
-    return germ, np.stack([rule.x[p] for rule, p in zip(rules, picks, strict=True)], axis=1)
+    t = np.stack([rule.t[pick] for rule, pick in zip(rules, picks, strict=True)], axis=1)
+    return t, np.stack([rule.x[p] for rule, p in zip(rules, picks, strict=True)], axis=1)
 
 
 def _uniform(runs: int, dimension: int, seed: int) -> Array:

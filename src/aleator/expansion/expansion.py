@@ -47,9 +47,9 @@ class Expansion:
         for array in (self.indices, self.coefficients, self.leave_one_out):
             array.setflags(write=False)
 
-    def evaluate(self, germ: Array) -> Array:
-        """Outcomes (N, J) at germs (J, n). Cost O(J P (n + N))."""
-        return self.coefficients @ self.basis.evaluate(germ, self.indices).T
+    def evaluate(self, t: Array) -> Array:
+        """Outcomes (N, J) at points t (J, n) of the polynomials. Cost O(J P (n + N))."""
+        return self.coefficients @ self.basis.evaluate(t, self.indices).T
 
     @property
     def mean(self) -> Array:

@@ -62,7 +62,7 @@ def project(basis: Basis, indices: Indices, design: Design, outcomes: Array) -> 
     2012); use `SparseProjection` there.
     """
     outcomes = checked(design, outcomes)
-    psi = basis.evaluate(design.germ, indices)
+    psi = basis.evaluate(design.t, indices)
     coefficients = (outcomes * design.weights) @ psi
     return Expansion(basis, indices, coefficients, np.full(len(outcomes), np.nan))
 
@@ -80,7 +80,7 @@ def expansion_map(
     design = way.design(basis)
     fine = tensor_design(basis, [order * degree // 2 + 1] * len(basis.laws))
     unit = way.fit(basis, design, np.eye(len(design)))
-    return unit.evaluate(fine.germ).T, fine.weights
+    return unit.evaluate(fine.t).T, fine.weights
 
 
 def tensor_design(basis: Basis, sizes: list[int]) -> Design:
@@ -89,7 +89,7 @@ def tensor_design(basis: Basis, sizes: list[int]) -> Design:
     picks = tensor(tuple(rule.x.size for rule in rules))
     columns = list(zip(rules, picks.T, strict=True))
     return Design(
-        np.stack([rule.germ[pick] for rule, pick in columns], axis=1),
+        np.stack([rule.t[pick] for rule, pick in columns], axis=1),
         np.stack([rule.x[pick] for rule, pick in columns], axis=1),
         np.prod([rule.weights[pick] for rule, pick in columns], axis=0),
     )

@@ -60,7 +60,7 @@ class Regression:
         """The expansion from outcomes (N, J) at the points of the design, or of any other."""
         outcomes = checked(design, outcomes)
         indices, ends = self._nested(basis, len(design))
-        psi = basis.evaluate(design.germ, indices[: ends[-1]])
+        psi = basis.evaluate(design.t, indices[: ends[-1]])
         fits = nested_fits(psi, design.weights, outcomes, ends)
         best = np.argmin(fits.corrected, axis=0)
         coefficients = np.zeros((len(outcomes), ends[-1]))

@@ -59,9 +59,9 @@ class SparseProjection:
         signs = combination(indices)
         used = np.flatnonzero(signs)
         grids = [tensor_design(basis, (indices[row] + 1).tolist()) for row in used]
-        germ = np.concatenate([grid.germ for grid in grids])
+        t = np.concatenate([grid.t for grid in grids])
         _, first, place = np.unique(
-            np.round(germ, DIGITS) + 0.0, axis=0, return_index=True, return_inverse=True
+            np.round(t, DIGITS) + 0.0, axis=0, return_index=True, return_inverse=True
         )
         operator = np.zeros((len(first), len(indices)))
         begin = 0
@@ -69,10 +69,10 @@ class SparseProjection:
             points = place.reshape(-1)[begin : begin + len(grid)]
             begin += len(grid)
             own = np.flatnonzero(np.all(indices <= indices[row], axis=1))
-            psi = basis.evaluate(grid.germ, indices[own])
+            psi = basis.evaluate(grid.t, indices[own])
             operator[np.ix_(points, own)] += signs[row] * grid.weights[:, None] * psi
         x = np.concatenate([grid.x for grid in grids])
-        return Design(germ[first], x[first], operator[:, 0].copy()), operator
+        return Design(t[first], x[first], operator[:, 0].copy()), operator
 
 
 def combination(indices: Indices) -> Indices:

@@ -73,7 +73,7 @@ class Constant:
         return np.full(probability.shape, values[0])
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """The value at every germ, which does not move it."""
+        """The value, whatever theta is."""
         return Standard(
             np.full(theta.shape, values[0]), np.zeros(theta.shape), np.ones((theta.size, 1))
         )

@@ -1,6 +1,6 @@
-"""Correlation of the germs: a Gaussian copula whose every trial is a valid correlation matrix.
+"""Correlation by a Gaussian copula, whose every trial is a valid correlation matrix.
 
-The germs theta = L(rho) xi of the correlated parameters are made of independent standard normal
+The variates theta = L(rho) xi of the correlated parameters are made of independent standard normal
 xi. What is identified are the partial correlations rho of a canonical vine (Bedford and Cooke,
 2002; Joe, 2006; Lewandowski, Kurowicka and Joe, 2009): each may take any value of [-1, 1] whatever
 the others are, and R = L L' is a correlation matrix for all of them.
@@ -71,7 +71,7 @@ class Correlation:
         return factor, slope
 
     def matrix(self, partial: Array) -> tuple[Array, Array]:
-        """The correlation matrix R (m, m) of the germs, and dR/d partial (m, m, p).
+        """The correlation matrix R (m, m) of theta, and dR/d partial (m, m, p).
 
         >>> three = between(("a", "b", "c"), dict.fromkeys([("a", "b"), ("a", "c")], 0.5))
         >>> three.matrix(np.array([0.5, 0.5]))[0].round(12).tolist()   # b, c independent given a

@@ -1,4 +1,4 @@
-"""Laws as images x = F^-1(Phi(theta)) of a standard normal germ, from both of their tails."""
+"""Laws as images x = F^-1(Phi(theta)) of a standard normal variate, from both of their tails."""
 
 from __future__ import annotations
 

@@ -17,9 +17,9 @@ from aleator.threads import single_threaded
 from aleator.types import Array
 
 STANDARD_NORMAL: Law = Normal(0.0, 1.0)
-"""The law of the germ of a correlated parameter."""
+"""The law of the variate that a correlated parameter is made of."""
 SMALLEST, LARGEST = 1e-300, 1.0 - 2.0**-53
-"""Probabilities between which the germ of a sample is finite."""
+"""Probabilities between which a standard normal variate is finite."""
 
 
 class Inputs:
@@ -30,7 +30,7 @@ class Inputs:
     but for the pairs in `correlation`, each a number or `Free(lower, upper)` within [-1, 1]. The
     joint law of correlated parameters is a Gaussian copula: x_i = F_i^-1(Phi(theta_i)) with normal
     theta of that correlation; for normal laws that is the normal law with full covariance. Their
-    nodes and polynomials are those of the germ. See `aleator.correlation.between` for more than two
+    nodes and polynomials are those of theta. See `aleator.correlation.between` for more than two
     correlated parameters. Raises InputsError when there is no parameter, when a name is not an
     identifier, and for a pair or limits that are inadmissible.
 
@@ -101,7 +101,7 @@ class Inputs:
 
     @cached_property
     def scattered(self) -> tuple[int, ...]:
-        """Which parameters vary between experiments; each has a germ."""
+        """Which parameters vary between experiments; each is the image of a theta."""
         return tuple(i for i, law in enumerate(self.laws.values()) if law.scatters)
 
     @cached_property
@@ -110,7 +110,7 @@ class Inputs:
         return tuple(self.scattered[i] for i in self.correlation.members)
 
     def correlation_matrix(self, alpha: Array) -> Array:
-        """Correlations R (n, n) of the normal germs theta, and of x itself where laws are normal.
+        """Correlations R (n, n) of the variates theta, and of x itself where laws are normal.
 
         Rank correlations of any continuous laws are 6/pi arcsin(R/2).
         """
@@ -128,11 +128,11 @@ class Inputs:
         return slope
 
     @single_threaded
-    def image(self, alpha: Array, germ: Array) -> tuple[Array, Array]:
-        """Parameters x (J, n) of independent standard normal germs (J, scattering), and dx/dalpha.
+    def image(self, alpha: Array, xi: Array) -> tuple[Array, Array]:
+        """Parameters x (J, n) of independent standard normal xi (J, scattering), and dx/dalpha.
 
         x_i = F_i^-1(Phi(theta_i) | alpha) with theta held: smooth in alpha, so that averages over
-        fixed germs have exact derivatives `dx` (J, n, K). theta is the germ itself, or L germ for
+        fixed xi have exact derivatives `dx` (J, n, K). theta is xi itself, or L xi for
         correlated parameters.
 
         >>> from aleator.laws import Normal
@@ -140,9 +140,9 @@ class Inputs:
         >>> x.tolist(), dx.tolist()
         ([[2.0]], [[[1.0, 2.0]]])
         """
-        count, n = germ.shape[0], len(self.names)
+        count, n = xi.shape[0], len(self.names)
         theta = np.zeros((n, count))
-        theta[list(self.scattered)] = germ.T
+        theta[list(self.scattered)] = xi.T
         x, dx = zeros(count, n, self.size)
         for i, (law, part) in enumerate(zip(self.laws.values(), self.slices, strict=True)):
             if i not in self.correlated:
@@ -180,8 +180,8 @@ class Inputs:
     def independent(self, alpha: Array) -> tuple[tuple[Law, ...], tuple[Array, ...]]:
         """Laws and their values (n each) of the independent variables that x is made of.
 
-        That is the parameter's own law, or N(0, 1), the germ's, where the parameter is correlated:
-        polynomials of these are orthonormal under the joint law. `joined` gives x.
+        That is the parameter's own law, or N(0, 1) where the parameter is correlated: polynomials
+        of these are orthonormal under the joint law. `tied` makes x of the correlated ones.
         """
         tied = set(self.correlated)
         laws = [STANDARD_NORMAL if i in tied else law for i, law in enumerate(self.laws.values())]

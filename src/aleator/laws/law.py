@@ -13,23 +13,23 @@ from aleator.types import Array
 class Rule:
     """A quadrature rule of q nodes for a law with k hyperparameters.
 
-    `x` (q,) are the nodes, `weights` (q,) sum to one, `germ` (q,) are the nodes in the
-    coordinate of the law's polynomials; `dx` and `dweights` (q, k) are the derivatives by the
+    `x` (q,) are the nodes, `weights` (q,) sum to one, `t` (q,) are the nodes in the
+    variable of the law's polynomials; `dx` and `dweights` (q, k) are the derivatives by the
     law's hyperparameters, so that the derivative of any weighted sum is exact for any q.
     """
 
     x: Array
     weights: Array
-    germ: Array
+    t: Array
     dx: Array
     dweights: Array
 
 
 @dataclass(frozen=True)
 class Standard:
-    """A law as the image x = F^-1(Phi(theta)) of a standard normal germ theta (J,).
+    """A law as the image x = F^-1(Phi(theta)) of a standard normal variate theta (J,).
 
-    `x` (J,), its derivative by the germ `dtheta` (J,), and by the law's hyperparameters
+    `x` (J,), its derivative by theta `dtheta` (J,), and by the law's hyperparameters
     `dvalues` (J, k).
     """
 
@@ -99,7 +99,7 @@ class Law(Protocol):
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
         """The first coefficients a (count,), b (count,) of the law's orthonormal polynomials.
 
-        They belong to the coordinate `Rule.germ`; see `aleator.polynomials.recurrence`. A constant
+        They belong to the variable t of `Rule`; see `aleator.polynomials.recurrence`. A constant
         has one pair, whatever the count.
         """
         ...
@@ -117,7 +117,7 @@ class Law(Protocol):
         ...
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """The law as the image of a standard normal germ theta (J,), with derivatives."""
+        """The law as the image of a standard normal variate theta (J,), with derivatives."""
         ...
 
     def mean_and_sd(self, values: Array) -> MeanSd:

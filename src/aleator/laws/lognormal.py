@@ -1,4 +1,4 @@
-"""The lognormal law above a known end, handled through its normal germ."""
+"""The lognormal law above a known end, handled through its normal variate."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from aleator.polynomials.recurrence import hermite_recurrence
 from aleator.types import Array
 
 REACH = 8.0
-"""Standard deviations of the germ that the box spans: mass beyond is 1e-15."""
+"""Standard deviations of theta that the box spans: mass beyond is 1e-15."""
 LARGEST_VARIATION = 1.0
 """sd over distance from the end that the box takes account of."""
 
@@ -40,7 +40,7 @@ class LogNormal:
     thousandth and a half of their width. Raises InputsError where limits are missing, out of
     order, or not above `lower`.
 
-    The polynomials are those of the germ theta, not of x: the moments of a lognormal law do not
+    The polynomials are those of theta, not of x: the moments of a lognormal law do not
     determine it (Heyde, 1963), so its own polynomials are not dense, and an expansion in them may
     converge to something else (Ernst, Mugler, Starkloff and Ullmann, 2012). Hence a rule of q
     nodes is exact for polynomials of theta and not of x; with c up to 1 and q = 20 the error of the
@@ -67,7 +67,7 @@ class LogNormal:
 
     @cached_property
     def box(self) -> tuple[float, float]:
-        """From `lower` to eight sd of the germ for any law whose sd is at most mean - lower.
+        """From `lower` to eight sd of theta for any law whose sd is at most mean - lower.
 
         Far nodes of a rule may lie beyond it.
         """
@@ -86,7 +86,7 @@ class LogNormal:
         return True
 
     def rule(self, values: Array, nodes: int) -> Rule:
-        """Gauss-Hermite nodes of the germ; the weights do not depend on alpha."""
+        """Gauss-Hermite nodes of theta; the weights do not depend on alpha."""
         theta, weights = gauss_hermite(nodes)
         image = self.standard(values, theta)
         return Rule(image.x, weights, theta, image.dvalues, np.zeros((nodes, 2)))

@@ -93,11 +93,11 @@ class QuantileLaw(ABC):
         return True
 
     def rule(self, values: Array, nodes: int) -> Rule:
-        """The Gauss rule of the law's own polynomials; its germ has mean zero and sd one."""
-        x, weights, germ = self._rule(values, nodes)
+        """The Gauss rule of the law's own polynomials; their variable has mean zero and sd one."""
+        x, weights, t = self._rule(values, nodes)
         dx = self._slopes(lambda at: self._rule(at, nodes)[0], values)
         dweights = self._slopes(lambda at: self._rule(at, nodes)[1], values)
-        return Rule(x, weights, germ, dx, dweights)
+        return Rule(x, weights, t, dx, dweights)
 
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
         """The polynomials of (x - mean)/sd."""
@@ -168,8 +168,8 @@ class QuantileLaw(ABC):
 
     def _rule(self, values: Array, nodes: int) -> tuple[Array, Array, Array]:
         mean, sd, z, fine = self._points(values)
-        germ, weights = gauss(*stieltjes(z, fine, nodes))
-        return mean + sd * germ, weights, germ
+        t, weights = gauss(*stieltjes(z, fine, nodes))
+        return mean + sd * t, weights, t
 
     def _slopes(self, function: Callable[[Array], Array], values: Array) -> Array:
         """Derivatives (J, k) by the hyperparameters of what is (J,)."""

@@ -35,8 +35,8 @@ class TruncatedNormal:
     (identified). Defaults for a finite box of width w: mean within the box, sd within
     [w/1000, w/2]. An end of the box may be infinite if mean and sd have limits of their own.
     `polynomials` chooses the basis: "own" (orthogonal on the truncated density, by Stieltjes;
-    converges fastest) or "hermite" (the paper's: Hermite polynomials of the germ that the clip
-    transformation maps to x). Raises InputsError for a box or limits that are out of order.
+    converges fastest) or "hermite" (the paper's: Hermite polynomials of theta ~ N(0, 1), which the
+    clip maps to x). Raises InputsError for a box or limits that are out of order.
 
     >>> from aleator.laws import Free
     >>> law = TruncatedNormal(box=(-1.0, 1.0), mean=0.0, sd=Free(0.1, 100.0))
@@ -102,9 +102,9 @@ class TruncatedNormal:
         """Gauss rule of the truncated density, or Gauss-Hermite through the clip."""
         if self.basis == "own":
             return self._own_rule(values, nodes)
-        germ, weights = gauss_hermite(nodes)
-        image = self.standard(values, germ)
-        return Rule(image.x, weights, germ, image.dvalues, np.zeros((nodes, 2)))
+        theta, weights = gauss_hermite(nodes)
+        image = self.standard(values, theta)
+        return Rule(image.x, weights, theta, image.dvalues, np.zeros((nodes, 2)))
 
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
         """Polynomials orthonormal under the truncated density, or Hermite polynomials of theta."""

@@ -2,8 +2,8 @@
 
 Each choice turns a joint law at alpha into `Nodes`, whose derivatives by alpha are those of just
 what is computed: a weighted sum over the nodes has an exact gradient however coarse the rule is.
-Gauss rules are exact in polynomials of x where a law has its own, and in polynomials of the normal
-germ for a law that goes through it (lognormal, and every correlated parameter).
+Gauss rules are exact in polynomials of x where a law has its own, and in polynomials of the
+standard normal variate for a law that goes through it (lognormal, and every correlated parameter).
 
 | choice | nodes for d scattering parameters | error for a smooth outcome |
 |---|---|---|

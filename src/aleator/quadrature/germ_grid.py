@@ -1,4 +1,4 @@
-"""Evenly spaced nodes of the germ: for what varies faster than any polynomial rule can follow."""
+"""An even grid of standard normal variates: for what varies too fast for a polynomial rule."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from aleator.quadrature.nodes import Lattice, Nodes
 from aleator.types import Array, Flags, Indices
 
 REACH = 8.0
-"""Ends of the grid in standard deviations of the germ: the mass beyond is 1e-15."""
+"""Ends of the grid in standard deviations: the mass beyond is 1e-15."""
 NEGLIGIBLE = 1e-16
 """Nodes whose weight is below this share of the largest are left out: the grid is a ball."""
 LARGEST_WAVE = 0.02
 """What the ripple of a smoothed grid may do to the information that one outcome has on a shift."""
 WIDEST = 0.7
-"""Grids whose smoothing would be wider, in standard deviations of the germ, carry no lattice."""
+"""Grids whose smoothing would be wider, in standard deviations, carry no lattice."""
 
 
 @dataclass(frozen=True)
 class GermGrid:
-    """The trapezoidal rule in the standard normal germ, mapped by the laws.
+    """The trapezoidal rule in standard normal variates, mapped by the laws.
 
     theta on an even grid of `per_dimension` m points from -8 to 8 in every scattering parameter,
     weights proportional to phi(theta). For smooth integrands it converges as fast as a Gauss rule
@@ -56,8 +56,8 @@ class GermGrid:
 
     def nodes(self, inputs: Inputs, alpha: Array) -> Nodes:
         """The grid at alpha. Cost O(J n K)."""
-        germ, weights, lattice = _grid(self.per_dimension, inputs.scattering)
-        x, dx = inputs.image(alpha, germ)
+        variates, weights, lattice = _grid(self.per_dimension, inputs.scattering)
+        x, dx = inputs.image(alpha, variates)
         return Nodes(x, weights, dx, np.zeros((weights.size, inputs.size)), lattice)
 
 
@@ -67,11 +67,11 @@ def _grid(per_dimension: int, dimensions: int) -> tuple[Array, Array, Lattice | 
         return np.zeros((1, 0)), np.ones(1), None
     affordable(per_dimension**dimensions)
     theta = np.linspace(-REACH, REACH, per_dimension)
-    germ = theta[tensor((per_dimension,) * dimensions)]
-    square = np.sum(germ**2, axis=1)
+    variates = theta[tensor((per_dimension,) * dimensions)]
+    square = np.sum(variates**2, axis=1)
     weights = np.exp(-0.5 * square)
     kept = weights > NEGLIGIBLE * weights.max()
-    germ, square, weights = germ[kept], square[kept], weights[kept] / weights[kept].sum()
+    variates, square, weights = variates[kept], square[kept], weights[kept] / weights[kept].sum()
     step = theta[1] - theta[0]
     width = _width(step)
     lattice = None
@@ -79,9 +79,9 @@ def _grid(per_dimension: int, dimensions: int) -> tuple[Array, Array, Lattice | 
         pairs = _neighbors(kept.reshape((per_dimension,) * dimensions))
         first, second = zip(*(_differences(*pair, step) for pair in pairs), strict=True)
         lattice = Lattice(square, width, first, second)
-    for array in (germ, square, weights):
+    for array in (variates, square, weights):
         array.setflags(write=False)
-    return germ, weights, lattice
+    return variates, weights, lattice
 
 
 def _width(step: float) -> float:

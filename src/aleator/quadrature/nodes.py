@@ -55,7 +55,7 @@ def axes(inputs: Inputs, alpha: Array, per_dimension: int) -> list[Rule]:
     rules = [law.rule(v, per_dimension) for law, v in zip(laws, values, strict=True)]
     for i in inputs.correlated:
         own = np.zeros((per_dimension, inputs.slices[i].stop - inputs.slices[i].start))
-        rules[i] = Rule(rules[i].x, rules[i].weights, rules[i].germ, own, own)
+        rules[i] = Rule(rules[i].x, rules[i].weights, rules[i].t, own, own)
     return rules
 
 

@@ -21,7 +21,7 @@ SOBOL_BITS = 30
 
 @dataclass(frozen=True)
 class SobolPoints:
-    """Scrambled Sobol' points of the germ, mapped by the laws; equal weights.
+    """Scrambled Sobol' points of standard normal variates, mapped by the laws; equal weights.
 
     theta = Phi^-1(u) for points u of (0, 1)^d that do not depend on alpha (Sobol', 1967; Owen,
     1998), so that every average is smooth in alpha and its derivative exact. `points` J is a power
@@ -50,12 +50,12 @@ class SobolPoints:
 
     def nodes(self, inputs: Inputs, alpha: Array) -> Nodes:
         """The points at alpha. Cost O(J n K)."""
-        return _equal(inputs, alpha, _sobol_germ(self.points, inputs.scattering, self.seed))
+        return _equal(inputs, alpha, _sobol_variates(self.points, inputs.scattering, self.seed))
 
 
 @dataclass(frozen=True)
 class MonteCarloPoints:
-    """Independent random germs, drawn once, mapped by the laws; equal weights.
+    """Independent standard normal variates, drawn once, mapped by the laws; equal weights.
 
     The error falls with J^(-1/2) whatever the outcome; here to compare with. `points` J from 2 to
     1e6. Raises InputsError beyond that.
@@ -76,7 +76,7 @@ class MonteCarloPoints:
 
     def nodes(self, inputs: Inputs, alpha: Array) -> Nodes:
         """The points at alpha. Cost O(J n K)."""
-        return _equal(inputs, alpha, _random_germ(self.points, inputs.scattering, self.seed))
+        return _equal(inputs, alpha, _random_variates(self.points, inputs.scattering, self.seed))
 
 
 @dataclass(frozen=True)
@@ -102,17 +102,17 @@ class ProbabilityGrid:
     def nodes(self, inputs: Inputs, alpha: Array) -> Nodes:
         """The grid at alpha. Cost O(J n K)."""
         affordable(self.per_dimension**inputs.scattering)
-        return _equal(inputs, alpha, _grid_germ(self.per_dimension, inputs.scattering))
+        return _equal(inputs, alpha, _grid_variates(self.per_dimension, inputs.scattering))
 
 
-def _equal(inputs: Inputs, alpha: Array, germ: Array) -> Nodes:
-    x, dx = inputs.image(alpha, germ)
-    count = germ.shape[0]
+def _equal(inputs: Inputs, alpha: Array, xi: Array) -> Nodes:
+    x, dx = inputs.image(alpha, xi)
+    count = xi.shape[0]
     return Nodes(x, np.full(count, 1.0 / count), dx, np.zeros((count, inputs.size)))
 
 
 @lru_cache(maxsize=16)
-def _sobol_germ(points: int, dimensions: int, seed: int) -> Array:
+def _sobol_variates(points: int, dimensions: int, seed: int) -> Array:
     if not dimensions:
         return np.zeros((1, 0))
     engine = qmc.Sobol(dimensions, bits=SOBOL_BITS, rng=np.random.default_rng(seed))
@@ -121,20 +121,20 @@ def _sobol_germ(points: int, dimensions: int, seed: int) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _random_germ(points: int, dimensions: int, seed: int) -> Array:
+def _random_variates(points: int, dimensions: int, seed: int) -> Array:
     if not dimensions:
         return np.zeros((1, 0))
     return _frozen(np.random.default_rng(seed).standard_normal((points, dimensions)))
 
 
 @lru_cache(maxsize=16)
-def _grid_germ(per_dimension: int, dimensions: int) -> Array:
+def _grid_variates(per_dimension: int, dimensions: int) -> Array:
     if not dimensions:
         return np.zeros((1, 0))
     middles = special.ndtri((np.arange(per_dimension) + 0.5) / per_dimension)
     return _frozen(middles[tensor((per_dimension,) * dimensions)])
 
 
-def _frozen(germ: Array) -> Array:
-    germ.setflags(write=False)
-    return germ
+def _frozen(xi: Array) -> Array:
+    xi.setflags(write=False)
+    return xi

@@ -15,7 +15,7 @@ from aleator.quadrature.nodes import Nodes, axes, combined
 from aleator.types import Array, Indices
 
 ALIKE = 1e-12
-"""Nodes of one parameter closer than this, in the unit of the germ, are one."""
+"""Nodes of one parameter closer than this, in the variable of its polynomials, are one."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Smolyak:
     sum over l with L - d < |l| <= L of (-1)^(L - |l|) C(d - 1, L - |l|) U_l1 x ... x U_ld, where
     U_l is the Gauss rule of l + 1 nodes (Gerstner and Griebel, 1998; linear growth). Exact for
     monomials with sum_i floor(k_i / 2) <= L, hence to total degree 2L + 1; not for x_i^(2L + 2).
-    Nodes that rules of a fixed germ share, such as the middle of normal laws, are merged.
+    Nodes that rules of fixed nodes share, such as the middle of normal laws, are merged.
     `level` L from 0 to 20. Raises InputsError beyond that, and where there are above 1e6 nodes.
 
     Some weights are negative: a variance or another even moment can come out negative for an
@@ -116,7 +116,7 @@ def _stacked(rules: list[Rule]) -> Rule:
     return Rule(
         np.concatenate([rule.x for rule in rules]),
         np.concatenate([rule.weights for rule in rules]),
-        np.concatenate([rule.germ for rule in rules]),
+        np.concatenate([rule.t for rule in rules]),
         np.concatenate([rule.dx for rule in rules]),
         np.concatenate([rule.dweights for rule in rules]),
     )
@@ -125,11 +125,11 @@ def _stacked(rules: list[Rule]) -> Rule:
 def _identity(stack: Rule) -> tuple[int, ...]:
     """For each node of a stack the first one that it is equal to, whatever alpha is.
 
-    Equal germs are equal nodes where the law maps a germ that does not depend on alpha, as is seen
+    Equal t are equal nodes where the law maps a t that does not depend on alpha, as is seen
     by weights without derivative; other laws' nodes may meet at one alpha but part at the next.
     """
     own = np.arange(stack.x.size)
     if np.any(stack.dweights):
         return tuple(own.tolist())
-    near = np.abs(stack.germ[:, None] - stack.germ[None, :]) <= ALIKE
+    near = np.abs(stack.t[:, None] - stack.t[None, :]) <= ALIKE
     return tuple(np.argmax(near, axis=1).tolist())

@@ -16,7 +16,7 @@ DEFAULT_NODES = {0: 1, 1: 20, 2: 20, 3: 12, 4: 8}
 SOBOL = 2048
 """Points where a tensor rule has too many nodes."""
 GRID = {0: 5, 1: 401, 2: 61, 3: 25}
-"""Nodes a dimension of the germ grid for densities over nodes, by scattering parameters."""
+"""Nodes a dimension of `GermGrid` for densities over nodes, by scattering parameters."""
 GRID_SOBOL = 8192
 
 Fit = Projection | SparseProjection | Regression
@@ -31,7 +31,7 @@ class Collocation:
     paper's `ProbabilityGrid(30)`. `moments` takes them by plain "quadrature" of the outcomes or
     from the polynomial chaos "expansion" of total degree `degree` (default q - 1), as the paper
     does with q = 5 and degree 4, in the laws' own polynomials. `fit`, instead, is an expansion in
-    the normal germ for many parameters: `Regression(TotalDegree(2))` or
+    standard normal variates for many parameters: `Regression(TotalDegree(2))` or
     `SparseProjection(TotalDegree(2))`, whose moments are exact too.
 
     `difference_step` is the step of the central differences that give the derivative by the

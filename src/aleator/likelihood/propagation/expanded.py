@@ -1,4 +1,4 @@
-"""Moments of a polynomial chaos expansion in the normal germ, for many parameters."""
+"""Moments of a polynomial chaos expansion in standard normal variates, for many parameters."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from aleator.types import Array
 
 @dataclass(frozen=True)
 class ExpandedPropagation:
-    """Moments of eta(T(theta | alpha)) expanded in Hermite polynomials of the germ theta.
+    """Moments of eta(T(theta | alpha)) expanded in Hermite polynomials of theta ~ N(0, 1).
 
-    The points of the design, in the germ, do not depend on alpha, and the coefficients are linear
+    The points of the design, in theta, do not depend on alpha, and the coefficients are linear
     in the outcomes there, so that their derivative by alpha is that of the outcomes. The moments of
     the expansion are exact (paper, eq. (moments3.0); here by tensor Gauss rules or Galerkin
     products). `order` is the highest moment that will be asked for. Cost: one evaluation of the
@@ -40,7 +40,7 @@ class ExpandedPropagation:
 
     @cached_property
     def design(self) -> Design:
-        """The points of the germ, (J, scattering)."""
+        """The points in theta, (J, scattering)."""
         return self.fit.design(self._basis)
 
     @cached_property
@@ -76,7 +76,7 @@ class ExpandedPropagation:
 
     def outcomes(self, alpha: Array, *, gradient: bool) -> Outcomes:
         """The outcomes at the points of the design, with its weights."""
-        x, dx = self.inputs.image(alpha, self.design.germ)
+        x, dx = self.inputs.image(alpha, self.design.t)
         if not gradient:
             return Outcomes(self.response.evaluate(x), self.design.weights)
         outcome, slope = self.response.evaluate_with_gradient(x)
