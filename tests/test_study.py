@@ -163,7 +163,7 @@ BAD = {
     "noise without bounds": (
         r"lower = 0.01, upper = 2.0",
         "",
-        ["'noise'", "sd ", "lower and an upper"],
+        ["'noise.sd'", "lower and an upper"],
     ),
     "unknown density": ('"maximum_entropy"', '"maximum"', ["'density.kind' = \"maximum\""]),
     "order": ("order = 4", "order = 99", ["'density'", "99"]),

@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
-from aleator import Collocation, Free, Inputs, MonteCarlo, Normal, identify
+from aleator import Collocation, Constant, Free, Inputs, MonteCarlo, Noise, Normal, identify
 from aleator.cli import main
 from aleator.errors import SimulatorError, StudyError
 from aleator.study import load_study
@@ -103,6 +103,25 @@ def test_a_density(install: Install, study: Write) -> None:
     text = FUNCTION + NORMAL + COLLOCATION + '[density]\nkind = "logistic"\n'
     document = identified(study(y.tolist(), text, ITSELF))
     assert estimates(document) == pytest.approx(alpha, abs=1e-3)
+
+
+def test_an_observation_model(install: Install, study: Write) -> None:
+    """A constant with the noise of Student's t: its location and scale, by SciPy."""
+    install("aleator.observations", "student", "student:StudentError")
+    y = stats.t(4.0, 1.0, 0.3).rvs(60, random_state=5)
+    _, center, scale = stats.t.fit(y, fdf=4.0)
+    value = stats.t(4.0, center, scale).logpdf(y).sum()
+    noise = Noise(Free(0.01, 2.0), plugin("student").StudentError(4.0))
+    inputs = Inputs({"x": Constant(Free(-2.0, 4.0))})
+    found = identify(
+        itself, table(y), inputs, outcome="y", vectorized=True, verification=UNCHECKED, noise=noise
+    )
+    assert estimates(found.to_dict()) == pytest.approx([center, scale], abs=1e-3)
+    assert found.to_dict()["log_likelihood"]["estimated"] == pytest.approx(value, abs=1e-3)
+    section = '[parameters.x]\nlaw = "constant"\nvalue = {lower = -2, upper = 4}\n'
+    section += '[noise]\nkind = "student"\ndf = 4\nsd = {lower = 0.01, upper = 2}\n'
+    document = identified(study(y.tolist(), FUNCTION + section, ITSELF))
+    assert estimates(document) == pytest.approx([center, scale], abs=1e-3)
 
 
 def test_a_simulator(install: Install, study: Write, tmp_path: Path) -> None:

@@ -20,13 +20,14 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions, Experiments
+from aleator.observations.model import ObservationModel
 from aleator.observations.noise import Noise
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
 from aleator.simulators.fmu import FMUSimulator
-from aleator.study.keys import TOLD, in_toml
+from aleator.study.keys import TOLD, in_toml, specification
 from aleator.study.kinds import Choice
-from aleator.study.sections import ExperimentsSection, StudyFile, pairs
+from aleator.study.sections import ExperimentsSection, NoiseSection, StudyFile, pairs
 from aleator.study.simulators import RunsSection
 from aleator.surrogates import ResponseSurface
 
@@ -168,6 +169,13 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     def built(key: str, choice: Choice[T]) -> T:
         return made(key, lambda: choice.build(folder))
 
+    def noise(choice: Choice[ObservationModel] | None) -> Noise | None:
+        if choice is None:
+            return None
+        assert isinstance(choice.keys, NoiseSection)
+        kind, sd = built("noise", choice), specification(choice.keys.sd)
+        return made("noise.sd", lambda: Noise(sd, kind))
+
     table, runs = file.experiments, file.simulator.keys
     assert isinstance(runs, RunsSection)
     laws = {name: built(f"parameters.{name}", law) for name, law in file.parameters.items()}
@@ -190,7 +198,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         ),
         simulator=built(f"simulator.{file.simulator.kind}", file.simulator),
         inputs=inputs,
-        noise=None if file.noise is None else built("noise", file.noise),
+        noise=noise(file.noise),
         propagation=built("propagation", file.propagation),
         density=built("density", file.density),
         search=built("search", file.search),

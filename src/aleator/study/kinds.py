@@ -178,6 +178,8 @@ def _section(maker: Callable[..., Any], key: str, common: type[Section]) -> type
             parameter.POSITIONAL_OR_KEYWORD,
         ):
             continue
+        if name in keys or name in common.model_fields:
+            raise TypeError(f"its argument '{name}' is a key of every kind")
         required = parameter.default is parameter.empty
         kind = _in_toml(_types(maker).get(name, Any))
         if _is_known(kind):

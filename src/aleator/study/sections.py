@@ -20,7 +20,8 @@ from aleator.inference.verification import MonteCarlo
 from aleator.laws import Law, Specification
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Transform
-from aleator.observations.noise import Noise
+from aleator.observations.model import ObservationModel
+from aleator.observations.normal import NormalError
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -73,7 +74,15 @@ def automatic() -> None:
     """The density that the noise, the surfaces and the answer ask for."""
 
 
-OBSERVATIONS: Kinds[Noise] = Kinds("aleator.observations", "kind", {"normal": Noise}, "normal")
+class NoiseSection(Section):
+    """Keys of every kind of noise."""
+
+    sd: Spec
+
+
+OBSERVATIONS: Kinds[ObservationModel] = Kinds(
+    "aleator.observations", "kind", {"normal": NormalError}, "normal", NoiseSection
+)
 """`[noise] kind = "..."`: how a measured outcome is distributed about the simulated one."""
 
 DENSITIES: Kinds[Density | NodeDensity | None] = Kinds(
@@ -126,7 +135,7 @@ class StudyFile(Section):
         dict[str, Annotated[Choice[Law], PlainValidator(LAWS.read)]], Field(min_length=1)
     ]
     correlation: CorrelationSection = Field(default_factory=dict)
-    noise: Annotated[Choice[Noise], PlainValidator(OBSERVATIONS.read)] | None = None
+    noise: Annotated[Choice[ObservationModel], PlainValidator(OBSERVATIONS.read)] | None = None
     propagation: Annotated[
         Choice[ResponseSurface | Collocation], PlainValidator(PROPAGATIONS.read)
     ] = PROPAGATIONS.read({})
