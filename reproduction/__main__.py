@@ -8,11 +8,15 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-import reproduction as paper_of
 from aleator.cli.program import misuse_told
 from aleator.cli.showing import can_draw, shown
+from reproduction.context import Context
+from reproduction.document import counts
+from reproduction.figure import Made
+from reproduction.figures import FIGURES, chosen
+from reproduction.output import INDEX, reproduce
 
-_NAMES = "\n".join(f"  {figure.name:<27} {figure.place}" for figure in paper_of.FIGURES)
+_NAMES = "\n".join(f"  {figure.name:<27} {figure.place}" for figure in FIGURES)
 
 
 @click.command(
@@ -46,18 +50,18 @@ def main(
 ) -> None:
     """Compute the figures of the paper."""
     with misuse_told(ctx):
-        chosen = paper_of.chosen(figures)
+        wanted = chosen(figures)
         can_draw()
         with shown(quiet) as progress:
-            made = paper_of.reproduce(chosen, paper_of.Context(seed, progress), output)
+            made = reproduce(wanted, Context(seed, progress), output)
     if not quiet:
         console = Console()
         console.print(_table(made))
-        console.print(paper_of.counts(made))
-        console.print(f"Written: {output / paper_of.INDEX}", soft_wrap=True)
+        console.print(counts([claim for m in made for claim in m.claims]))
+        console.print(f"Written: {output / INDEX}", soft_wrap=True)
 
 
-def _table(made: list[paper_of.Made]) -> Table:
+def _table(made: list[Made]) -> Table:
     """Every claim beside what was measured here."""
     table = Table(show_lines=False, padding=(0, 1))
     for heading, ratio in (("figure", 3), ("the paper", 6), ("here", 7), ("verdict", 2)):

@@ -1,13 +1,12 @@
-"""Drawing in the style of the house: colors, empty canvases, files of the same bytes."""
+"""What the paper's figures draw with, beside the style of the house."""
 
 from __future__ import annotations
 
-from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aleator.plot.identification import DPI, styled
+from aleator.plot.style import empty_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,40 +15,19 @@ if TYPE_CHECKING:
 
     from reproduction.figure import Reproduction
 
-
-# Okabe and Ito's palette, told apart in every form of color blindness.
-BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY = (
-    "#0072b2",
-    "#d55e00",
-    "#009e73",
-    "#e69f00",
-    "#aa5a8c",
-    "#56b4e9",
-)
-BLACK, GRAY, LIGHT, PALE = "#262626", "#8c8c8c", "#d4d4d4", "#e8e8e8"
+LIGHT, PALE = "#d4d4d4", "#e8e8e8"
 DASHES, DOTS = (0, (5, 2.5)), (0, (1.2, 1.6))
 
 
-def drawn(result: Reproduction, title: str, form: str) -> bytes:
-    """The figure as a file, `form` "png" or "svg"; the same result gives the same bytes.
+def drawn(result: Reproduction, title: str) -> Canvas:
+    """The figure under its title.
 
     Raises AleatorError where matplotlib is not installed.
     """
     with styled():
-        from matplotlib import rc_context
-        from matplotlib.figure import Figure
-
-        canvas = Figure(result.size, DPI, layout="constrained")
-        engine = canvas.get_layout_engine()
-        if engine is not None:
-            engine.set(w_pad=0.10, h_pad=0.08, wspace=0.05, hspace=0.06)  # type: ignore[call-arg]
-        canvas.suptitle(title, x=0.012, ha="left", fontsize=12.0, fontweight="bold")
+        canvas = empty_figure(title, *result.size)
         result.draw(canvas)
-        image = BytesIO()
-        metadata = {"Software": None} if form == "png" else {"Date": None, "Creator": None}
-        with rc_context({"svg.hashsalt": "aleator", "svg.fonttype": "path"}):
-            canvas.savefig(image, format=form, metadata=metadata)
-    return image.getvalue()
+    return canvas
 
 
 def powers_of_ten(axis: Axis) -> None:

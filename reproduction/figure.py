@@ -74,6 +74,16 @@ class Figure:
     make: Callable[[Context], Reproduction]
 
 
+@dataclass(frozen=True)
+class Made:
+    """A figure that was reproduced: its claims, its files and the seconds that it took."""
+
+    figure: Figure
+    claims: tuple[Claim, ...]
+    files: tuple[str, ...]
+    seconds: float
+
+
 def keyed(table: pd.DataFrame, keys: list[str], column: str) -> dict[Any, Any]:
     """A column of a table by the columns that tell its rows apart.
 

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from aleator.expansion import Basis
 from aleator.expansion.moments import ExactQuadrature, Galerkin, prepare
+from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
 from aleator.polynomials.indices import TotalDegree
 from aleator.types import Indices
-from reproduction.canvas import BLUE, GREEN, ORANGE, VERMILION, explain, powers_of_ten
+from reproduction.canvas import explain, powers_of_ten
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict, keyed
 from reproduction.push_fork import (

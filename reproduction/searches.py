@@ -12,6 +12,7 @@ from aleator.densities import MaximumEntropy
 from aleator.likelihood.likelihood import Likelihood
 from aleator.likelihood.predictive import predictive
 from aleator.likelihood.propagation import QuadraturePropagation
+from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
 from aleator.progress import Progress
 from aleator.quadrature import TensorGauss
 from aleator.search import (
@@ -25,7 +26,7 @@ from aleator.search import (
 )
 from aleator.surrogates import ResponseSurface, build_surface
 from aleator.surrogates.responses import Confined
-from reproduction.canvas import BLUE, GREEN, ORANGE, VERMILION, explain, powers_of_ten
+from reproduction.canvas import explain, powers_of_ten
 from reproduction.clutch.laws import SEARCH_TOLERANCE
 from reproduction.clutch.study import ClutchStudy
 from reproduction.context import Context

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from reproduction.canvas import BLACK, BLUE, GRAY, SKY, VERMILION, explain
+from aleator.plot.style import BLACK, BLUE, GRAY, SKY, VERMILION
+from reproduction.canvas import explain
 from reproduction.clutch.laws import EXPANSION, SAMPLED, Judged
 from reproduction.clutch.reference import DENSITIES
 from reproduction.context import Context

@@ -9,8 +9,9 @@ import pandas as pd
 
 from aleator.densities import Status
 from aleator.densities.moments import weighted_moments
+from aleator.plot.style import BLUE, GRAY, VERMILION
 from aleator.quadrature import TensorGauss
-from reproduction.canvas import BLUE, DASHES, GRAY, PALE, VERMILION, explain
+from reproduction.canvas import DASHES, PALE, explain
 from reproduction.clutch.reference import (
     DENSITIES,
     ORDER,

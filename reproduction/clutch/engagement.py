@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from aleator.clutch.parameters import CLUTCH
-from reproduction.canvas import BLACK, BLUE, DASHES, DOTS, GRAY, GREEN, VERMILION, explain
+from aleator.plot.style import BLACK, BLUE, GRAY, GREEN, VERMILION
+from reproduction.canvas import DASHES, DOTS, explain
 from reproduction.clutch.study import SHOWN
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict

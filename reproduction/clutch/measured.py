@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from aleator.plot.style import BLUE, VERMILION
 from aleator.surrogates.responses import DirectResponse
 from aleator.tasks.baselines import least_squares
-from reproduction.canvas import BLUE, LIGHT, VERMILION, explain
+from reproduction.canvas import LIGHT, explain
 from reproduction.clutch.response import grid
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict

@@ -8,19 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from reproduction.canvas import (
-    BLACK,
-    BLUE,
-    DASHES,
-    DOTS,
-    GRAY,
-    GREEN,
-    LIGHT,
-    ORANGE,
-    PURPLE,
-    explain,
-    powers_of_ten,
-)
+from aleator.plot.style import BLACK, BLUE, GRAY, GREEN, ORANGE, PURPLE
+from reproduction.canvas import DASHES, DOTS, LIGHT, explain, powers_of_ten
 from reproduction.clutch.laws import EXPANSION
 from reproduction.clutch.sampling import (
     ENTROPY,

@@ -11,18 +11,8 @@ import pandas as pd
 from aleator.densities import Density, Gaussian, GaussianMixture, MaximumEntropy, Status
 from aleator.densities.distances import earth_movers_distance
 from aleator.densities.moments import Moments, weighted_moments
-from reproduction.canvas import (
-    BLUE,
-    DASHES,
-    GRAY,
-    GREEN,
-    ORANGE,
-    PALE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    explain,
-)
+from aleator.plot.style import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from reproduction.canvas import DASHES, PALE, explain
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict
 from reproduction.illustrative.outcome import Camelback

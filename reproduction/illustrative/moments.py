@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from aleator.plot.style import BLUE, ORANGE, VERMILION
 from aleator.polynomials.recurrence import evaluate
 from aleator.types import Array
-from reproduction.canvas import BLUE, ORANGE, VERMILION, explain, powers_of_ten
+from reproduction.canvas import explain, powers_of_ten
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict
 from reproduction.illustrative.outcome import ALPHA, Camelback, raw

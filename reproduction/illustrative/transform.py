@@ -10,8 +10,9 @@ from scipy.special import ndtr
 
 from aleator.densities import MaximumEntropy
 from aleator.densities.distances import earth_movers_distance
+from aleator.plot.style import BLACK, BLUE, VERMILION
 from aleator.types import Array
-from reproduction.canvas import BLACK, BLUE, LIGHT, VERMILION
+from reproduction.canvas import LIGHT
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict
 from reproduction.illustrative.outcome import POLE, Camelback, Fine, raw

@@ -8,9 +8,12 @@ import pytest
 from click.testing import CliRunner
 
 from aleator.errors import AleatorError
-from reproduction import FIGURES, Claim, Context, Figure, Reproduction, Verdict, chosen
 from reproduction.__main__ import main
-from reproduction.output import counts, page, reproduce
+from reproduction.context import Context
+from reproduction.document import counts, page
+from reproduction.figure import Claim, Figure, Reproduction, Verdict
+from reproduction.figures import FIGURES, chosen
+from reproduction.output import reproduce
 
 CLAIM = Claim("Two is more than one.", "1", "2 | exactly", Verdict.HOLDS, "by counting")
 
@@ -85,7 +88,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 
 
 def test_claims_are_counted(tmp_path: Path) -> None:
-    assert counts(reproduce([LINE], Context(), tmp_path)) == (
+    assert counts(reproduce([LINE], Context(), tmp_path)[0].claims) == (
         "1 claims: 1 hold, 0 do not hold, 0 not comparable."
     )
 

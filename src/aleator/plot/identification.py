@@ -1,16 +1,8 @@
-"""Figures of an identification: pure functions of its document, drawn with matplotlib.
-
-matplotlib is an extra (`pip install aleator[plot]`); it is imported only where a figure is asked
-for. No figure touches pyplot or what the user has set in matplotlib, and the same document gives
-the same bytes.
-"""
+"""Figures of an identification: pure functions of its document, drawn with matplotlib."""
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom, kstwo
 
-from aleator.errors import AleatorError
+from aleator.plot.style import (
+    BLACK,
+    BLUE,
+    GRAY,
+    VERMILION,
+    WIDTH,
+    empty_figure,
+    save_figure,
+    styled,
+)
 from aleator.types import Array
 
 if TYPE_CHECKING:
@@ -29,35 +30,10 @@ if TYPE_CHECKING:
 
 Document = Mapping[str, Any]
 
-WIDTH = 9.0  #: inches
-DPI = 160
-
-# Okabe and Ito's blue and vermilion, told apart in every form of color blindness. The outcomes
-# outside have another shape too, for a print without color.
-_WIDE, _NARROW, _MEDIAN = "#cfe3f1", "#7fb8dc", "#0072b2"
-_INSIDE, _OUTSIDE, _UNKNOWN = "#262626", "#d55e00", "#8c8c8c"
-_BAND, _TEXT = "#e4e4e4", "#404040"
-
-_STYLE = {
-    "font.size": 10.0,
-    "text.color": _TEXT,
-    "text.parse_math": False,
-    "axes.labelcolor": _TEXT,
-    "axes.edgecolor": "#a0a0a0",
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 10.0,
-    "axes.titlelocation": "left",
-    "axes.titlepad": 10.0,
-    "axes.axisbelow": True,
-    "xtick.color": "#a0a0a0",
-    "ytick.color": "#a0a0a0",
-    "xtick.labelcolor": _TEXT,
-    "ytick.labelcolor": _TEXT,
-    "legend.frameon": False,
-    "legend.fontsize": 9.0,
-}
+# The outcomes outside have another shape too, for a print without color.
+_WIDE, _NARROW, _MEDIAN = "#cfe3f1", "#7fb8dc", BLUE
+_INSIDE, _OUTSIDE, _UNKNOWN = BLACK, VERMILION, GRAY
+_BAND = "#e4e4e4"
 
 _QUANTILES = ("0.025", "0.25", "0.5", "0.75", "0.975")
 _NAMED = 12  # so many experiments or outliers still have room for their ids
@@ -141,21 +117,10 @@ def save_figures(result: Document, directory: str | Path) -> list[Path]:
     Returns the paths written. The bytes depend on nothing but the document and the version of
     matplotlib. Raises AleatorError where matplotlib is not installed or a file cannot be written.
     """
-    directory = Path(directory)
     figures = {"experiments": experiments_figure, "calibration": calibration_figure}
-    paths = []
-    for name, draw in figures.items():
-        path = directory / f"{name}.png"
-        image = _png(draw(result))
-        try:
-            directory.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(image)
-        except OSError as error:
-            raise AleatorError(
-                f"{path}: the figure cannot be written: {error.strerror}", "choose another folder"
-            ) from None
-        paths.append(path)
-    return paths
+    return [
+        save_figure(draw(result), Path(directory) / f"{name}.png") for name, draw in figures.items()
+    ]
 
 
 # ------------------------------------------------------------------------------- the document
@@ -334,38 +299,6 @@ def _legend(figure: Figure, handles: Sequence[Line2D | Patch]) -> None:
 
 
 def _figure(result: Document, height: float) -> Figure:
-    """An empty figure under the title of the study, known to no window and no pyplot."""
-    from matplotlib.figure import Figure
-
-    figure = Figure((WIDTH, height), DPI, layout="constrained")
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        engine.set(w_pad=0.12, h_pad=0.1, wspace=0.04)  # type: ignore[call-arg]
-    if result.get("title"):
-        title = textwrap.fill(str(result["title"]), 84)
-        figure.suptitle(title, x=0.012, ha="left", fontsize=12.5, fontweight="bold")
-    return figure
-
-
-@contextmanager
-def styled() -> Iterator[None]:
-    """matplotlib's own defaults and the style of the house, and after it what was there before.
-
-    Raises AleatorError where matplotlib is not installed.
-    """
-    try:
-        from matplotlib import style
-    except ImportError:
-        raise AleatorError(
-            "figures need matplotlib, which is not installed", "pip install aleator[plot]"
-        ) from None
-    with style.context(["default", _STYLE]):
-        yield
-
-
-def _png(figure: Figure) -> bytes:
-    """The image as a file; the version of matplotlib, which it would carry, is left out."""
-    image = BytesIO()
-    with styled():
-        figure.savefig(image, format="png", metadata={"Software": None})
-    return image.getvalue()
+    """An empty figure under the title of the study."""
+    title = result.get("title")
+    return empty_figure(str(title) if title else None, WIDTH, height)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from aleator.plot.identification import DPI, WIDTH, styled
+from aleator.plot.style import BLUE, VERMILION, WIDTH, empty_figure, save_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 Document = Mapping[str, Any]
 
-_TOTAL, _FIRST, _MOST = "#cfe3f1", "#0072b2", "#d55e00"
+_TOTAL, _FIRST, _MOST = "#cfe3f1", BLUE, VERMILION
 _CELLS = 10  # more parameters than that leave no room for numbers in the matrix
 
 
@@ -30,27 +30,19 @@ def sensitivity_figure(result: Document) -> Figure:
     rows = result["parameters"]
     names = [row["parameter"] for row in rows]
     with styled():
-        from matplotlib.figure import Figure
-
+        title = result.get("title")
         height = max(3.2, 1.6 + 0.34 * len(names))
-        figure = Figure((WIDTH, height), DPI, layout="constrained")
+        figure = empty_figure(str(title) if title else None, WIDTH, height)
         left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
         _shares(left, rows, result["experiments"])
         _alignment(right, names, result["pairs"])
         figure.legend(loc="outside lower left", ncols=3)
-        if result.get("title"):
-            figure.suptitle(str(result["title"]), x=0.012, ha="left", fontweight="bold")
     return figure
 
 
 def save_sensitivity(result: Document, folder: str | Path) -> Path:
     """Write sensitivity.png into a folder, which is made if need be."""
-    path = Path(folder) / "sensitivity.png"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure = sensitivity_figure(result)
-    with styled():
-        figure.savefig(path, format="png", metadata={"Software": None})
-    return path
+    return save_figure(sensitivity_figure(result), Path(folder) / "sensitivity.png")
 
 
 def _shares(axes: Axes, rows: Sequence[Document], experiments: Sequence[Document]) -> None:
