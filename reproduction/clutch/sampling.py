@@ -31,7 +31,6 @@ from reproduction.sampling.likelihood import (
     SampledLikelihood,
     Sampling,
     log_likelihoods,
-    node_count,
 )
 
 RANDOM, GRID, SOBOL = "Monte Carlo", "regular grid", "Sobol' points"
@@ -81,7 +80,7 @@ def sampling_errors(
     rows = []
     for method, cubatures in methods(seed + DRAWN_SEED).items():
         for cubature, replicates in cubatures:
-            progress.update(f"{at.name}: {method}, {node_count(cubature, study.law()):,} samples")
+            progress.update(f"{at.name}: {method}, {cubature}")
             way = Sampling(at.surface, study.law(), cubature)
             every = _by(way, at, (HISTOGRAM, ENTROPY), replicates)
             rows += [_row(at, method, name, found) for name, found in every.items()]

@@ -134,20 +134,6 @@ class FittedHistogram:
         wanted = np.broadcast_to(probabilities(p), (self.low.size, probabilities(p).size))
         return self._inverse(wanted)
 
-    def sample(self, rng: np.random.Generator, size: int) -> Array:
-        """Independent outcomes (N, size), by inversion of the cdf."""
-        return self._inverse(rng.random((self.low.size, size)))
-
-    def entropy(self) -> Array:
-        """Differential entropy (N,) in nats, by a rule of 8 nodes a bin; -inf for a point mass."""
-        t, w = np.polynomial.legendre.leggauss(8)
-        bins = self.cumulated.shape[1] - 1
-        u = ((np.arange(bins)[:, None] + 0.5 * (t + 1.0)) / bins).ravel()
-        f = np.maximum(self._cdf.derivative()(u).T, 0.0)
-        logs = np.log(np.where(f > 0.0, f, 1.0))
-        own = -(f * logs) @ np.tile(w / (2.0 * bins), bins) + np.log(self._width)
-        return np.where(self.degenerate, -np.inf, own)
-
     @property
     def _width(self) -> Array:
         return np.where(self.degenerate, 1.0, self.high - self.low)

@@ -1,9 +1,7 @@
-"""Propagation by sampling: what the method is measured against.
+"""Propagation by sampling: what the paper's method is measured against.
 
-Outcomes at the samples of a law, from any response and by any cubature, and everything that the
-literature makes of them: moments, densities, log-likelihoods with their scatter over replicates.
-With an expansion in between it is what most of the literature does: sample the polynomial instead
-of the simulator. For searches there is `propagation`, which has derivatives.
+Outcomes at the samples of a law, the densities that are made of them, and the log-densities of the
+measured outcomes with their scatter over replicates.
 """
 
 from __future__ import annotations
@@ -14,20 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aleator.densities import Density, FittedDensity, NodeDensity
-from aleator.densities.moments import add_noise
+from aleator.densities import Density, FittedDensity
 from aleator.densities.outcomes import Outcomes
 from aleator.errors import InputsError
-from aleator.expansion import Basis, Expanding
-from aleator.laws import Normal
 from aleator.laws.inputs import Inputs
-from aleator.observations.normal import NormalError
-from aleator.quadrature import Cubature, MonteCarloPoints, Nodes, SobolPoints
+from aleator.quadrature import Cubature, MonteCarloPoints, SobolPoints
 from aleator.surrogates.responses import Response
 from aleator.types import Array
 from reproduction.sampling.histogram import FittedHistogram, HistogramSpline
 
-Choice = Density | NodeDensity | HistogramSpline
+Choice = Density | HistogramSpline
 
 
 @dataclass(frozen=True)
@@ -35,10 +29,6 @@ class Sampling:
     """Outcomes of a response at the nodes of a cubature: Monte Carlo, grids, Gauss rules.
 
     `response` is the simulator itself (`DirectResponse`), surfaces, or anything that evaluates.
-    With `expansion`, a choice such as `Projection(TotalDegree(4))`, the response is run at the
-    points of its design only, and the cubature samples the polynomial in the normal germ
-    Y(theta) = sum_i c_i psi_i(theta) (paper, eq. (gPC)); x = T(theta | alpha) as ever. Its
-    coefficients then carry an error that no number of samples removes.
 
     >>> from aleator.laws import Normal
     >>> class Square:
@@ -53,35 +43,21 @@ class Sampling:
     response: Response
     inputs: Inputs
     cubature: Cubature
-    expansion: Expanding | None = None
-
-    @property
-    def runs(self) -> int:
-        """Runs of every experiment for one alpha."""
-        if self.expansion is None:
-            return node_count(self.cubature, self.inputs)
-        return len(self.expansion.design(self._basis))
 
     def outcomes(self, alpha: Array) -> Outcomes:
-        """Noise-free outcomes (N, S) at the samples of the law alpha (K,), with their weights.
+        """Outcomes (N, S) at the samples of the law alpha (K,), with their weights.
 
-        Cost: `runs` of every experiment; with an expansion O(S P (n + N)) besides.
+        Cost: S runs of every experiment.
         """
-        if self.expansion is None:
-            nodes = self.cubature.nodes(self.inputs, alpha)
-            return Outcomes(self.response.evaluate(nodes.x), nodes.weights)
-        design = self.expansion.design(self._basis)
-        x, _ = self.inputs.image(alpha, design.t)
-        fitted = self.expansion.fit(self._basis, design, self.response.evaluate(x))
-        samples = self._germ()
-        return Outcomes(fitted.evaluate(samples.x), samples.weights)
+        nodes = self.cubature.nodes(self.inputs, alpha)
+        return Outcomes(self.response.evaluate(nodes.x), nodes.weights)
 
     def replicate(self, number: int) -> Sampling:
         """The same with the seed of its samples moved by `number`.
 
         Raises InputsError for a cubature without a seed: it has one answer.
 
-        >>> way = Sampling(None, Inputs({"x": Normal(0.0, 1.0)}), MonteCarloPoints(10, seed=3))
+        >>> way = Sampling(None, None, MonteCarloPoints(10, seed=3))
         >>> way.replicate(2).cubature
         MonteCarloPoints(points=10, seed=5)
         """
@@ -94,35 +70,13 @@ class Sampling:
             )
         return replace(self, cubature=replace(self.cubature, seed=self.cubature.seed + number))
 
-    @property
-    def _basis(self) -> Basis:
-        return Basis.normal(self.inputs.scattering)
-
-    def _germ(self) -> Nodes:
-        """The cubature of the germ itself: its image under standard normal laws is the identity."""
-        names = [f"theta_{i}" for i in range(self.inputs.scattering)]
-        germ = Inputs({name: Normal(0.0, 1.0) for name in names})
-        return self.cubature.nodes(germ, np.tile([0.0, 1.0], len(names)))
-
-
-def node_count(cubature: Cubature, inputs: Inputs) -> int:
-    """How many nodes a cubature has for these inputs."""
-    start = np.array([h.start for h in inputs.hyperparameters])
-    return cubature.nodes(inputs, start).weights.size
-
 
 def density_of(
-    outcomes: Outcomes,
-    density: Choice,
-    *,
-    noise_sd: float = 0.0,
-    lower: ArrayLike = -np.inf,
-    upper: ArrayLike = np.inf,
+    outcomes: Outcomes, density: Choice, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf
 ) -> FittedDensity:
-    """The density of sampled outcomes: a histogram, one fitted to their moments, a convolution.
+    """The density of sampled outcomes: a histogram, or one fitted to their moments.
 
-    `lower` and `upper` are the range of the noise-free outcome, a number or (N,); `noise_sd` adds
-    normal noise. Raises InputsError for a histogram with noise: it would have to be sampled too.
+    `lower` and `upper` are the range of the outcome, a number or (N,).
 
     >>> from aleator.densities import Gaussian
     >>> two = Outcomes(np.array([[-1.0, 1.0]]), np.array([0.5, 0.5]))
@@ -130,21 +84,8 @@ def density_of(
     0.398942
     """
     if isinstance(density, HistogramSpline):
-        if noise_sd > 0.0:
-            raise InputsError(
-                "a histogram of noise-free outcomes says nothing of the noise",
-                "take Convolution(), which is exact in the noise",
-            )
         return density.fit_sample(outcomes)
-    count = outcomes.y.shape[0]
-    low, high = (np.broadcast_to(np.asarray(end, float), (count,)) for end in (lower, upper))
-    if isinstance(density, NodeDensity):
-        return density.fit_nodes(outcomes, noise_sd, low, high)
-    moments = outcomes.moments(density.order)
-    if noise_sd > 0.0:
-        moments = add_noise(moments, noise_sd, NormalError().moments(density.order))
-    margin = NormalError().reach * noise_sd
-    return density.fit(moments, low - margin, high + margin)
+    return density.fit(outcomes.moments(density.order), lower, upper)
 
 
 @dataclass(frozen=True)
@@ -172,21 +113,6 @@ class SampledLikelihood:
         """Log-densities (R, N), those below the floor moved to it."""
         return np.maximum(self.each, self.floor)
 
-    @property
-    def mean(self) -> Array:
-        """Mean (N,) of the log-densities over the replicates, floored."""
-        return np.asarray(self.floored.mean(axis=0))
-
-    @property
-    def standard_error(self) -> Array:
-        """Standard error (N,) of that mean from the scatter of the replicates; NaN for one."""
-        return _standard_error(self.floored)
-
-    @property
-    def total(self) -> Array:
-        """Log-likelihoods (R,): minus infinity where a replicate missed an outcome altogether."""
-        return np.asarray(self.each.sum(axis=1))
-
     def error(self, reference: Array) -> SampledError:
         """The mean absolute error against reference log-densities (N,), replicate by replicate."""
         gap, missed = np.abs(self.floored - reference), self.missed
@@ -210,41 +136,8 @@ class SampledError:
     @property
     def standard_error(self) -> float:
         """Standard error of the mean of `floored`; NaN for one replicate."""
-        return float(_standard_error(self.floored[:, None])[0])
-
-
-def log_likelihood(
-    sampling: Sampling,
-    alpha: Array,
-    density: Choice,
-    measured: Array,
-    *,
-    replicates: int = 1,
-    noise_sd: float = 0.0,
-    lower: ArrayLike = -np.inf,
-    upper: ArrayLike = np.inf,
-) -> SampledLikelihood:
-    """log f_l(y_l | alpha) of measured outcomes (N,), by independent replicates of the samples.
-
-    A density of S random samples is biased: its logarithm by about -1/2 of its relative variance,
-    a histogram also by its bins. The standard error over replicates does not see that.
-    Raises InputsError for no replicate, or several of a cubature without a seed.
-    Cost: replicates times `sampling.runs` of every experiment.
-
-    >>> from aleator.densities import Gaussian
-    >>> class Itself:
-    ...     def evaluate(self, x):
-    ...         return x.T
-    >>> way = Sampling(Itself(), Inputs({"x": Normal(0.0, 1.0)}), MonteCarloPoints(4096))
-    >>> law = np.array([0.0, 1.0])
-    >>> found = log_likelihood(way, law, Gaussian(), np.array([0.0]), replicates=4)
-    >>> bool(abs(found.mean[0] + 0.5 * np.log(2 * np.pi)) < 4 * found.standard_error[0])
-    True
-    """
-    return log_likelihoods(
-        sampling, alpha, [density], measured,
-        replicates=replicates, noise_sd=noise_sd, lower=lower, upper=upper,
-    )[0]  # fmt: skip
+        count = self.floored.size
+        return float(self.floored.std(ddof=1) / np.sqrt(count)) if count > 1 else float("nan")
 
 
 def log_likelihoods(
@@ -254,23 +147,39 @@ def log_likelihoods(
     measured: Array,
     *,
     replicates: int = 1,
-    noise_sd: float = 0.0,
     lower: ArrayLike = -np.inf,
     upper: ArrayLike = np.inf,
 ) -> tuple[SampledLikelihood, ...]:
-    """As `log_likelihood`, for several densities of the same samples: they share the runs."""
+    """log f_l(y_l | alpha) of measured outcomes (N,), by replicates of the samples.
+
+    One value for each of the densities, which share the samples. A density of S random samples is
+    biased: its logarithm by about -1/2 of its relative variance, a histogram also by its bins. The
+    scatter of the replicates does not show that. Raises InputsError for no replicate, or several of
+    a cubature without a seed. Cost: replicates times the runs of `sampling.outcomes`.
+
+    >>> from aleator.densities import Gaussian
+    >>> from aleator.laws import Normal
+    >>> class Itself:
+    ...     def evaluate(self, x):
+    ...         return x.T
+    >>> way = Sampling(Itself(), Inputs({"x": Normal(0.0, 1.0)}), SobolPoints(4096))
+    >>> law = np.array([0.0, 1.0])
+    >>> (found,) = log_likelihoods(way, law, [Gaussian()], np.array([0.0]), replicates=4)
+    >>> round(float(found.each.mean()), 3)  # -log(2 pi)/2
+    -0.919
+    """
     if replicates < 1:
         raise InputsError(f"{replicates} replicates", "ask for at least one")
     rows: list[list[tuple[Array, Array]]] = [[] for _ in densities]
     for number in range(replicates):
         outcomes = sampling.replicate(number).outcomes(alpha)
         for row, density in zip(rows, densities, strict=True):
-            fitted = density_of(outcomes, density, noise_sd=noise_sd, lower=lower, upper=upper)
+            fitted = density_of(outcomes, density, lower, upper)
             row.append((fitted.log_pdf(measured), _floor(fitted, outcomes)))
     found = []
     for row in rows:
         each, floor = zip(*row, strict=True)
-        found.append(SampledLikelihood(np.stack(each), np.stack(floor), sampling.runs))
+        found.append(SampledLikelihood(np.stack(each), np.stack(floor), outcomes.weights.size))
     return tuple(found)
 
 
@@ -301,10 +210,3 @@ def _floor(fitted: FittedDensity, outcomes: Outcomes) -> Array:
     width = (fitted.high - fitted.low) / (fitted.cumulated.shape[1] - 1)
     spread = ~fitted.degenerate
     return np.where(spread, -np.log(samples * np.where(spread, width, 1.0)), -np.inf)
-
-
-def _standard_error(rows: Array) -> Array:
-    count = rows.shape[0]
-    if count < 2:
-        return np.full(rows.shape[1], np.nan)
-    return np.asarray(rows.std(axis=0, ddof=1) / np.sqrt(count))

@@ -29,7 +29,6 @@ from reproduction.context import Context
 from reproduction.document import MARK, main, updated
 from reproduction.figure import Verdict
 from reproduction.figures import chosen
-from reproduction.sampling.likelihood import node_count
 from reproduction.searches import DIFFERENTIAL, GENETIC, GRADIENT, _choices, _claims
 
 SAMPLES = np.array([16.0, 256.0, 4096.0, 65536.0])
@@ -114,7 +113,7 @@ def test_the_figures_are_drawn(name: str, context: Context) -> None:
 def test_every_method_grows_and_random_ones_have_replicates() -> None:
     law = ClutchStudy().law()
     for name, cubatures in methods(0).items():
-        sizes = [node_count(cubature, law) for cubature, _ in cubatures]
+        sizes = [cubature.nodes(law, GIVEN).weights.size for cubature, _ in cubatures]
         assert sizes == sorted(set(sizes))
         assert all((count == 1) == (name == GRID) for _, count in cubatures)
 

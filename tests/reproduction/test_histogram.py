@@ -41,15 +41,10 @@ def test_the_error_falls_with_the_sample() -> None:
     assert errors[-1] < errors[0] / 10.0
 
 
-def test_quantile_and_sample_invert_the_cdf() -> None:
+def test_quantiles_invert_the_cdf() -> None:
     fitted = HistogramSpline(30).fit_sample(sampled(stats.beta(2.0, 5.0), 2_000, count=3))
     p = np.array([0.0, 0.01, 0.5, 0.99, 1.0])
     np.testing.assert_allclose(fitted.cdf(fitted.quantile(p)), np.tile(p, (3, 1)), atol=1e-9)
-    drawn = fitted.sample(np.random.default_rng(0), 20_000)
-    error = fitted.entropy()  # not a standard error: only that it is finite and scales
-    np.testing.assert_allclose(np.diff(error), np.log([2.0 / 1.0, 3.0 / 2.0]), atol=1e-9)
-    distance = stats.kstest(drawn[1], lambda y: fitted.cdf(np.tile(y, (3, 1)))[1]).statistic
-    assert distance < 1.95 / np.sqrt(20_000)
 
 
 def test_outside_the_sample_there_is_no_density() -> None:
