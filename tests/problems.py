@@ -22,7 +22,14 @@ from aleator.densities import Density, MaximumEntropy, NodeDensity
 from aleator.laws import Hyperparameter
 from aleator.likelihood.likelihood import Likelihood
 from aleator.likelihood.predictive import predictive
-from aleator.likelihood.propagation import QuadraturePropagation, as_cubature, default_cubature
+from aleator.likelihood.propagation import (
+    ProjectedPropagation,
+    Propagation,
+    QuadraturePropagation,
+    default_cubature,
+)
+from aleator.quadrature import TensorGauss
+from aleator.surrogates.responses import Response
 from aleator.types import Array
 
 INFINITE = float("inf")
@@ -99,13 +106,22 @@ class Problem:
         """The package's likelihood of the outcomes, propagated without error in the response."""
         lower, upper = self.limits(self.z)
         density = density or MaximumEntropy(4)
-        cubature = default_cubature(self.inputs, density, runs=False)
-        way = QuadraturePropagation(
-            self.inputs, Exact(self), as_cubature(nodes) if nodes else cubature, degree
-        )
+        way: Propagation
+        if nodes:
+            way = collocated(self.inputs, Exact(self), nodes, degree)
+        else:
+            cubature = default_cubature(self.inputs, density, runs=False)
+            way = QuadraturePropagation(self.inputs, Exact(self), cubature)
         where = (np.arange(self.z.size), lower, upper)
         distribution = predictive(way, density, *where, self.hyperparameters, self.noise)
         return Likelihood(distribution, outcomes)
+
+
+def collocated(inputs: Inputs, response: Response, nodes: int, degree: int | None) -> Propagation:
+    """Nodes of a tensor rule, with an expansion of that degree or without one."""
+    if degree is None:
+        return QuadraturePropagation(inputs, response, TensorGauss(nodes))
+    return ProjectedPropagation(inputs, response, nodes, degree)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from problems import (
     REGRESSION,
     SAMPLE,
     SQUARE,
+    collocated,
     title,
 )
 
@@ -127,7 +128,7 @@ def test_the_score_through_collocation_is_that_of_differences(problem, degree) -
     y = problem.draw(7)
     exact = problem.likelihood(y, nodes=5, degree=degree)
     response = DirectResponse(problem.run, problem.z.size, problem.inputs.box)
-    way = QuadraturePropagation(problem.inputs, response, TensorGauss(5), degree)
+    way = collocated(problem.inputs, response, 5, degree)
     likelihood = replace(exact, predictive=replace(exact.predictive, propagation=way))
     found = likelihood(problem.alpha)
     assert found.scores is not None

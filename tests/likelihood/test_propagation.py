@@ -7,7 +7,18 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from problems import BINDING, GROWTH, PROBLEMS, PRODUCT, REGRESSION, SQUARE, Exact, Problem, title
+from problems import (
+    BINDING,
+    GROWTH,
+    PROBLEMS,
+    PRODUCT,
+    REGRESSION,
+    SQUARE,
+    Exact,
+    Problem,
+    collocated,
+    title,
+)
 
 from aleator import Collocation, Constant, Free, Inputs, Normal, ResponseSurface, TruncatedNormal
 from aleator.densities import Convolution, MaximumEntropy
@@ -15,6 +26,7 @@ from aleator.densities.moments import Moments, weighted_moments
 from aleator.errors import InputsError
 from aleator.expansion import Regression
 from aleator.likelihood.propagation import (
+    ProjectedPropagation,
     QuadraturePropagation,
     check_nodes,
     default_cubature,
@@ -66,7 +78,7 @@ def assert_same(found: Moments, expected: Moments, rtol: float) -> None:
 @pytest.mark.parametrize("problem", PROBLEMS, ids=title)
 def test_jacobians_are_those_of_differences(problem, degree) -> None:
     """With few nodes: what is differentiated is the sum that is computed, not its limit."""
-    propagation = QuadraturePropagation(problem.inputs, Exact(problem), TensorGauss(5), degree)
+    propagation = collocated(problem.inputs, Exact(problem), 5, degree)
     alpha = law_of(problem)
     found = propagation.moments(alpha, 6, gradient=True)
     plain = propagation.moments(alpha, 6, gradient=False)
@@ -167,7 +179,7 @@ def test_collocation_and_surface_agree(problem) -> None:
 def test_plain_quadrature_and_expansion_agree_where_both_have_converged(problem) -> None:
     alpha = law_of(problem)
     plain = QuadraturePropagation(problem.inputs, Exact(problem), TensorGauss(16))
-    expanded = QuadraturePropagation(problem.inputs, Exact(problem), TensorGauss(16), 14)
+    expanded = ProjectedPropagation(problem.inputs, Exact(problem), 16, 14)
     one = plain.moments(alpha, 4, gradient=False)
     other = expanded.moments(alpha, 4, gradient=False)
     # coefficients of exp(0.4 theta) beyond degree 14 are below 1e-12
@@ -178,7 +190,7 @@ def test_an_expansion_is_exact_where_plain_quadrature_with_its_nodes_is_not() ->
     """y = (x + z)^2 through 3 nodes: degree 2 is exact, order 4 of it needs degree 8."""
     truth = SQUARE.exact_moments(8)
     plain = QuadraturePropagation(SQUARE.inputs, Exact(SQUARE), TensorGauss(3))
-    expanded = QuadraturePropagation(SQUARE.inputs, Exact(SQUARE), TensorGauss(3), 2)
+    expanded = ProjectedPropagation(SQUARE.inputs, Exact(SQUARE), 3, 2)
     exact = expanded.moments(SQUARE.alpha, 8, gradient=False)
     np.testing.assert_allclose(exact.standardized, truth[2], rtol=1e-9, atol=1e-9)
     coarse = plain.moments(SQUARE.alpha, 8, gradient=False)
@@ -202,7 +214,7 @@ def test_neither_plain_quadrature_nor_expansion_is_always_better(outcome, plain_
     dense = weighted_moments(outcome(0.3 + theta)[None, :], weights / weights.sum(), 4)
     plain, expanded = (
         abs(
-            QuadraturePropagation(inputs, response, TensorGauss(8), degree)
+            collocated(inputs, response, 8, degree)
             .moments(np.array([0.3, 1.0]), 4, gradient=False)
             .standardized[0, 4]
             / dense.standardized[0, 4]

@@ -13,6 +13,7 @@ from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import (
     Collocation,
     ExpandedPropagation,
+    ProjectedPropagation,
     Propagation,
     QuadraturePropagation,
     as_cubature,
@@ -32,17 +33,15 @@ SHARES = (12.0, 24.0)
 DEGREES = (2, 3, 4)
 """Degrees of the expansions that are tried in many parameters, with one more to compare."""
 
-NodeWay = QuadraturePropagation | ExpandedPropagation
 
-
-def propagated(model: Model, response: Response, region: Array) -> NodeWay:
+def propagated(model: Model, response: Response, region: Array) -> Propagation:
     """The way from the law to the outcomes that the model chooses; `region` (n, 2) is known."""
     if model.collocation is not None:
         return _collocated(model, response, model.collocation)
     return _on_surfaces(model, response, region)
 
 
-def _on_surfaces(model: Model, response: Response, region: Array) -> NodeWay:
+def _on_surfaces(model: Model, response: Response, region: Array) -> Propagation:
     """Nodes cost no run here: as many as are of use."""
     assert model.surfaces is not None
     inputs, chosen = model.inputs, model.surfaces.nodes
@@ -62,7 +61,7 @@ def _on_surfaces(model: Model, response: Response, region: Array) -> NodeWay:
     return _enough_degrees(way, region, order)
 
 
-def _collocated(model: Model, response: Response, chosen: Collocation) -> NodeWay:
+def _collocated(model: Model, response: Response, chosen: Collocation) -> Propagation:
     inputs = model.inputs
     if chosen.fit is not None:
         return ExpandedPropagation(inputs, response, chosen.fit, model.order)
@@ -74,7 +73,7 @@ def _collocated(model: Model, response: Response, chosen: Collocation) -> NodeWa
         return QuadraturePropagation(inputs, response, cubature)
     assert isinstance(cubature, TensorGauss)
     degree = chosen.degree or cubature.per_dimension - 1
-    return QuadraturePropagation(inputs, response, cubature, degree)
+    return ProjectedPropagation(inputs, response, cubature.per_dimension, degree)
 
 
 def _enough_nodes(
@@ -95,7 +94,7 @@ def _enough_nodes(
     return best
 
 
-def _enough_degrees(sampled: QuadraturePropagation, region: Array, order: int) -> NodeWay:
+def _enough_degrees(sampled: QuadraturePropagation, region: Array, order: int) -> Propagation:
     """The expansion of degree 2 or 3 where one more degree changes nothing, else the samples.
 
     In many parameters the moments of an expansion are exact where samples are not; a surface that

@@ -15,12 +15,14 @@ from aleator.likelihood.propagation.choice import (
 )
 from aleator.likelihood.propagation.expanded import ExpandedPropagation
 from aleator.likelihood.propagation.interface import NodePropagation, Propagation
+from aleator.likelihood.propagation.projected import ProjectedPropagation
 from aleator.likelihood.propagation.quadrature import QuadraturePropagation
 
 __all__ = [
     "Collocation",
     "ExpandedPropagation",
     "NodePropagation",
+    "ProjectedPropagation",
     "Propagation",
     "QuadraturePropagation",
     "as_cubature",
