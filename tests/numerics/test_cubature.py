@@ -256,11 +256,11 @@ def test_a_seed_chooses_the_points(make) -> None:
     first = make(64, 1).nodes(inputs, ALPHA)
     np.testing.assert_array_equal(first.x, make(64, 1).nodes(inputs, ALPHA).x)
     assert np.all(first.x[:, 0] != make(64, 2).nodes(inputs, ALPHA).x[:, 0])
-    # the germs are fixed: another alpha moves the same points
+    # theta is fixed: another alpha moves the same points
     moved = ALPHA + np.array([0.1, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
     again = make(64, 1).nodes(inputs, moved).x[:, 0]
-    germ = (first.x[:, 0] - ALPHA[0]) / ALPHA[1]
-    np.testing.assert_allclose((again - moved[0]) / moved[1], germ, rtol=1e-12)
+    theta = (first.x[:, 0] - ALPHA[0]) / ALPHA[1]
+    np.testing.assert_allclose((again - moved[0]) / moved[1], theta, rtol=1e-12)
 
 
 def test_sobol_points_are_balanced_and_never_infinite() -> None:

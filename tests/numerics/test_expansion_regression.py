@@ -91,7 +91,7 @@ def test_every_law_serves_an_expansion(law: Law) -> None:
         Regression(TotalDegree(6)), basis, lambda x: x[:, 0] + x[:, 0] * x[:, 1], lambda x: x[:, 1]
     )
     about = law.mean_and_sd(np.array(values))
-    if not isinstance(law, LogNormal):  # x is a polynomial of the germ
+    if not isinstance(law, LogNormal):  # x is a polynomial of theta
         assert found.mean[0] == pytest.approx(about.mean, abs=1e-8)
         assert found.variance[0] == pytest.approx(2.0 * about.sd**2 + about.mean**2, rel=1e-7)
     else:

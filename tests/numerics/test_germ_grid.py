@@ -1,4 +1,4 @@
-"""Evenly spaced nodes of the germ."""
+"""An even grid of standard normal variates."""
 
 import numpy as np
 import pytest

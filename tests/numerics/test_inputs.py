@@ -185,10 +185,10 @@ def test_noise_at_the_end_of_alpha_is_not_of_the_law() -> None:
     )
 
 
-def test_the_image_of_a_germ_is_the_quantile_of_its_probability() -> None:
-    germ = np.random.default_rng(2).standard_normal((50, 2))
-    u = special.ndtr(np.insert(germ, 1, 0.0, axis=1))
-    x, dx = inputs().image(ALPHA, germ)
+def test_the_image_of_a_normal_variate_is_the_quantile_of_its_probability() -> None:
+    xi = np.random.default_rng(2).standard_normal((50, 2))
+    u = special.ndtr(np.insert(xi, 1, 0.0, axis=1))
+    x, dx = inputs().image(ALPHA, xi)
     np.testing.assert_allclose(x, inputs().marginal(ALPHA, u), atol=1e-12)
     # x_i moves with the hyperparameters of its own law only
     assert [np.flatnonzero(np.any(dx[:, i], axis=0)).tolist() for i in range(3)] == [

@@ -264,7 +264,7 @@ def test_both_bases_agree_in_the_limit_and_own_converges_faster(mean, sd) -> Non
         rule = TruncatedNormal(box, mean, sd, polynomials=basis).rule(values, q)
         return abs(float(rule.weights @ np.exp(2.0 * rule.x)) / truth - 1.0)
 
-    # the clip is not analytic in the germ's whole plane: the Hermite route is slower by far
+    # the clip is not analytic in theta's whole plane: the Hermite route is slower by far
     assert error("own", 8) < 1e-11
     assert 1e-9 < error("hermite", 8) < 1e-2
     assert error("hermite", 60) < 1e-7

@@ -96,7 +96,7 @@ def test_rules_have_the_mean_and_sd_that_name_the_law(law: Law, mean, sd, truth)
     assert rule.weights.sum() == pytest.approx(1.0, abs=1e-13)
     assert rule.weights @ rule.x == pytest.approx(mean, rel=1e-10)
     assert rule.weights @ (rule.x - mean) ** 2 == pytest.approx(sd**2, rel=1e-7)
-    if not isinstance(law, LogNormal):  # its rule is exact for polynomials of the germ
+    if not isinstance(law, LogNormal):  # its rule is exact for polynomials of theta
         z = (rule.x - mean) / sd
         skewness, kurtosis = (float(part) for part in truth.stats("sk"))
         assert rule.weights @ z**3 == pytest.approx(skewness, abs=1e-9)
@@ -113,7 +113,7 @@ def test_polynomials_of_every_law_are_orthonormal_to_degree_20(law: Law, mean, s
 
 @pytest.mark.parametrize(("law", "mean", "sd", "truth"), LAWS)
 def test_twenty_nodes_integrate_a_smooth_outcome(law: Law, mean, sd, truth) -> None:
-    """E cos(z/2): by the rule, and by 600 points of the germ at SciPy's quantiles."""
+    """E cos(z/2): by the rule, and by 600 points of theta at SciPy's quantiles."""
     rule = law.rule(np.array([mean, sd]), 20)
     found = rule.weights @ np.cos(0.5 * (rule.x - mean) / sd)
     t, w = np.polynomial.legendre.leggauss(600)

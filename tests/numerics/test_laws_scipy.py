@@ -58,7 +58,7 @@ MANY = [
 
 @pytest.mark.parametrize("distribution", MANY, ids=lambda d: f"{d.dist.name}{d.args}")
 def test_polynomials_are_orthonormal_under_the_density_itself(distribution) -> None:
-    """To degree 20, by an integral over 4000 parts of the germ, and moments as SciPy knows them."""
+    """To degree 20, by an integral over 4000 parts of theta, and moments as SciPy knows them."""
     law = ScipyLaw(distribution)
     rule = law.rule(NONE, 21)
     mean, variance, skewness, kurtosis = (float(m) for m in distribution.stats("mvsk"))
@@ -68,7 +68,7 @@ def test_polynomials_are_orthonormal_under_the_density_itself(distribution) -> N
     np.testing.assert_allclose(moments, truth, rtol=1e-8, atol=1e-8)
     table = evaluate(*law.recurrence(NONE, 21), rule.t, 20)
     np.testing.assert_allclose(table.T @ (table * rule.weights[:, None]), np.eye(21), atol=1e-10)
-    # independently of the discretization: a midpoint rule in the germ, for low degrees
+    # independently of the discretization: a midpoint rule in theta, for low degrees
     theta = np.linspace(-8.2, 8.2, 4001)
     z = (law.standard(NONE, theta).x - mean) / variance**0.5
     low = evaluate(*law.recurrence(NONE, 4), z, 3)
