@@ -16,13 +16,15 @@ from aleator.densities.interface import (
     NodeSensitivity,
     Status,
     by_experiment,
+    check_noise,
+    check_weights,
     one_per_experiment,
     probabilities,
 )
 from aleator.densities.linearized import Linearized
 from aleator.densities.normal_sum import NormalSum
 from aleator.densities.outcomes import Outcomes
-from aleator.densities.stand_in import NodeNormal, check_noise, check_weights
+from aleator.densities.stand_in import NodeNormal
 from aleator.errors import InputsError
 from aleator.types import Array, Flags
 

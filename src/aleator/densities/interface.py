@@ -197,6 +197,24 @@ def check_moments(moments: Moments, order: int, name: str) -> None:
         )
 
 
+def check_weights(weights: Array, name: str) -> None:
+    """Raise InputsError where a weight is negative."""
+    if not np.all(weights >= 0.0):
+        raise InputsError(
+            f"density {name} needs weights that are not negative, one is {weights.min():g}",
+            "take nodes of a tensor rule or a sample, not a sparse grid, or maximum entropy",
+        )
+
+
+def check_noise(noise_sd: float) -> None:
+    """Raise InputsError where the noise is negative or not finite."""
+    if not (np.isfinite(noise_sd) and noise_sd >= 0.0):
+        raise InputsError(
+            f"standard deviation {noise_sd} of the noise: negative or not finite",
+            "give a number that is not negative",
+        )
+
+
 def by_experiment(values: ArrayLike, experiments: int, what: str) -> Array:
     """Return values as (N, G); a vector (N,) becomes (N, 1). Raise InputsError otherwise."""
     array = np.asarray(values, dtype=float)

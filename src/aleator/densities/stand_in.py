@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from aleator.densities.interface import FAILED_SOLVE_PENALTY, FARTHEST, SMALLEST_SD
-from aleator.errors import InputsError
 from aleator.types import Array
 
 BEYOND = 40.0
@@ -75,21 +74,3 @@ class NodeNormal:
         by_mean, by_sd = share * u / (9.0 * self.sd), share * (u**2 / 9.0 - 1.0) / self.sd
         own = np.exp(value - total)[:, None] * d_y
         return total, own + self.chain(by_mean, by_sd)[0]
-
-
-def check_weights(weights: Array, name: str) -> None:
-    """Raise InputsError where a weight is negative."""
-    if not np.all(weights >= 0.0):
-        raise InputsError(
-            f"density {name} needs weights that are not negative, one is {weights.min():g}",
-            "take nodes of a tensor rule or a sample, not a sparse grid, or maximum entropy",
-        )
-
-
-def check_noise(noise_sd: float) -> None:
-    """Raise InputsError where the noise is negative or not finite."""
-    if not (np.isfinite(noise_sd) and noise_sd >= 0.0):
-        raise InputsError(
-            f"standard deviation {noise_sd} of the noise: negative or not finite",
-            "give a number that is not negative",
-        )

@@ -24,7 +24,7 @@ from aleator.densities.inversion import invert
 from aleator.densities.moments import Moments
 from aleator.types import Array
 
-FARTHEST = 1e6
+MOST_SDS = 1e6
 """Standard deviations within which quantiles are looked for."""
 
 
@@ -83,9 +83,9 @@ class FittedStandardized(ABC):
         """u (N, P) with probabilities p (P,) below, within a million sds."""
         wanted = np.broadcast_to(p, (self.normal.mean.size, p.size))
         low, high = np.full(wanted.shape, -1.0), np.full(wanted.shape, 1.0)
-        while np.any(far := (self.below(low) > wanted) & (low > -FARTHEST)):
+        while np.any(far := (self.below(low) > wanted) & (low > -MOST_SDS)):
             low = np.where(far, 2.0 * low, low)
-        while np.any(far := (self.below(high) < wanted) & (high < FARTHEST)):
+        while np.any(far := (self.below(high) < wanted) & (high < MOST_SDS)):
             high = np.where(far, 2.0 * high, high)
         return invert(self.below, lambda u: np.exp(self.log_density(u)), wanted, low, high)
 

@@ -9,12 +9,19 @@ from numpy.typing import ArrayLike
 
 from aleator.densities.convolution import LARGEST_RIPPLE, ripple
 from aleator.densities.gaussian import FittedGaussian
-from aleator.densities.interface import SMALLEST_SD, Codes, Status, range_end
+from aleator.densities.interface import (
+    SMALLEST_SD,
+    Codes,
+    Status,
+    check_noise,
+    check_weights,
+    range_end,
+)
 from aleator.densities.logspline.dual import minimize_penalized_dual, residual
 from aleator.densities.logspline.fitted import FittedLogSpline, Support
 from aleator.densities.logspline.splines import NoisyPowers, expected_splines, of_quadratic, uniform
 from aleator.densities.outcomes import Outcomes
-from aleator.densities.stand_in import NodeNormal, check_noise, check_weights
+from aleator.densities.stand_in import NodeNormal
 from aleator.errors import InputsError
 from aleator.threads import single_threaded
 from aleator.types import Array, Flags

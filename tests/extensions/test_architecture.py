@@ -1,0 +1,43 @@
+"""docs/architecture.md: the files that it names are there, and its code is that of the plug-ins."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from aleator.study.laws import LAWS
+from aleator.study.propagation import PROPAGATIONS, RULES
+from aleator.study.sections import DENSITIES, OBSERVATIONS, SEARCHES
+from aleator.study.simulators import SIMULATORS
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "src" / "aleator"
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+PLUGINS = [
+    path.read_text(encoding="utf-8") for path in (ROOT / "tests/extensions/plugins").glob("*.py")
+]
+ALL = (LAWS, DENSITIES, OBSERVATIONS, SIMULATORS, SEARCHES, PROPAGATIONS, RULES)
+
+
+@pytest.mark.parametrize("file", sorted({*re.findall(r"`([\w/]+\.(?:py|toml|md))`", PAGE)}))
+def test_a_file_that_the_page_names_is_there(file: str) -> None:
+    assert (ROOT / file).is_file() or (PACKAGE / file).is_file()
+
+
+def test_the_rooms_of_the_page_are_those_of_the_package() -> None:
+    rooms = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").is_file()}
+    modules = {path.stem for path in PACKAGE.glob("*.py") if not path.stem.startswith("_")}
+    named = {*re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", PAGE, re.M)))}
+    assert named == (rooms - {"clutch"}) | modules
+
+
+def test_the_code_of_the_page_is_that_of_a_plugin() -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE, re.S | re.M)
+    assert len(blocks) == 5
+    assert [block for block in blocks if not any(block in text for text in PLUGINS)] == []
+
+
+def test_every_group_of_entry_points_is_named() -> None:
+    assert [kinds.group for kinds in ALL if f"`{kinds.group}`" not in PAGE] == []
