@@ -14,6 +14,7 @@ from scipy import optimize, stats
 from aleator import Free, Gaussian, GradientMultistart, Inputs, MaximumEntropy, Normal
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
+from aleator.likelihood.likelihood import Continued
 from aleator.likelihood.value import LogLikelihood
 from aleator.search import ascend
 from aleator.search.coordinates import Coordinates
@@ -170,7 +171,7 @@ def test_limits_are_respected_and_a_maximum_beyond_ends_on_them() -> None:
 
 def test_fixed_hyperparameters_stay() -> None:
     y = FRONTIER.draw(6)
-    objective = Counted(FRONTIER.likelihood(y))
+    objective = Counted(Continued(FRONTIER.likelihood(y)))
     GradientMultistart(2).maximize(objective, FRONTIER.hyperparameters, seed=0)
     assert np.all(np.array(objective.asked)[:, 2] == 0.0)
 

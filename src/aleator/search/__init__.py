@@ -17,8 +17,8 @@ from aleator.search.interface import (
     objective_of,
 )
 from aleator.search.limits import wide_limits
-from aleator.search.near import Near
 from aleator.search.newton import ascend
+from aleator.search.warm_start import WarmStart
 
 __all__ = [
     "Ascent",
@@ -27,7 +27,7 @@ __all__ = [
     "DifferentialEvolution",
     "GeneticAlgorithm",
     "GradientMultistart",
-    "Near",
+    "WarmStart",
     "Objective",
     "Optimum",
     "Scored",

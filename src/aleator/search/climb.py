@@ -7,9 +7,9 @@ from scipy import optimize
 
 from aleator.likelihood.value import LogLikelihood
 from aleator.search.coordinates import Coordinates
+from aleator.search.counted import FLOOR, CountedObjective
 from aleator.search.interface import Ascent
 from aleator.search.limits import outsized
-from aleator.search.watched import FLOOR, Watched
 from aleator.types import Array
 
 FLAT = 1e-4
@@ -20,7 +20,9 @@ LITTLE = 1e-6
 """A leg that gains less than this in log-likelihood is the last."""
 
 
-def climb(objective: Watched, coordinates: Coordinates, start: Array, evaluations: int) -> Ascent:
+def climb(
+    objective: CountedObjective, coordinates: Coordinates, start: Array, evaluations: int
+) -> Ascent:
     """Climb from the alpha `start` (K,) with at most so many evaluations.
 
     The variables are steps in units of the standard errors, as the outer product of the scores
@@ -45,7 +47,7 @@ class _Leg:
 
     def __init__(
         self,
-        objective: Watched,
+        objective: CountedObjective,
         coordinates: Coordinates,
         start: Array,
         at: LogLikelihood,

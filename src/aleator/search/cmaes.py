@@ -10,12 +10,12 @@ import numpy as np
 
 from aleator.errors import InputsError
 from aleator.search.climb import climb
+from aleator.search.counted import FLOOR
 from aleator.search.interface import Ascent, SearchResult
 from aleator.search.optima import gathered
 from aleator.search.population import POLISH, Cube, at_least, needs
 from aleator.search.starts import starting_points
 from aleator.search.task import Task, TaskSearch
-from aleator.search.watched import FLOOR
 from aleator.types import Array
 
 FLAT = 1e-3

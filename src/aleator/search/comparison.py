@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
+from aleator.search.counted import CountedObjective
 from aleator.search.interface import Objective, Scored, Search, SearchResult, Step
-from aleator.search.watched import Watched
 from aleator.types import Array
 
 
@@ -65,7 +65,7 @@ def compare(
         raise InputsError("compare: no search is given", "give at least one search")
     trials = []
     for search in searches:
-        watched = Watched(objective)
+        watched = CountedObjective(objective)
         result = search.maximize(watched, hyperparameters, seed=seed, guesses=guesses)
         trials.append(
             Trial(

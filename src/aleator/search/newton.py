@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.laws import Hyperparameter
+from aleator.search.counted import CountedObjective
 from aleator.search.interface import Objective, Scored
-from aleator.search.watched import Watched
 from aleator.types import Array, Indices
 
 ARRIVED = 1e-5
@@ -56,7 +56,7 @@ def ascended(
     """Climb over the `moving` (F,) hyperparameters until `arrived` is all that is left to gain.
 
     BFGS whose first matrix is the given information (F, F), with an active set for the limits
-    and a backtracking line search. Near a maximum it needs two to six evaluations, where a
+    and a backtracking line search. WarmStart a maximum it needs two to six evaluations, where a
     method that has to learn the curvature needs twenty. It never returns a smaller value than
     that of the alpha given; it stops without complaint when no step gains.
     """
@@ -64,7 +64,7 @@ def ascended(
     upper = np.array([hyperparameters[k].upper for k in moving])
     matrix = information.copy()
     point = alpha[moving]
-    watched = Watched(objective)
+    watched = CountedObjective(objective)
 
     def at(x: Array) -> tuple[float, Array]:
         full = alpha.copy()

@@ -8,9 +8,9 @@ import numpy as np
 
 from aleator.laws import Hyperparameter
 from aleator.search.coordinates import Coordinates
+from aleator.search.counted import FLOOR, CountedObjective
 from aleator.search.interface import Ascent, Optimum, SearchResult
 from aleator.search.limits import nowhere_finite
-from aleator.search.watched import FLOOR, Watched
 from aleator.types import Array
 
 SAME_VALUE = 0.01
@@ -20,7 +20,9 @@ SAME_PLACE = 0.3
 
 
 def gathered(
-    ascents: Sequence[Ascent], objective: Watched, hyperparameters: Sequence[Hyperparameter]
+    ascents: Sequence[Ascent],
+    objective: CountedObjective,
+    hyperparameters: Sequence[Hyperparameter],
 ) -> SearchResult:
     """Distinct optima, best first: ends that differ in value, or in place by standard errors.
 
@@ -50,7 +52,7 @@ def gathered(
 
 
 def only_point(
-    objective: Watched, coordinates: Coordinates, hyperparameters: Sequence[Hyperparameter]
+    objective: CountedObjective, coordinates: Coordinates, hyperparameters: Sequence[Hyperparameter]
 ) -> SearchResult:
     """The result where no hyperparameter is free: one evaluation, nothing to search."""
     alpha = coordinates.start
@@ -62,7 +64,7 @@ def only_point(
     return SearchResult(alpha, value, (ascent,), optima, objective.trace, objective.method)
 
 
-def _information(ascent: Ascent, objective: Watched) -> Array:
+def _information(ascent: Ascent, objective: CountedObjective) -> Array:
     scores = objective(ascent.alpha).scores
     assert scores is not None
     with np.errstate(over="ignore", invalid="ignore"):

@@ -10,11 +10,11 @@ import numpy as np
 from aleator.errors import AleatorError, InputsError
 from aleator.search.climb import climb
 from aleator.search.coordinates import Coordinates
+from aleator.search.counted import CountedObjective
 from aleator.search.interface import Ascent, Optimum, SearchResult
 from aleator.search.limits import nowhere_finite
 from aleator.search.starts import evenly
 from aleator.search.task import Task
-from aleator.search.watched import Watched
 from aleator.types import Array
 
 POLISH = 100
@@ -26,7 +26,7 @@ ARRIVED = 0.01
 class Cube:
     """The objective in the unit cube, negative, for optimizers that minimize."""
 
-    def __init__(self, watched: Watched, coordinates: Coordinates) -> None:
+    def __init__(self, watched: CountedObjective, coordinates: Coordinates) -> None:
         self._watched, self._coordinates = watched, coordinates
 
     def __call__(self, u: Array) -> Array:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from aleator.laws import Hyperparameter
 from aleator.progress import Progress, Silent
 from aleator.search.coordinates import Coordinates
+from aleator.search.counted import CountedObjective
 from aleator.search.interface import Objective, Scored, SearchResult
 from aleator.search.optima import only_point
-from aleator.search.watched import Watched
 from aleator.types import Array
 
 
@@ -22,7 +22,7 @@ class Task:
     `guesses` are alphas (K,) worth a start; `seed` is that of everything random.
     """
 
-    watched: Watched
+    watched: CountedObjective
     coordinates: Coordinates
     hyperparameters: Sequence[Hyperparameter]
     guesses: Sequence[Array]
@@ -51,7 +51,7 @@ class TaskSearch(ABC):
 
         Raises InputsError where the log-likelihood is nowhere a finite number.
         """
-        coordinates, watched = Coordinates(hyperparameters), Watched(objective, self.name)
+        coordinates, watched = Coordinates(hyperparameters), CountedObjective(objective, self.name)
         if coordinates.free.size == 0:
             return only_point(watched, coordinates, hyperparameters)
         told = progress or Silent()

@@ -16,7 +16,7 @@ from aleator.inference.profile import Profile, profile_intervals
 from aleator.likelihood.model import Model
 from aleator.likelihood.policy import better_model
 from aleator.likelihood.problem import Problem
-from aleator.search import Near, Search, SearchResult, ascend
+from aleator.search import Search, SearchResult, WarmStart, ascend
 from aleator.simulators import Runner
 from aleator.tasks.baselines import (
     LeastSquares,
@@ -78,7 +78,7 @@ def answered(question: Question, ledger: Ledger) -> Answer:
         if better is None:
             break
         # the exact density is dear, and its maximum is near
-        search = Near(found.alpha) if better.exact else question.search
+        search = WarmStart(found.alpha) if better.exact else question.search
         tried.append(better)
     problem, found, inference, profile = _sure(way, problem, found, ledger)
     with ledger.stage("baselines"):

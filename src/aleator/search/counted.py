@@ -14,7 +14,7 @@ FLOOR = -1e100
 """What a search sees where the log-likelihood is not a finite number."""
 
 
-class Watched:
+class CountedObjective:
     """The objective of one search, the `method`: the best alpha it asked for, and what that took.
 
     Floating-point warnings of the objective are contained, because a search asks for absurd alpha

@@ -13,14 +13,14 @@ from aleator.types import Array
 
 
 @dataclass(frozen=True)
-class Near:
+class WarmStart:
     """Climb from `alpha` (K,), the hyperparameters' start and a guess: `GradientMultistart(3)`.
 
     For a likelihood that costs much, after a search of a cheaper one that is nearly the same. It
     finds no optimum that the other did not lead to.
 
     >>> import numpy as np
-    >>> Near(np.array([1.0])).name
+    >>> WarmStart(np.array([1.0])).name
     'gradient_multistart(3)'
     """
 
