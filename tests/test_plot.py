@@ -1,5 +1,6 @@
 """Figures of an identification: drawn from its document alone, and from nothing else."""
 
+import math
 import random
 import sys
 from pathlib import Path
@@ -145,7 +146,7 @@ def test_few_experiments_are_named_on_the_axis() -> None:
 
 
 def test_title_and_outcome_are_written_as_they_are() -> None:
-    figure = experiments_figure(document(3, title="Cost in $ and $", study={"outcome": "a_b$"}))
+    figure = experiments_figure(document(3, title="Cost in $ and $", outcome="a_b$"))
     assert figure.get_suptitle() == "Cost in $ and $"
     assert figure.axes[0].get_ylabel() == "a_b$"
     plain = experiments_figure({"experiments": document(3)["experiments"]})
@@ -210,7 +211,7 @@ def test_without_matplotlib_the_message_says_what_to_install(
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(AleatorError) as caught:
         draw(document(3))
-    assert "pip install aleator[plot]" in caught.value.remedy
+    assert "pip install matplotlib" in caught.value.remedy
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
@@ -219,3 +220,17 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(AleatorError, match="taken") as caught:
         save_figures(document(3), taken)
     assert caught.value.remedy
+
+
+def test_a_logarithm_is_drawn_as_the_outcome_on_a_logarithmic_scale() -> None:
+    result = document(20, outcome="cycles", transform="log")
+    (axes,) = experiments_figure(result).axes
+    assert axes.get_yscale() == "log"
+    assert axes.get_ylabel().startswith("cycles")
+    drawn = np.concatenate([dots(axes, INSIDE), dots(axes, OUTSIDE)], axis=1)
+    measured = [math.exp(entry["outcome"]) for entry in result["experiments"]]
+    assert sorted(drawn[1]) == pytest.approx(sorted(measured))
+    top = max(bar.get_y() + bar.get_height() for bar in axes.patches)
+    assert top == pytest.approx(
+        math.exp(max(e["quantiles"]["0.975"] for e in result["experiments"]))
+    )

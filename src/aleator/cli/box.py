@@ -41,7 +41,10 @@ def box(
     with running(value, options) as runner, shown(options.quiet) as progress:
         progress.stage("feasible box")
         found = feasible_box(runner, value.inputs, seed=value.seed, progress=progress)
-    Console().print(report.render(found))
+    if options.quiet:
+        click.echo(report.verdict(found))
+    else:
+        Console().print(report.render(found))
     if output is not None:
         documents.write_json(report.document(found), output / "box.json")
         click.echo(f"Written: {output / 'box.json'}")

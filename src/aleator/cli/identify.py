@@ -22,7 +22,7 @@ from aleator.cli.showing import can_draw, say, shown
 from aleator.plot.identification import save_figures
 from aleator.report import terminal
 from aleator.study import load_study
-from aleator.tasks import documents
+from aleator.tasks import documents, printed
 
 IDENTIFICATION = "identification.json"
 
@@ -119,7 +119,9 @@ def identify(
     files = [str(folder / IDENTIFICATION)]
     if not no_figures:
         files += _figures(document, folder, options.quiet)
-    if not options.quiet:
+    if options.quiet:
+        click.echo(printed.verdict(document))
+    else:
         Console().print(terminal.render(document, files))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.running import FILE, RunOptions, makes_runs, outcome_of, running
+from aleator.cli.running import FILE, RunOptions, makes_runs, running
 from aleator.cli.showing import shown
 from aleator.report import terminal
 from aleator.study import load_study
@@ -72,4 +72,5 @@ def predict(
         documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
         click.echo(f"Written: {output}")
     else:
-        Console().print(terminal.render_predictions(found.to_dict("list"), outcome_of(value)))
+        name, transform = value.experiments.outcome_name, value.experiments.transform
+        Console().print(terminal.render_predictions(found.to_dict("list"), name, transform))

@@ -81,7 +81,10 @@ def recover(
     if output is not None:
         documents.write_json(document, output / "recovery.json")
         files.append(str(output / "recovery.json"))
-    Console().print(recovery.render(document, files))
+    if options.quiet:
+        click.echo(recovery.verdict(document))
+    else:
+        Console().print(recovery.render(document, files))
 
 
 def _truth(

@@ -77,7 +77,7 @@ def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
     @click.option(
         "--quiet",
         is_flag=True,
-        help="Show neither progress nor notes, and no report that is written to a file too.",
+        help="Show neither progress nor notes, and of the report only its verdict, one line.",
     )
     @functools.wraps(command)
     def collected(**given: Any) -> Any:

@@ -85,5 +85,7 @@ def sensitivity(
     documents.write_text(found.table().to_csv(index=False, lineterminator="\n"), files[1])
     if not no_figures and can_draw("no figure is drawn: it needs", options.quiet):
         files.append(save_sensitivity(result, folder))
-    if not options.quiet:
+    if options.quiet:
+        click.echo(report.verdict(result))
+    else:
         Console().print(report.render(result, [str(file) for file in files]))

@@ -29,5 +29,5 @@ def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = Fal
     """Whether matplotlib is there; says what is `missing` where it is not, unless `quiet`."""
     found = importlib.util.find_spec("matplotlib") is not None
     if not (found or quiet):
-        say(f"{missing} matplotlib, pip install 'aleator[plot]'")
+        say(f"{missing} matplotlib (pip install matplotlib)")
     return found

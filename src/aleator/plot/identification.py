@@ -37,6 +37,7 @@ _BAND = "#e4e4e4"
 
 _QUANTILES = ("0.025", "0.25", "0.5", "0.75", "0.975")
 _NAMED = 12  # so many experiments or outliers still have room for their ids
+_DECADES = 30.0  # a logarithmic scale of less than that has too few powers of ten to be read
 _DASHES = (0, (4, 3))
 _BARS = 300  # more bars than that run into each other; steps then show the same
 
@@ -47,7 +48,8 @@ def experiments_figure(result: Document) -> Figure:
     `result` is the content of identification.json. Experiments stand side by side, ordered by
     predicted median; bars are the predicted 50 % and 95 % intervals, an outcome outside the 95 %
     interval is set off and, where few are, named by its id. An experiment whose density was not
-    solved has no bar. Raises AleatorError where matplotlib is not installed.
+    solved has no bar. A logarithm that was identified is shown as the outcome itself, on a
+    logarithmic scale. Raises AleatorError where matplotlib is not installed.
 
     >>> quantiles = {"0.025": 0.0, "0.25": 0.7, "0.5": 1.0, "0.75": 1.3, "0.975": 2.0}
     >>> one = {"id": "7", "outcome": 1.2, "quantiles": quantiles, "pit": 0.65}
@@ -59,6 +61,8 @@ def experiments_figure(result: Document) -> Figure:
     ids = [str(experiment["id"]) for experiment in experiments]
     outcome = _numbers(experiment["outcome"] for experiment in experiments)
     quantiles = np.array([_quantiles(experiment) for experiment in experiments])
+    if _logarithmic(result):
+        outcome, quantiles = np.exp(outcome), np.exp(quantiles)
     known = np.isfinite(quantiles).all(axis=1)
     with np.errstate(invalid="ignore"):
         outside = known & ((outcome < quantiles[:, 0]) | (outcome > quantiles[:, -1]))
@@ -69,7 +73,7 @@ def experiments_figure(result: Document) -> Figure:
         _draw_outcomes(axes, outcome, outside, known)
         _name_outside(axes, ids, outcome, outside, quantiles[:, 2])
         _number_experiments(axes, ids)
-        axes.set_ylabel(_outcome_name(result))
+        _scale(axes, result)
         axes.set_title(
             f"Outside the predicted 95 % interval: {outside.sum()} of {known.sum()} measured "
             f"outcomes (expected {0.05 * known.sum():.3g})"
@@ -145,9 +149,26 @@ def _numbers(values: Iterator[Any]) -> Array:
     return np.array([np.nan if value is None else float(value) for value in values])
 
 
-def _outcome_name(result: Document) -> str:
-    study = result.get("study") or {}
-    return str(study.get("outcome") or "outcome")
+def _logarithmic(result: Document) -> bool:
+    return result.get("transform") == "log"
+
+
+def _scale(axes: Axes, result: Document) -> None:
+    """The outcome in its own unit, on a logarithmic scale where its logarithm was identified."""
+    from matplotlib.ticker import MaxNLocator, NullFormatter, NullLocator
+
+    name = str(result.get("outcome") or "outcome")
+    if not _logarithmic(result):
+        axes.set_ylabel(name)
+        return
+    axes.set_ylabel(f"{name}, logarithmic scale")
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    if high < _DECADES * low:
+        axes.yaxis.set_major_locator(MaxNLocator(6))
+        axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 # ------------------------------------------------------------------------------- experiments

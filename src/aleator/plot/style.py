@@ -1,6 +1,6 @@
 """How all figures look, and how they become files: no pyplot, and the same bytes each time.
 
-matplotlib is an extra (`pip install aleator[plot]`); it is imported only where a figure is asked
+matplotlib is optional (`pip install matplotlib`); it is imported only where a figure is asked
 for, and what the user has set in it stays as it is.
 """
 
@@ -64,7 +64,7 @@ def styled() -> Iterator[None]:
         from matplotlib import style
     except ImportError:
         raise AleatorError(
-            "figures need matplotlib, which is not installed", "pip install aleator[plot]"
+            "figures need matplotlib, which is not installed", "pip install matplotlib"
         ) from None
     with style.context(["default", _STYLE]):
         yield

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
-from aleator.tasks.box import FeasibleBox
+from aleator.report.rows import Rows
+from aleator.tasks.box import FeasibleBox, Side
+from aleator.tasks.layout import Column
+
+COLUMNS: Sequence[Column] = (
+    ("parameter", "left"), ("side", "left"), ("value", "right"), ("limited by", "fold"),
+)  # fmt: skip
 
 
 def document(found: FeasibleBox) -> dict[str, Any]:
@@ -39,25 +45,49 @@ def document(found: FeasibleBox) -> dict[str, Any]:
 
 def render(found: FeasibleBox) -> RenderableType:
     """A row for each side, and the lines that go into the study."""
-    table = Table("parameter", "side", "value", "limited by")
-    for side in found.sides:
-        why = "the study's limits"
-        if side.at is not None:
-            at = ", ".join(f"{n}={v:.4g}" for n, v in zip(found.names, side.at, strict=True))
-            why = f"experiment {side.experiment}, which fails at {at}"
-        table.add_row(side.parameter, "upper" if side.upper else "lower", f"{side.value:.6g}", why)
-    moved = {side.parameter for side in found.sides if side.experiment is not None}
-    lines = [
-        f"  {name}: box = [{low:.6g}, {high:.6g}]"
-        for name, (low, high) in zip(found.names, found.box, strict=True)
-        if name in moved
+    rows = [
+        (
+            side.parameter,
+            "upper" if side.upper else "lower",
+            f"{side.value:.6g}",
+            _limit(found.names, side),
+        )
+        for side in found.sides
     ]
+    lines = [f"  {line}" for line in _moved(found)]
     advice = (
         ["For the study:", *lines] if lines else ["The study's limits are feasible as they are."]
     )
-    sure = "" if found.confirmed else "; the last rounds still met failures, so shrink it a little"
-    cost = (
-        f"{found.share:.1%} of the limits' volume; no failure at {found.tested} points inside, "
-        f"each run under every experiment{sure}; {found.runs:,} runs"
+    return Group(Rows(COLUMNS, rows), Text("\n".join([_cost(found), *advice])))
+
+
+def verdict(found: FeasibleBox) -> str:
+    """One line: the box, as far as it is smaller than the limits."""
+    return "; ".join(_moved(found)) or "The study's limits are feasible as they are."
+
+
+def _moved(found: FeasibleBox) -> list[str]:
+    """The lines of a study for the parameters whose limits are not feasible."""
+    moved = {side.parameter for side in found.sides if side.experiment is not None}
+    return [
+        f"{name}: box = [{low:.6g}, {high:.6g}]"
+        for name, (low, high) in zip(found.names, found.box, strict=True)
+        if name in moved
+    ]
+
+
+def _limit(names: Sequence[str], side: Side) -> str:
+    if side.at is None:
+        return "the study's limits"
+    at = ", ".join(f"{name}={value:.4g}" for name, value in zip(names, side.at, strict=True))
+    return f"experiment {side.experiment}, which fails at {at}"
+
+
+def _cost(found: FeasibleBox) -> str:
+    sure = (
+        "" if found.confirmed else " The last rounds still met failures: shrink the box a little."
     )
-    return Group(table, Text("\n".join([cost, *advice])))
+    return (
+        f"The box holds {found.share:.1%} of the limits' volume. None of {found.tested:,} points "
+        f"inside fails under any experiment. This took {found.runs:,} runs.{sure}"
+    )

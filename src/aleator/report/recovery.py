@@ -8,11 +8,25 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from aleator.report.terminal import table_of
+from aleator.inference.information import LEVEL
+from aleator.report.rows import Rows, written
+from aleator.tasks.layout import Column
 from aleator.tasks.printed import NONE, number, with_error
 from aleator.tasks.recover import Recovery
 
-BIASED = 3.0  # errors of the bias that chance hardly ever exceeds
+CHANCE = 3.0  # standard errors that chance hardly ever exceeds
+COLUMNS: Sequence[Column] = (
+    ("alpha", "left"), ("truth", "right"), ("mean", "right"), ("bias", "right"), ("+-", "right"),
+    ("scatter", "right"), ("coverage", "right"), ("note", "fold"),
+)  # fmt: skip
+MEANING = {
+    "biased": "Biased: the estimates are off on average by more than three times the Monte Carlo "
+    "error of that average. Below half of the scatter, a single estimate is off by chance more "
+    "than by bias; above, correct it by the bias, or use more experiments. Standard deviations "
+    "from few experiments come out too small.",
+    "intervals too short": "Intervals too short: they hold the truth more rarely than in 95 % of "
+    "all cases, and chance does not explain it. They rest on many experiments.",
+}
 
 
 def document(recovery: Recovery) -> dict[str, Any]:
@@ -45,30 +59,44 @@ def render(result: Mapping[str, Any], files: Sequence[str] = ()) -> RenderableTy
     """The table of a recovery document: truth, mean estimate, bias, scatter, coverage."""
     replicates = result["replicates"]
     converged = sum(replicate["converged"] for replicate in replicates)
-    table = table_of(
-        ("alpha", "left"),
-        ("truth", "right"),
-        ("mean", "right"),
-        ("bias", "right"),
-        ("+-", "right"),
-        ("scatter", "right"),
-        ("coverage", "right"),
-        ("note", "fold"),
-    )
-    for name, row in result["hyperparameters"].items():
-        bias, error = with_error(row["bias"], row["bias_error"])
-        biased = row["bias_error"] and abs(row["bias"]) > BIASED * row["bias_error"]
-        coverage = NONE if row["coverage"] is None else f"{100 * row['coverage']:.0f} %"
-        table.add_row(
-            Text(name), number(row["truth"]), number(row["mean"]), bias, error,
-            number(row["scatter"], 2), coverage, "biased" if biased else "",
-        )  # fmt: skip
+    rows = [_row(name, row, len(replicates)) for name, row in result["hyperparameters"].items()]
+    notes = [MEANING[word] for word in MEANING if any(word in row[-1] for row in rows)]
     return Group(
         Text(result.get("title") or "Recovery", style="bold"),
         Text(
             f"{len(replicates)} virtual data sets drawn from the model at the truth and "
-            f"identified anew, {converged} converged; coverage is that of the 95 % intervals."
+            f"identified anew, {converged} converged. Coverage is the share of the 95 % intervals "
+            "that hold the truth."
         ),
-        table,
-        *(Text(f"Written: {file}") for file in files),
+        Rows(COLUMNS, rows),
+        *map(Text, notes),
+        *written(files),
     )
+
+
+def verdict(result: Mapping[str, Any]) -> str:
+    """One sentence: what is biased, and whose intervals are too short."""
+    count = len(result["replicates"])
+    notes = {name: _note(row, count) for name, row in result["hyperparameters"].items()}
+    found = [f"{name} {note}" for name, note in notes.items() if note]
+    return f"{'; '.join(found) or 'Chance explains every bias and every coverage'}."
+
+
+def _row(name: str, row: Mapping[str, Any], replicates: int) -> tuple[str, ...]:
+    bias, error = with_error(row["bias"], row["bias_error"])
+    coverage = NONE if row["coverage"] is None else f"{100 * row['coverage']:.0f} %"
+    return (
+        name, number(row["truth"]), number(row["mean"]), bias, error,
+        number(row["scatter"], 2), coverage, _note(row, replicates),
+    )  # fmt: skip
+
+
+def _note(row: Mapping[str, Any], replicates: int) -> str:
+    """What chance does not explain."""
+    notes = []
+    if row["bias_error"] and abs(row["bias"]) > CHANCE * row["bias_error"]:
+        notes.append(f"biased by {row['bias'] / row['scatter']:+.1f} scatter")
+    lowest = LEVEL - CHANCE * (LEVEL * (1.0 - LEVEL) / replicates) ** 0.5
+    if row["coverage"] is not None and row["coverage"] < lowest:
+        notes.append("intervals too short")
+    return ", ".join(notes)

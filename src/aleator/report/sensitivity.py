@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
-from aleator.report.terminal import table_of
+from aleator.report.rows import Rows, written
+from aleator.tasks.layout import Column
 from aleator.tasks.printed import number
 from aleator.tasks.screen import CONFOUNDED, GOOD, Sensitivity
 
@@ -62,7 +62,16 @@ def render(result: Mapping[str, Any], files: Sequence[str] = ()) -> RenderableTy
         parts += [_pairs(result["pairs"]), Text(_meaning())]
     if not expansion["converged"]:
         parts.append(Text(_rough(expansion["runs"]), style="yellow"))
-    return Group(*parts, *(Text(f"Written: {file}") for file in files))
+    return Group(*parts, *written(files))
+
+
+def verdict(result: Mapping[str, Any]) -> str:
+    """One sentence: the parameters that explain most."""
+    first = [
+        f"{row['parameter']} {_percent(row['mean_total'])}" for row in result["parameters"][:3]
+    ]
+    rough = "" if result["expansion"]["converged"] else "; the expansions are rough"
+    return f"Shares of the variance of {result['study']['outcome']}: {', '.join(first)}{rough}."
 
 
 def _what(expansion: Mapping[str, Any], outcome: str, experiments: int) -> str:
@@ -75,31 +84,39 @@ def _what(expansion: Mapping[str, Any], outcome: str, experiments: int) -> str:
     )
 
 
-def _parameters(rows: Sequence[Mapping[str, Any]]) -> Table:
-    table = table_of(
+def _parameters(rows: Sequence[Mapping[str, Any]]) -> Rows:
+    columns: Sequence[Column] = (
         ("parameter", "left"), ("alone", "right"), ("with others", "right"), ("at most", "right"),
-        ("in", "left"), ("linear effect", "right"), ("varied", "fold"),
+        ("linear effect", "right"), ("varied", "fold"),
     )  # fmt: skip
-    for row in rows:
-        table.add_row(
-            Text(row["parameter"]), _percent(row["mean_first"]), _percent(row["mean_total"]),
-            _percent(row["max_total"]), Text(str(row["experiment"])), number(row["effect"], 3),
-            Text(row["spread"]),
-        )  # fmt: skip
-    return table
+    cells = [
+        (
+            row["parameter"],
+            _percent(row["mean_first"]),
+            _percent(row["mean_total"]),
+            _percent(row["max_total"]),
+            number(row["effect"], 3),
+            f"{row['spread']}; most in {row['experiment']}",
+        )
+        for row in rows
+    ]
+    return Rows(columns, cells)
 
 
-def _pairs(rows: Sequence[Mapping[str, Any]]) -> Table:
-    table = table_of(("pair", "left"), ("explains", "right"), ("alignment", "right"), ("", "left"))
-    for row in rows[:SHOWN]:
-        alignment = row["alignment"]
-        table.add_row(
-            Text(f"{row['first']}, {row['second']}"),
+def _pairs(rows: Sequence[Mapping[str, Any]]) -> Rows:
+    columns: Sequence[Column] = (
+        ("pair", "left"), ("explains", "right"), ("alignment", "right"), ("", "fold"),
+    )  # fmt: skip
+    cells = [
+        (
+            f"{row['first']}, {row['second']}",
             _percent(row["explained"]),
-            "-" if alignment is None else f"{alignment:+.3f}",
+            "-" if row["alignment"] is None else f"{row['alignment']:+.3f}",
             "hard to tell apart" if row["confounded"] else "",
         )
-    return table
+        for row in rows[:SHOWN]
+    ]
+    return Rows(columns, cells)
 
 
 def _meaning() -> str:

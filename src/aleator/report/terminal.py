@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from rich import box
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
+from aleator.report.rows import Rows, written
+from aleator.tasks.layout import Column
 from aleator.tasks.printed import (
     COLUMNS,
     NONE,
@@ -23,6 +24,10 @@ from aleator.tasks.printed import (
 
 Result = Mapping[str, Any]
 WORST = 3
+PREDICTED: Sequence[Column] = (
+    ("id", "left"), ("mean", "right"), ("sd", "right"), ("median", "right"),
+    ("50 % range", "right"), ("95 % range", "right"), ("density", "fold"),
+)  # fmt: skip
 
 
 def render(result: Result, files: Sequence[str] = ()) -> RenderableType:
@@ -43,29 +48,41 @@ def render(result: Result, files: Sequence[str] = ()) -> RenderableType:
     return Group(*(line for part in parts if part is not None for line in (part, Text())))
 
 
-def render_predictions(columns: Mapping[Any, Sequence[Any]], outcome: str) -> RenderableType:
-    """A table of predictions from its columns, one row a condition; `outcome` says of what."""
-    table = table_of(
-        ("id", "fold"),
-        ("mean", "right"),
-        ("sd", "right"),
-        ("median", "right"),
-        ("50 % range", "right"),
-        ("95 % range", "right"),
-        ("density", "fold"),
-    )
+def render_predictions(
+    columns: Mapping[Any, Sequence[Any]], outcome: str, transform: str = "none"
+) -> RenderableType:
+    """A table of predictions from its columns, one row a condition; `outcome` says of what.
+
+    Of a logarithm it shows the median and the ranges in the unit of the outcome.
+    """
+    log = transform == "log"
+    back = exponential if log else float
+    heads = {"mean": "mean of log", "sd": "sd of log"} if log else {}
+    table: Sequence[Column] = [(heads.get(name, name), side) for name, side in PREDICTED]
+    rows = []
     for values in zip(*columns.values(), strict=True):
         row = dict(zip(columns, values, strict=True))
-        table.add_row(
-            Text(str(row["id"])),
-            number(row["mean"]),
-            number(row["standard_deviation"], 3),
-            number(row["q0.5"]),
-            f"{number(row['q0.25'])} .. {number(row['q0.75'])}",
-            f"{number(row['q0.025'])} .. {number(row['q0.975'])}",
-            _words(row["status"]),
+        rows.append(
+            (
+                str(row["id"]),
+                number(row["mean"]),
+                number(row["standard_deviation"], 3),
+                number(back(row["q0.5"])),
+                f"{number(back(row['q0.25']))} .. {number(back(row['q0.75']))}",
+                f"{number(back(row['q0.025']))} .. {number(back(row['q0.975']))}",
+                _words(row["status"]),
+            )
         )
-    return Group(Text(f"Predicted distribution of {outcome}", style="bold"), table)
+    return Group(Text(f"Predicted distribution of {outcome}", style="bold"), Rows(table, rows))
+
+
+def exponential(value: float) -> float:
+    """The outcome whose logarithm is `value`; infinite where that is too large for a number.
+
+    >>> exponential(0.0), exponential(1e4)
+    (1.0, inf)
+    """
+    return math.exp(value) if value < math.log(sys.float_info.max) else math.inf
 
 
 def _opening(result: Result) -> RenderableType:
@@ -81,7 +98,18 @@ def _opening(result: Result) -> RenderableType:
             f"{_count(len(result['experiments']), 'experiment')} by maximum likelihood: "
             f"{_words(result.get('density'))} density, propagation by "
             f"{_words(result.get('propagation'))}{starts}, seed {result.get('seed', NONE)}."
+            f"{_logarithm(result)}"
         ),
+    )
+
+
+def _logarithm(result: Result) -> str:
+    if result.get("transform") != "log":
+        return ""
+    name = result["outcome"]
+    return (
+        f" The likelihood is that of log({name}); the outcomes, medians and ranges below are "
+        f"{name} itself."
     )
 
 
@@ -93,27 +121,11 @@ def _words(name: object) -> str:
     return str(name or NONE).replace("_", " ")
 
 
-def table_of(*columns: tuple[str, str]) -> Table:
-    """An empty table of columns (name, side): side is "left", "right", or "fold" to wrap."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold", show_edge=False)
-    for name, side in columns:
-        table.add_column(
-            name,
-            justify="right" if side == "right" else "left",
-            no_wrap=side != "fold",
-            overflow="fold",
-            min_width=min(len(name), 7) if side == "fold" else None,
-        )
-    return table
-
-
 def _alpha(result: Result) -> RenderableType:
-    sides = ("left", "right", "right", "right", "fold")
-    table = table_of(*zip(COLUMNS, sides, strict=True))
-    for name, *cells, note in alpha_rows(result["alpha"]):
-        table.add_row(Text(name), *cells, Text(note))
     lines = [_strongest(result.get("correlation") or {}), _correlations(result)]
-    return Group(table, *(Text(line) for line in lines if line))
+    return Group(
+        Rows(COLUMNS, [*alpha_rows(result["alpha"])]), *(Text(line) for line in lines if line)
+    )
 
 
 def _strongest(correlation: Mapping[str, Any]) -> str:
@@ -142,18 +154,18 @@ def _correlations(result: Result) -> str:
 
 
 def _log_likelihood(result: Result) -> RenderableType:
+    return Rows((("log-likelihood", "left"), ("", "right"), ("", "fold")), [*_values(result)])
+
+
+def _values(result: Result) -> Iterator[tuple[str, str, str]]:
+    """The log-likelihoods of the answer and of simpler ones: name, value, what it is."""
     found = result["log_likelihood"]
-    table = table_of(("log-likelihood", "left"), ("", "right"), ("", "fold"))
-    table.add_row("estimated", to_three(found.get("estimated")), "by the densities at alpha")
+    yield "estimated", to_three(found.get("estimated")), "by the densities at alpha"
     if found.get("verified") is not None:
-        error = found.get("verified_standard_error")
-        table.add_row(
-            "verified",
-            to_three(found["verified"]),
-            f"+- {number(error, 2)}, Monte Carlo on the simulator",
-        )
+        error = number(found.get("verified_standard_error"), 2)
+        yield "verified", to_three(found["verified"]), f"+- {error}, Monte Carlo on the simulator"
     if part := found.get("reached"):
-        table.add_row(
+        yield (
             "verified in part",
             to_three(part["verified"]),
             f"+- {number(part['standard_error'], 2)}, Monte Carlo on the simulator of the "
@@ -164,41 +176,43 @@ def _log_likelihood(result: Result) -> RenderableType:
     fit, linear = baselines.get("least_squares"), baselines.get("circe")
     if fit:
         where = ", ".join(f"{k} {number(v)}" for k, v in fit.get("parameters", {}).items())
-        table.add_row(
+        yield (
             "least squares",
             to_three(fit.get("log_likelihood")),
-            Text(f"one value for all: {where}; rmse {number(fit.get('rmse'))}"),
+            f"one value for all: {where}; rmse {number(fit.get('rmse'))}",
         )
     if linear:
         where = ", ".join(f"{k} {number(v)}" for k, v in linear.get("alpha", {}).items())
-        table.add_row(
+        yield (
             "linear-Gaussian",
             to_three(linear.get("log_likelihood")),
-            Text(
-                "another model (CIRCE): simulator linearized, law normal; a start for the search, "
-                f"not to be compared with the lines above: {where}"
-            ),
+            "another model (CIRCE): simulator linearized, law normal; a start for the search, "
+            f"not to be compared with the lines above: {where}",
         )
-    return table
 
 
 def _densities(result: Result) -> RenderableType | None:
     rows = result.get("density_distances")
     if not rows:
         return None
-    table = table_of(
-        ("moment density", "left"), ("log-likelihood", "right"), ("EMD", "right"), ("", "fold")
-    )
-    for row in rows:
-        failed = row["failed"]
-        table.add_row(
+    columns: Sequence[Column] = (
+        ("moment density", "left"), ("log-likelihood", "right"), ("distance", "right"),
+        ("", "fold"),
+    )  # fmt: skip
+    cells = [
+        (
             row["density"],
             f"{row['log_likelihood']:+.3f}",
             f"{row['mean']:.2g}",
-            f"no solution for {failed} experiments, a stand-in there" if failed else "",
+            f"no solution for {_count(row['failed'], 'experiment')}" if row["failed"] else "",
         )
-    head = "Against the exact density of the outcome; distances in standard deviations:"
-    return Group(Text(head), table)
+        for row in rows
+    ]
+    head = (
+        "Densities made of moments, beside the exact density of the outcome: what they change of "
+        "the log-likelihood, and the earth mover's distance in standard deviations of the outcome."
+    )
+    return Group(Text(head), Rows(columns, cells))
 
 
 def _worst(result: Result) -> RenderableType | None:
@@ -211,35 +225,33 @@ def _worst(result: Result) -> RenderableType | None:
     worst = sorted(result["experiments"], key=surprise)[:WORST]
     if not worst:
         return None
-    table = table_of(
-        ("explained worst", "left"),
-        ("outcome", "right"),
-        ("median", "right"),
-        ("95 % range", "right"),
-        ("P(below)", "right"),
-        ("density", "fold"),
+    columns: Sequence[Column] = (
+        ("explained worst", "left"), ("outcome", "right"), ("median", "right"),
+        ("95 % range", "right"), ("P(below)", "right"), ("density", "fold"),
+    )  # fmt: skip
+    log = result.get("transform") == "log"
+    return Rows(columns, [_explained(experiment, log) for experiment in worst])
+
+
+def _explained(experiment: Mapping[str, Any], log: bool) -> tuple[str, ...]:
+    """A row in the unit of the outcome, which is the exponential of a `log`."""
+    quantiles = experiment.get("quantiles") or {}
+
+    def shown(value: float | None) -> str:
+        return number(exponential(value) if log and value is not None else value)
+
+    return (
+        f"experiment {experiment['id']}",
+        shown(experiment["outcome"]),
+        shown(quantiles.get("0.5")),
+        f"{shown(quantiles.get('0.025'))} .. {shown(quantiles.get('0.975'))}",
+        number(experiment.get("pit"), 3),
+        _words(experiment.get("status")),
     )
-    for experiment in worst:
-        quantiles = experiment.get("quantiles") or {}
-        low, high = number(quantiles.get("0.025")), number(quantiles.get("0.975"))
-        table.add_row(
-            Text(f"experiment {experiment['id']}"),
-            number(experiment["outcome"]),
-            number(quantiles.get("0.5")),
-            f"{low} .. {high}",
-            number(experiment.get("pit"), 3),
-            _words(experiment.get("status")),
-        )
-    return table
 
 
 def _effort(result: Result) -> RenderableType:
-    table = Table(box=None, pad_edge=False, show_header=False, show_edge=False)
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column(overflow="fold")
-    for name, text in _efforts(result):
-        table.add_row(name, Text(text))
-    return table
+    return Rows((("", "left"), ("", "fold")), [*_efforts(result)])
 
 
 def _efforts(result: Result) -> Iterator[tuple[str, str]]:
@@ -303,6 +315,5 @@ def _verdict(result: Result, files: Sequence[str]) -> RenderableType | None:
         text.append(verdict(result))
         style = "bold green" if result["accepted"] else "bold red"
         text.stylize(style, 0, text.plain.index(":"))
-    for file in files:
-        text.append(f"\nWritten: {file}" if text.plain else f"Written: {file}")
-    return text if text.plain else None
+    parts = [text] if text.plain else []
+    return Group(*parts, *written(files)) if parts or files else None

@@ -20,6 +20,7 @@ from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.region import own_region
 from aleator.tasks.values import QUANTILES, Estimate, in_order
+from aleator.types import Array
 
 DEFAULT_PROPAGATION = ResponseSurface()
 
@@ -56,13 +57,24 @@ def predict(
     model = Model.of(inputs, noise, propagation, density)
     values = in_order(alpha, model.hyperparameters)
     runner = as_runner(simulator, table, inputs.names, vectorized)
-    ready = forward(runner, model, own_region(inputs, values), progress)
-    moments, fitted = ready.predictive.moments(values), ready.predictive.fitted(values)
+    return predicted(runner, model, values, quantiles, progress)
+
+
+def predicted(
+    runner: Runner,
+    model: Model,
+    alpha: Array,
+    quantiles: tuple[float, ...] = QUANTILES,
+    progress: Progress | None = None,
+) -> pd.DataFrame:
+    """The table of `predict` for the conditions of a runner, under the law alpha (K,)."""
+    ready = forward(runner, model, own_region(model.inputs, alpha), progress)
+    moments, fitted = ready.predictive.moments(alpha), ready.predictive.fitted(alpha)
     if model.open and np.any(fitted.status == Status.TOO_COARSE):
-        fitted = ready.by(model.by_moments()).predictive.fitted(values)
+        fitted = ready.by(model.by_moments()).predictive.fitted(alpha)
     found = fitted.quantile(np.array(quantiles))
     columns: dict[str, Any] = {
-        "id": list(table.ids),
+        "id": list(runner.ids),
         "mean": moments.mean,
         "standard_deviation": moments.sd,
         "skewness": moments.standardized[:, 3],

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from aleator.tasks.layout import WIDTH, Column, laid_out
+
 Document = Mapping[str, Any]
 NONE = "-"
-WIDTH = 80  # columns
-COLUMNS = ("alpha", "estimate", "std. error", "95 % interval", "note")
+COLUMNS: Sequence[Column] = (
+    ("alpha", "left"), ("estimate", "right"), ("std. error", "right"), ("95 % interval", "right"),
+    ("note", "fold"),
+)  # fmt: skip
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -102,24 +106,18 @@ def _checked(document: Document) -> str:
 
 def text(document: Document) -> str:
     """The answer in short: alpha, log-likelihood, warnings, verdict."""
-    rows = [COLUMNS, *alpha_rows(document["alpha"])]
-    width = [max(len(row[k]) for row in rows) for k in range(len(COLUMNS))]
-    lines = [
-        f"{row[0]:{width[0]}}  {row[1]:>{width[1]}}  {row[2]:>{width[2]}}  {row[3]:>{width[3]}}"
-        f"  {row[4]}".rstrip()
-        for row in rows
-    ]
+    head, body = laid_out(COLUMNS, [*alpha_rows(document["alpha"])])
     sentences = [_likelihood(document)]
     for warning in document["warnings"]:
         sentences += [f"Warning, {warning['about']}: {warning['message']}"]
         sentences += [f"  Remedy: {warning['remedy']}"] if warning["remedy"] else []
     folded = [textwrap.fill(line, WIDTH) for line in (*sentences, verdict(document))]
-    return "\n".join([_head(document), *lines, *folded])
+    return "\n".join([_head(document), *head, *body, *folded])
 
 
 def html(document: Document) -> str:
     """The same for a notebook."""
-    head = "".join(f"<th>{escape(name)}</th>" for name in COLUMNS)
+    head = "".join(f"<th>{escape(name)}</th>" for name, _ in COLUMNS)
     rows = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
         for row in alpha_rows(document["alpha"])

@@ -138,9 +138,7 @@ class Identification:
         frame may have further columns, and the `transform` of the experiments holds for it too.
         Raises AleatorError where the identification was read from a file without the simulator.
         """
-        return self.session.predict(
-            conditions, self.alpha, self.transform, quantiles=quantiles, progress=progress
-        )
+        return self.session.predict(conditions, self.alpha, self.transform, quantiles, progress)
 
     def log_likelihood_at(self, alpha: Mapping[str, float] | ArrayLike) -> float:
         """log L(alpha) on the surfaces of the identification; minus infinity outside a support.

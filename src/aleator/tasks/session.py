@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,9 +13,10 @@ from aleator.errors import AleatorError, InputsError
 from aleator.likelihood.likelihood import Likelihood
 from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions, Transform
-from aleator.simulators import Simulator
+from aleator.progress import Progress
+from aleator.simulators import Simulator, as_runner
 from aleator.tasks.law import JointLaw
-from aleator.tasks.predict import predict
+from aleator.tasks.predict import predicted
 from aleator.tasks.values import Estimate, in_order
 from aleator.types import Array
 
@@ -44,7 +44,8 @@ class Session:
         conditions: Conditions | pd.DataFrame,
         values: Mapping[str, Estimate],
         transform: Transform,
-        **options: Any,
+        quantiles: tuple[float, ...],
+        progress: Progress | None,
     ) -> pd.DataFrame:
         """The table of `aleator.predict`."""
         if self.model is None or self.simulator is None:
@@ -54,11 +55,9 @@ class Session:
             )
         if isinstance(conditions, pd.DataFrame):
             conditions = Conditions.from_frame(conditions, transform=transform)
-        model = self.model
-        return predict(
-            self.simulator, conditions, model.inputs, values,
-            noise=model.noise, propagation=model.propagation, density=model.density, **options,
-        )  # fmt: skip
+        runner = as_runner(self.simulator, conditions, self.model.inputs.names)
+        alpha = in_order(values, self.model.hyperparameters)
+        return predicted(runner, self.model, alpha, quantiles, progress)
 
     def log_likelihood(
         self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, Estimate]
