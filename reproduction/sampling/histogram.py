@@ -91,26 +91,6 @@ class FittedHistogram:
         """(N,) SOLVED or DEGENERATE."""
         return np.where(self.degenerate, Status.DEGENERATE, Status.SOLVED).astype(np.int64)
 
-    @property
-    def order_used(self) -> Codes:
-        """(N,) zero: no moment is matched."""
-        return np.zeros(self.low.size, dtype=np.int64)
-
-    @property
-    def support(self) -> Array:
-        """(N, 2) the smallest and the largest outcome of the sample."""
-        return np.stack([self.low, self.high], axis=1)
-
-    @property
-    def residual(self) -> Array:
-        """(N,) zero: the mass of every bin is kept."""
-        return np.where(self.degenerate, np.inf, 0.0)
-
-    @property
-    def rises_at_edge(self) -> Flags:
-        """(N,) never set by a reach."""
-        return np.zeros(self.low.size, dtype=bool)
-
     def log_pdf(self, y: ArrayLike) -> Array:
         """Logarithm of the density at y (N,) or (N, G); -inf where no sample fell."""
         with np.errstate(divide="ignore"):
