@@ -68,11 +68,11 @@ class CMAES(TaskSearch):
         ascents: list[Ascent] = []
         for start in starting_points(task.coordinates, task.guesses, self.runs, task.seed):
             ascents.append(self._run(task, start, rng, len(ascents)))
-        return gathered(ascents, task.watched, task.hyperparameters)
+        return gathered(ascents, task.counted, task.hyperparameters)
 
     def _run(self, task: Task, start: Array, rng: np.random.Generator, before: int) -> Ascent:
         coordinates = task.coordinates
-        cube, size = Cube(task.watched, coordinates), coordinates.free.size
+        cube, size = Cube(task.counted, coordinates), coordinates.free.size
         strategy = self._strategy(coordinates.to_unit(start), rng)
         alpha, value, count = start, FLOOR, 0
         while not (reasons := _quietly(strategy.stop)):
@@ -83,14 +83,14 @@ class CMAES(TaskSearch):
             best = int(np.argmin(cost))
             if -cost[best] > value:
                 alpha, value = coordinates.to_alpha(u[best, :size]), -float(cost[best])
-            text = f"run {before + 1} of {self.runs}, {task.watched.standing}"
+            text = f"run {before + 1} of {self.runs}, {task.counted.standing}"
             task.progress.update(text, before + min(count / self.evaluations, 1.0), self.runs)
         converged = bool(ARRIVED_BY & set(reasons))
         if value <= FLOOR:
             return Ascent(start, start, -np.inf, count, converged=False)
         if not self.polish:
             return Ascent(start, alpha, value, count, converged)
-        end = climb(task.watched, coordinates, alpha, POLISH)
+        end = climb(task.counted, coordinates, alpha, POLISH)
         return Ascent(start, end.alpha, end.log_likelihood, count + end.evaluations, end.converged)
 
     def _strategy(self, u: Array, rng: np.random.Generator) -> Any:

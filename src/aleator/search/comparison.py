@@ -65,12 +65,12 @@ def compare(
         raise InputsError("compare: no search is given", "give at least one search")
     trials = []
     for search in searches:
-        watched = CountedObjective(objective)
-        result = search.maximize(watched, hyperparameters, seed=seed, guesses=guesses)
+        counted = CountedObjective(objective)
+        result = search.maximize(counted, hyperparameters, seed=seed, guesses=guesses)
         trials.append(
             Trial(
-                search.name, result, watched.evaluations, watched.scored,
-                watched.seconds, watched.trace,
+                search.name, result, counted.evaluations, counted.scored,
+                counted.seconds, counted.trace,
             )
         )  # fmt: skip
     return tuple(trials)

@@ -80,18 +80,18 @@ class CustomSearch(TaskSearch):
 
     def _search(self, task: Task) -> SearchResult:
         """Let the function search, and polish the best that it met."""
-        coordinates, watched = task.coordinates, task.watched
+        coordinates, counted = task.coordinates, task.counted
 
         def value(free: ArrayLike) -> float:
             alpha = coordinates.filled(np.asarray(free, dtype=np.float64).reshape(1, -1))
-            result = float(watched.values(alpha)[0])
-            task.progress.update(f"{watched.evaluations} evaluations, {watched.standing}")
+            result = float(counted.values(alpha)[0])
+            task.progress.update(f"{counted.evaluations} evaluations, {counted.standing}")
             return result
 
         lower, upper = coordinates.lower, coordinates.upper
         known = np.stack([coordinates.start, *task.guesses])[:, coordinates.free]
         known = np.clip(known, lower, upper)
-        start = known[int(np.argmax(watched.values(coordinates.filled(known))))]
+        start = known[int(np.argmax(counted.values(coordinates.filled(known))))]
         rng = np.random.default_rng(task.seed)
         end = self.function(value, lower.copy(), upper.copy(), start.copy(), rng)
         value(_within(end, coordinates))

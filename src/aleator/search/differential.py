@@ -47,13 +47,13 @@ class DifferentialEvolution(TaskSearch):
 
     def _search(self, task: Task) -> SearchResult:
         """Let the population evolve, and polish its best."""
-        cube = Cube(task.watched, task.coordinates)
+        cube = Cube(task.counted, task.coordinates)
         done = 0
 
         def tell(intermediate_result: optimize.OptimizeResult) -> None:  # noqa: ARG001
             nonlocal done
             done += 1
-            text = f"generation {done} of {self.generations}, {task.watched.standing}"
+            text = f"generation {done} of {self.generations}, {task.counted.standing}"
             task.progress.update(text, done, self.generations)
 
         end = optimize.differential_evolution(

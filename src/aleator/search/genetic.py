@@ -59,7 +59,7 @@ class GeneticAlgorithm(TaskSearch):
 
     def _search(self, task: Task) -> SearchResult:
         """Let the population evolve, and polish its best."""
-        cube = Cube(task.watched, task.coordinates)
+        cube = Cube(task.counted, task.coordinates)
         first = first_population(task.coordinates, task.guesses, self.population, task.seed)
         evolution = _evolution(first, task.seed)
         best: list[float] = []
@@ -73,7 +73,7 @@ class GeneticAlgorithm(TaskSearch):
             children.set("F", cube(children.get("X"))[:, None])
             evolution.tell(infills=children)
             best.append(float(evolution.opt[0].F[0]))
-            stage = f"generation {len(best)} of {self.generations}, {task.watched.standing}"
+            stage = f"generation {len(best)} of {self.generations}, {task.counted.standing}"
             task.progress.update(stage, len(best), self.generations)
             before = best[-1 - self.patience] if len(best) > self.patience else np.inf
             converged = before - best[-1] < ARRIVED

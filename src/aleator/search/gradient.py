@@ -46,7 +46,7 @@ class GradientMultistart(TaskSearch):
         """Climb from every start and gather the distinct optima, best first."""
         ascents: list[Ascent] = []
         for start in starting_points(task.coordinates, task.guesses, self.starts, task.seed):
-            ascents.append(climb(task.watched, task.coordinates, start, self.evaluations))
-            text = f"start {len(ascents)} of {self.starts}, {task.watched.standing}"
+            ascents.append(climb(task.counted, task.coordinates, start, self.evaluations))
+            text = f"start {len(ascents)} of {self.starts}, {task.counted.standing}"
             task.progress.update(text, len(ascents), self.starts)
-        return gathered(ascents, task.watched, task.hyperparameters)
+        return gathered(ascents, task.counted, task.hyperparameters)

@@ -64,12 +64,12 @@ def ascended(
     upper = np.array([hyperparameters[k].upper for k in moving])
     matrix = information.copy()
     point = alpha[moving]
-    watched = CountedObjective(objective)
+    counted = CountedObjective(objective)
 
     def at(x: Array) -> tuple[float, Array]:
         full = alpha.copy()
         full[moving] = x
-        result = watched(full)
+        result = counted(full)
         return result.total, result.score
 
     value, whole = at(point)

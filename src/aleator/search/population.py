@@ -26,12 +26,12 @@ ARRIVED = 0.01
 class Cube:
     """The objective in the unit cube, negative, for optimizers that minimize."""
 
-    def __init__(self, watched: CountedObjective, coordinates: Coordinates) -> None:
-        self._watched, self._coordinates = watched, coordinates
+    def __init__(self, counted: CountedObjective, coordinates: Coordinates) -> None:
+        self._counted, self._coordinates = counted, coordinates
 
     def __call__(self, u: Array) -> Array:
         """Minus the log-likelihoods (A,) at u (A, F)."""
-        return -self._watched.values(self._coordinates.to_alpha(u))
+        return -self._counted.values(self._coordinates.to_alpha(u))
 
 
 def first_population(
@@ -50,17 +50,17 @@ def finished(task: Task, *, converged: bool, polish: bool) -> SearchResult:
 
     Raises InputsError where no finite log-likelihood was met.
     """
-    watched, coordinates = task.watched, task.coordinates
-    if watched.best is None:
-        raise nowhere_finite(task.hyperparameters, watched.evaluations)
-    alpha, value = watched.best
+    counted, coordinates = task.counted, task.coordinates
+    if counted.best is None:
+        raise nowhere_finite(task.hyperparameters, counted.evaluations)
+    alpha, value = counted.best
     if polish:
-        end = climb(watched, coordinates, alpha, POLISH)
+        end = climb(counted, coordinates, alpha, POLISH)
         if end.log_likelihood >= value:
             alpha, value, converged = end.alpha, end.log_likelihood, end.converged
-    only = Ascent(coordinates.start, alpha, value, watched.evaluations, converged)
+    only = Ascent(coordinates.start, alpha, value, counted.evaluations, converged)
     optima = (Optimum(alpha, value, 1),)
-    return SearchResult(alpha, value, (only,), optima, watched.trace, watched.method)
+    return SearchResult(alpha, value, (only,), optima, counted.trace, counted.method)
 
 
 def at_least(search: str, **least: tuple[int, int]) -> None:

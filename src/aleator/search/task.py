@@ -17,12 +17,12 @@ from aleator.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a search is given: the watched objective over F > 0 free hyperparameters.
+    """What a search is given: the counted objective over F > 0 free hyperparameters.
 
     `guesses` are alphas (K,) worth a start; `seed` is that of everything random.
     """
 
-    watched: CountedObjective
+    counted: CountedObjective
     coordinates: Coordinates
     hyperparameters: Sequence[Hyperparameter]
     guesses: Sequence[Array]
@@ -51,11 +51,11 @@ class TaskSearch(ABC):
 
         Raises InputsError where the log-likelihood is nowhere a finite number.
         """
-        coordinates, watched = Coordinates(hyperparameters), CountedObjective(objective, self.name)
+        coordinates, counted = Coordinates(hyperparameters), CountedObjective(objective, self.name)
         if coordinates.free.size == 0:
-            return only_point(watched, coordinates, hyperparameters)
+            return only_point(counted, coordinates, hyperparameters)
         told = progress or Silent()
-        return self._search(Task(watched, coordinates, hyperparameters, guesses, seed, told))
+        return self._search(Task(counted, coordinates, hyperparameters, guesses, seed, told))
 
     @abstractmethod
     def _search(self, task: Task) -> SearchResult:
