@@ -10,9 +10,21 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from aleator.inference.verification.choice import MonteCarlo, Verification
-from aleator.inference.verification.control import Control, Controlled, Samples, copies_of, error_of
+from aleator.inference.verification.control_variate import (
+    Control,
+    Controlled,
+    Samples,
+    copies_of,
+    error_of,
+)
 from aleator.inference.verification.emulator import Emulator
-from aleator.inference.verification.germs import defended, explaining, flat, moved, uniforms
+from aleator.inference.verification.importance_sampling import (
+    defended,
+    explaining,
+    flat,
+    moved,
+    uniforms,
+)
 from aleator.inference.verification.kernel import NORMAL, Kernel, Noise, Window, chosen
 from aleator.laws.inputs import Inputs
 from aleator.observations.model import ObservationModel
@@ -25,7 +37,7 @@ CHUNK_RUNS = 20_000
 """Runs handed to the simulator at once, so that progress can be shown and Ctrl-C answered."""
 
 FEW_SAMPLES = 10
-"""Effective samples below which germs are drawn anew, and a density is not verified."""
+"""Effective samples below which variates are drawn anew, and a density is not verified."""
 
 AGREES = 0.1
 """A density by control that differs by more, and by more than five errors, is not believed."""
@@ -68,8 +80,8 @@ def verify(
     `lower` and `upper` (N,) are the ends of the noise-free outcome's range, where its density may
     end abruptly; the kernel is then one-sided. An experiment with fewer than ten effective samples
     gets as many again by importance sampling. With an `emulator` and normal noise the samples
-    correct the emulator's exact density instead (module `control`), where that has the smaller
-    error and the two agree; and where `steps` (K,) are positive, of about a quarter of a standard
+    correct the emulator's exact density instead (module `control_variate`), where that has the
+    smaller error and the two agree; and where `steps` (K,) are positive, of about a quarter of a standard
     error, the score is told too. The bias -var/2 of the logarithm is corrected. A run that failed,
     NaN, is left out: the density is that of an outcome where there is one. Cost: N S runs, S more
     for an experiment far out, and LEVELS times 512 for it without an emulator.
@@ -109,7 +121,7 @@ def _verification(
     of_lines, coarse, score = np.zeros((density.size, 1)), np.zeros(density.size), None
     if control is not None:
         held = control.correct(parts, noise_sd)
-        # the lines are drawn from the law, and few of several germs reach far out
+        # the lines are drawn from the law, and few of several variates reach far out
         taken = _better(held, plain) & ~hard
         safe = np.where(taken, held.density, 1.0)
         density = np.where(taken, held.density, density)
@@ -175,7 +187,7 @@ def _replaced(plain: _Plain, again: _Plain, far: Indices) -> tuple[_Plain, NDArr
 def _rows(samples: Samples, which: NDArray[np.bool_]) -> Samples:
     rows = np.flatnonzero(which)
     return Samples(
-        samples.index[rows], samples.germ[rows], samples.weight[rows], samples.x[rows],
+        samples.index[rows], samples.variate[rows], samples.weight[rows], samples.x[rows],
         samples.outcomes[rows], samples.kernel.take(rows),
     )  # fmt: skip
 
@@ -199,8 +211,8 @@ def _from_law(
     index = np.arange(count)
     outcomes, weight = _of_those_that_worked(_run_in_chunks(run, index, x, progress))
     kernel = kernel or Window.of(measured, *ends, outcomes)
-    germ = special.ndtri(uniform).reshape(count, x.shape[1], uniform.shape[1])
-    return Samples(index, germ, weight, x, outcomes, kernel)
+    variate = special.ndtri(uniform).reshape(count, x.shape[1], uniform.shape[1])
+    return Samples(index, variate, weight, x, outcomes, kernel)
 
 
 def _explaining(
@@ -218,19 +230,19 @@ def _explaining(
     kernel = law.kernel.take(far)
     guess = run if emulator is None else emulator.at
 
-    def outcomes_of(germ: Array) -> Array:
-        x = inputs.image(alpha, flat(germ))[0]
-        return guess(np.repeat(far, germ.shape[1]), x).reshape(germ.shape[:2])
+    def outcomes_of(variate: Array) -> Array:
+        x = inputs.image(alpha, flat(variate))[0]
+        return guess(np.repeat(far, variate.shape[1]), x).reshape(variate.shape[:2])
 
     found = explaining(outcomes_of, kernel.y, kernel.width, inputs.scattering, rng)
-    germ, weight = defended(found, uniforms(far.size, inputs.scattering, points, rng))
-    germ = germ.reshape(far.size, -1, germ.shape[-1])
-    x = inputs.image(alpha, flat(germ))[0].reshape(*germ.shape[:2], -1)
+    variate, weight = defended(found, uniforms(far.size, inputs.scattering, points, rng))
+    variate = variate.reshape(far.size, -1, variate.shape[-1])
+    x = inputs.image(alpha, flat(variate))[0].reshape(*variate.shape[:2], -1)
     outcomes, worked = _of_those_that_worked(_run_in_chunks(run, far, x, progress))
     if isinstance(kernel, Window):
         near = outcomes[:, moved(outcomes.shape[1])]
         kernel = Window.of(kernel.y, kernel.lower, kernel.upper, near)
-    return Samples(far, germ, worked * weight.reshape(germ.shape[:2]), x, outcomes, kernel)
+    return Samples(far, variate, worked * weight.reshape(variate.shape[:2]), x, outcomes, kernel)
 
 
 def _of_those_that_worked(outcomes: Array) -> tuple[Array, Array]:
@@ -246,11 +258,11 @@ def _of_those_that_worked(outcomes: Array) -> tuple[Array, Array]:
 
 
 def _steepest(law: Samples) -> Indices:
-    """The germ (N,) with which each outcome is correlated most; 0 without any."""
-    if law.germ.shape[2] == 0:
+    """The variate (N,) with which each outcome is correlated most; 0 without any."""
+    if law.variate.shape[2] == 0:
         return np.zeros(law.index.size, dtype=np.intp)
     away = law.outcomes - law.outcomes.mean(axis=1, keepdims=True)
-    return np.asarray(np.argmax(np.abs(np.einsum("ns,nsd->nd", away, law.germ)), axis=1))
+    return np.asarray(np.argmax(np.abs(np.einsum("ns,nsd->nd", away, law.variate)), axis=1))
 
 
 def _run_in_chunks(run: Run, index: Indices, x: Array, progress: Progress) -> Array:

@@ -1,6 +1,6 @@
-"""Germs of the samples: of the law itself, or drawn where an outcome far out is explained.
+"""Variates of the samples: of the law itself, or drawn where an outcome far out is explained.
 
-A germ theta is standard normal and independent; x = T(theta | alpha). Germs drawn from another
+A variate theta is standard normal and independent; x = T(theta | alpha). Those drawn from another
 density q carry weights phi(theta)/q(theta): importance sampling, unbiased whatever q is.
 """
 
@@ -21,33 +21,33 @@ from aleator.types import Array
 Guess = Callable[[Array], Array]
 
 LEVELS = 12
-"""Most rounds of the search for the germs that explain an outcome."""
+"""Most rounds of the search for the variates that explain an outcome."""
 PILOT = 512
-"""Germs an experiment in each of its rounds."""
+"""Variates an experiment in each of its rounds."""
 SHARE = 0.1
-"""Share of a round's germs that shall count, by effective number, in the next one."""
+"""Share of a round's variates that shall count, by effective number, in the next one."""
 DEFENSE = 4
-"""One germ in so many is drawn from the law itself, so that no weight exceeds this number."""
+"""One variate in so many is drawn from the law itself, so that no weight exceeds this number."""
 WIDER = 1.3
-"""Standard deviations of q over those of the germs that explain the outcome."""
+"""Standard deviations of q over those of the variates that explain the outcome."""
 
 
 @dataclass(frozen=True)
 class Normals:
-    """Normal densities of germs, one an experiment: `mean` (m, d), `factor` (m, d, d) lower."""
+    """Normal densities of variates, one an experiment: `mean` (m, d), `factor` (m, d, d) lower."""
 
     mean: Array
     factor: Array
 
     def place(self, standard: Array) -> Array:
-        """Germs (m, R, d) of these densities from standard normal ones."""
+        """Variates (m, R, d) of these densities from standard normal ones."""
         return np.asarray(self.mean[:, None] + standard @ self.factor.transpose(0, 2, 1))
 
-    def log_ratio(self, germ: Array) -> Array:
+    def log_ratio(self, variate: Array) -> Array:
         """log of q(theta)/phi(theta), (m, R)."""
-        away = np.linalg.solve(self.factor, (germ - self.mean[:, None]).transpose(0, 2, 1))
+        away = np.linalg.solve(self.factor, (variate - self.mean[:, None]).transpose(0, 2, 1))
         log_det = np.log(np.abs(np.diagonal(self.factor, axis1=1, axis2=2))).sum(axis=1)
-        squares = np.sum(germ**2, axis=2) - np.sum(away**2, axis=1)
+        squares = np.sum(variate**2, axis=2) - np.sum(away**2, axis=1)
         return np.asarray(0.5 * squares - log_det[:, None])
 
 
@@ -70,37 +70,38 @@ def uniforms(count: int, d: int, points: int, rng: np.random.Generator) -> Array
 def explaining(guess: Guess, y: Array, width: Array, d: int, rng: np.random.Generator) -> Normals:
     """Normal densities where outcomes y (m,) are explained to a width (m,), by cross entropy.
 
-    Round by round germs are drawn, weighted by the law and by a normal kernel about y that is as
+    Round by round variates are drawn, weighted by the law and by a normal kernel about y that is as
     narrow as leaves a tenth of them, and the next density has their mean and covariance, until the
-    kernel has the width asked for (Rubinstein and Kroese, 2004). `guess(germ (m, R, d)) -> (m, R)`.
+    kernel has the width asked for (Rubinstein and Kroese, 2004). `guess` takes
+    variates (m, R, d) and returns outcomes (m, R).
     """
     m = y.size
     found = Normals(np.zeros((m, d)), np.tile(np.eye(d), (m, 1, 1)))
     for _ in range(LEVELS):
         standard = special.ndtri(uniforms(m, d, PILOT // REPLICATES, rng)).reshape(m, -1, d)
-        germ = found.place(standard)
-        away = np.abs(guess(germ) - y[:, None])
-        prior = -found.log_ratio(germ)
+        variate = found.place(standard)
+        away = np.abs(guess(variate) - y[:, None])
+        prior = -found.log_ratio(variate)
         kernel = _narrowest(prior, away, width)
-        found = _weighted(germ, prior - 0.5 * (away / kernel[:, None]) ** 2)
+        found = _weighted(variate, prior - 0.5 * (away / kernel[:, None]) ** 2)
         if np.all(kernel <= width):
             break
     return found
 
 
 def defended(found: Normals, uniform: Array) -> tuple[Array, Array]:
-    """Germs (m, C, P, d) of a mixture of q and the law, and their weights (m, C, P).
+    """Variates (m, C, P, d) of a mixture of q and the law, and their weights (m, C, P).
 
     Every DEFENSE-th point is of the law, and all are weighted by the density of the mixture
     (Owen and Zhou, 2000): unbiased, and the weights are bounded.
     """
     m, copies, points, d = uniform.shape
-    germ = special.ndtri(uniform).reshape(m, -1, d)
+    variate = special.ndtri(uniform).reshape(m, -1, d)
     others = moved(copies * points)
-    germ[:, others] = found.place(germ[:, others])
+    variate[:, others] = found.place(variate[:, others])
     share = 1.0 - 1.0 / DEFENSE
-    weight = 1.0 / (1.0 - share + share * np.exp(np.minimum(found.log_ratio(germ), 600.0)))
-    return germ.reshape(uniform.shape), weight.reshape(m, copies, points)
+    weight = 1.0 / (1.0 - share + share * np.exp(np.minimum(found.log_ratio(variate), 600.0)))
+    return variate.reshape(uniform.shape), weight.reshape(m, copies, points)
 
 
 def moved(samples: int) -> NDArray[np.bool_]:
@@ -109,7 +110,7 @@ def moved(samples: int) -> NDArray[np.bool_]:
 
 
 def _narrowest(prior: Array, away: Array, width: Array) -> Array:
-    """The kernel width (m,), at least `width`, that leaves SHARE of the germs, by bisection."""
+    """The kernel width (m,), at least `width`, that leaves SHARE of the variates, by bisection."""
     low, high = np.log(width), np.log(np.maximum(2.0 * away.max(axis=1), width))
     wanted = SHARE * away.shape[1]
     for _ in range(30):
@@ -122,12 +123,12 @@ def _narrowest(prior: Array, away: Array, width: Array) -> Array:
     return np.asarray(np.where(there, width, np.exp(high)))
 
 
-def _weighted(germ: Array, log_weight: Array) -> Normals:
+def _weighted(variate: Array, log_weight: Array) -> Normals:
     weight = _normalized(log_weight)
-    mean = np.einsum("mr,mrd->md", weight, germ)
-    away = germ - mean[:, None]
+    mean = np.einsum("mr,mrd->md", weight, variate)
+    away = variate - mean[:, None]
     covariance = WIDER**2 * np.einsum("mr,mrd,mre->mde", weight, away, away)
-    return Normals(mean, np.linalg.cholesky(covariance + 1e-6 * np.eye(germ.shape[2])))
+    return Normals(mean, np.linalg.cholesky(covariance + 1e-6 * np.eye(variate.shape[2])))
 
 
 def _normalized(log_weight: Array) -> Array:

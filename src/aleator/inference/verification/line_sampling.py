@@ -1,8 +1,8 @@
-"""The density of an emulator's outcome, exact along lines through the germ's space.
+"""The density of an emulator's outcome, exact along lines through the variate's space.
 
 f(y) = E[ sum over segments (P_b - P_a)/(eta_b - eta_a) (F((y - eta_a)/s) - F((y - eta_b)/s)) ]:
-all germs but one are drawn, the one left is integrated out along its line, on which the outcome is
-taken as linear in probability between neighboring points; F is the normal distribution of the
+all variates but one are drawn, the one left is integrated out along its line, on which the
+outcome is taken as linear in probability between neighboring points; F is the normal distribution of the
 noise, a step where there is none, and there the densities of neighboring segments are joined by
 straight lines. This is conditional Monte Carlo (Asmussen and Glynn, 2007, sec. V.4): nothing is
 smoothed.
@@ -24,10 +24,10 @@ from aleator.laws.inputs import Inputs
 from aleator.types import Array, Indices
 
 REACH = 7.5
-"""End of a line in standard deviations of its germ."""
+"""End of a line in standard deviations of its variate."""
 FINE = (32, 256), 1024
 COARSE = (16, 64), 512
-"""Lines of each copy and their segments where there are several germs; segments of an only germ.
+"""Lines of each copy and their segments, for several variates; segments of a single one.
 
 Coarse ones are for derivatives, whose error matters less and is told too.
 """
@@ -37,7 +37,7 @@ NARROW = 0.3
 
 @dataclass(frozen=True)
 class Lines:
-    """Points on lines along one germ: `x` (C, J, n) and `dx` (C, J, n, K), C copies of J points.
+    """Points on lines along one variate: `x` (C, J, n) and `dx` (C, J, n, K), C copies of J points.
 
     `mass` (C, L, T) is the probability of each segment of the L lines, J = L (T + 1).
     """
@@ -48,7 +48,7 @@ class Lines:
 
     @property
     def coarseness(self) -> float:
-        """Relative error h^2/12 of a normal density taken as constant over a distance h of germs.
+        """Relative error h^2/12 of a normal density taken as constant over a distance h.
 
         That part of the error shifting the points does not average out.
         """
@@ -63,7 +63,7 @@ def drawn(
     rng: np.random.Generator,
     sizes: tuple[tuple[int, int], int] = FINE,
 ) -> Lines:
-    """Lines along germ number `along` of the law alpha; without any germ a single point.
+    """Lines along variate number `along` of the law alpha; without any variate a single point.
 
     The points of a line are shifted at random, so that their distance averages out, and the scatter
     of the copies tells what is left of it.
@@ -75,13 +75,13 @@ def drawn(
     lines, segments = sizes[0] if d > 1 else (1, sizes[1])
     base = qmc.Sobol(d, rng=rng).random(lines)
     uniform = (base + rng.random((REPLICATES, 1, d))) % 1.0
-    germ = np.zeros((REPLICATES, lines, segments + 1, d))
-    germ += special.ndtri(np.clip(uniform, 1e-12, 1.0 - 1e-12))[:, :, None, :]
+    variate = np.zeros((REPLICATES, lines, segments + 1, d))
+    variate += special.ndtri(np.clip(uniform, 1e-12, 1.0 - 1e-12))[:, :, None, :]
     t = np.linspace(-REACH, REACH, segments + 1)
-    germ[..., along] = t + (uniform[:, :, along, None] - 0.5) * (t[1] - t[0])
-    x, dx = inputs.image(alpha, germ.reshape(-1, d))
+    variate[..., along] = t + (uniform[:, :, along, None] - 0.5) * (t[1] - t[0])
+    x, dx = inputs.image(alpha, variate.reshape(-1, d))
     shape = (REPLICATES, lines * (segments + 1), x.shape[1])
-    mass = _probability(germ[..., along])
+    mass = _probability(variate[..., along])
     return Lines(x.reshape(shape), dx.reshape(*shape, -1), mass)
 
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from aleator.inference.verification.choice import REPLICATES, Score
 from aleator.inference.verification.emulator import Emulator
-from aleator.inference.verification.germs import flat
+from aleator.inference.verification.importance_sampling import flat
 from aleator.inference.verification.kernel import NARROWER, Kernel, Noise, larger
-from aleator.inference.verification.lines import COARSE, FINE, Lines, densities, drawn
+from aleator.inference.verification.line_sampling import COARSE, FINE, Lines, densities, drawn
 from aleator.laws.inputs import Inputs
 from aleator.types import Array, Indices
 
@@ -26,14 +26,14 @@ SCORE_POINTS = 32
 
 @dataclass(frozen=True)
 class Samples:
-    """Samples of m experiments: `germ` (m, S, d), `weight`, `outcomes` (m, S), `x` (m, S, n).
+    """Samples of m experiments: `variate` (m, S, d), `weight`, `outcomes` (m, S), `x` (m, S, n).
 
     `index` (m,) are the experiments, `kernel` what makes densities of the outcomes. Of the S
     samples each of the eight copies has S/8 in one piece.
     """
 
     index: Indices
-    germ: Array
+    variate: Array
     weight: Array
     x: Array
     outcomes: Array
@@ -49,7 +49,7 @@ class Samples:
         each = self.weight.shape[1] // REPLICATES
         kept = np.flatnonzero(np.arange(each * REPLICATES) % each < SCORE_POINTS)
         return Samples(
-            self.index, self.germ[:, kept], self.weight[:, kept], self.x[:, kept],
+            self.index, self.variate[:, kept], self.weight[:, kept], self.x[:, kept],
             self.outcomes[:, kept], self.kernel,
         )  # fmt: skip
 
@@ -82,7 +82,7 @@ class Controlled:
 class Control:
     """An emulator as control of experiments with outcomes y (N,) at one alpha.
 
-    `along` (N,) is the germ of each experiment that its lines run along.
+    `along` (N,) is the variate of each experiment that its lines run along.
     """
 
     emulator: Emulator
@@ -93,7 +93,7 @@ class Control:
     seed: int
 
     def lines(self, sizes: tuple[tuple[int, int], int]) -> list[tuple[Indices, Lines]]:
-        """Lines for every germ that they run along, with the experiments (N',) they are for."""
+        """Lines for every variate that they run along, with the experiments (N',) they are for."""
         rng = np.random.default_rng([self.seed, 1])
         return [
             (
@@ -128,7 +128,7 @@ class Control:
         return Controlled(self.known(lines, sd), correction, bias, lines[0][1].coarseness)
 
     def score(self, parts: list[Samples], density: Array, noise_sd: float, steps: Array) -> Score:
-        """Derivative of sum log f by central differences of `steps` (K,), the germs held.
+        """Derivative of sum log f by central differences of `steps` (K,), the variates held.
 
         Without noise it is that of the emulator's density: the derivative of a kernel estimate of
         the correction is all error. With noise the samples correct it.
@@ -152,7 +152,7 @@ class Control:
         return _score(of_known, of_samples)
 
     def _image(self, part: Samples) -> Array:
-        _, dx = self.inputs.image(self.alpha, flat(part.germ))
+        _, dx = self.inputs.image(self.alpha, flat(part.variate))
         return np.asarray(dx.reshape(*part.x.shape, -1))
 
     def _gap(self, part: Samples, x: Array, sd: float) -> Array:
