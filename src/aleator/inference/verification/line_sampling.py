@@ -1,8 +1,8 @@
 """The density of an emulator's outcome, exact along lines through the variate's space.
 
 f(y) = E[ sum over segments (P_b - P_a)/(eta_b - eta_a) (F((y - eta_a)/s) - F((y - eta_b)/s)) ]:
-all variates but one are drawn, the one left is integrated out along its line, on which the
-outcome is taken as linear in probability between neighboring points; F is the normal distribution of the
+all variates but one are drawn, the one left is integrated out along its line, on which the outcome
+is taken as linear in probability between neighboring points; F is the normal distribution of the
 noise, a step where there is none, and there the densities of neighboring segments are joined by
 straight lines. This is conditional Monte Carlo (Asmussen and Glynn, 2007, sec. V.4): nothing is
 smoothed.
