@@ -83,8 +83,8 @@ def verify(
     correct the emulator's exact density instead (module `control_variate`), where that has the
     smaller error and the two agree; and where `steps` (K,) are positive, of about a quarter of a
     standard error, the score is told too. The bias -var/2 of the logarithm is corrected. A run that
-    failed, NaN, is left out: the density is that of an outcome where there is one. Cost: N S runs, S more
-    for an experiment far out, and LEVELS times 512 for it without an emulator.
+    failed, NaN, is left out: the density is that of an outcome where there is one. Cost: N S runs,
+    S more for an experiment far out, and LEVELS times 512 for it without an emulator.
     """
     rng, count = np.random.default_rng(seed), measured.size
     told = progress or Silent()
