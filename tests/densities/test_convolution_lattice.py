@@ -76,7 +76,8 @@ def test_a_linear_outcome_is_exact_whatever_the_noise(dimensions: int, noise: fl
     y = exact.mean() + exact.std() * np.linspace(-3.0, 3.0, 201)
     np.testing.assert_allclose(fitted.log_pdf(y[None])[0], exact.logpdf(y), atol=3e-4)
     np.testing.assert_allclose(fitted.cdf(y[None])[0], exact.cdf(y), atol=2e-5)
-    assert fitted.roughness[0] < 1e-9
+    assert fitted.around is not None
+    assert fitted.around.bend[0] < 1e-9
 
 
 def test_an_outcome_on_a_node_gains_nothing_from_less_noise() -> None:

@@ -114,6 +114,6 @@ def test_a_point_mass_has_no_density() -> None:
     np.testing.assert_allclose(fitted.log_pdf(y)[0, :2], stats.norm.logpdf(y[0, :2]), atol=1e-4)
     assert fitted.log_pdf(y)[0, 2] < 1.0
     np.testing.assert_allclose(fitted.cdf(np.array([5.0]))[0], stats.norm.cdf(1.0), atol=0.01)
-    still = fit(np.full(GermGrid(401).size(NORMAL), 3.0))
+    still = at_nodes(lambda x: np.full_like(x, 3.0))
     assert still.status.tolist() == [Status.DEGENERATE]
     assert still.log_pdf(np.array([3.0])).tolist() == [-np.inf]

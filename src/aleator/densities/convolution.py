@@ -125,10 +125,8 @@ class Convolution:
             usable &= noise_sd > SMALLEST_SD
             y = np.where(usable[:, None], outcomes.y, 0.0)
             sd = max(noise_sd, SMALLEST_SD)
-            rough = ripple(y, outcomes.weights, sd)
-            return FittedConvolution(
-                y, outcomes.weights, sd, rough, rough > LARGEST_RIPPLE, ~usable
-            )
+            coarse = ripple(y, outcomes.weights, sd) > LARGEST_RIPPLE
+            return FittedConvolution(y, outcomes.weights, sd, coarse, ~usable)
         # the squares of their differences have to be finite
         usable &= np.abs(np.where(usable[:, None], outcomes.y, 0.0)).max(axis=1) < _LARGEST_OUTCOME
         y = np.where(usable[:, None], outcomes.y, 0.0)
@@ -136,7 +134,7 @@ class Convolution:
         around = Linearized(y, outcomes.weights, outcomes.lattice, sd)
         usable &= ~around.points.all(axis=1)
         return FittedConvolution(
-            y, outcomes.weights, sd, around.bend, around.bend > LARGEST_BEND, ~usable, around
+            y, outcomes.weights, sd, around.bend > LARGEST_BEND, ~usable, around
         )
 
 
@@ -182,16 +180,14 @@ def _rank(sorted_rows: Array, query: Array) -> Codes:
 class FittedConvolution:
     """Convolutions of N experiments; methods as in `FittedDensity`.
 
-    `y` (N, J), `weights` (J,), `noise_sd`; `roughness` (N,) is the ripple, or the bend where the
-    nodes are a lattice and `around` tells what lies around them; `none` (N,) tells where there is
-    no density. Where the nodes are too coarse, the normal density of the same mean and variance
-    stands in.
+    `y` (N, J), `weights` (J,), `noise_sd`; `around` tells what lies around the nodes of a lattice.
+    `too_coarse` (N,) tells where nodes are too far apart: the normal density of the same mean and
+    variance stands in. `none` (N,) tells where there is no density.
     """
 
     y: Array
     weights: Array
     noise_sd: float
-    roughness: Array
     too_coarse: Flags
     none: Flags
     around: Linearized | None = None

@@ -118,7 +118,7 @@ class LogSpline:
             self.knots,
         )
         answer = minimize_penalized_dual(expected, np.where(fits, start, 0.0), self.smoothing)
-        missed, unexplained = residual(answer.coefficients, answer.log_z, expected, self.smoothing)
+        unexplained = residual(answer.coefficients, answer.log_z, expected, self.smoothing)
         solved = answer.converged & (unexplained <= LARGEST_RESIDUAL)
         return FittedLogSpline(
             nodes=normal,
@@ -128,7 +128,6 @@ class LogSpline:
             log_z=answer.log_z,
             mean=answer.mean,
             hessian=answer.hessian,
-            residual=np.where(fits[:, 0], missed, np.inf),
             status=_status(none, support.empty, coarse, solved),
         )
 

@@ -55,16 +55,14 @@ def minimize_penalized_dual(expected: Array, start: Array, smoothing: float) -> 
     )
 
 
-def residual(
-    coefficients: Array, log_z: Array, expected: Array, smoothing: float
-) -> tuple[Array, Array]:
-    """Largest |E B - p| (N,), and the same less what the smoothing explains, by another rule."""
+def residual(coefficients: Array, log_z: Array, expected: Array, smoothing: float) -> Array:
+    """Largest |E B - p| (N,) less what the smoothing explains, by another rule."""
     rule = spline_rule(coefficients.shape[1] - 3, extra=3)
     exponent = coefficients @ rule.basis.T - log_z[:, None]
     probability = np.exp(np.minimum(exponent, _LARGEST_EXPONENT)) * rule.weights
     missed = probability @ rule.basis - expected
     penalty = smoothing * coefficients @ roughness(coefficients.shape[1] - 3)
-    return np.abs(missed).max(axis=1), np.abs(missed + penalty).max(axis=1)
+    return np.asarray(np.abs(missed + penalty).max(axis=1))
 
 
 def _minimize(expected: Array, start: Array, smoothing: float) -> DualAnswer:

@@ -69,8 +69,7 @@ class Support:
 class FittedLogSpline:
     """Log-spline densities of N experiments; methods as in `FittedDensity`.
 
-    `normal` stands in where the status is not SOLVED. `residual` (N,) is the largest distance of an
-    expectation of a spline from the one asked for, recomputed by another rule.
+    `normal` stands in where the status is not SOLVED.
     """
 
     nodes: NodeNormal
@@ -80,7 +79,6 @@ class FittedLogSpline:
     log_z: Array
     mean: Array
     hessian: Array
-    residual: Array
     status: Codes
 
     @property
