@@ -25,7 +25,7 @@ from aleator.densities import MaximumEntropy
 from aleator.errors import AleatorError
 from aleator.inference.information import infer
 from aleator.inference.verification import MonteCarlo
-from aleator.likelihood.likelihood import Likelihood
+from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.problem import prepare
 from aleator.likelihood.propagation import Collocation
 from aleator.likelihood.value import LogLikelihood
@@ -95,7 +95,7 @@ def reference_of(study: Study) -> Reference:
             runner, study.experiments.outcomes, replace(model, propagation=choice), region
         )
         free = problem.likelihood.hyperparameters
-        alpha = search.maximize(problem.likelihood, free, seed=0, guesses=[alpha]).alpha
+        alpha = search.maximize(problem.objective, free, seed=0, guesses=[alpha]).alpha
         error = infer(problem.objective, alpha, free).standard_error
         moved = [
             np.clip(alpha + sign * 3.0 * np.nan_to_num(error) * one,
@@ -118,17 +118,17 @@ def by_surfaces(way: str, study: Study, choice: ResponseSurface) -> Point:
 
 
 @dataclass(frozen=True)
-class Watched:
-    """A likelihood that runs the simulator, and the best that it said after so many runs."""
+class Followed:
+    """An objective that runs the simulator, and the best that it said after so many runs."""
 
     way: str
-    likelihood: Likelihood
+    objective: Continued
     runner: Runner
     best: list[Point]
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """The likelihood with its score, noted."""
-        found = self.likelihood(alpha)
+        """The objective with its score, noted."""
+        found = self.objective(alpha)
         if not self.best or found.total > self.best[-1].log_likelihood:
             runs = self.runner.fresh / len(self.runner.ids)
             self.best.append(Point(self.way, runs, alpha.copy(), float(found.total)))
@@ -140,19 +140,19 @@ def by_runs(way: str, study: Study, choice: Collocation) -> list[Point]:
     runner = study.runner()
     model = replace(study.model, density=DENSITY, propagation=choice)
     problem = prepare(runner, study.experiments.outcomes, model, study.inputs.box)
-    watched, free = Watched(way, problem.objective, runner, []), model.hyperparameters
+    followed, free = Followed(way, problem.objective, runner, []), model.hyperparameters
     search = GradientMultistart(1, EVALUATIONS)
     guess = linear_gaussian(
         problem.response, model, start_point(study.inputs), problem.condition,
         study.experiments.outcomes, search, seed=0,
     )  # fmt: skip
     begun = [replace(h, start=float(value)) for h, value in zip(free, guess.alpha, strict=True)]
-    search.maximize(watched, begun, seed=0)
+    search.maximize(followed, begun, seed=0)
     rows: list[Point] = []
-    for point in watched.best:
+    for point in followed.best:
         if not rows or point.runs >= APART * rows[-1].runs:
             rows.append(point)
-    return [*rows, watched.best[-1]] if rows[-1] is not watched.best[-1] else rows
+    return [*rows, followed.best[-1]] if rows[-1] is not followed.best[-1] else rows
 
 
 def points(study: Study) -> Iterator[Point]:

@@ -42,8 +42,8 @@ def trials(study: Path) -> tuple[Trial, ...]:
     """Every search on the likelihood of one study, on surfaces of its whole box."""
     value = load_study(study)
     problem = prepare(value.runner(), value.experiments.outcomes, value.model, value.inputs.box)
-    likelihood = problem.likelihood
-    return compare(list(SEARCHES.values()), likelihood, likelihood.hyperparameters, seed=1)
+    free = value.model.hyperparameters
+    return compare(list(SEARCHES.values()), problem.objective, free, seed=1)
 
 
 def search_table(name: str, found: Sequence[Trial]) -> Table:

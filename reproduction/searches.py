@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from aleator.clutch import shifting_time
 from aleator.densities import MaximumEntropy
-from aleator.likelihood.likelihood import Likelihood
-from aleator.likelihood.predictive import predictive
-from aleator.likelihood.propagation import QuadraturePropagation
+from aleator.likelihood.model import Model
+from aleator.likelihood.problem import Problem, prepare
 from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
 from aleator.progress import Progress
-from aleator.quadrature import TensorGauss
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -24,11 +23,11 @@ from aleator.search import (
     Trial,
     compare,
 )
-from aleator.surrogates import ResponseSurface, build_surface
-from aleator.surrogates.responses import Confined
+from aleator.simulators import as_runner
+from aleator.surrogates import ResponseSurface
 from reproduction.canvas import explain, powers_of_ten
 from reproduction.clutch.laws import SEARCH_TOLERANCE
-from reproduction.clutch.study import ClutchStudy
+from reproduction.clutch.study import PARAMETERS, ClutchStudy
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict
 
@@ -80,26 +79,12 @@ def searches(context: Context) -> Reproduction:
     return Reproduction({"": table, "steps": steps}, draw, _claims(rows))
 
 
-def likelihood(study: ClutchStudy, progress: Progress) -> Likelihood:
-    """The clutch's likelihood with maximum entropy of four moments, on surfaces of its box."""
-    count = len(study.outcomes)
-
-    def tell(runs: int, converged: int, total: int) -> None:
-        progress.update(f"{runs:,} runs, {converged} of {total} surfaces", converged, total)
-
-    choice = ResponseSurface(tolerance=SEARCH_TOLERANCE)
-    surface = build_surface(study.run, study.box, count, choice, tell)
-    law, margin = study.law(), 3.0 * surface.error
-    distribution = predictive(
-        QuadraturePropagation(law, Confined(surface, study.box), TensorGauss(NODES)),
-        MaximumEntropy(order=4),
-        np.arange(count),
-        surface.lower - margin,
-        surface.upper + margin,
-        law.hyperparameters,
-        None,
-    )
-    return Likelihood(distribution, study.outcomes)
+def problem_of(study: ClutchStudy, progress: Progress) -> Problem:
+    """The clutch's problem with maximum entropy of four moments, on surfaces of its box."""
+    surfaces = ResponseSurface(tolerance=SEARCH_TOLERANCE, nodes=NODES)
+    model = Model.of(study.law(), propagation=surfaces, density=MaximumEntropy(order=4))
+    runner = as_runner(shifting_time, study.experiments, PARAMETERS, vectorized=True)
+    return prepare(runner, study.outcomes, model, study.box, progress)
 
 
 def _choices() -> dict[str, Search]:
@@ -120,11 +105,11 @@ def _installed(name: str) -> bool:
 
 
 def _trials(study: ClutchStudy, seed: int, progress: Progress) -> dict[str, Trial]:
-    objective = likelihood(study, progress)
-    found = {}
+    problem, found = problem_of(study, progress), {}
+    free = problem.likelihood.hyperparameters
     for name, search in _choices().items():
         progress.update(name)
-        (found[name],) = compare([search], objective, objective.hyperparameters, seed=seed)
+        (found[name],) = compare([search], problem.objective, free, seed=seed)
     return found
 
 

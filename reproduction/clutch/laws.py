@@ -22,9 +22,9 @@ from reproduction.clutch.reference import (
     reference,
     surfaces,
 )
-from reproduction.clutch.study import CONDITIONS, OUTCOME, ClutchStudy
+from reproduction.clutch.study import ClutchStudy
 
-SEARCH_TOLERANCE = 0.02  # of the surfaces, as in the example's study
+SEARCH_TOLERANCE = 0.02  # of the surfaces
 EXPANSION, SAMPLED = "expansion, 25 runs", "samples"
 
 PAPER_GAUSSIAN = np.array([0.91, 0.077, 0.55, 0.014])
@@ -85,16 +85,15 @@ def drawn(study: ClutchStudy, at: Judged, name: str, seed: int) -> Judged:
 def identified(
     study: ClutchStudy, density: Density, seed: int, progress: Progress
 ) -> Identification:
-    """Identify the law on response surfaces, as the example does.
+    """Identify the law on response surfaces of one tolerance.
 
     The paper runs the simulator at 25 nodes for every alpha of its search; the surfaces give the
     same moments for far fewer runs.
     """
     return identify(
         shifting_time,
-        study.table[[*CONDITIONS, OUTCOME]],
+        study.experiments,
         study.law(),
-        outcome=OUTCOME,
         vectorized=True,
         propagation=ResponseSurface(tolerance=SEARCH_TOLERANCE),
         density=density,

@@ -18,6 +18,7 @@ from aleator.clutch import measure, shifting_time, trajectories
 from aleator.clutch.bench import BOX
 from aleator.laws import Free, TruncatedNormal
 from aleator.laws.inputs import Inputs
+from aleator.observations.experiments import Experiments
 from aleator.types import Array, Indices
 
 PARAMETERS = ("c2_scale", "zp_scale")
@@ -51,6 +52,11 @@ class ClutchStudy:
     def outcomes(self) -> Array:
         """Measured shifting times (108,) [s]."""
         return self.table[OUTCOME].to_numpy(dtype=np.float64)
+
+    @cached_property
+    def experiments(self) -> Experiments:
+        """The 108 experiments as an identification takes them."""
+        return Experiments.from_frame(self.table[[*CONDITIONS, OUTCOME]], outcome=OUTCOME)
 
     @property
     def box(self) -> Array:
