@@ -15,10 +15,11 @@ from aleator.types import Array, Indices
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Independent marginal laws, each at values (k,) of its own hyperparameters.
+    """Orthonormal polynomials of n independent variables, given by the laws of the variables.
 
-    psi_k(theta) = p_k1(theta_1) .. p_kn(theta_n), orthonormal under the joint law. A constant has
-    no polynomial but 1. Raises InputsError where laws and values differ in number.
+    psi_k(t) = p_k1(t_1) .. p_kn(t_n) for every multi-index k, with the polynomials of each law at
+    `values` (k,) of its own hyperparameters. A constant has no polynomial but 1. Raises InputsError
+    where laws and values differ in number.
 
     >>> from aleator.laws import Normal
     >>> basis = Basis((Normal(0.0, 1.0), Normal(2.0, 0.5)), (np.array([0.0, 1.0]),) * 2)

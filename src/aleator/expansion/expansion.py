@@ -24,8 +24,7 @@ class Expansion:
     `leave_one_out` (N,) estimates the root-mean-square error under the law, in the outcome's unit,
     from the runs that were fitted (NaN where the way to the expansion has no such estimate).
 
-    >>> from aleator.laws import Normal
-    >>> basis = Basis((Normal(0.0, 1.0),), (np.array([0.0, 1.0]),))
+    >>> basis = Basis.normal(1)
     >>> y = Expansion(basis, np.array([[0], [1]]), np.array([[3.0, 2.0]]), np.array([0.0]))
     >>> y.mean.tolist(), y.variance.tolist(), y.evaluate(np.array([[1.5]])).tolist()
     ([3.0], [4.0], [[6.0]])

@@ -26,8 +26,7 @@ class Projection:
     leave-one-out error. Raises InputsError for fewer nodes than degree + 1.
 
     >>> from aleator.polynomials.indices import TotalDegree
-    >>> from aleator.laws import Normal
-    >>> basis = Basis((Normal(0.0, 1.0),), (np.array([0.0, 1.0]),))
+    >>> basis = Basis.normal(1)
     >>> way = Projection(TotalDegree(2))
     >>> design = way.design(basis)                                  # x^2 = 1 + sqrt(2) psi_2
     >>> way.fit(basis, design, design.x.T**2).coefficients.round(6).tolist()

@@ -32,8 +32,7 @@ class Regression:
     the degree may not be lowered.
 
     >>> from aleator.polynomials.indices import TotalDegree
-    >>> from aleator.laws import Normal
-    >>> basis = Basis((Normal(0.0, 1.0),) * 10, (np.array([0.0, 1.0]),) * 10)
+    >>> basis = Basis.normal(10)
     >>> way = Regression(TotalDegree(2))
     >>> design = way.design(basis)                                  # 2 * 66 runs
     >>> y = way.fit(basis, design, np.sum(design.x, axis=1)[None] ** 2)

@@ -32,8 +32,7 @@ class SparseProjection:
     for ten symmetric laws 221 of degree 2 and 1,581 of degree 3.
 
     >>> from aleator.polynomials.indices import TotalDegree
-    >>> from aleator.laws import Normal
-    >>> basis = Basis((Normal(0.0, 1.0),) * 2, (np.array([0.0, 1.0]),) * 2)
+    >>> basis = Basis.normal(2)
     >>> way = SparseProjection(TotalDegree(2))
     >>> design = way.design(basis)
     >>> y = way.fit(basis, design, (design.x[:, 0] * design.x[:, 1])[None])

@@ -30,9 +30,9 @@ class Inputs:
     but for the pairs in `correlation`, each a number or `Free(lower, upper)` within [-1, 1]. The
     joint law of correlated parameters is a Gaussian copula: x_i = F_i^-1(Phi(theta_i)) with normal
     theta of that correlation; for normal laws that is the normal law with full covariance. Their
-    nodes and polynomials are those of theta. See `aleator.correlation.between` for more than two
-    correlated parameters. Raises InputsError when there is no parameter, when a name is not an
-    identifier, and for a pair or limits that are inadmissible.
+    nodes and polynomials are those of theta. For more than two correlated parameters see
+    `aleator.laws.correlation.between`. Raises InputsError when there is no parameter, when a name
+    is not an identifier, and for a pair or limits that are inadmissible.
 
     >>> from aleator.laws import Constant, Free, Normal
     >>> inputs = Inputs({"v": Normal(mean=Free(-1, 1), sd=0.5), "b0": Constant(2.0)})
