@@ -51,8 +51,8 @@ def test_a_sum_with_an_outcome_beyond_reach_is_not_called_verified() -> None:
     assert report.reached["estimated"] == pytest.approx(truth, abs=1e-3)
     assert abs(report.reached["verified"] - truth) < 4.0 * report.reached["standard_error"]
     (message,) = told(found)
-    assert "experiment 61: so far out" in message
-    assert "without them alpha would move by" in message
+    assert message.startswith("experiment 61: ")
+    assert "a standard error or more" in message
     without = found_from(OUTLIER[:-1]).alpha["x.sd"]
     error = found.alpha["x.sd"].standard_error
     assert error is not None

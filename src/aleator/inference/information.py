@@ -146,8 +146,9 @@ def weak_directions(
         # the small eigenvalue is well determined; what moves along its large parts is not apart
         parts = _large(vector)
         sentences.append(
-            f"only the combination {_combination(vector, parts, names)} is well determined; "
-            f"{', '.join(names[i] for i in parts)} can change together almost unnoticed"
+            f"{', '.join(names[i] for i in parts)} can hardly be told apart: if they change "
+            "together, the likelihood hardly changes; well determined is only "
+            f"{_combination(vector, parts, names)} (se: standard error)"
         )
     return sentences
 
@@ -169,8 +170,8 @@ def _undetermined(inference: Inference, names: Sequence[str]) -> list[str]:
         if abs(value) < FLAT:
             parts = _large(vector)
             sentences.append(
-                f"{', '.join(known[i] for i in parts)} can change together without effect, "
-                f"along {_combination(vector, parts, known)}, where se is that of each alone"
+                f"{', '.join(known[i] for i in parts)} can change together without effect, along "
+                f"{_combination(vector, parts, known)} (se: standard error of each by itself)"
             )
     return sentences
 

@@ -89,8 +89,8 @@ def _advice(a: str, b: str, name: str, values: Array) -> Diagnostic:
     middle = float(f"{0.5 * (low + high):.3g}")
     return Diagnostic(
         "identifiability",
-        f"the effect of {b} is that of {a} times {name}, and {name} ({low:.6g} to {high:.6g}) lies "
-        f"far from zero, so that {a} and {b} take each other's place",
-        f"measure {name} from its middle: write ({name} - {middle:.6g}) for {name} in the "
-        f"simulator, so that {a} is what it is there, and set its limits anew",
+        f"{b} acts as {a} times {name} does, and {name} ({low:.6g} to {high:.6g}) lies far from "
+        f"zero, so that the experiments hardly tell {a} from {b}",
+        f"count {name} from its middle: write ({name} - {middle:.6g}) for {name} in the simulator, "
+        f"and set the limits of {a} anew, which then belongs to {name} = {middle:.6g}",
     )

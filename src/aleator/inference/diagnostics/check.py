@@ -45,8 +45,9 @@ def refusals(
         return [
             Diagnostic(
                 "verification",
-                f"the check reaches {np.sum(checked.reached)} of {len(ids)} experiments: under "
-                "the identified law the others have no outcome near the measured one",
+                f"the check on the simulator could judge only {np.sum(checked.reached)} of "
+                f"{len(ids)} experiments: for the others no outcome that was simulated under the "
+                "identified law came near the measured one",
                 "search from more starts, widen the limits of the law, or take more samples",
             )
         ]
@@ -59,8 +60,8 @@ def refusals(
     return [
         Diagnostic(
             "verification",
-            f"{named(bad, ids)}: the log-density differs from Monte Carlo on the simulator "
-            "by more than 1 and by more than five standard errors",
+            f"{named(bad, ids)}: the log-density that was computed and that of the check on the "
+            "simulator differ by more than 1, and by more than five standard errors of the check",
             "raise the order of the density, lower the tolerance of the surface, or take more "
             "samples",
         )
@@ -77,7 +78,7 @@ def notes(
     *,
     told: bool,
 ) -> list[Diagnostic]:
-    """What the check did not see and that matters, what it sees in the total only, what follows.
+    """Experiments that it could not judge, a difference in the total, how far alpha would move.
 
     The last only if `told`: from an answer that is refused a step leads nowhere.
     """
@@ -106,11 +107,11 @@ def _unseen(
     return [
         Diagnostic(
             "verification",
-            f"{named(few, ids)}: so far out under the identified law that fewer than "
-            f"{FEW_SAMPLES} effective samples of the simulator fall there, even of those drawn "
-            "where the outcome should be explained; what they add to the log-likelihood is not "
-            f"verified, and without them alpha would move by {_size(moved)}",
-            "look at these experiments: outliers, or a law with too little scatter or noise; or "
+            f"{named(few, ids)}: hardly any outcome that was simulated under the identified law "
+            f"comes near the measured one (fewer than {FEW_SAMPLES} effective samples), so that "
+            "the check cannot verify their part of the log-likelihood; without them an estimate "
+            f"would move by {_size(moved)}",
+            "see whether they are outliers, or whether the law has too little scatter or noise; or "
             "take more samples",
         )
     ]
@@ -141,7 +142,7 @@ def _total(
     meaning = "estimates and standard errors may be off by a share of a standard error"
     if step is not None:
         largest = float(np.max(np.abs(step.step)))
-        meaning = f"with the simulator's own density alpha would move by {_size(largest)} at most"
+        meaning = f"with the simulator's own density an estimate would move by {_size(largest)}"
     return [
         Diagnostic(
             "verification",
@@ -160,13 +161,13 @@ def _moves(step: Movement | None, inference: Inference, problem: Problem) -> lis
     if rows.size == 0:
         return []
     moves = ", ".join(
-        f"{names[i]} would go {'up' if step.step[i] > 0 else 'down'} by {_size(abs(step.step[i]))}"
+        f"{names[i]} would {'rise' if step.step[i] > 0 else 'fall'} by {_size(abs(step.step[i]))}"
         for i in rows[np.argsort(-np.abs(step.step[rows]))]
     )
     return [
         Diagnostic(
             "density",
-            f"with the exact density of the outcomes {moves}",
+            f"the density in use is an approximation: with the exact one {moves}",
             density_remedy(problem.model),
         )
     ]

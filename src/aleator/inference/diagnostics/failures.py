@@ -55,8 +55,8 @@ def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:
         Diagnostic(
             "simulator",
             f"{report.runs:,} of {report.needed:,} runs failed ({which}), with {where}; the first: "
-            f"{report.message}. Surfaces and verification go without them: what the law holds "
-            "there is a guess by the surface, whose estimated error says so",
+            f"{report.message}. Response surfaces and check leave these runs out; where they "
+            "failed a surface extrapolates, and its estimated error is larger",
             "see them with `aleator runs show STUDY.toml --failures`, mend the simulator and "
             "`aleator runs retry` them, or narrow the box (`aleator box STUDY.toml`)",
         )
@@ -92,7 +92,7 @@ def _sections(error: NoOutcome, runner: Runner, inputs: Inputs) -> str:
         for i in reaching
     )
     return (
-        f"; the law of {names} reaches beyond the runs that work: give it a box, such as that of "
-        f"the runs that worked so far,{sections}\n  and let `aleator box STUDY.toml` find the "
-        "largest that works"
+        f"; the law of {names} gives weight to values at which the simulator fails: give it a box, "
+        f"such as that of the runs that worked so far,{sections}\n  and let `aleator box "
+        "STUDY.toml` find the largest box that works"
     )

@@ -28,8 +28,8 @@ LARGEST_EDM = 1e-3
 """Distance to the maximum, in log-likelihood, that still counts as arrived."""
 MOMENTS_STAND_IN = Diagnostic(
     "density",
-    "the outcome bends too much, or the noise is too small, for the nodes of the exact density, so "
-    "that four moments of the outcome stand in",
+    "the exact density would need more nodes than are used, because the outcome bends too much or "
+    "the noise is too small; a density with four moments of the outcome was taken in its place",
     'compare with kind = "maximum_entropy" of order 6, or with kind = "logspline"',
 )
 LARGEST_QUADRATURE_GAP = 0.1
@@ -87,8 +87,8 @@ def _count_warnings(experiments: int, inference: Inference) -> list[Diagnostic]:
         Diagnostic(
             "experiments",
             f"{experiments} experiments for {free} free hyperparameters: standard errors and "
-            "intervals hold for many experiments, and the estimates of standard deviations are "
-            "too small by a share of the order of hyperparameters over experiments",
+            "intervals are right for many experiments only, and estimated standard deviations tend "
+            "to be too small, by about the ratio of hyperparameters to experiments",
             f"fix some, or add experiments ({2 * FEW_EXPERIMENTS} for each is a start)",
         )
     ]
@@ -101,7 +101,7 @@ def _quadrature_warnings(gap: float, problem: Problem) -> list[Diagnostic]:
     return [
         Diagnostic(
             "quadrature",
-            f"with half as many nodes again the log-likelihood changes by {gap:.2g}",
+            f"50 % more nodes change the log-likelihood by {gap:.2g}: there are too few",
             nodes_remedy(problem),
         )
     ]
@@ -138,8 +138,8 @@ def _search_refusals(
         warnings.append(
             Diagnostic(
                 "search",
-                f"the search stopped an estimated {inference.edm:.2g} in log-likelihood "
-                "below the maximum",
+                "the search did not arrive: the maximum is an estimated "
+                f"{inference.edm:.2g} higher in log-likelihood",
                 f"allow more evaluations a start, search from more starts, or polish{also}",
             )
         )
@@ -153,7 +153,7 @@ def _bound_warnings(
         Diagnostic(
             "bounds",
             f"{h.name} ends on its {side} limit {h.lower if side == 'lower' else h.upper:.6g}; "
-            "it has no standard error, and the others are conditional on it",
+            "it has no standard error, and those of the others hold with it fixed there",
             "widen the limit if it is not physical, or fix the hyperparameter",
         )
         for h, side in zip(hyperparameters, inference.at_bound, strict=True)

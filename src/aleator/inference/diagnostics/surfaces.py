@@ -64,7 +64,7 @@ def surface_refusals(
     surface_error: Array,
     ids: Sequence[str],
 ) -> list[Diagnostic]:
-    """Surfaces that say next to nothing of the outcome under the law: alpha rests on them."""
+    """Surfaces so rough under the law that an answer which rests on them cannot be accepted."""
     surface = problem.surface
     if surface is None:
         return []
@@ -82,8 +82,9 @@ def surface_refusals(
     return [
         Diagnostic(
             "response surface",
-            f"{named(useless, ids)}: the error of the surface is above {USELESS:.0%} of the "
-            "outcome's scatter under the identified law, so that the answer rests on no surface",
+            f"{named(useless, ids)}: the response surface misses the simulator by more than "
+            f"{USELESS:.0%} of the outcome's scatter under the identified law, so that the "
+            "estimates cannot be trusted",
             "choose a tolerance, such as 0.005, for surfaces that are exact on all of their region "
             'whatever the answer; take transform = "log" where the outcome spans decades; or '
             "narrow the box",
@@ -105,7 +106,7 @@ def surface_warnings(
         warnings.append(
             Diagnostic(
                 "response surface",
-                f"{named(rough, ids)}: surface error above "
+                f"{named(rough, ids)}: the error of the response surface is above "
                 f"{LARGEST_SURFACE_ERROR:.0%} of the outcome's standard deviation under the "
                 "identified law",
                 "lower the tolerance of the surface, or narrow the box around the law",
@@ -123,9 +124,9 @@ def _unexact(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Dia
     return [
         Diagnostic(
             "response surface",
-            f"{named(rows, ids)}: estimated error above {LARGEST_SURFACE_ERROR:.0%} of the "
-            "outcome's scatter under the law, where further runs no longer helped, or no longer "
-            "moved the answer",
+            f"{named(rows, ids)}: the estimated error of the response surface is above "
+            f"{LARGEST_SURFACE_ERROR:.0%} of the outcome's scatter under the law; more runs "
+            "stopped making it smaller, or stopped changing the estimates",
             "see what the verification says of these experiments; choose a tolerance, such as "
             "0.005, or allow more runs (max_runs)",
         )
@@ -142,14 +143,14 @@ def _unconverged(problem: Problem, surface: Surface, ids: Sequence[str]) -> list
     for which, what, remedy in (
         (
             missed & spent,
-            f"estimated error above the tolerance when the {choice.max_runs} runs of each were "
-            "used up",
+            f"the estimated error was still above the tolerance when all {choice.max_runs} runs "
+            "were used",
             "allow more runs an experiment (max_runs), or narrow the box",
         ),
         (
             missed & ~spent,
-            "the error stopped falling above the tolerance, as it does at the simulator's own "
-            "accuracy or at jumps; more runs would not help",
+            "the estimated error stays above the tolerance however many runs are made; usual "
+            "causes are the simulator's own numerical error, or an outcome that jumps",
             "make the simulator's own tolerances finer, raise the tolerance of the surface, or use "
             "collocation",
         ),
