@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 
 from aleator.densities import Density, NodeDensity
 from aleator.errors import AleatorError, InputsError, SimulatorError, StudyError, nearest
@@ -25,8 +24,9 @@ from aleator.observations.noise import Noise
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
 from aleator.simulators.fmu import FMUSimulator
-from aleator.study.keys import TOLD, in_toml, specification
+from aleator.study.keys import specification
 from aleator.study.kinds import Choice
+from aleator.study.messages import study_error
 from aleator.study.sections import ExperimentsSection, NoiseSection, StudyFile, pairs
 from aleator.study.simulators import RunsSection
 from aleator.surrogates import ResponseSurface
@@ -145,7 +145,7 @@ def load_study(path: str | Path) -> Study:
     try:
         file = StudyFile.model_validate(document)
     except ValidationError as error:
-        raise _study_error(error, document, path) from None
+        raise study_error(error, document, path) from None
     study = _build(file, path, hashlib.sha256(raw).hexdigest())
     _made(path, f"simulator.{file.simulator.kind}", study.runner)
     return study
@@ -260,73 +260,3 @@ def _line(message: str, text: str) -> str:
     if not found or not number.isdigit() or int(number) > len(lines):
         return ""
     return f": {lines[int(number) - 1].strip()[:60]!r}"
-
-
-def _study_error(error: ValidationError, document: Mapping[str, Any], path: Path) -> StudyError:
-    """One message for everything that is wrong with the keys."""
-    faults = [_fault(details, document) for details in error.errors(include_url=False)]
-    lines = [f"{path}: {problem}" for problem, _ in faults]
-    if len(faults) == 1:
-        return StudyError(lines[0], faults[0][1])
-    numbered = [f"{line}: {remedy}" for line, (_, remedy) in zip(lines, faults, strict=True)]
-    return StudyError(
-        f"{path}: {len(faults)} keys are wrong\n  " + "\n  ".join(numbered), "correct these keys"
-    )
-
-
-def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str]:
-    """What is wrong with one key, and what to do about it."""
-    context: dict[str, Any] = dict(details.get("ctx", {}))
-    kind = details["type"]
-    location = _key(details["loc"], document, missing=kind == "missing")
-    if context.get("key"):
-        location = f"{location}.{context['key']}" if location else str(context["key"])
-    key = f"key '{location}'"
-    if kind == TOLD:
-        return f"{key}{context['problem']}", str(context["remedy"])
-    if kind == "missing":
-        return f"{key} is missing", "add it"
-    if kind == "literal_error":
-        return _unknown(location, str(context["expected"]), details.get("input"))
-    shown = f"{key} = {in_toml(details.get('input'))}"
-    if kind in ("model_type", "dict_type", "model_attributes_type"):
-        return f"{shown} is not a table", f"write [{location}] and its keys under it"
-    message = details["msg"]
-    message = message.removeprefix("Input ").removeprefix("Value ").removeprefix("List ")
-    return f"{shown}: it {message}", _WANTED.get(kind, "correct the value")
-
-
-def _unknown(location: str, expected: str, value: object) -> tuple[str, str]:
-    """A value that is none of those that there are; pydantic tells them as one text."""
-    known = [word.strip(" '") for word in expected.replace(" or ", ", ").split(",")]
-    return (
-        f"key '{location}' = {in_toml(value)} is not known{nearest(str(value), known)}",
-        f"choose one of {', '.join(known)}",
-    )
-
-
-_WANTED = {
-    "float_type": "write a number without quotes, such as 0.5",
-    "int_type": "write a whole number without quotes, such as 10",
-    "bool_type": "write true or false, without quotes",
-    "string_type": 'write a text in quotes: "..."',
-    "list_type": "write a list in brackets: [..., ...]",
-    "too_short": "write as many values as it says",
-    "too_long": "write as many values as it says",
-    "finite_number": "write a finite number",
-}
-
-
-def _key(location: Sequence[str | int], document: Mapping[str, Any], missing: bool) -> str:
-    """The path of a key in the file; what pydantic adds to tell alternatives apart is left out."""
-    at: Any = document
-    path = ""
-    for k, part in enumerate(location):
-        inside = (isinstance(at, Mapping) and part in at) or (
-            isinstance(at, list) and isinstance(part, int)
-        )
-        if not inside and not (missing and k == len(location) - 1):
-            continue
-        at = at[part] if inside else None
-        path += f"[{part}]" if isinstance(part, int) else f".{part}" if path else str(part)
-    return path

@@ -1,0 +1,83 @@
+"""What is wrong with the keys of a study file, in one message: key, value, cause and remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from aleator.errors import StudyError, nearest
+from aleator.study.keys import TOLD, in_toml
+
+
+def study_error(error: ValidationError, document: Mapping[str, Any], path: Path) -> StudyError:
+    """One message for everything that is wrong with the keys."""
+    faults = [_fault(details, document) for details in error.errors(include_url=False)]
+    lines = [f"{path}: {problem}" for problem, _ in faults]
+    if len(faults) == 1:
+        return StudyError(lines[0], faults[0][1])
+    numbered = [f"{line}: {remedy}" for line, (_, remedy) in zip(lines, faults, strict=True)]
+    return StudyError(
+        f"{path}: {len(faults)} keys are wrong\n  " + "\n  ".join(numbered), "correct these keys"
+    )
+
+
+def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str]:
+    """What is wrong with one key, and what to do about it."""
+    context: dict[str, Any] = dict(details.get("ctx", {}))
+    kind = details["type"]
+    location = _key(details["loc"], document, missing=kind == "missing")
+    if context.get("key"):
+        location = f"{location}.{context['key']}" if location else str(context["key"])
+    key = f"key '{location}'"
+    if kind == TOLD:
+        return f"{key}{context['problem']}", str(context["remedy"])
+    if kind == "missing":
+        return f"{key} is missing", "add it"
+    if kind == "literal_error":
+        return _unknown(location, str(context["expected"]), details.get("input"))
+    shown = f"{key} = {in_toml(details.get('input'))}"
+    if kind in ("model_type", "dict_type", "model_attributes_type"):
+        return f"{shown} is not a table", f"write [{location}] and its keys under it"
+    message = details["msg"]
+    message = message.removeprefix("Input ").removeprefix("Value ").removeprefix("List ")
+    return f"{shown}: it {message}", _WANTED.get(kind, "correct the value")
+
+
+def _unknown(location: str, expected: str, value: object) -> tuple[str, str]:
+    """A value that is none of those that there are; pydantic tells them as one text."""
+    known = [word.strip(" '") for word in expected.replace(" or ", ", ").split(",")]
+    return (
+        f"key '{location}' = {in_toml(value)} is not known{nearest(str(value), known)}",
+        f"choose one of {', '.join(known)}",
+    )
+
+
+_WANTED = {
+    "float_type": "write a number without quotes, such as 0.5",
+    "int_type": "write a whole number without quotes, such as 10",
+    "bool_type": "write true or false, without quotes",
+    "string_type": 'write a text in quotes: "..."',
+    "list_type": "write a list in brackets: [..., ...]",
+    "too_short": "write as many values as it says",
+    "too_long": "write as many values as it says",
+    "finite_number": "write a finite number",
+}
+
+
+def _key(location: Sequence[str | int], document: Mapping[str, Any], missing: bool) -> str:
+    """The path of a key in the file; what pydantic adds to tell alternatives apart is left out."""
+    at: Any = document
+    path = ""
+    for k, part in enumerate(location):
+        inside = (isinstance(at, Mapping) and part in at) or (
+            isinstance(at, list) and isinstance(part, int)
+        )
+        if not inside and not (missing and k == len(location) - 1):
+            continue
+        at = at[part] if inside else None
+        path += f"[{part}]" if isinstance(part, int) else f".{part}" if path else str(part)
+    return path
