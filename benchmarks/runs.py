@@ -80,9 +80,9 @@ def cost(runs: int, vectorized: bool, executor: Executor | None, folder: Path) -
             run = Runner(simulator, table, names, store=store, executor=executor)
             run(index, x)
         seconds.append(time.perf_counter() - began)
-    assert run.kept is not None
+    assert run.cache is not None
     assert run.fresh == 0
-    stored = run.kept.at_start
+    stored = run.cache.at_start
     assert stored.runs == runs
     found = Cost(runs, seconds[0], stored.seconds, seconds[1], path.stat().st_size / 1e6)
     path.unlink()

@@ -14,7 +14,7 @@ from dask_processes import DaskProcesses
 import aleator
 from aleator import cli
 from aleator.simulators import Store
-from aleator.simulators.inventory import kept_runs
+from aleator.simulators.records import stored_runs
 
 STUDY = """\
 [experiments]
@@ -93,7 +93,7 @@ def runs_made(folder: Path) -> list[str]:
 
 def kept(folder: Path) -> list[str]:
     with Store(folder / "runs.sqlite") as store:
-        return [f"{r.conditions['load']} {r.parameters['softness']!r}" for r in kept_runs(store)]
+        return [f"{r.conditions['load']} {r.parameters['softness']!r}" for r in stored_runs(store)]
 
 
 def test_a_study_whose_worker_is_killed_ends_with_the_same_answer(

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aleator import cli
-from aleator.simulators import Identity, Store, exchange, inventory
-from aleator.simulators.inventory import KeptRun
+from aleator.simulators import Identity, Store, exchange, records
+from aleator.simulators.records import StoredRun
 
 STUDY = """\
 [experiments]
@@ -52,9 +52,9 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path("springs/study.toml")
 
 
-def contents(path: Path = STORE) -> list[inventory.KeptRun]:
+def contents(path: Path = STORE) -> list[records.StoredRun]:
     with Store(path) as store:
-        return [*inventory.kept_runs(store)]
+        return [*records.stored_runs(store)]
 
 
 def test_list_tells_runs_and_failures_of_every_simulator(study: Path) -> None:
@@ -92,7 +92,7 @@ def test_what_is_exported_is_imported_bit_by_bit(study: Path) -> None:
     runs = contents()
     assert f"{len(runs)} runs added, 0 were there already" in done.output
 
-    def key(run: inventory.KeptRun) -> str:
+    def key(run: records.StoredRun) -> str:
         return f"{run.conditions} {run.parameters}"
 
     copies = contents(Path("copy.sqlite"))
@@ -114,7 +114,7 @@ def test_runs_from_elsewhere_belong_to_the_study_that_they_are_given_to(study: P
     assert run("import", study, "mine.csv").exit_code == 0
     again = CliRunner().invoke(cli.main, ["box", str(study)])
     with Store(STORE) as store:
-        mine, old = inventory.holdings(store)
+        mine, old = records.holdings(store)
     assert (mine.runs, mine.failures) == (old.runs, old.failures)
     assert f"{mine.runs} runs of this simulator" in again.stderr
     assert f"{old.runs} runs of 'length' as it was before it changed" in again.stderr
@@ -208,8 +208,8 @@ def test_parquet_needs_an_extra(study: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_runs_of_different_simulators_are_rows_of_one_table() -> None:
-    def kept(number: int, conditions: dict[str, float], parameters: dict[str, float]) -> KeptRun:
-        return KeptRun(
+    def kept(number: int, conditions: dict[str, float], parameters: dict[str, float]) -> StoredRun:
+        return StoredRun(
             number,
             Identity("f", "model"),
             conditions,

@@ -11,7 +11,7 @@ from rich.console import RenderableType
 
 from aleator.report import box, recovery, runs, terminal
 from aleator.simulators import Identity
-from aleator.simulators.inventory import Holding, KeptRun
+from aleator.simulators.records import Holding, StoredRun
 from aleator.tasks.box import FeasibleBox, Side
 from aleator.tasks.layout import Column, laid_out
 from aleator.tasks.recover import Recovery
@@ -58,7 +58,7 @@ def boxed() -> RenderableType:
 
 
 SIMULATOR = Identity("3f2a91c0" * 8, "shifting_time_of_the_engagement", "model:f", "version 12")
-RUN = KeptRun(
+RUN = StoredRun(
     123456, SIMULATOR, {"load": 1.0, "bench": BENCH}, {"friction_coefficient": 0.123456}, None,
     "ValueError: the spring broke at its second coil", None, 0.1, "host", 1.7e9, 1,
 )  # fmt: skip

@@ -16,7 +16,7 @@ from aleator.cli.showing import say
 from aleator.errors import AleatorError
 from aleator.observations.experiments import Conditions
 from aleator.progress import Progress
-from aleator.simulators import ProcessPool, Runner, Store, keeping
+from aleator.simulators import ProcessPool, Runner, Store, notified
 from aleator.simulators.workers.dask_cluster import dask_executor
 from aleator.simulators.workers.mpi_job import mpi_executor
 from aleator.study import Study
@@ -100,7 +100,7 @@ def running(
     ):
         runner = study.runner(conditions, kept, executor)
         told = None if options.quiet else say
-        with closing(study), keeping(runner.kept, str(study.file), told):
+        with closing(study), notified(runner.cache, str(study.file), told):
             yield runner
 
 

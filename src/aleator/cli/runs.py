@@ -13,7 +13,7 @@ from rich.console import Console
 from aleator.cli.running import FILE
 from aleator.errors import AleatorError, StoreError
 from aleator.report import runs as report
-from aleator.simulators import Identity, Store, exchange, inventory
+from aleator.simulators import Identity, Store, exchange, records
 from aleator.study import load_study
 
 TARGET = click.argument("target", type=FILE, metavar="STUDY.toml|STORE")
@@ -69,7 +69,7 @@ def runs() -> None:
 def list_(target: Path) -> None:
     """Tell for every simulator how many runs there are, failures, seconds and the last date."""
     with opened(target) as at:
-        found = inventory.holdings(at.store)
+        found = records.holdings(at.store)
         Console().print(report.holdings(found, at.fingerprint, str(at.store.path)))
 
 
@@ -81,7 +81,7 @@ def show(target: Path, number: int | None, failures: bool) -> None:
     """Show one RUN with its log, or the last runs, or the last failures."""
     with opened(target) as at:
         if number is not None:
-            found = [*inventory.kept_runs(at.store, number=number)]
+            found = [*records.stored_runs(at.store, number=number)]
             if not found:
                 raise StoreError(
                     f"{at.store.path} has no run {number}",
@@ -91,11 +91,11 @@ def show(target: Path, number: int | None, failures: bool) -> None:
             return
         every = [
             held
-            for held in inventory.holdings(at.store)
+            for held in records.holdings(at.store)
             if at.fingerprint in (None, held.simulator.fingerprint)
         ]
         total = sum(held.failures if failures else held.runs for held in every)
-        last = inventory.kept_runs(at.store, at.fingerprint, failures=failures, last=SHOWN)
+        last = records.stored_runs(at.store, at.fingerprint, failures=failures, last=SHOWN)
         found = [*last]
         Console().print(report.runs(found, total - len(found)))
 
@@ -106,7 +106,7 @@ def show(target: Path, number: int | None, failures: bool) -> None:
 def export(target: Path, file: Path) -> None:
     """Write the runs to FILE, a row a run: .csv, or .parquet (which needs pyarrow)."""
     with opened(target) as at:
-        count = exchange.write(inventory.kept_runs(at.store, at.fingerprint), file)
+        count = exchange.write(records.stored_runs(at.store, at.fingerprint), file)
     click.echo(f"Written: {file}, {count:,} runs")
 
 
@@ -138,7 +138,7 @@ def retry(target: Path) -> None:
     such as where `aleator box` finds that the simulator does not work.
     """
     with opened(target) as at:
-        count = inventory.retry(at.store, at.fingerprint)
+        count = records.retry(at.store, at.fingerprint)
     click.echo(f"{count:,} failures are forgotten")
 
 
@@ -160,7 +160,7 @@ def forget(target: Path, old: bool, everything: bool, fingerprint: str | None, y
             )
         chosen = [
             held
-            for held in inventory.holdings(at.store)
+            for held in records.holdings(at.store)
             if everything
             or (old and held.simulator.fingerprint != at.fingerprint)
             or (fingerprint and held.simulator.fingerprint.startswith(fingerprint))
@@ -169,7 +169,7 @@ def forget(target: Path, old: bool, everything: bool, fingerprint: str | None, y
         if not chosen:
             click.echo("There is nothing to forget")
         elif yes:
-            inventory.forget(at.store, [held.simulator.fingerprint for held in chosen])
+            records.forget(at.store, [held.simulator.fingerprint for held in chosen])
             click.echo(f"{count:,} runs are forgotten")
         else:
             Console().print(report.holdings(chosen, at.fingerprint, str(at.store.path)))

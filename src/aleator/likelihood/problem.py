@@ -88,7 +88,7 @@ def forward(
     Surfaces go through the runs that worked; collocation needs every run. Raises NoOutcome that
     names the experiments in which hardly a run worked, and where too many runs failed altogether.
     """
-    first, condition = np.unique(runner.group, return_inverse=True)
+    first, condition = runner.cases.first, runner.cases.condition
     count, inputs = first.size, model.inputs
     response: Response
     if model.surfaces is not None:
@@ -131,9 +131,8 @@ def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> N
     lost = np.flatnonzero(np.isinf(surface.error)[condition])
     if not lost.size:
         return
-    mine = condition == condition[lost[0]]
     failures = runner.failures
-    failed = np.isin(failures.index, np.flatnonzero(mine))
+    failed = failures.case == condition[lost[0]]
     raise NoOutcome(
         f"experiment '{runner.ids[lost[0]]}': {surface.failed[condition[lost[0]]]} of its "
         f"{surface.runs[condition[lost[0]]]} runs failed, too many for a response surface"
@@ -141,7 +140,7 @@ def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> N
         "see why they failed, check the conditions of the experiment, or narrow the box or the "
         f"bounds of {' or '.join(runner.parameters)}; or leave the experiment out",
         failures.x[failed],
-        failures.index[failed],
+        runner.cases.first[failures.case[failed]],
     )
 
 

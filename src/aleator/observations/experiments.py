@@ -1,42 +1,21 @@
-"""The table of experiments: an id, the conditions and the measured outcome of each.
-
-A *transform* "log" means that the law of the logarithm of the outcome is identified. The table's
-outcomes and the simulator's are then both in the original unit and both are transformed; means,
-densities and log-likelihoods are those of the logarithm.
-"""
+"""The table of experiments: an id, the conditions and the measured outcome of each."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from aleator.errors import ExperimentsError
 from aleator.observations import tables
 from aleator.observations.tables import Table
+from aleator.observations.transform import Transform
 
-Transform = Literal["none", "log"]
 DEFAULT_ID = "id"
-
-
-def transformed(outcomes: ArrayLike, transform: Transform) -> NDArray[np.float64]:
-    """Outcomes in the original unit to those that the likelihood sees; "log" needs them positive.
-
-    A non-positive outcome under "log" gives NaN or -inf, which the callers report with its place.
-
-    >>> transformed([1.0, 10.0], "log")
-    array([0.        , 2.30258509])
-    """
-    values = np.asarray(outcomes, dtype=np.float64)
-    if transform == "none":
-        return values
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.log(values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +33,11 @@ class Conditions:
 
     ids: tuple[str, ...]
     conditions: pd.DataFrame
-    transform: Transform = "none"
+    transform: Transform = Transform.NONE
 
     def __post_init__(self) -> None:
-        _check_sizes(self.ids, self.conditions, self.transform)
+        object.__setattr__(self, "transform", Transform.named(self.transform))
+        _check_sizes(self.ids, self.conditions)
 
     @classmethod
     def from_frame(
@@ -66,7 +46,7 @@ class Conditions:
         *,
         id: str | None = None,
         conditions: Sequence[str] | None = None,
-        transform: Transform = "none",
+        transform: str = Transform.NONE,
     ) -> Conditions:
         """Take `conditions` (default: every column but the id) from a data frame.
 
@@ -75,7 +55,8 @@ class Conditions:
         >>> Conditions.from_frame(pd.DataFrame({"ratio": [0.9, 0.8]})).ids
         ('1', '2')
         """
-        return cls(*_conditions(tables.from_frame(frame), id, conditions, ()), transform)
+        table = tables.from_frame(frame)
+        return cls(*_conditions(table, id, conditions, ()), Transform.named(transform))
 
     @classmethod
     def from_csv(
@@ -85,7 +66,7 @@ class Conditions:
         id: str | None = None,
         conditions: Sequence[str] | None = None,
         numbers: Collection[str] = (),
-        transform: Transform = "none",
+        transform: str = Transform.NONE,
         delimiter: str = ",",
         decimal: str = ".",
     ) -> Conditions:
@@ -95,7 +76,7 @@ class Conditions:
         Raises ExperimentsError as Experiments.from_csv does.
         """
         table = tables.read(path, delimiter, decimal)
-        return cls(*_conditions(table, id, conditions, (), numbers), transform)
+        return cls(*_conditions(table, id, conditions, (), numbers), Transform.named(transform))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +99,11 @@ class Experiments:
     conditions: pd.DataFrame
     outcomes: NDArray[np.float64]
     outcome_name: str = "outcome"
-    transform: Transform = "none"
+    transform: Transform = Transform.NONE
 
     def __post_init__(self) -> None:
-        _check_sizes(self.ids, self.conditions, self.transform)
+        object.__setattr__(self, "transform", Transform.named(self.transform))
+        _check_sizes(self.ids, self.conditions)
         outcomes = np.array(self.outcomes, dtype=np.float64)
         if outcomes.shape != (len(self.ids),) or not np.all(np.isfinite(outcomes)):
             raise ExperimentsError(
@@ -138,7 +120,7 @@ class Experiments:
     @property
     def measured(self) -> NDArray[np.float64]:
         """The outcomes (N,) in their original unit, before the transform."""
-        return np.exp(self.outcomes) if self.transform == "log" else self.outcomes
+        return self.transform.inverse(self.outcomes)
 
     @classmethod
     def from_frame(
@@ -148,7 +130,7 @@ class Experiments:
         outcome: str,
         id: str | None = None,
         conditions: Sequence[str] | None = None,
-        transform: Transform = "none",
+        transform: str = Transform.NONE,
     ) -> Experiments:
         """Take the `outcome`, the `id` and the `conditions` from the columns of a data frame.
 
@@ -163,7 +145,8 @@ class Experiments:
         >>> Experiments.from_frame(frame, outcome="time").conditions.columns.tolist()
         ['load']
         """
-        return cls._from_table(tables.from_frame(frame), outcome, id, conditions, transform)
+        scale = Transform.named(transform)
+        return cls._from_table(tables.from_frame(frame), outcome, id, conditions, scale)
 
     @classmethod
     def from_csv(
@@ -173,7 +156,7 @@ class Experiments:
         outcome: str,
         id: str | None = None,
         conditions: Sequence[str] | None = None,
-        transform: Transform = "none",
+        transform: str = Transform.NONE,
         delimiter: str = ",",
         decimal: str = ".",
     ) -> Experiments:
@@ -185,7 +168,7 @@ class Experiments:
         header is row 1), and for a file that is absent, empty, no text, or differently delimited.
         """
         table = tables.read(path, delimiter, decimal)
-        return cls._from_table(table, outcome, id, conditions, transform)
+        return cls._from_table(table, outcome, id, conditions, Transform.named(transform))
 
     @classmethod
     def _from_table(
@@ -204,18 +187,18 @@ class Experiments:
             )
         ids, conditions = _conditions(table, id, names, (outcome,))
         measured = table.numbers(outcome)
-        if transform == "log" and np.any(measured <= 0):
-            row = int(np.argmax(measured <= 0))
+        outcomes = transform(measured)
+        lost = np.flatnonzero(~np.isfinite(outcomes))
+        if lost.size:
+            row = int(lost[0])
             raise ExperimentsError(
-                f"{table.where(row, outcome)}: the logarithm of {measured[row]:g} does not exist",
-                'correct the outcome, or leave out transform = "log"',
+                f"{table.where(row, outcome)}: {transform.fault(measured[row])}",
+                f'correct the outcome, or leave out transform = "{transform}"',
             )
-        return cls(ids, conditions, transformed(measured, transform), outcome, transform)
+        return cls(ids, conditions, outcomes, outcome, transform)
 
 
-def _check_sizes(ids: tuple[str, ...], conditions: pd.DataFrame, transform: str) -> None:
-    if transform not in get_args(Transform):
-        raise ExperimentsError(f"unknown transform {transform!r}", 'it is "none" or "log"')
+def _check_sizes(ids: tuple[str, ...], conditions: pd.DataFrame) -> None:
     if len(ids) != len(conditions):
         raise ExperimentsError(
             f"{len(ids)} ids for {len(conditions)} rows of conditions", "give one id a row"

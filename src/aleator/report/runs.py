@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report.rows import Rows
-from aleator.simulators.inventory import Holding, KeptRun
+from aleator.simulators.records import Holding, StoredRun
 from aleator.tasks.layout import Column
 from aleator.tasks.printed import number
 
@@ -45,7 +45,7 @@ def holdings(found: Sequence[Holding], current: str | None, store: str) -> Rende
     return Group(Text(f"Runs in {store}", style="bold"), Rows(HOLDINGS, rows))
 
 
-def runs(found: Sequence[KeptRun], more: int) -> RenderableType:
+def runs(found: Sequence[StoredRun], more: int) -> RenderableType:
     """A row for each run; `more` are not shown."""
     if not found:
         return Text("There is no such run.")
@@ -62,7 +62,7 @@ def runs(found: Sequence[KeptRun], more: int) -> RenderableType:
     return Group(Rows(RUNS, rows), *note)
 
 
-def one(run: KeptRun) -> RenderableType:
+def one(run: StoredRun) -> RenderableType:
     """All of one run, with what it printed."""
     simulator = run.simulator
     rows = [
@@ -84,7 +84,7 @@ def moment(seconds: float) -> str:
     return datetime.fromtimestamp(seconds).strftime("%Y-%m-%d %H:%M:%S")
 
 
-def _told(run: KeptRun) -> str:
+def _told(run: StoredRun) -> str:
     """Conditions and parameters of a run, and why it failed."""
     parts = [_values(run.conditions), _values(run.parameters), run.failure or ""]
     return "; ".join(part for part in parts if part)

@@ -18,14 +18,17 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from aleator.errors import AleatorError, StoreError
-from aleator.simulators.inventory import KeptRun
-from aleator.simulators.store import Case, Identity, Row, Store
+from aleator.simulators.identity import Case, Identity
+from aleator.simulators.records import StoredRun
+from aleator.simulators.store import Store
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _CONDITION, _PARAMETER = "condition.", "parameter."
 _OWN = ("fingerprint", "simulator", "description", "version")
@@ -41,8 +44,10 @@ class Imported:
     different: int
 
 
-def table(runs: Iterable[KeptRun]) -> pd.DataFrame:
+def table(runs: Iterable[StoredRun]) -> pd.DataFrame:
     """Runs as a data frame, a row a run; text conditions are as they are in a CSV file."""
+    import pandas as pd
+
     columns: dict[str, list[Any]] = {}
     number = 0
     for number, run in enumerate(runs, start=1):
@@ -57,7 +62,7 @@ def table(runs: Iterable[KeptRun]) -> pd.DataFrame:
     return pd.DataFrame(padded)
 
 
-def _cells(run: KeptRun) -> dict[str, Any]:
+def _cells(run: StoredRun) -> dict[str, Any]:
     return {
         "fingerprint": run.simulator.fingerprint,
         "simulator": run.simulator.name,
@@ -104,7 +109,7 @@ def _is_json(text: str) -> bool:
     return True
 
 
-def write(runs: Iterable[KeptRun], path: Path) -> int:
+def write(runs: Iterable[StoredRun], path: Path) -> int:
     """Write runs to a CSV or a Parquet file, which its name tells: their number.
 
     Raises AleatorError for another ending, for Parquet without pyarrow, and for a file that is
@@ -144,22 +149,30 @@ def read(store: Store, path: Path, simulator: Identity | None = None) -> Importe
 
     Raises StoreError, with the row, for anything that is not a run; nothing is then added.
     """
-    parsed: dict[Identity, dict[Case, list[Row]]] = {}
-    for identity, case, row in _parsed(path, simulator):
-        parsed.setdefault(identity, {}).setdefault(case, []).append(row)
+    of_simulator: dict[Identity, dict[Case, list[StoredRun]]] = {}
+    for run in _parsed(path, simulator):
+        of_case = of_simulator.setdefault(run.simulator, {})
+        of_case.setdefault(Case.of(run.conditions, run.parameters), []).append(run)
     total = added = different = 0
-    for identity, of_case in parsed.items():
-        rows: list[Row] = [
-            (k, *row[1:]) for k, those in enumerate(of_case.values()) for row in those
+    for identity, of_case in of_simulator.items():
+        placed = [
+            (k, _x(case, run), run)
+            for k, (case, runs) in enumerate(of_case.items())
+            for run in runs
         ]
-        there = store.find(identity.fingerprint, [*of_case], [row[:2] for row in rows])
-        different += sum(outcome != rows[place][2] for place, outcome in there.items())
+        there = store.find(identity.fingerprint, [*of_case], (key[:2] for key in placed))
+        different += sum(outcome != placed[place][2].outcome for place, outcome, *_ in there)
+        rows = [(k, x, *run.made) for k, x, run in placed]
         added += store.add(identity, [*of_case], rows, again=False)
         total += len(rows)
     return Imported(added, total - added, different)
 
 
-def _parsed(path: Path, simulator: Identity | None) -> Iterable[tuple[Identity, Case, Row]]:
+def _x(case: Case, run: StoredRun) -> bytes:
+    return np.array([run.parameters[name] for name in case.parameters], dtype="<f8").tobytes()
+
+
+def _parsed(path: Path, simulator: Identity | None) -> Iterable[StoredRun]:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             text = file.read()
@@ -202,8 +215,8 @@ def _check_columns(path: Path, columns: list[str], simulator: Identity | None) -
         )
 
 
-def _run(cells: dict[str, str | None], simulator: Identity | None) -> tuple[Identity, Case, Row]:
-    """One row; raises ValueError for what is not a run."""
+def _run(cells: dict[str, str | None], simulator: Identity | None) -> StoredRun:
+    """One row, with the number 0; raises ValueError for what is not a run."""
     if None in cells or None in cells.values():
         raise ValueError("it has another number of cells than the header")
     given = {name: value or "" for name, value in cells.items()}
@@ -225,17 +238,20 @@ def _run(cells: dict[str, str | None], simulator: Identity | None) -> tuple[Iden
         outcome, failure = None, given.get("failure")
         if not failure:
             raise ValueError("it has neither an outcome nor a failure")
-    case = Case.of(conditions, parameters)
-    key = np.array([parameters[name] for name in case.parameters], dtype="<f8").tobytes()
     when = given.get("time")
-    row: Row = (
-        0, key, outcome, failure, given.get("log") or None,
-        _number("seconds", given["seconds"]) if given.get("seconds") else None,
-        given.get("host", ""),
-        datetime.fromisoformat(when).timestamp() if when else time.time(),
-        int(given.get("attempt") or 1),
-    )  # fmt: skip
-    return _identity(given, simulator), case, row
+    return StoredRun(
+        number=0,
+        simulator=_identity(given, simulator),
+        conditions=conditions,
+        parameters=parameters,
+        outcome=outcome,
+        failure=failure,
+        log=given.get("log") or None,
+        seconds=_number("seconds", given["seconds"]) if given.get("seconds") else None,
+        host=given.get("host", ""),
+        time=datetime.fromisoformat(when).timestamp() if when else time.time(),
+        attempt=int(given.get("attempt") or 1),
+    )
 
 
 def _identity(given: dict[str, str], simulator: Identity | None) -> Identity:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError
-from aleator.types import Array
+from aleator.types import Array, Indices
+
+_ROOM = Path(__file__).parent
 
 
 class RunFailed(Exception):
@@ -29,14 +32,19 @@ class RunFailed(Exception):
         self.log = log
 
     def __str__(self) -> str:
-        last = " ".join(self.log.split())[-300:]
-        return f"{self.message}; its log ends: {last}" if last else self.message
+        return with_log(self.message, self.log)
+
+
+def with_log(message: str, log: str) -> str:
+    """A message with the end of what the run printed, if it printed anything."""
+    last = " ".join(log.split())[-300:]
+    return f"{message}; its log ends: {last}" if last else message
 
 
 class NoOutcome(SimulatorError):
     """The simulator gave no outcome at parameters `failed` (F, n) of experiments `index` (F,)."""
 
-    def __init__(self, problem: str, remedy: str, failed: Array, index: NDArray[np.intp]) -> None:
+    def __init__(self, problem: str, remedy: str, failed: Array, index: Indices) -> None:
         super().__init__(problem, remedy)
         self.failed, self.index = failed, index
 
@@ -67,3 +75,26 @@ def working_box(worked: Array, failed: Array, open_ended: Sequence[int]) -> Arra
         kept = most
         box = np.stack([kept.min(axis=0), kept.max(axis=0)], axis=1)
     return box
+
+
+def describe(error: BaseException) -> str:
+    """An exception as one line: kind, message and, where it is known, file and line of its cause.
+
+    >>> describe(ValueError("too cold"))
+    'ValueError: too cold'
+    """
+    if isinstance(error, RunFailed):
+        return str(error)
+    if isinstance(error, SyntaxError):
+        place = f" ({Path(error.filename or '?').name}, line {error.lineno})"
+        return f"{type(error).__name__}: {error.msg}{place}"
+    text = " ".join(str(error).split())
+    kind = type(error).__name__
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith("<") and _ROOM not in Path(frame.filename).parents
+        if "importlib" not in frame.filename
+    ]
+    place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return f"{kind}: {text}{place}" if text else f"{kind}{place}"

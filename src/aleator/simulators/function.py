@@ -2,73 +2,24 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
-import importlib
-import importlib.util
 import inspect
-import sys
-import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import ModuleType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError, nearest
-from aleator.simulators.failure import RunFailed
-from aleator.simulators.sources import digests, require_same, source, sources
-
-# Large enough that arrays pay, small enough that an interruption loses little. Fixed, because the
-# last digits of an array operation may depend on its length.
-ARRAY_BLOCK = 8192
-# One at a time loses nothing; a block is what is timed together at most.
-SINGLE_BLOCK = 256
-
-Columns = Mapping[str, NDArray[Any]]
-
-
-class Simulator(Protocol):
-    """The user's deterministic model: conditions and parameters to one outcome a run.
-
-    A function is made one by FunctionSimulator; further kinds of simulator fill the same members.
-    """
-
-    @property
-    def name(self) -> str:
-        """What messages call the simulator."""
-
-    @property
-    def block(self) -> int:
-        """The most runs that one call is given; what completed before a call is never lost."""
-
-    def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """The conditions that the simulator wants to be given, of those that there are.
-
-        Raises SimulatorError if it cannot be called with these conditions and parameters.
-        """
-
-    def __call__(self, conditions: Columns, parameters: Columns) -> NDArray[np.float64]:
-        """Run R times: arrays (R,) of conditions asked for and of parameters, outcomes (R,).
-
-        May raise anything; RunStopped hands over the runs that completed before.
-        """
-
-    def fingerprint(self) -> str:
-        """A text that changes when the simulator does: runs are reused only if it is the same."""
-
-
-class RunStopped(Exception):
-    """A simulator that runs one at a time stopped: `completed` (k,) are the outcomes before.
-
-    Its `__cause__` is what stopped run number k (from 0).
-    """
-
-    def __init__(self, completed: NDArray[np.float64]) -> None:
-        super().__init__(f"stopped after {len(completed)} runs")
-        self.completed = completed
+from aleator.simulators.loading import digests, load_function, require_same, source, sources
+from aleator.simulators.protocol import (
+    ARRAY_BLOCK,
+    SINGLE_BLOCK,
+    Columns,
+    RunStopped,
+    Simulator,
+)
 
 
 class FunctionSimulator:
@@ -183,7 +134,7 @@ class FunctionSimulator:
         columns = {**conditions, **parameters}
         with np.errstate(all="ignore"):  # what is not finite is reported with its experiment
             if self.vectorized:
-                return self.function(**columns)  # type: ignore[no-any-return] # checked by Runner
+                return self.function(**columns)  # type: ignore[no-any-return] # checked where it is called
             return self._one_by_one(columns)
 
     def _one_by_one(self, columns: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
@@ -273,107 +224,12 @@ def _arguments(
     return tuple(required), tuple(optional), anything
 
 
-def load_function(reference: str, base_dir: str | Path = ".") -> Callable[..., Any]:
-    """The function that "module:name" or "file.py:name" (relative to `base_dir`) refers to.
+def as_simulator(simulator: Simulator | Callable[..., Any], vectorized: bool = False) -> Simulator:
+    """A plain function as a simulator, called once a run or `vectorized`; a simulator as it is.
 
-    `name` may be dotted. Modules beside the file, or in `base_dir`, can be imported by it.
-
-    Raises SimulatorError if the reference has no name after a colon, the file does not exist, the
-    module cannot be imported, has no such name, or what has the name is not callable.
-
-    >>> load_function("math:hypot")
-    <built-in function hypot>
+    >>> as_simulator(lambda load, stiffness: load / stiffness).vectorized
+    False
     """
-    module_name, colon, name = reference.rpartition(":")
-    if not colon or not module_name or not name:
-        raise SimulatorError(
-            f"the simulator '{reference}' does not name a function",
-            'write "file.py:name" or "package.module:name"',
-        )
-    base = Path(base_dir).resolve()
-    module = _import(module_name, base)
-    found: Any = module
-    for part in name.split("."):
-        if not hasattr(found, part):
-            raise SimulatorError(
-                f"the simulator '{reference}': '{module_name}' has no '{name}'"
-                f"{_nearest_of(part, found)}",
-                "name a function that is defined there",
-            )
-        found = getattr(found, part)
-    if not callable(found):
-        raise SimulatorError(
-            f"the simulator '{reference}' is {type(found).__name__} {found!r:.60}, not a function",
-            "name a function",
-        )
-    function: Callable[..., Any] = found
-    return function
-
-
-def _nearest_of(name: str, owner: object) -> str:
-    public = [known for known in dir(owner) if not known.startswith("_")]
-    callables = [known for known in public if callable(getattr(owner, known, None))]
-    return nearest(name, callables)
-
-
-def _import(module_name: str, base: Path) -> ModuleType:
-    is_file = module_name.endswith(".py")
-    file = base / module_name
-    if is_file and not file.is_file():
-        folder = file.parent
-        beside = [entry.name for entry in folder.glob("*.py")] if folder.is_dir() else []
-        close = difflib.get_close_matches(file.name, beside, n=1)
-        raise SimulatorError(
-            f"the simulator's file {module_name} does not exist"
-            + (f" (did you mean '{close[0]}'?)" if close else ""),
-            "name it relative to the study file",
-        )
-    search = str(file.parent if is_file else base)
-    if search not in sys.path:
-        sys.path.insert(0, search)
-    try:
-        return _run_file(file) if is_file else importlib.import_module(module_name)
-    except (Exception, SystemExit) as error:
-        raise SimulatorError(
-            f"the simulator's module '{module_name}' cannot be imported: {describe(error)}",
-            "mend it, install what it needs, or correct the name",
-        ) from error
-
-
-def _run_file(file: Path) -> ModuleType:
-    # A name of its own: two studies may each have a model.py.
-    name = f"{file.stem}_{hashlib.sha256(str(file).encode()).hexdigest()[:8]}"
-    spec = importlib.util.spec_from_file_location(name, file)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{file.name} is not a Python file")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # before it runs, as dataclasses and pickles in it look it up
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
-
-
-def describe(error: BaseException) -> str:
-    """An exception as one line: kind, message and, where it is known, file and line of its cause.
-
-    >>> describe(ValueError("too cold"))
-    'ValueError: too cold'
-    """
-    if isinstance(error, RunFailed):
-        return str(error)
-    if isinstance(error, SyntaxError):
-        place = f" ({Path(error.filename or '?').name}, line {error.lineno})"
-        return f"{type(error).__name__}: {error.msg}{place}"
-    text = " ".join(str(error).split())
-    kind = type(error).__name__
-    frames = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith("<") and Path(frame.filename) != Path(__file__)
-        if "importlib" not in frame.filename
-    ]
-    place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-    return f"{kind}: {text}{place}" if text else f"{kind}{place}"
+    if all(hasattr(simulator, member) for member in ("name", "block", "asks", "fingerprint")):
+        return simulator  # type: ignore[return-value] # any class that fills the protocol
+    return FunctionSimulator(simulator, vectorized)

@@ -1,27 +1,28 @@
-"""The only way to a simulator: it checks, counts and keeps every run."""
+"""The only way to a simulator: it checks, counts and remembers every run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from aleator.errors import SimulatorError
-from aleator.observations.experiments import Conditions, Experiments, transformed
+from aleator.observations.experiments import Conditions, Experiments
 from aleator.progress import Progress, Silent
-from aleator.simulators.complaint import Complaint, Tried
-from aleator.simulators.function import FunctionSimulator, Simulator
-from aleator.simulators.kept import Kept
-from aleator.simulators.record import Failures, Runs
-from aleator.simulators.store import Store
-from aleator.simulators.tally import Tally
-from aleator.simulators.workers.crew import Crew, carried
-from aleator.simulators.workers.work import Columns, Failure, Work, not_finite
-from aleator.types import Array, Indices
+from aleator.simulators.cases import Cases
+from aleator.simulators.function import as_simulator
+from aleator.simulators.messages import Messages
+from aleator.simulators.protocol import Simulator
+from aleator.simulators.run_progress import RunProgress
+from aleator.simulators.runs import NOT_FINITE, Failure, Runs
+from aleator.simulators.store import RunCache, Store
+from aleator.simulators.workers.dispatcher import Dispatcher, made_here
+from aleator.types import Array
 
 REPEATABLE = 1e-6
 """Relative difference of two outcomes of the same run that is no cause for concern."""
@@ -30,19 +31,6 @@ MAX_FAILED = 0.2
 """Share of failed runs at which a study stops."""
 FEW = 10
 """Failures of which no share is too large yet."""
-
-
-def as_simulator(simulator: Simulator | Callable[..., Any], vectorized: bool = False) -> Simulator:
-    """A plain function as a simulator, called once a run or `vectorized`; a simulator as it is.
-
-    >>> as_simulator(lambda load, stiffness: load / stiffness).vectorized
-    False
-    """
-    if isinstance(simulator, FunctionSimulator):
-        return simulator
-    if all(hasattr(simulator, member) for member in ("name", "block", "asks", "fingerprint")):
-        return simulator  # type: ignore[return-value] # any class that fills the protocol
-    return FunctionSimulator(simulator, vectorized)
 
 
 def as_runner(
@@ -69,29 +57,31 @@ class Runner:
     """`run(index (R,), x (R, n)) -> outcome (R,)`: runs of a simulator on experiments.
 
     `parameters` names the n columns of x. The outcome is what the likelihood sees: after the
-    transform of the experiments. Experiments under the same conditions share their runs. A run
-    that is in `known` or in `store` is not repeated, and every new run is committed to the store
-    as soon as it is known, one that failed with its message; numbers must be exactly equal.
+    transform of the experiments. A run is a case (see `cases`: experiments under equal conditions
+    are one) and an x, every bit of it; the runner remembers it, and makes none twice. With a
+    `store` it takes runs from there, and commits every new one as soon as it is known, one that
+    failed with its message.
 
     Runs are made here, one batch after the other, or by the workers of an `executor` (any
     concurrent.futures.Executor); outcomes do not depend on it. One that fails is tried again
     `retries` times. Where more than the share `max_failed` of the runs of this runner failed, and
     at least ten, `attempt` stops.
 
-    `group` (N,) is, for each experiment, the first one under the same conditions.
-    `runs` counts the runs that were needed, those that were known (`reused`) included, so that an
-    identification resumed tells the same number as one that was not interrupted.
+    `runs` counts the different runs that were needed, those of the store included, so that an
+    identification resumed tells the same number as one that was not interrupted. `fresh` counts
+    those that were made here and have an outcome. `completed` are all runs with an outcome,
+    `failures` those without. Memory: some 150 bytes a run.
 
     Raises SimulatorError at once if the simulator does not take these conditions and parameters;
     in a run for an exception, an outcome that is not a finite number, or a wrong shape; StoreError
-    if the store cannot be read or written. What completed before is kept in `completed`. A run
-    that failed is tried again when a call needs it: whoever asks again has mended something.
+    if the store cannot be read or written. A run that failed is tried again when a call needs it:
+    whoever asks again has mended something.
 
     >>> import pandas as pd
     >>> table = Conditions(("a", "b"), pd.DataFrame({"load": [1.0, 2.0]}))
     >>> run = Runner(lambda load, stiffness: load / stiffness, table, ["stiffness"])
-    >>> run([0, 1, 1], [[4.0], [4.0], [8.0]]).tolist(), run.runs
-    ([0.25, 0.5, 0.25], 3)
+    >>> run([0, 1, 1, 0], [[4.0], [4.0], [8.0], [4.0]]).tolist(), run.runs
+    ([0.25, 0.5, 0.25, 0.25], 3)
     """
 
     def __init__(
@@ -99,82 +89,58 @@ class Runner:
         simulator: Simulator | Callable[..., Any],
         experiments: Experiments | Conditions,
         parameters: Sequence[str],
-        known: Runs | None = None,
+        *,
         progress: Progress | None = None,
         store: Store | None = None,
-        *,
         executor: Executor | None = None,
         retries: int = 0,
         max_failed: float = MAX_FAILED,
     ) -> None:
         _check(retries, max_failed)
         self.simulator = as_simulator(simulator)
-        self.ids = experiments.ids
-        self.parameters = tuple(parameters)
+        self.ids, self.parameters = experiments.ids, tuple(parameters)
         self.transform = experiments.transform
         self.progress = progress or Silent()
         self.executor, self.retries, self.max_failed = executor, retries, max_failed
-        asked = self.simulator.asks([*map(str, experiments.conditions.columns)], self.parameters)
-        self._conditions = {name: experiments.conditions[name].to_numpy() for name in asked}
-        self.group = _groups([*self._conditions.values()], len(self.ids))
-        self._known: dict[bytes, float] = {}
-        self._failed: dict[bytes, tuple[int, Array, str]] = {}
-        self._reused_runs: list[Runs] = []
-        self._blocks: list[Runs] = []
-        self.kept = (
-            None
-            if store is None
-            else Kept(store, self.simulator, self._conditions, len(self.ids), self.parameters)
+        table = experiments.conditions
+        asked = self.simulator.asks([*map(str, table.columns)], self.parameters)
+        self.cases = Cases.of({name: table[name].to_numpy() for name in asked}, len(self.ids))
+        self.cache = (
+            None if store is None else RunCache(store, self.simulator, self.cases, self.parameters)
         )
-        self._words = Complaint(
-            self.simulator.name, bool(getattr(self.simulator, "vectorized", False)), self.ids,
-            self.parameters, self._conditions,
-        )  # fmt: skip
-        self.runs = 0
-        self.reused = 0
-        if known is not None:
-            self.know(known)
+        self.fresh = 0
+        self._outcomes: dict[bytes, float] = {}
+        self._failures: dict[bytes, Failure] = {}
+        self._messages = Messages(self.simulator, self.ids, self.parameters, self.cases)
 
-    def know(self, known: Runs) -> None:
-        """Do not repeat the runs in `known`, for as long as this runner lives."""
-        self._known.update(
-            zip(self._keys(known.index, known.x), known.outcome.tolist(), strict=True)
-        )
-        self._reused_runs.append(known)
+    @property
+    def runs(self) -> int:
+        """The number of different runs that were needed so far."""
+        return len(self._outcomes) + len(self._failures)
 
     @property
     def completed(self) -> Runs:
-        """Every run that completed here, after those that were known."""
-        return Runs.joined([*self._reused_runs, *self._blocks], len(self.parameters))
+        """Every run that has an outcome, in the order in which they became known."""
+        return self._known([*self._outcomes])
 
     @property
-    def failures(self) -> Failures:
-        """Every run that `attempt` needed and that has no outcome, once each."""
-        return Failures.of(self._failed.values(), len(self.parameters))
-
-    @property
-    def fresh(self) -> int:
-        """The number of runs that completed here."""
-        return sum(map(len, self._blocks))
+    def failures(self) -> Runs:
+        """Every run that was needed and has no outcome."""
+        return self._known([*self._failures])
 
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Array:
         """Run experiment `index` (R,) with parameters `x` (R, n): outcomes (R,), transformed."""
-        at, points, keys, inverse = self._distinct(index, x)
-        outcome, _ = self._recalled(at, points, keys)
-        new = ~np.isfinite(transformed(outcome, self.transform))
-        self.runs += len(keys)
-        self.reused += len(keys) - int(np.sum(new))
-        outcome[new], failures = self._done(at[new], points[new], int(np.sum(~new)), None)
-        if failures:
-            rows = np.flatnonzero(new)
-            self._note(at, points, keys, {int(rows[k]): f for k, f in failures.items()})
-            raise self._words.first(_tried(at[new], points[new], outcome[new], failures))
-        return transformed(outcome[inverse], self.transform)
-
-    @property
-    def conditions(self) -> dict[str, NDArray[Any]]:
-        """Columns (N,) of the conditions that the simulator asks for."""
-        return dict(self._conditions)
+        keys, distinct = self._keys(index, x)
+        self._recall(distinct, failures=False)
+        missing = [key for key in distinct if key not in self._outcomes]
+        with closing(self._make(missing, len(distinct) - len(missing))) as batches:
+            for made in batches:
+                if made.failures:
+                    break
+        tried = self._known([key for key in missing if self._knows(key)])
+        if tried.failures:
+            raise self._messages.first(tried)
+        return self.transform([self._outcomes[key] for key in keys])
 
     def attempt(self, index: ArrayLike, x: ArrayLike, most: float | None = None) -> Array:
         """Run as a call does, but a run that raises or is not finite is NaN and stops nothing.
@@ -182,28 +148,18 @@ class Runner:
         A run that is known, even as failed, is not repeated. Raises SimulatorError for a wrong
         shape, and NoOutcome where more than the share `most` (the runner's `max_failed`) failed.
         """
-        at, points, keys, inverse = self._distinct(index, x)
-        outcome, failed = self._recalled(at, points, keys)
-        known = np.isfinite(outcome) | np.array([key in self._failed for key in keys], dtype=bool)
-        known[[k for k, (_, attempts) in failed.items() if attempts > self.retries]] = True
-        new = np.flatnonzero(~known)
-        self.runs += len(keys)
-        self.reused += int(np.sum(known))
-        share = self.max_failed if most is None else most
-        outcome[new], failures = self._done(at[new], points[new], int(np.sum(known)), share)
-        seen = np.array(transformed(outcome, self.transform))
-        seen[~np.isfinite(seen)] = np.nan
-        lost = {k: Failure(k, message) for k, (message, _) in failed.items()}
-        lost |= {int(new[k]): failure for k, failure in failures.items()}
-        reasons = {
-            k: lost.get(k, Failure(k, not_finite(outcome[k])))
-            for k in np.flatnonzero(np.isnan(seen)).tolist()
-            if keys[k] not in self._failed
-        }
-        if self._too_many(len(reasons), self.runs, share):
-            raise self._complaint(_tried(at, points, outcome, reasons), self.runs)
-        self._note(at, points, keys, reasons)
-        return np.asarray(seen[inverse])
+        keys, distinct = self._keys(index, x)
+        before, share = len(self._failures), self.max_failed if most is None else most
+        self._recall(distinct, failures=True)
+        missing = [key for key in distinct if not self._knows(key)]
+        with closing(self._make(missing, len(distinct) - len(missing))) as batches:
+            for _ in batches:
+                if self._too_many(before, share):
+                    break
+        if self._too_many(before, share):
+            tried = self._known([key for key in distinct if self._knows(key)])
+            raise self._messages.too_many(tried, len(self._failures), self.runs)
+        return self.transform([self._outcomes.get(key, np.nan) for key in keys])
 
     def require_repeatable(self, x: ArrayLike) -> None:
         """Run the first experiment at x (n,) twice, and once only if that run is known.
@@ -218,142 +174,112 @@ class Runner:
         first = float(self.attempt(at, point)[0])
         if np.isnan(first):
             return
-        blocks = len(self._blocks)
-        outcome, _ = self._done(at, point, 0, 1.0)
-        del self._blocks[blocks:]  # it is known already
-        again = float(transformed(outcome, self.transform)[0])
-        self.runs += 1
-        if abs(first - again) <= REPEATABLE * max(abs(first), abs(again)):
+        for _ in range(1 + self.retries):
+            (made,) = self._made(Runs.asked(self.cases.condition[at], point))
+            again = float(self.transform(made.outcome)[0])
+            if abs(first - again) <= REPEATABLE * max(abs(first), abs(again)):
+                return
+        raise self._messages.not_repeatable(point[0], first, again)
+
+    def _keys(self, index: ArrayLike, x: ArrayLike) -> tuple[list[bytes], list[bytes]]:
+        """The key of each run, and the distinct ones in the order of their first appearance."""
+        case = self.cases.condition[np.asarray(index, dtype=np.intp)]
+        keys = Runs.asked(case, np.asarray(x, dtype=np.float64)).keys()
+        return keys, [*dict.fromkeys(keys)]
+
+    def _asked(self, keys: Sequence[bytes]) -> Runs:
+        return Runs.of_keys(keys, len(self.parameters))
+
+    def _knows(self, key: bytes) -> bool:
+        return key in self._outcomes or key in self._failures
+
+    def _known(self, keys: Sequence[bytes]) -> Runs:
+        """What is known of some runs."""
+        outcome = np.array([self._outcomes.get(key, np.nan) for key in keys], dtype=np.float64)
+        failures = {k: self._failures[key] for k, key in enumerate(keys) if key in self._failures}
+        return replace(self._asked(keys), outcome=outcome, failures=failures)
+
+    def _recall(self, keys: Sequence[bytes], failures: bool) -> None:
+        """Remember what the store knows of some runs; `failures` too, unless retries are left."""
+        if self.cache is None:
             return
-        raise SimulatorError(
-            f"simulator '{self.simulator.name}' returned {first:.8g} and then {again:.8g} for the "
-            f"same run: experiment '{self.ids[0]}' with {self._words.at(point[0])}",
-            "let it return the same outcome every time: fix the seed of its random numbers, keep "
-            "no state from run to run, and leave measurement noise to [noise]",
-        )
+        known = self._knows if failures else self._outcomes.__contains__
+        unknown = [key for key in keys if not known(key)]
+        found = self._judged(self.cache.find(self._asked(unknown)))
+        settled = {
+            k: failure
+            for k, failure in found.failures.items()
+            if failures and (failure.attempts > self.retries or failure.kind == NOT_FINITE)
+        }
+        self._remember(unknown, replace(found, failures=settled))
 
-    def _distinct(
-        self, index: ArrayLike, x: ArrayLike
-    ) -> tuple[Indices, Array, list[bytes], list[int]]:
-        """Distinct runs in the order of their first appearance, and which each run is."""
-        at, points = np.asarray(index, dtype=np.intp), np.asarray(x, dtype=np.float64)
-        place: dict[bytes, int] = {}
-        inverse = [place.setdefault(key, len(place)) for key in self._keys(at, points)]
-        if len(place) == len(at):
-            return at, points, [*place], inverse
-        _, first = np.unique(inverse, return_index=True)
-        return at[first], points[first], [*place], inverse
+    def _make(self, keys: Sequence[bytes], known: int) -> Generator[Runs, None, None]:
+        """Make runs and remember them; those that are not tried again are yielded.
 
-    def _recalled(
-        self, index: Indices, x: Array, keys: Sequence[bytes]
-    ) -> tuple[Array, dict[int, tuple[str, int]]]:
-        """Outcomes (R,), NaN where none is known, and of those that failed message and attempts."""
-        outcome = np.array([self._known.get(key, np.nan) for key in keys], dtype=np.float64)
-        rest = np.flatnonzero(np.isnan(outcome))
-        if self.kept is None or not len(rest):
-            return outcome, {}
-        outcome[rest], failed = self.kept.find(self.group[index[rest]], x[rest])
-        return outcome, {int(rest[k]): reason for k, reason in failed.items()}
-
-    def _done(
-        self, index: Indices, x: Array, known: int, most: float | None
-    ) -> tuple[Array, dict[int, Failure]]:
-        """Run, again where it failed and retries are left: raw outcomes (R,), NaN and why for some.
-
-        `known` runs more of the same call need not be done. `most` is the share of failures that
-        is too many, None where the first one is.
+        `known` runs more of the same call need not be made.
         """
-        outcome = np.full(len(index), np.nan)
-        failures: dict[int, Failure] = {}
-        tally = Tally(self.progress, len(index), known)
-        again = np.arange(len(index))
-        for attempt in range(1 + self.retries):
-            with closing(self._carried(index, x, again, tally)) as batches:
-                for rows, done in batches:
-                    outcome[rows] = done.outcome
-                    if attempt:
-                        for k in rows.tolist():
-                            failures.pop(k, None)
-                    for failure in self._received(index[rows], x[rows], done):
-                        failures[int(rows[failure.position])] = failure
-                    tally.count(len(rows), len(failures))
-                    if failures and attempt == self.retries:
-                        if most is None:
-                            return outcome, failures
-                        asked = self.runs - tally.left
-                        if self._too_many(len(failures), asked, most):
-                            tried = _tried(index, x, outcome, failures)
-                            raise self._complaint(tried, asked)
-            again = np.array(sorted(failures), dtype=np.intp)
-            if not len(again):
-                break
-            tally.retry(len(again))
-        return outcome, failures
+        progress = RunProgress(self.progress, len(keys), known)
+        for left in reversed(range(1 + self.retries)):
+            with closing(self._made(self._asked(keys), progress)) as batches:
+                for made in batches:
+                    received = self._received(made)
+                    progress.count(len(received), len(received.failures))
+                    if not left:
+                        yield received
+            keys = [key for key in keys if key in self._failures]
+            if not keys:
+                return
+            progress.retry(len(keys))
 
-    def _too_many(self, more: int, asked: int, most: float) -> bool:
-        """Whether `more` failures than were noted are too large a share of all that was asked."""
-        failed = len(self._failed) + more
-        return more > 0 and failed >= FEW and failed > most * asked
-
-    def _complaint(self, tried: Tried, asked: int) -> SimulatorError:
-        return self._words.too_many(tried, len(self._failed) + len(tried.failures), asked)
-
-    def _note(
-        self, index: Indices, x: Array, keys: Sequence[bytes], failures: Mapping[int, Failure]
-    ) -> None:
-        """Remember failures by the rows of a call, for `failures` and so that none is repeated."""
-        for k, failure in failures.items():
-            self._failed[keys[k]] = int(index[k]), x[k], failure.message
-
-    def _carried(
-        self, index: Indices, x: Array, runs: Indices, tally: Tally
-    ) -> Generator[tuple[Indices, Work], None, None]:
-        """The runs as they are done; after Ctrl-C those that were at work are waited for."""
-
-        def give(some: Indices) -> tuple[Columns, Columns]:
-            conditions = {name: column[index[some]] for name, column in self._conditions.items()}
-            return conditions, {name: x[some, k] for k, name in enumerate(self.parameters)}
-
+    def _made(
+        self, asked: Runs, progress: RunProgress | None = None
+    ) -> Generator[Runs, None, None]:
+        """The runs as they are made; after Ctrl-C those that were at work are waited for."""
         if self.executor is None:
-            yield from carried(self.simulator, give, runs)
+            yield from made_here(self.simulator, self.cases, self.parameters, asked)
             return
-        crew = Crew(self.simulator, self.executor)
+        workers = Dispatcher(self.simulator, self.cases, self.parameters, self.executor)
         try:
-            yield from crew.carry(give, runs, tally.stopping)
+            yield from workers.make(asked, progress.stopping if progress else lambda _: None)
         except GeneratorExit:
-            for some, done in crew.rest():
-                self._received(index[some], x[some], done)
+            for made in workers.rest():
+                self._received(made)
             raise
 
-    def _received(self, index: Indices, x: Array, done: Work) -> tuple[Failure, ...]:
-        """Keep what a worker brings; the failures, those included that are no finite number."""
-        raised = {failure.position for failure in done.failures}
-        good = np.isfinite(transformed(done.outcome, self.transform))
-        bad = [
-            Failure(k, not_finite(done.outcome[k]), None, "NotFinite")
-            for k in np.flatnonzero(~good).tolist()
-            if k not in raised
-        ]
-        if self.kept is not None:
-            self.kept.add(self.group[index], x, done)
-        if np.any(good):
-            block = Runs(index[good], x[good].copy(), done.outcome[good].copy())
-            self._blocks.append(block)
-            keys = self._keys(block.index, block.x)
-            self._known.update(zip(keys, block.outcome.tolist(), strict=True))
-        return (*done.failures, *bad)
+    def _received(self, made: Runs) -> Runs:
+        """Keep runs that were made, in the store and here; with the failures of the transform."""
+        if self.cache is not None:
+            self.cache.add(made)
+        judged = self._judged(made)
+        self.fresh += len(judged) - len(judged.failures)
+        self._remember(judged.keys(), judged)
+        return judged
 
-    def _keys(self, index: Indices, x: Array) -> list[bytes]:
-        rows = np.column_stack([self.group[index], x])
-        whole, size = rows.tobytes(), rows.itemsize * rows.shape[1]
-        return [whole[k : k + size] for k in range(0, len(whole), size)]
+    def _judged(self, runs: Runs) -> Runs:
+        """Runs whose outcome the transform cannot take have failed."""
+        lost = np.isfinite(runs.outcome) & ~np.isfinite(self.transform(runs.outcome))
+        if not np.any(lost):
+            return runs
+        faults = {
+            k: Failure(f"it returned {v:g}: {self.transform.fault(v)}", kind=NOT_FINITE)
+            for k, v in zip(np.flatnonzero(lost).tolist(), runs.outcome[lost], strict=True)
+        }
+        outcome = np.where(lost, np.nan, runs.outcome)
+        return replace(runs, outcome=outcome, failures={**runs.failures, **faults})
 
+    def _remember(self, keys: Sequence[bytes], runs: Runs) -> None:
+        if not np.all(np.isfinite(runs.outcome)):
+            good = np.flatnonzero(np.isfinite(runs.outcome)).tolist()
+            self._failures |= {keys[k]: failure for k, failure in runs.failures.items()}
+            keys, runs = [keys[k] for k in good], replace(runs, outcome=runs.outcome[good])
+        self._outcomes.update(zip(keys, runs.outcome.tolist(), strict=True))
+        for key in self._failures.keys() & keys:
+            del self._failures[key]
 
-def _tried(index: Indices, x: Array, outcome: Array, failures: dict[int, Failure]) -> Tried:
-    """What was tried before it stopped: runs that have neither outcome nor failure were not."""
-    rows = np.flatnonzero(~np.isnan(outcome) | np.isin(np.arange(len(index)), list(failures)))
-    placed = {int(np.searchsorted(rows, k)): failure for k, failure in failures.items()}
-    return Tried(index[rows], x[rows], outcome[rows], placed)
+    def _too_many(self, before: int, most: float) -> bool:
+        """Whether there are failures more than `before`, and all are too large a share of runs."""
+        failed = len(self._failures)
+        return failed > before and failed >= FEW and failed > most * self.runs
 
 
 def _check(retries: int, max_failed: float) -> None:
@@ -361,10 +287,3 @@ def _check(retries: int, max_failed: float) -> None:
         raise SimulatorError(f"retries {retries}", "choose 0 or more")
     if not 0.0 <= max_failed <= 1.0:
         raise SimulatorError(f"max_failed {max_failed}", "choose a share in [0, 1], such as 0.2")
-
-
-def _groups(columns: Sequence[NDArray[Any]], number: int) -> Indices:
-    """For each experiment the first one with the same values in every column, (N,)."""
-    first: dict[tuple[Any, ...], int] = {}
-    rows = zip(*(column.tolist() for column in columns), strict=True) if columns else [()] * number
-    return np.array([first.setdefault(row, k) for k, row in enumerate(rows)], dtype=np.intp)

@@ -7,12 +7,9 @@ conditions share their runs, and so do studies with the same simulator.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -20,80 +17,34 @@ from typing import Any, Self
 import numpy as np
 
 from aleator.simulators import store_file
-from aleator.simulators.function import Simulator
+from aleator.simulators.cases import Cases
+from aleator.simulators.identity import Case, Identity
+from aleator.simulators.protocol import Simulator
+from aleator.simulators.runs import Failure, Runs
 
 SYNCED_AFTER = 1.0
 """Seconds of the simulator's work after which a commit waits for the disk."""
+_TOGETHER = 8192
+"""Runs that are sought in one query: what it takes in memory stays small."""
 
-Row = tuple[int, bytes, float | None, str | None, str | None, float | None, str, float, int]
-"""A run to be written: position of its case, x, outcome, failure, log, seconds, host, time,
-attempt. It has an outcome or a failure."""
-
-Key = tuple[int, bytes]
-"""A run that is sought: position of its case, x."""
-
-
-@dataclass(frozen=True)
-class Identity:
-    """Which simulator it is: runs are reused only under the same `fingerprint`.
-
-    `name` and `description` are for people; `version` is the user's own, or empty.
-    """
-
-    fingerprint: str
-    name: str
-    description: str = ""
-    version: str = ""
-
-    @classmethod
-    def of(cls, simulator: Simulator) -> Identity:
-        """The identity of a simulator.
-
-        >>> from aleator.simulators.function import FunctionSimulator
-        >>> def length(load, stiffness):
-        ...     return load / stiffness
-        >>> identity = Identity.of(FunctionSimulator(length, version="2.1"))
-        >>> identity.name, identity.version
-        ('length', '2.1')
-        """
-        return cls(
-            simulator.fingerprint(),
-            simulator.name,
-            str(getattr(simulator, "description", type(simulator).__name__)),
-            str(getattr(simulator, "version", "")),
-        )
-
-
-@dataclass(frozen=True)
-class Case:
-    """What many runs have in common: values of conditions (as JSON), names of parameters.
-
-    The parameters are in the order of the alphabet, so that a study may list them in any.
-    """
-
-    conditions: str
-    parameters: tuple[str, ...]
-
-    @classmethod
-    def of(cls, conditions: Mapping[str, Any], parameters: Iterable[str]) -> Case:
-        """The case of some conditions; floats are written so that they read back exactly.
-
-        >>> Case.of({"load": 1.0, "bench": "A"}, ["y", "x"])
-        Case(conditions='{"bench": "A", "load": 1.0}', parameters=('x', 'y'))
-        """
-        plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in conditions.items()}
-        text = json.dumps(plain, sort_keys=True, ensure_ascii=False, default=repr)
-        return cls(text, tuple(sorted(parameters)))
-
-    @property
-    def names(self) -> str:
-        """The names of the parameters as JSON."""
-        return json.dumps(self.parameters, ensure_ascii=False)
-
-    @cached_property
-    def hash(self) -> str:
-        """A short text that no other case of the simulator has."""
-        return hashlib.sha256(f"{self.conditions}\n{self.names}".encode()).hexdigest()[:32]
+# A cross join is done in the order in which it is written.
+_NUMBERED = (
+    "SELECT place, cases.id FROM simulators CROSS JOIN sought_cases CROSS JOIN cases "
+    "ON cases.simulator = simulators.id AND cases.hash = sought_cases.hash WHERE fingerprint = ?"
+)
+_FOUND = (
+    "SELECT place, outcome, failure, attempt FROM sought_runs CROSS JOIN runs "
+    'ON runs."case" = sought_runs."case" AND runs.x = sought_runs.x'
+)
+_INSERT = (
+    'INSERT INTO runs ("case", x, outcome, failure, log, seconds, host, time, attempt) '
+    "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
+)
+_AGAIN = (
+    '("case", x) DO UPDATE SET outcome = excluded.outcome, failure = excluded.failure, '
+    "log = excluded.log, seconds = excluded.seconds, host = excluded.host, time = excluded.time, "
+    "attempt = runs.attempt + 1 WHERE runs.outcome IS NULL"
+)
 
 
 @dataclass(frozen=True)
@@ -124,7 +75,7 @@ class Store:
     >>> with TemporaryDirectory() as folder, Store(f"{folder}/runs.sqlite") as store:
     ...     added = store.add(model, [case], [(0, x, 0.5, None, None, 1e-3, "bench", 0.0, 1)])
     ...     added, store.find("3f2a", [case], [(0, x), (0, 2 * x)])
-    (1, {0: 0.5})
+    (1, [(0, 0.5, None, 1)])
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -153,24 +104,13 @@ class Store:
             self.connection.close()
 
     def find(
-        self, fingerprint: str, cases: Sequence[Case], keys: Sequence[Key]
-    ) -> dict[int, float | None]:
-        """The outcomes of those runs that are there, by place in `keys`; None for one that failed.
+        self, fingerprint: str, cases: Sequence[Case], keys: Iterable[tuple[int, bytes]]
+    ) -> list[tuple[int, float | None, str | None, int]]:
+        """Those runs that are there: place in `keys`, outcome, failure, attempts.
 
-        Cost: some 3 microseconds a run that is there, next to none where its case is not.
+        A key is the position of the run's case and its x. Cost: some 3 microseconds a run that is
+        there, next to none where its case is not.
         """
-        return dict(self._sought(_FOUND, fingerprint, cases, keys))
-
-    def failed(
-        self, fingerprint: str, cases: Sequence[Case], keys: Sequence[Key]
-    ) -> dict[int, tuple[str, int]]:
-        """Message and number of attempts of those runs that failed, by place in `keys`."""
-        rows = self._sought(_FAILED, fingerprint, cases, keys)
-        return {place: (message, attempt) for place, message, attempt in rows}
-
-    def _sought(
-        self, query: str, fingerprint: str, cases: Sequence[Case], keys: Sequence[Key]
-    ) -> list[tuple[Any, ...]]:
         run = self.connection.execute
         with store_file.told(self.path), store_file.transaction(self.connection, writing=False):
             numbers = self._numbers(fingerprint, cases)
@@ -179,15 +119,20 @@ class Store:
             )
             run("DELETE FROM sought_runs")
             self.connection.executemany("INSERT INTO sought_runs VALUES (?, ?, ?)", sought)
-            return run(query).fetchall()
+            return run(_FOUND).fetchall()
 
     def add(
-        self, simulator: Identity, cases: Sequence[Case], rows: Sequence[Row], again: bool = True
+        self,
+        simulator: Identity,
+        cases: Sequence[Case],
+        rows: Sequence[tuple[Any, ...]],
+        again: bool = True,
     ) -> int:
         """Commit runs; the number of those that the store did not have.
 
-        A run with an outcome is never changed. One that failed is replaced if `again`, which
-        counts the attempt.
+        A row is: position of the case, x, outcome, failure, log, seconds, host, time, attempt; one
+        of outcome and failure is None. A run with an outcome is never changed. One that failed is
+        replaced if `again`, which counts the attempt.
         """
         conflict = _AGAIN if again else "DO NOTHING"
         self._unsynced += sum(row[5] or 0.0 for row in rows)
@@ -267,23 +212,63 @@ class Store:
         return {name: number for number, name in run("SELECT id, name FROM hosts")}
 
 
-# A cross join is done in the order in which it is written.
-_NUMBERED = (
-    "SELECT place, cases.id FROM simulators CROSS JOIN sought_cases CROSS JOIN cases "
-    "ON cases.simulator = simulators.id AND cases.hash = sought_cases.hash WHERE fingerprint = ?"
-)
-_SOUGHT = (
-    "FROM sought_runs CROSS JOIN runs "
-    'ON runs."case" = sought_runs."case" AND runs.x = sought_runs.x'
-)
-_FOUND = f"SELECT place, outcome {_SOUGHT}"
-_FAILED = f"SELECT place, failure, attempt {_SOUGHT} WHERE failure IS NOT NULL"
-_INSERT = (
-    'INSERT INTO runs ("case", x, outcome, failure, log, seconds, host, time, attempt) '
-    "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
-)
-_AGAIN = (
-    '("case", x) DO UPDATE SET outcome = excluded.outcome, failure = excluded.failure, '
-    "log = excluded.log, seconds = excluded.seconds, host = excluded.host, time = excluded.time, "
-    "attempt = runs.attempt + 1 WHERE runs.outcome IS NULL"
-)
+class RunCache:
+    """The runs of one simulator under the cases of one table, in a store.
+
+    `parameters` names the columns of x. `at_start` is what the store held of the simulator, `added`
+    counts the runs that were new to it.
+    """
+
+    def __init__(
+        self, store: Store, simulator: Simulator, cases: Cases, parameters: Sequence[str]
+    ) -> None:
+        self.store, self.identity = store, Identity.of(simulator)
+        self._order = sorted(range(len(parameters)), key=lambda k: parameters[k])
+        self._cases = [Case.of(cases.values(k), parameters) for k in range(len(cases))]
+        self.at_start = store.counts(self.identity)
+        self.added = 0
+
+    def find(self, asked: Runs) -> Runs:
+        """The same runs with outcomes and failures where the store has them."""
+        outcome, failures = asked.outcome.copy(), dict[int, Failure]()
+        for start in range(0, len(asked), _TOGETHER):
+            rows = slice(start, start + _TOGETHER)
+            cases, keys = self._keys(asked.some(rows))
+            for place, value, message, attempts in self.store.find(
+                self.identity.fingerprint, cases, keys
+            ):
+                if message is None:
+                    outcome[start + place] = value
+                else:
+                    failures[start + place] = Failure(message, attempts=attempts)
+        return replace(asked, outcome=outcome, failures=failures)
+
+    def add(self, made: Runs) -> None:
+        """Commit runs as they were made."""
+        if not self.store.writable or not len(made):
+            return
+        now = time.time()
+        cases, keys = self._keys(made)
+        rows: list[tuple[Any, ...]] = [
+            (case, x, value, None, None, seconds, made.host, now, 1)
+            for (case, x), value, seconds in zip(
+                keys, made.outcome.tolist(), made.seconds.tolist(), strict=True
+            )
+        ]
+        for k, failure in made.failures.items():
+            rows[k] = (*rows[k][:2], None, failure.message, failure.log, *rows[k][5:])
+        try:
+            self.added += self.store.add(self.identity, cases, rows)
+        except KeyboardInterrupt:
+            # Ctrl-C came while they were written, and took the transaction back.
+            self.added += self.store.add(self.identity, cases, rows)
+            raise
+
+    def _keys(self, runs: Runs) -> tuple[list[Case], list[tuple[int, bytes]]]:
+        """The different cases of some runs; of each run the position of its case there, and x."""
+        chosen, position = np.unique(runs.case, return_inverse=True)
+        size = 8 * len(self._order)
+        whole = np.ascontiguousarray(runs.x[:, self._order], dtype="<f8").tobytes()
+        x = [whole[k * size : (k + 1) * size] for k in range(len(runs))]
+        cases = [self._cases[k] for k in chosen.tolist()]
+        return cases, [*zip(position.tolist(), x, strict=True)]

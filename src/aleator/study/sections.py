@@ -19,9 +19,9 @@ from aleator.densities import (
 from aleator.inference.verification import MonteCarlo
 from aleator.laws import Law, Specification
 from aleator.likelihood.propagation import Collocation
-from aleator.observations.experiments import Transform
 from aleator.observations.model import ObservationModel
 from aleator.observations.normal import NormalError
+from aleator.observations.transform import Transform
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -65,7 +65,7 @@ class ExperimentsSection(Section):
     outcome: str
     id: str | None = None
     conditions: list[str] | None = None
-    transform: Transform = "none"
+    transform: Annotated[Transform, Field(strict=False)] = Transform.NONE
     delimiter: str = ","
     decimal: str = "."
 

@@ -22,7 +22,7 @@ def attempts(runner: Runner, region: Array) -> Run:
             "every parameter is known: there is nothing to identify but noise",
             "free a hyperparameter, or give a parameter a law",
         )
-    first = np.unique(runner.group)
+    first = runner.cases.first
     known = region[:, 0]
 
     def run(index: Indices, x: Array) -> Array:

@@ -27,12 +27,11 @@ def first_surfaces(
     there is nothing to share by, or too much.
     """
     run, box = attempts(runner, region), region[moving_parameters(region)]
-    group = np.unique(runner.group)
-    conditions = features({name: column[group] for name, column in runner.conditions.items()})
-    if choice.shared is False or conditions is None or not Shared.fits(len(group), len(box)):
+    count, conditions = len(runner.cases), features(runner.cases.columns)
+    if choice.shared is False or conditions is None or not Shared.fits(count, len(box)):
         if choice.shared:
-            raise _nothing_to_share(conditions, len(group))
-        return Sharpened(run, box, len(group))
+            raise _nothing_to_share(conditions, count)
+        return Sharpened(run, box, count)
     shared = Shared(run, box, conditions)
     shared.judge(where)
     return shared if choice.shared or _promises(shared) else shared.own_surfaces()

@@ -149,7 +149,7 @@ class _Search:
         progress: Progress,
     ) -> None:
         self.runner, self.limits, self.moving = runner, limits, moving
-        self.groups = np.unique(runner.group)
+        self.groups = runner.cases.first
         self.sobol = qmc.Sobol(moving.size, rng=rng)
         self.rng, self.progress = rng, progress
         self.known = _Known([], [], [])

@@ -88,7 +88,7 @@ class Concentration:
         self.region, self.held = region, False
         self.where, self.noise_sd = self._everywhere(), 0.0
         self.state = first_surfaces(self.runner, region, self.choice, self.where)
-        self.past = np.full((PATIENCE, np.unique(self.runner.group).size), np.inf)
+        self.past = np.full((PATIENCE, len(self.runner.cases)), np.inf)
         self._complete()
 
     def hold(

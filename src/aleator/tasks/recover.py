@@ -142,7 +142,8 @@ class _Elsewhere:
     @classmethod
     def of(cls, runner: Runner, model: Model, search: Search, store: Path) -> _Elsewhere:
         """The same runner, with a store by which processes share their runs."""
-        table = Conditions(tuple(runner.ids), pd.DataFrame(runner.conditions), runner.transform)
+        columns = pd.DataFrame(runner.cases.at(runner.cases.condition))
+        table = Conditions(tuple(runner.ids), columns, runner.transform)
         return cls(
             runner.simulator, table, runner.parameters, store, runner.retries, runner.max_failed,
             model, search,
@@ -162,7 +163,7 @@ def _identified(
     runner: Runner, model: Model, search: Search, data: Array, seed: int, workers: int
 ) -> Iterator[tuple[int, Replicate]]:
     with TemporaryDirectory() as folder:
-        store = runner.kept.store.path if runner.kept else Path(folder) / "runs.sqlite"
+        store = runner.cache.store.path if runner.cache else Path(folder) / "runs.sqlite"
         job = _packed(_Elsewhere.of(runner, model, search, store)) if workers > 1 else None
         if job is None:
             for k, outcomes in enumerate(data):

@@ -63,15 +63,14 @@ def first_region(runner: Runner, model: Model, outcomes: Array, seed: int) -> Ar
     inputs = model.inputs
     if inputs.bounded or model.surfaces is None:
         return inputs.box
-    count = np.unique(runner.group).size
+    count = len(runner.cases)
     chosen = np.unique(np.linspace(0, count - 1, PILOT).astype(np.intp))
     enough = 0.5 * chosen.size
     while True:
         try:
             return _pilot_region(runner, model, outcomes, chosen, seed)
         except NoOutcome as failure:
-            first = np.unique(runner.group)
-            chosen = chosen[~np.isin(first[chosen], runner.group[failure.index])]
+            chosen = chosen[~np.isin(chosen, runner.cases.condition[failure.index])]
             if chosen.size < enough:
                 raise
 
@@ -81,7 +80,7 @@ def _pilot_region(
 ) -> Array:
     """The region that the `chosen` of the different conditions tell."""
     inputs = model.inputs
-    first, condition = np.unique(runner.group, return_inverse=True)
+    first, condition = runner.cases.first, runner.cases.condition
     rows = np.flatnonzero(np.isin(condition, chosen))
     local = np.searchsorted(chosen, condition[rows])
     response = DirectResponse(

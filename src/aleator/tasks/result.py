@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.failures import FailureReport
 from aleator.likelihood.comparison import DensityDistance
-from aleator.observations.experiments import Conditions, Transform
+from aleator.observations.experiments import Conditions
+from aleator.observations.transform import Transform
 from aleator.progress import Progress
 from aleator.tasks import documents, printed
 from aleator.tasks.law import JointLaw
@@ -80,7 +81,7 @@ class Identification:
     parameter_correlations: tuple[ParameterCorrelation, ...] = ()
     density_distances: tuple[DensityDistance, ...] = ()
     outcome: str = "outcome"
-    transform: Transform = "none"
+    transform: Transform = Transform.NONE
     session: Session = field(default=NO_SESSION, compare=False)
 
     def __repr__(self) -> str:

@@ -17,6 +17,7 @@ from aleator.likelihood.comparison import DensityDistance
 from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.noise import Noise
+from aleator.observations.transform import Transform
 from aleator.simulators import Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks import documents
@@ -100,7 +101,7 @@ def from_document(document: Entry, path: str | Path) -> Identification:
     experiments = part("experiments", lambda rows: tuple(map(_experiment, rows)))
     return Identification(
         outcome=part("outcome", str, "outcome"),
-        transform=part("transform", str, "none"),
+        transform=part("transform", Transform, "none"),
         alpha=part("alpha", lambda rows: {name: _estimate(row) for name, row in rows.items()}),
         log_likelihood=part("log_likelihood", lambda row: _log_likelihood(row, experiments)),
         density=part("density", str),

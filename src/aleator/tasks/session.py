@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from aleator.errors import AleatorError, InputsError
 from aleator.likelihood.likelihood import Likelihood
 from aleator.likelihood.model import Model
-from aleator.observations.experiments import Conditions, Transform
+from aleator.observations.experiments import Conditions
+from aleator.observations.transform import Transform
 from aleator.progress import Progress
 from aleator.simulators import Simulator, as_runner
 from aleator.tasks.law import JointLaw

@@ -36,12 +36,12 @@ def failure_report(runner: Runner) -> FailureReport | None:
     return FailureReport(
         len(failed),
         runner.runs,
-        tuple(runner.ids[k] for k in np.unique(failed.index)),
+        tuple(runner.ids[k] for k in runner.cases.first[np.unique(failed.case)]),
         {
             name: (float(low), float(high))
             for name, (low, high) in zip(runner.parameters, failed.region, strict=True)
         },
-        failed.messages[0],
+        failed.failures[0].message,
     )
 
 

@@ -12,8 +12,9 @@ from typing import Any, Protocol
 from aleator.errors import SimulatorError, nearest
 from aleator.simulators.command.child import STDERR, STDOUT, read_text
 from aleator.simulators.command.feeds import within
-from aleator.simulators.failure import RunFailed
-from aleator.simulators.function import FunctionSimulator, describe, load_function
+from aleator.simulators.failure import RunFailed, describe
+from aleator.simulators.function import FunctionSimulator
+from aleator.simulators.loading import load_function
 
 _STREAMS = {"stdout": STDOUT, "stderr": STDERR}
 

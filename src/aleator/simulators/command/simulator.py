@@ -19,7 +19,7 @@ from aleator.simulators.command.outputs import Output, OutputFile
 from aleator.simulators.command.placeholders import Text, Value, Values
 from aleator.simulators.command.program import STUDY, Program
 from aleator.simulators.failure import RunFailed
-from aleator.simulators.function import Columns, RunStopped
+from aleator.simulators.protocol import Columns, RunStopped
 
 # The placeholder for the name of the input file, where there is exactly one.
 INPUT = "input"

@@ -15,7 +15,8 @@ from aleator.errors import SimulatorError
 from aleator.simulators.failure import RunFailed
 from aleator.simulators.fmu.description import Description
 from aleator.simulators.fmu.expression import Expression, parse
-from aleator.simulators.function import FunctionSimulator, load_function
+from aleator.simulators.function import FunctionSimulator
+from aleator.simulators.loading import load_function
 from aleator.types import Array
 
 Trajectory = Mapping[str, NDArray[Any]]

@@ -25,7 +25,7 @@ from aleator.simulators.fmu.reduction import Reduction
 from aleator.simulators.fmu.session import Setup, Trajectory
 from aleator.simulators.fmu.settings import Course, Operation
 from aleator.simulators.fmu.signals import Signal, assembled, checked_input
-from aleator.simulators.function import SINGLE_BLOCK, Columns, RunStopped
+from aleator.simulators.protocol import SINGLE_BLOCK, Columns, RunStopped
 
 DEFAULT_COURSE = Course()
 DEFAULT_OPERATION = Operation()

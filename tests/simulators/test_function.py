@@ -8,7 +8,7 @@ import pytest
 
 from aleator.errors import SimulatorError
 from aleator.simulators import FunctionSimulator, load_function
-from aleator.simulators.function import RunStopped
+from aleator.simulators.protocol import RunStopped
 
 
 def model(load: float, stiffness: float, gravity: float = 9.81) -> float:

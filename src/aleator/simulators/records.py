@@ -1,4 +1,4 @@
-"""What a store holds, run by run, and how it forgets."""
+"""The records of a store, run by run, and how it forgets them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from aleator.simulators import store_file
-from aleator.simulators.store import Identity, Store
+from aleator.simulators.identity import Identity
+from aleator.simulators.store import Store
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Holding:
 
 
 @dataclass(frozen=True)
-class KeptRun:
+class StoredRun:
     """One run as the store has it; `number` names it there, `time` is in seconds since 1970."""
 
     number: int
@@ -43,6 +44,13 @@ class KeptRun:
     host: str
     time: float
     attempt: int
+
+    @property
+    def made(self) -> tuple[Any, ...]:
+        """What came of it, in the order of `Store.add`."""
+        return (
+            self.outcome, self.failure, self.log, self.seconds, self.host, self.time, self.attempt,
+        )  # fmt: skip
 
 
 _OF_SIMULATOR = "fingerprint, simulators.name, description, version"
@@ -67,14 +75,14 @@ def holdings(store: Store) -> list[Holding]:
     return [Holding(Identity(*r[:4]), r[4], int(r[5]), *r[6:]) for r in rows]
 
 
-def kept_runs(
+def stored_runs(
     store: Store,
     fingerprint: str | None = None,
     *,
     number: int | None = None,
     failures: bool = False,
     last: int | None = None,
-) -> Iterator[KeptRun]:
+) -> Iterator[StoredRun]:
     """Runs in the order in which they came: of one simulator, one of them, failures, the last."""
     wanted = {
         "fingerprint = ?": fingerprint,
@@ -94,7 +102,7 @@ def kept_runs(
     values = [value for clause, value in chosen.items() if "?" in clause]
     with store_file.told(store.path):
         for row in store.connection.execute(query, values):
-            yield _kept_run(row)
+            yield _stored_run(row)
 
 
 # Runs of one case come together: its texts are read once, and a million runs share them.
@@ -102,9 +110,9 @@ _read = lru_cache(maxsize=1024)(json.loads)
 _identity = lru_cache(maxsize=64)(Identity)
 
 
-def _kept_run(row: Sequence[Any]) -> KeptRun:
+def _stored_run(row: Sequence[Any]) -> StoredRun:
     names, x = _read(row[6]), np.frombuffer(row[7], dtype="<f8").tolist()
-    return KeptRun(
+    return StoredRun(
         row[0],
         _identity(*row[1:5]),
         dict(_read(row[5])),

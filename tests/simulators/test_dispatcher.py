@@ -18,8 +18,8 @@ from aleator.inference.verification import MonteCarlo
 from aleator.laws import Free, Normal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions
-from aleator.simulators import FunctionSimulator, Runner, Store
-from aleator.simulators.inventory import kept_runs
+from aleator.simulators import FunctionSimulator, Runner, Runs, Store
+from aleator.simulators.records import stored_runs
 from aleator.simulators.workers.dask_executor import WorkerLost
 from aleator.simulators.workers.pool import ProcessPool
 from aleator.tasks.identify import identify
@@ -73,6 +73,10 @@ def model(tmp_path: Path) -> Path:
     return tmp_path
 
 
+def messages(runs: Runs) -> list[str]:
+    return sorted(failure.message for failure in runs.failures.values())
+
+
 def named(folder: Path, name: str, vectorized: bool = False) -> FunctionSimulator:
     return FunctionSimulator.named(f"model.py:{name}", folder, vectorized)
 
@@ -86,10 +90,10 @@ def test_workers_give_the_same_outcomes(
     with Store(model / "runs.sqlite") as store:
         run = Runner(simulator, TABLE, ["x"], store=store, executor=pool)
         np.testing.assert_array_equal(run(INDEX, X), here)
-        assert (run.runs, run.fresh, len([*kept_runs(store)])) == (40, 40, 40)
+        assert (run.runs, run.fresh, len([*stored_runs(store)])) == (40, 40, 40)
         again = Runner(simulator, TABLE, ["x"], store=store, executor=pool)
         np.testing.assert_array_equal(again(INDEX, X), here)
-        assert (again.reused, again.fresh) == (40, 0)
+        assert (again.runs, again.fresh) == (40, 0)
 
 
 def test_a_function_that_no_file_holds_is_sent_whole(pool: ProcessPool) -> None:
@@ -104,8 +108,8 @@ def test_failed_runs_are_told_by_workers_as_they_are_here(pool: ProcessPool, mod
     np.testing.assert_array_equal(outcomes[0], outcomes[1])
     assert np.sum(np.isnan(outcomes[0])) == 8
     here, there = (run.failures for run in runners)
-    assert sorted(here.messages) == sorted(there.messages)
-    assert {m for m in there.messages if "too hot" in m}
+    assert messages(here) == messages(there)
+    assert any("too hot" in message for message in messages(there))
     np.testing.assert_allclose(there.region, [[0.0, 1.0]])
     assert len(there) == 8
     with pytest.raises(SimulatorError, match="too hot"):
@@ -119,7 +123,7 @@ def test_a_worker_that_dies_is_one_failed_run(pool: ProcessPool, model: Path) ->
         bad = (INDEX == 1) & (X[:, 0] > 0.5) & (X[:, 0] < 0.54)
         np.testing.assert_array_equal(np.isnan(outcome), bad)
         np.testing.assert_allclose(outcome[~bad], ((INDEX + 1) * X[:, 0])[~bad])
-        (failed,) = [kept for kept in kept_runs(store) if kept.failure]
+        (failed,) = [kept for kept in stored_runs(store) if kept.failure]
     assert failed.failure is not None
     assert failed.failure.startswith("the worker process died")
 
@@ -131,8 +135,8 @@ class Losing(Executor):
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
-        _, conditions, parameters, _ = args
-        if np.any((conditions["load"] == 2.0) & (np.abs(parameters["x"] - 0.52) < 0.02)):
+        _, conditions, _, asked, _ = args
+        if np.any((conditions["load"] == 2.0) & (np.abs(asked.x[:, 0] - 0.52) < 0.02)):
             future.set_exception(WorkerLost("3 workers were lost while they ran it"))
         else:
             future.set_result(fn(*args, **kwargs))
@@ -146,7 +150,7 @@ def test_where_the_executor_knows_which_batch_it_was_the_run_is_found_too(model:
     assert np.sum(bad) == 1
     np.testing.assert_array_equal(np.isnan(outcome), bad)
     np.testing.assert_array_equal(outcome[~bad], ((INDEX + 1) * X[:, 0])[~bad])
-    assert "3 workers were lost" in run.failures.messages[0]
+    assert "3 workers were lost" in messages(run.failures)[0]
 
 
 def test_a_run_that_fails_is_tried_again(pool: ProcessPool, model: Path) -> None:
@@ -167,7 +171,7 @@ def test_too_many_failures_stop_with_everything_kept(
             run = Runner(simulator, TABLE, ["x"], store=store, executor=executor)
             with pytest.raises(SimulatorError, match=r"runs failed, too many.*too hot|.*before"):
                 run.attempt(np.zeros(60, int), x)
-        assert len([*kept_runs(store)]) >= 10
+        assert len([*stored_runs(store)]) >= 10
 
 
 class Watched(Executor):
@@ -213,7 +217,7 @@ def test_ctrl_c_waits_for_what_is_at_work_and_keeps_it(pool: ProcessPool, model:
             run(INDEX, X)
         begun = len([*model.glob("at*")])
         assert begun < 20
-        assert len([*kept_runs(store)]) == begun == run.fresh
+        assert len([*stored_runs(store)]) == begun == run.fresh
 
 
 def test_what_cannot_be_sent_or_run_elsewhere_is_told(pool: ProcessPool, model: Path) -> None:

@@ -2,6 +2,8 @@
 # ruff: noqa: ARG002, ARG005
 import math
 from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,14 +11,19 @@ import pandas as pd
 import pytest
 
 from aleator.errors import SimulatorError
+from aleator.inference.verification import MonteCarlo
+from aleator.laws import Free, Normal
+from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.simulators import (
     FunctionSimulator,
     NoOutcome,
     Runner,
+    Store,
     as_simulator,
     working_box,
 )
+from aleator.tasks.identify import identify
 
 TABLE = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 4.0], "site": [*"xyz"]}))
 
@@ -49,7 +56,7 @@ def test_runs_are_counted_and_kept() -> None:
     outcome = run([0, 1, 2, 0], [[1.0], [2.0], [3.0], [0.5]])
     assert outcome.tolist() == [1.0, 4.0, 12.0, 0.5]
     assert run.runs == run.fresh == 4
-    assert run.completed.index.tolist() == [0, 1, 2, 0]
+    assert run.completed.case.tolist() == [0, 1, 2, 0]
     assert run.completed.x.tolist() == [[1.0], [2.0], [3.0], [0.5]]
     assert run.completed.outcome.tolist() == outcome.tolist()
 
@@ -61,7 +68,7 @@ def test_the_log_transform_is_applied_to_the_simulator() -> None:
     run = Runner(lambda load, x: load * x, table, ["x"])
     np.testing.assert_allclose(run([0, 1], [[1.0], [3.0]]), np.log([1.0, 6.0]))
     assert run.completed.outcome.tolist() == [1.0, 6.0]
-    with pytest.raises(SimulatorError, match="returned -2, which has no logarithm"):
+    with pytest.raises(SimulatorError, match="returned -2: the logarithm of -2 does not exist"):
         run([1], [[-1.0]])
 
 
@@ -71,7 +78,11 @@ def test_text_conditions_reach_a_simulator_that_asks_for_them() -> None:
 
 
 @pytest.mark.parametrize("vectorized", [False, True])
-def test_a_run_that_raises_is_named_and_the_others_are_kept(vectorized: bool) -> None:
+def test_a_run_that_raises_is_named_and_the_others_are_kept(
+    vectorized: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("aleator.simulators.workers.dispatcher.HERE", np.inf)  # one batch
+
     def brittle(load: Any, x: Any) -> Any:
         if np.any((load == 2.0) & (x > 0.5)):
             raise ValueError("too\nhot")
@@ -117,10 +128,9 @@ def test_a_repeatable_simulator_is_run_twice_and_once_where_the_run_is_known() -
     function = Counted()
     run = runner(function)
     run.require_repeatable([0.5])
-    assert (function.runs, run.runs, len(run.completed)) == (2, 2, 1)
-    again = runner(function, known=run.completed)
-    again.require_repeatable([0.5])
-    assert (function.runs, again.runs) == (3, 2)
+    assert (function.runs, run.runs, len(run.completed)) == (2, 1, 1)
+    run.require_repeatable([0.5])
+    assert (function.runs, run.runs) == (3, 1)
 
 
 def test_failed_runs_are_told_with_their_parameters() -> None:
@@ -184,7 +194,8 @@ def test_experiments_under_equal_conditions_share_their_runs() -> None:
     table = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 1.0], "nr": [1, 2, 3]}))
     function = Counted()
     run = Runner(function, table, ["x"])
-    assert run.group.tolist() == [0, 1, 0]
+    assert run.cases.condition.tolist() == [0, 1, 0]
+    assert run.cases.first.tolist() == [0, 1]
     assert run([2, 0, 1, 0], [[1.0], [1.0], [1.0], [2.0]]).tolist() == [1.0, 1.0, 2.0, 2.0]
     assert function.runs == run.runs == 3
 
@@ -197,14 +208,40 @@ def test_blocks_do_not_change_the_answer() -> None:
     assert len(run.completed) == 10
 
 
-def test_known_runs_are_not_repeated_and_still_counted() -> None:
-    first = runner(Counted())
-    first([0, 1], [[1.0], [2.0]])
-    function = Counted()
-    again = runner(function, known=first.completed)
-    assert again([1, 0, 2], [[2.0], [1.0], [3.0]]).tolist() == [4.0, 1.0, 12.0]
-    assert (function.runs, again.runs, again.reused, again.fresh) == (1, 3, 2, 1)
-    assert len(again.completed) == 3
+@pytest.mark.parametrize("stored", [False, True], ids=["memory", "store"])
+def test_a_run_is_counted_and_made_once_however_often_it_is_asked_for(
+    stored: bool, tmp_path: Path
+) -> None:
+    function = Counted(lambda load, x: x == 3.0)
+    with Store(tmp_path / "runs.sqlite") if stored else nullcontext() as store:
+        run = runner(function, store=store)
+        for call in (run, run.attempt, run):
+            assert call([0, 1, 0], [[1.0], [2.0], [1.0]]).tolist() == [1.0, 4.0, 1.0]
+        for _ in range(2):  # a failed run is a run
+            assert np.isnan(run.attempt([1, 2, 1], [[3.0], [3.0], [2.0]])).tolist() == [1, 1, 0]
+        assert (function.runs, run.fresh, run.runs) == (2, 2, 4)
+        assert (len(run.completed), len(run.failures)) == (2, 2)
+
+
+def test_an_identification_counts_the_different_runs_it_needed(tmp_path: Path) -> None:
+    asked = set[tuple[float, float]]()
+
+    def model(load: np.ndarray, x: np.ndarray) -> np.ndarray:
+        asked.update(zip(load.tolist(), x.tolist(), strict=True))
+        return load * x
+
+    frame = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
+    table = Experiments.from_frame(frame, outcome="y")
+    law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
+    simulator = FunctionSimulator(model, vectorized=True)
+    counts = []
+    for path in (None, tmp_path / "runs.sqlite", tmp_path / "runs.sqlite"):
+        with Store(path) if path else nullcontext() as store:
+            run = Runner(simulator, table, law.names, store=store)
+            found = identify(run, table, law, verification=MonteCarlo(50))
+        counts.append((found.runs, run.runs, len(asked)))
+    assert counts == [(len(asked),) * 3] * 3
+    assert run.fresh == 0
 
 
 def test_slow_runs_tell_their_progress(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -218,9 +255,9 @@ def test_slow_runs_tell_their_progress(monkeypatch: pytest.MonkeyPatch) -> None:
         def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
             self.texts.append(f"{text} {done} {total}")
 
-    monkeypatch.setattr("aleator.simulators.workers.crew.HERE", 0.0)
+    monkeypatch.setattr("aleator.simulators.workers.dispatcher.HERE", 0.0)
     clock = iter(np.arange(0.0, 100.0, 2.0))
-    monkeypatch.setattr("aleator.simulators.tally.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("aleator.simulators.run_progress.time.monotonic", lambda: next(clock))
     listener = Listener()
     run = runner(lambda load, x: x, vectorized=True, progress=listener)
     run.simulator.block = 16

@@ -10,10 +10,10 @@ _PATIENCE = 1.0
 """Seconds after which progress is told."""
 
 
-class Tally:
+class RunProgress:
     """Tells `progress` how `total` runs come along, `known` of which need not be run.
 
-    >>> Tally.text(30, 100, known=10, failed=2, retried=0, rate=4.0)
+    >>> RunProgress.text(30, 100, known=10, failed=2, retried=0, rate=4.0)
     '30 of 100 runs, 10 of them known, 2 failed, 4 runs/s, about 18 s left'
     """
 
@@ -23,8 +23,8 @@ class Tally:
         self._began = time.monotonic()
 
     def count(self, done: int, failed: int) -> None:
-        """So many runs more are done; `failed` of all have no outcome."""
-        self._done, self._failed = self._done + done, failed
+        """So many runs more are done; `failed` of these have no outcome."""
+        self._done, self._failed = self._done + done, self._failed + failed
         seconds = time.monotonic() - self._began
         if seconds > _PATIENCE and self._done + self._known < self._total:
             text = self.text(
@@ -33,15 +33,10 @@ class Tally:
             )  # fmt: skip
             self._progress.update(text, self._done + self._known, self._total)
 
-    @property
-    def left(self) -> int:
-        """Runs that are not done."""
-        return self._total - self._known - self._done
-
     def retry(self, number: int) -> None:
         """So many failed runs are tried again."""
         self._retried = number
-        self._done -= number
+        self._done, self._failed = self._done - number, self._failed - number
 
     def stopping(self, batches: int) -> None:
         """Ctrl-C came: what is at work is waited for."""

@@ -10,13 +10,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from aleator.simulators.store import Case, Identity, Row, Store
+from aleator.simulators.identity import Case, Identity
+from aleator.simulators.store import Store
 
 MODEL = Identity("f" * 64, "spring", "model:spring")
 CASE = Case.of({"load": 2.0}, ["k"])
 
 
-def row(x: float, outcome: float | None, case: int = 0, seconds: float = 1e-3) -> Row:
+def row(x: float, outcome: float | None, case: int = 0, seconds: float = 1e-3) -> tuple:
     failure = None if outcome is not None else "it broke"
     return (case, struct.pack("<d", x), outcome, failure, None, seconds, "bench", 1.0, 1)
 
@@ -26,9 +27,13 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "runs.sqlite"
 
 
+def outcomes(store: Store, cases: list[Case], keys: list) -> dict:
+    return {place: outcome for place, outcome, *_ in store.find(MODEL.fingerprint, cases, keys)}
+
+
 def found(store: Store, x: float, case: Case = CASE, fingerprint: str = MODEL.fingerprint) -> dict:
     back = store.find(fingerprint, [case], [(0, struct.pack("<d", x))])
-    return {x: back[0]} if back else {}
+    return {x: back[0][1]} if back else {}
 
 
 @given(st.floats(), st.floats(allow_nan=False, allow_infinity=False))
@@ -40,7 +45,7 @@ def test_every_bit_of_a_run_comes_back(tmp_path: Path, x: float, outcome: float)
         fresh = Identity(struct.pack("<dd", x, outcome).hex(), "bits")
         store.add(fresh, [CASE], [row(x, outcome)])
         key = struct.pack("<d", x)
-        (back,) = store.find(fresh.fingerprint, [CASE], [(0, key)]).values()
+        ((_, back, *_),) = store.find(fresh.fingerprint, [CASE], [(0, key)])
         assert back is not None
         assert struct.pack("<d", back) == struct.pack("<d", outcome)
 
@@ -92,7 +97,7 @@ def test_runs_of_many_cases_are_found_in_one_go(path: Path) -> None:
         ]
         assert store.add(MODEL, cases[::2], rows) == len(rows)
         keys = [(k, struct.pack("<d", float(x))) for x in range(9) for k in range(300)]
-        found = store.find(MODEL.fingerprint, cases, keys)
+        found = outcomes(store, cases, keys)
     assert found == {300 * x + k: 1e3 * k + x for x in range(0, 9, 3) for k in range(0, 300, 2)}
 
 
@@ -100,9 +105,9 @@ def test_a_run_that_is_sought_twice_is_found_twice(path: Path) -> None:
     key = (0, struct.pack("<d", 4.0))
     with Store(path) as store:
         store.add(MODEL, [CASE, CASE], [row(4.0, 0.5), row(5.0, 0.6, case=1)])
-        assert store.find(MODEL.fingerprint, [CASE], [key, (0, b""), key]) == {0: 0.5, 2: 0.5}
-        assert store.find(MODEL.fingerprint, [CASE], []) == {}
-        assert store.find(MODEL.fingerprint, [], []) == {}
+        assert outcomes(store, [CASE], [key, (0, b""), key]) == {0: 0.5, 2: 0.5}
+        assert store.find(MODEL.fingerprint, [CASE], []) == []
+        assert store.find(MODEL.fingerprint, [], []) == []
         assert found(store, 5.0) == {5.0: 0.6}
 
 

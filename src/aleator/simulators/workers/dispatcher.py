@@ -1,4 +1,4 @@
-"""Runs handed out in batches: here, or to the workers of an executor."""
+"""Runs given out in batches: in this process, or to the workers of an executor."""
 
 from __future__ import annotations
 
@@ -6,20 +6,17 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
-
-import cloudpickle
-import numpy as np
+from dataclasses import replace
 
 from aleator.errors import AleatorError, SimulatorError
-from aleator.simulators.function import Simulator, describe
-from aleator.simulators.workers.dask_executor import WorkerLost
-from aleator.simulators.workers.work import Columns, Failure, Work, work, work_of_parcel
-from aleator.types import Indices
-
-Give = Callable[[Indices], tuple[Columns, Columns]]
+from aleator.simulators.cases import Cases
+from aleator.simulators.failure import describe
+from aleator.simulators.protocol import Simulator
+from aleator.simulators.runs import Failure, Runs
+from aleator.simulators.workers.batch import make, make_packed
 
 HERE = 0.02
 """Seconds of runs, in this process, after which those that completed are handed over."""
@@ -33,43 +30,50 @@ LISTENING = 0.2
 """Seconds after which a note of Ctrl-C is looked for."""
 
 
-def carried(simulator: Simulator, give: Give, runs: Indices) -> Iterator[tuple[Indices, Work]]:
-    """Run here: `give` tells conditions and parameters of some of `runs`; done ones are yielded.
+def made_here(
+    simulator: Simulator, cases: Cases, parameters: Sequence[str], asked: Runs
+) -> Iterator[Runs]:
+    """Make runs in this process; they are yielded as they are done, in their order.
 
+    >>> import numpy as np
     >>> from aleator.simulators.function import FunctionSimulator
-    >>> x = np.array([1.0, 4.0])
     >>> half = FunctionSimulator(lambda x: x / 2, vectorized=True)
-    >>> [done.outcome for _, done in carried(half, lambda k: ({}, {"x": x[k]}), np.arange(2))]
+    >>> asked = Runs.asked(np.zeros(2, int), np.array([[1.0], [4.0]]))
+    >>> [made.outcome for made in made_here(half, Cases.of({}, 1), ["x"], asked)]
     [array([0.5, 2. ])]
     """
-    while len(runs):
-        asked = runs[: max(simulator.block, MOST_HERE)]
-        done = work(simulator, *give(asked), HERE)
-        yield asked[: len(done)], done
-        if done.stopped:
-            raise done.stopped
-        runs = runs[len(done) :]
+    most, done = max(simulator.block, MOST_HERE), 0
+    while done < len(asked):
+        batch = asked.some(slice(done, done + most))
+        made = make(simulator, cases.at(batch.case), parameters, batch, HERE)
+        yield made
+        if made.stopped:
+            raise made.stopped
+        done += len(made)
 
 
-class Crew:
-    """The workers of an executor, and what they were given.
+class Dispatcher:
+    """Gives runs to the workers of an executor, and knows what they have.
 
-    `carry` yields batches as they complete, in any order. A batch whose worker died is run again
-    by halves until the run at fault is found, which is a failure like any other; each half alone,
-    unless the executor told which batch it was (WorkerLost). After Ctrl-C it submits nothing more
-    and yields what was running, then raises KeyboardInterrupt; a second Ctrl-C does so at once.
-    `rest` yields what is running for whoever stops of its own.
+    `make` yields runs as batches complete, in any order. A batch whose worker died is run again by
+    halves, each alone, until the run at fault is found, which is a failure like any other. After
+    Ctrl-C nothing more is submitted and what was running is yielded, then KeyboardInterrupt is
+    raised; a second Ctrl-C does so at once. `rest` yields what is running for whoever stops of its
+    own.
 
     Raises SimulatorError for a simulator that cannot be sent to another process, or be unpacked
     there.
     """
 
-    def __init__(self, simulator: Simulator, executor: Executor) -> None:
-        self._simulator, self._executor = simulator, executor
+    def __init__(
+        self, simulator: Simulator, cases: Cases, parameters: Sequence[str], executor: Executor
+    ) -> None:
+        self._simulator, self._cases, self._parameters = simulator, cases, tuple(parameters)
+        self._executor = executor
         self._parcel = _packed(simulator)
-        self._running: dict[Future[Work], Indices] = {}
-        self._waiting: deque[Indices] = deque()
-        self._suspect: list[Indices] = []
+        self._running: dict[Future[Runs], Runs] = {}
+        self._waiting: deque[Runs] = deque()
+        self._suspect: list[Runs] = []
         self._each = 0.0
         self._most = MOST
 
@@ -82,27 +86,25 @@ class Crew:
                 return number
         return os.cpu_count() or 1
 
-    def carry(
-        self, give: Give, runs: Indices, stopping: Callable[[int], None]
-    ) -> Iterator[tuple[Indices, Work]]:
-        """Have `runs` done by the workers; `give` tells conditions and parameters of some.
+    def make(self, asked: Runs, stopping: Callable[[int], None]) -> Iterator[Runs]:
+        """Have runs made by the workers.
 
         `stopping` is told of how many batches are running when Ctrl-C comes.
         """
-        self._waiting = deque([runs] if len(runs) else [])
+        self._waiting = deque([asked] if len(asked) else [])
         with interruptions_noted() as interrupted:
             while self._waiting or self._running or self._suspect:
                 while self._waiting and not self._suspect and self._has_room():
-                    self._submit(give, self._next())
+                    self._submit(self._next())
                 if self._suspect and not self._running:
-                    self._submit(give, self._suspect.pop())
+                    self._submit(self._suspect.pop())
                 yield from self._completed()
                 if interrupted():
                     stopping(len(self._running))
                     yield from self.rest()
                     raise KeyboardInterrupt
 
-    def rest(self) -> Iterator[tuple[Indices, Work]]:
+    def rest(self) -> Iterator[Runs]:
         """What is running, when it is done; what is not begun is taken back."""
         self._waiting.clear()
         self._suspect.clear()
@@ -115,7 +117,7 @@ class Crew:
     def _has_room(self) -> bool:
         return len(self._running) < WAITING * self.slots
 
-    def _next(self) -> Indices:
+    def _next(self) -> Runs:
         """The next batch: BATCH seconds of runs, fewer at the end, so that all workers end alike.
 
         Of a simulator that takes arrays whole blocks, because their last digits may depend on
@@ -128,33 +130,30 @@ class Crew:
         if getattr(self._simulator, "vectorized", False):
             size = max(size // block, 1) * block
         if len(runs) > size:
-            self._waiting.appendleft(runs[size:])
-        return runs[:size]
+            self._waiting.appendleft(runs.some(slice(size, None)))
+        return runs.some(slice(size))
 
-    def _submit(self, give: Give, runs: Indices) -> None:
-        future = self._executor.submit(work_of_parcel, self._parcel, *give(runs), 2.0 * BATCH)
-        self._running[future] = runs
+    def _submit(self, batch: Runs) -> None:
+        future = self._executor.submit(
+            make_packed, self._parcel, self._cases.at(batch.case), self._parameters, batch,
+            2.0 * BATCH,
+        )  # fmt: skip
+        self._running[future] = batch
 
-    def _completed(self) -> Iterator[tuple[Indices, Work]]:
+    def _completed(self) -> Iterator[Runs]:
         ready, _ = wait(self._running, LISTENING, return_when=FIRST_COMPLETED)
         # those with outcomes first: an executor that is lost must not take them along
         for future in sorted(ready, key=lambda future: future.exception() is not None):
-            runs = self._running.pop(future)
+            batch = self._running.pop(future)
             try:
-                done = future.result()
-            except WorkerLost as death:
-                if len(runs) == 1:
-                    yield runs, _dead(death)
-                else:
-                    self._waiting.extendleft(np.array_split(runs, 2))
-                continue
+                made = future.result()
             except BrokenExecutor as death:
                 # small batches for a while: the next death then costs fewer runs
-                self._most = max(1, len(runs) // 4)
-                if len(runs) == 1 and not self._running and len(ready) == 1:
-                    yield runs, _dead(death)
+                self._most = max(1, len(batch) // 4)
+                if len(batch) == 1 and not self._running and len(ready) == 1:
+                    yield _dead(batch, death)
                 else:
-                    self._suspect += [half for half in np.array_split(runs, 2) if len(half)]
+                    self._suspect += batch.halves()
                 continue
             except AleatorError:
                 raise
@@ -163,11 +162,11 @@ class Crew:
                     f"simulator '{self._simulator.name}' cannot run on a worker: {describe(error)}",
                     "let the workers have the same Python, packages and files as this process",
                 ) from error
-            self._each = float(done.seconds.mean()) + 1e-9
+            self._each = float(made.seconds.mean()) + 1e-9
             self._most = min(2 * self._most, MOST)
-            if len(done) < len(runs):
-                self._waiting.appendleft(runs[len(done) :])
-            yield runs[: len(done)], done
+            if len(made) < len(batch):
+                self._waiting.appendleft(batch.some(slice(len(made), None)))
+            yield made
 
 
 @contextmanager
@@ -190,12 +189,14 @@ def interruptions_noted() -> Iterator[Callable[[], bool]]:
         signal.signal(signal.SIGINT, before)
 
 
-def _dead(death: BaseException) -> Work:
+def _dead(run: Runs, death: BaseException) -> Runs:
     message = f"the worker process died ({death})" if str(death) else "the worker process died"
-    return Work(np.full(1, np.nan), (Failure(0, message, None, "WorkerDied"),), np.zeros(1))
+    return replace(run, failures={0: Failure(message, kind="WorkerDied")})
 
 
 def _packed(simulator: Simulator) -> bytes:
+    import cloudpickle
+
     try:
         return bytes(cloudpickle.dumps(simulator))
     except Exception as error:

@@ -13,7 +13,7 @@ import pytest
 
 from aleator.errors import StoreError
 from aleator.observations.experiments import Conditions
-from aleator.simulators import FunctionSimulator, Runner, Store, keeping
+from aleator.simulators import FunctionSimulator, Runner, Store, notified
 
 TABLE = Conditions(("A",), pd.DataFrame({"load": [2.0]}))
 NOBODY = 65534
@@ -110,7 +110,7 @@ def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path) -> None:
             run([0] * 1000, [[float(k)] for k in range(1000)])
     assert "free some space" in told.value.remedy
     with Store(path) as store:
-        kept = runner(store).kept
+        kept = runner(store).cache
         assert kept is not None
         assert 1 <= kept.at_start.runs < 1000
         assert runner(store)([0], [[1.0]]).tolist() == [2.0]
@@ -136,9 +136,9 @@ def test_the_runs_of_a_read_only_store_are_reused(folder: Path) -> None:
     with without_rights(), Store(path) as store:
         assert not store.writable
         run = runner(store)
-        with keeping(run.kept, "study.toml", said.append):
+        with notified(run.cache, "study.toml", said.append):
             assert run([0, 0], [[1.0], [3.0]]).tolist() == [2.0, 6.0]
-        assert (run.runs, run.reused) == (2, 1)
+        assert (run.runs, run.fresh) == (2, 1)
     assert "is read-only" in said[-1]
     assert path.read_bytes() == before
     assert [file.name for file in folder.iterdir()] == [path.name]

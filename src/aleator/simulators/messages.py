@@ -1,0 +1,132 @@
+"""What a user is told about runs without an outcome: which, why, and what to narrow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.errors import SimulatorError
+from aleator.simulators.cases import Cases
+from aleator.simulators.failure import NoOutcome, with_log
+from aleator.simulators.protocol import Simulator
+from aleator.simulators.runs import NOT_FINITE, Failure, Runs
+from aleator.types import Array, Flags
+
+
+@dataclass(frozen=True, eq=False)
+class Messages:
+    """Errors in the words of the user: names, ids and values instead of positions."""
+
+    simulator: Simulator
+    ids: Sequence[str]
+    parameters: Sequence[str]
+    cases: Cases
+
+    def first(self, tried: Runs) -> SimulatorError:
+        """The first failure, for whoever needs every run."""
+        row = min(tried.failures)
+        failure = tried.failures[row]
+        if failure.kind == NOT_FINITE:
+            return self._not_finite(tried, row)
+        if failure.kind == "TypeError" and getattr(self.simulator, "vectorized", False):
+            return SimulatorError(
+                f"simulator '{self.simulator.name}' is called with arrays, because vectorized is "
+                f"true, and raised for any number of runs: {failure.message}",
+                "set vectorized = false if it computes one run at a time (as float() and the "
+                "functions of math do); else let it take arrays, with the functions of numpy",
+            )
+        what, who = (
+            ("failed", "simulator") if failure.kind == "RunFailed" else ("raised", "function")
+        )
+        return self._no_outcome(
+            f" {what} for {self._run(tried, row)}: {_told(failure)}",
+            f"mend the {who} for the conditions {self._conditions(tried, row)}{self._texts()}",
+            tried,
+            np.arange(len(tried)) == row,
+        )
+
+    def too_many(self, tried: Runs, failed: int, asked: int) -> SimulatorError:
+        """Too large a share of all runs failed for a surface through the others."""
+        row = min(tried.failures)
+        hint = "mend the simulator: no run of it worked" if failed == asked else ""
+        return self._no_outcome(
+            f": {failed:,} of {asked:,} runs failed, too many to go on; the first for "
+            f"{self._run(tried, row)}: {_told(tried.failures[row])}",
+            f"{hint or self._narrower(tried, row)}; or check the conditions of the experiment: "
+            f"{self._conditions(tried, row)}{self._texts()}",
+            tried,
+            _failed(tried),
+        )
+
+    def not_repeatable(self, x: Array, first: float, again: float) -> SimulatorError:
+        """The first experiment has two outcomes at x (n,)."""
+        return SimulatorError(
+            f"simulator '{self.simulator.name}' returned {first:.8g} and then {again:.8g} for the "
+            f"same run: experiment '{self.ids[0]}' with {self._parameters(x)}",
+            "let it return the same outcome every time: fix the seed of its random numbers, keep "
+            "no state from run to run, and leave measurement noise to [noise]",
+        )
+
+    def _not_finite(self, tried: Runs, row: int) -> SimulatorError:
+        failed = _failed(tried)
+        message = tried.failures[row].message.removeprefix("it ")
+        experiments = np.isin(self.cases.condition, tried.case[failed])
+        return self._no_outcome(
+            f" {message} for {self._run(tried, row)}: {np.sum(failed)} of "
+            f"{len(tried)} runs failed so, in {np.sum(experiments)} of {len(self.ids)} experiments",
+            f"{self._narrower(tried, row)}; or check the conditions of the experiment: "
+            f"{self._conditions(tried, row)}",
+            tried,
+            failed,
+        )
+
+    def _no_outcome(self, problem: str, remedy: str, tried: Runs, failed: Flags) -> NoOutcome:
+        return NoOutcome(
+            f"simulator '{self.simulator.name}'{problem}",
+            remedy,
+            tried.x[failed],
+            self.cases.first[tried.case[failed]],
+        )
+
+    def _run(self, runs: Runs, row: int) -> str:
+        """A run by its experiment and its parameters."""
+        experiment = self.ids[self.cases.first[runs.case[row]]]
+        return f"experiment '{experiment}' with {self._parameters(runs.x[row])}"
+
+    def _parameters(self, x: Array) -> str:
+        return ", ".join(f"{name}={v:.6g}" for name, v in zip(self.parameters, x, strict=True))
+
+    def _conditions(self, runs: Runs, row: int) -> str:
+        return ", ".join(
+            f"{name}={v:.6g}" if isinstance(v, float) else f"{name}={v!r}"
+            for name, v in self.cases.values(int(runs.case[row])).items()
+        )
+
+    def _texts(self) -> str:
+        text = [name for name, column in self.cases.columns.items() if column.dtype == object]
+        return f"; {', '.join(text)} is text in the table" if text else ""
+
+    def _narrower(self, tried: Runs, row: int) -> str:
+        """Which parameter to narrow: one whose one end fails throughout in the experiment, or any.
+
+        Words for the remedy.
+        """
+        mine, failed = tried.case == tried.case[row], _failed(tried)
+        for k, name in enumerate(self.parameters):
+            fails, works = tried.x[mine & failed, k], tried.x[mine & ~failed, k]
+            if len(works) and fails.min() > works.max():
+                return f"narrow the box or the bounds of {name} from above, to {works.max():.6g}"
+            if len(works) and fails.max() < works.min():
+                return f"narrow the box or the bounds of {name} from below, to {works.min():.6g}"
+        return f"narrow the box or the bounds of {' or '.join(self.parameters)}"
+
+
+def _failed(runs: Runs) -> Flags:
+    """(R,) which runs have no outcome."""
+    return np.isin(np.arange(len(runs)), list(runs.failures))
+
+
+def _told(failure: Failure) -> str:
+    return with_log(failure.message, failure.log or "")

@@ -1,0 +1,58 @@
+"""What a simulator is to the rest of Aleator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Large enough that arrays pay, small enough that an interruption loses little. Fixed, because the
+# last digits of an array operation may depend on its length.
+ARRAY_BLOCK = 8192
+# One at a time loses nothing; a block is what is timed together at most.
+SINGLE_BLOCK = 256
+
+Columns = Mapping[str, NDArray[Any]]
+
+
+class Simulator(Protocol):
+    """The user's deterministic model: conditions and parameters to one outcome a run.
+
+    A function is made one by FunctionSimulator; further kinds of simulator fill the same members.
+    """
+
+    @property
+    def name(self) -> str:
+        """What messages call the simulator."""
+
+    @property
+    def block(self) -> int:
+        """The most runs that one call is given; what completed before a call is never lost."""
+
+    def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
+        """The conditions that the simulator wants to be given, of those that there are.
+
+        Raises SimulatorError if it cannot be called with these conditions and parameters.
+        """
+
+    def __call__(self, conditions: Columns, parameters: Columns) -> NDArray[np.float64]:
+        """Run R times: arrays (R,) of conditions asked for and of parameters, outcomes (R,).
+
+        May raise anything; RunStopped hands over the runs that completed before.
+        """
+
+    def fingerprint(self) -> str:
+        """A text that changes when the simulator does: runs are reused only if it is the same."""
+
+
+class RunStopped(Exception):
+    """A simulator that runs one at a time stopped: `completed` (k,) are the outcomes before.
+
+    Its `__cause__` is what stopped run number k (from 0).
+    """
+
+    def __init__(self, completed: NDArray[np.float64]) -> None:
+        super().__init__(f"stopped after {len(completed)} runs")
+        self.completed = completed
