@@ -16,7 +16,9 @@ def print_coverage(console: Console, replicates: int, workers: int) -> None:
     """Identify `replicates` virtual data sets, in `workers` processes."""
     study, began = load_study(CLUTCH), time.perf_counter()
     found = recover(
-        study.runner(), study.model, study.search, TRUTH,
+        study.runner(), study.experiments, study.inputs, TRUTH,
+        noise=study.noise, propagation=study.propagation, density=study.density,
+        search=study.search,
         replicates=replicates, seed=0, workers=workers,
     )  # fmt: skip
     seconds = time.perf_counter() - began

@@ -15,7 +15,6 @@ from aleator.errors import SimulatorError
 from aleator.laws import TruncatedNormal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions
-from aleator.simulators import Runner, as_simulator
 from aleator.tasks.box import FeasibleBox, feasible_box, largest_box
 
 TWO = Conditions(("mild", "hard"), pd.DataFrame({"load": [1.0, 2.0]}))
@@ -23,9 +22,7 @@ TWO = Conditions(("mild", "hard"), pd.DataFrame({"load": [1.0, 2.0]}))
 
 def found(model, seed: int = 0, vectorized: bool = False, **limits: tuple[float, float]):
     inputs = Inputs({name: TruncatedNormal(box=ends) for name, ends in limits.items()})
-    return feasible_box(
-        Runner(as_simulator(model, vectorized), TWO, inputs.names), inputs, seed=seed
-    )
+    return feasible_box(model, TWO, inputs, vectorized=vectorized, seed=seed)
 
 
 def disc(load, x, y):
@@ -137,9 +134,7 @@ def test_the_clutch_is_feasible_on_its_box_and_fails_beyond_the_plates() -> None
     inputs = Inputs(
         {"c2_scale": TruncatedNormal(box=(0.5, 2.0)), "zp_scale": TruncatedNormal(box=(0.3, 1.7))}
     )
-    box: FeasibleBox = feasible_box(
-        Runner(as_simulator(shifting_time, True), conditions, inputs.names), inputs
-    )
+    box: FeasibleBox = feasible_box(shifting_time, conditions, inputs, vectorized=True)
     # the plates would touch always beyond z_M/z_p = 2.0/1.32
     assert box.box[1, 1] == pytest.approx(2.0 / 1.32, abs=0.03)
     assert box.box[0].tolist() == [0.5, 2.0]

@@ -18,6 +18,9 @@ from aleator.tasks.screen import CONFOUNDED, screen
 Z = np.array([0.5, 1.0, 2.0, 4.0])
 
 
+TABLE = pd.DataFrame({"z": Z})  # not looked at where there is a runner, which has its own
+
+
 def runner_of(function, inputs: Inputs, z: np.ndarray = Z) -> Runner:
     table = Conditions(tuple("abcdefgh"[: len(z)]), pd.DataFrame({"z": z}))
     return Runner(FunctionSimulator(function, vectorized=True), table, inputs.names)
@@ -39,6 +42,7 @@ def test_every_kind_of_parameter_is_varied_as_promised() -> None:
         runner_of(lambda z, known, boxed, fixed, limited, open: (
             z * known + 2.0 * boxed + fixed - limited + open
         ), LINEAR),
+        TABLE,
         LINEAR,
     )  # fmt: skip
     assert found.names == ("known", "boxed", "limited", "open")
@@ -62,6 +66,7 @@ def test_alignment_is_one_for_parameters_that_no_experiment_tells_apart() -> Non
     inputs = Inputs({name: Constant(Free(0.0, 1.0)) for name in ("a", "b", "c", "d", "idle")})
     found = screen(
         runner_of(lambda z, a, b, c, d, idle: z * a - 3 * z * b + c + z**2 * d + 0 * idle, inputs),
+        TABLE,
         inputs,
     )
     cosine = Z.sum() / np.sqrt(len(Z) * np.sum(Z**2))  # of the effects z and 1
@@ -79,7 +84,7 @@ def test_alignment_is_one_for_parameters_that_no_experiment_tells_apart() -> Non
 
 def test_shares_are_means_and_maxima_over_the_experiments() -> None:
     inputs = Inputs({"a": Constant(Free(-1.0, 1.0)), "b": Constant(Free(-1.0, 1.0))})
-    found = screen(runner_of(lambda z, a, b: z * a + b + z * a * b, inputs), inputs)
+    found = screen(runner_of(lambda z, a, b: z * a + b + z * a * b, inputs), TABLE, inputs)
     # variances z^2/3, 1/3, z^2/9
     parts = np.stack([Z**2 / 3, np.full(4, 1 / 3), Z**2 / 9], axis=1)
     share = parts / parts.sum(axis=1, keepdims=True)
@@ -97,7 +102,7 @@ def test_shares_are_means_and_maxima_over_the_experiments() -> None:
 def test_an_experiment_that_does_not_react_does_not_count() -> None:
     inputs = Inputs({"a": Constant(Free(-1.0, 1.0)), "b": Constant(Free(-1.0, 1.0))})
     still = np.array([0.0, 1.0])
-    found = screen(runner_of(lambda z, a, b: 5.0 + z * (a + b), inputs, still), inputs)
+    found = screen(runner_of(lambda z, a, b: 5.0 + z * (a + b), inputs, still), TABLE, inputs)
     assert np.isnan(found.sobol.total[0]).all()
     np.testing.assert_allclose(found.parameters()["mean_total"], [0.5, 0.5])
     assert found.pairs()["explained"].iloc[0] == pytest.approx(1.0)
@@ -110,11 +115,11 @@ def test_runs_grow_until_the_expansions_are_good_and_no_run_is_wasted() -> None:
         return np.exp(z * x0 * x1) + x2 * x3**3
 
     runner = runner_of(rough, inputs, np.array([0.5, 1.0]))
-    found = screen(runner, inputs)
+    found = screen(runner, TABLE, inputs)
     assert found.runs > 40
     assert found.converged
     assert runner.runs == 2 * found.runs
-    fixed = screen(runner_of(rough, inputs, np.array([0.5, 1.0])), inputs, runs=50)
+    fixed = screen(runner_of(rough, inputs, np.array([0.5, 1.0])), TABLE, inputs, runs=50)
     assert fixed.runs == 50
 
 
@@ -122,12 +127,12 @@ def test_a_subset_of_the_experiments_and_a_seed() -> None:
     runner = runner_of(lambda z, known, boxed, fixed, limited, open: (
         z * known * boxed + limited**2 + fixed * open
     ), LINEAR)  # fmt: skip
-    part = screen(runner, LINEAR, experiments=["c", "a"], runs=80, seed=3)
-    whole = screen(runner, LINEAR, runs=80, seed=3)
+    part = screen(runner, TABLE, LINEAR, only=["c", "a"], runs=80, seed=3)
+    whole = screen(runner, TABLE, LINEAR, runs=80, seed=3)
     assert part.ids == ("c", "a")
     np.testing.assert_array_equal(part.sobol.first, whole.sobol.first[[2, 0]])
     assert len(part.table()) == 2 * 4
-    other = screen(runner, LINEAR, runs=80, seed=4)
+    other = screen(runner, TABLE, LINEAR, runs=80, seed=4)
     assert not np.array_equal(other.expansion.coefficients, whole.expansion.coefficients)
 
 
@@ -139,7 +144,7 @@ def test_ten_parameters_on_ten_laws() -> None:
     def outcome(z, **x):
         return np.exp(0.3 * sum(s * x[f"x{i}"] for i, s in enumerate(slopes))) + 0.0 * z
 
-    found = screen(runner_of(outcome, inputs, np.ones(1)), inputs)
+    found = screen(runner_of(outcome, inputs, np.ones(1)), TABLE, inputs)
     # Y = prod exp(g_i) of independent g: V_i / V = (r_i - 1)/(prod r - 1), r = E e^2g / (E e^g)^2
     k = 0.3 * slopes
     ratio = np.where(
@@ -151,7 +156,7 @@ def test_ten_parameters_on_ten_laws() -> None:
     assert found.runs == 100  # linear terms miss less than a hundredth of the variance
     assert 1e-4 < found.expansion.unexplained[0] < 1e-2
     np.testing.assert_allclose(found.sobol.first[0], truth, atol=5e-3)
-    finer = screen(runner_of(outcome, inputs, np.ones(1)), inputs, runs=572)
+    finer = screen(runner_of(outcome, inputs, np.ones(1)), TABLE, inputs, runs=572)
     np.testing.assert_allclose(finer.sobol.first[0], truth, atol=3e-4)
 
 
@@ -161,7 +166,7 @@ def test_the_clutch_agrees_with_monte_carlo() -> None:
     conditions = design().iloc[[93]]
     table = Conditions(("94",), conditions.drop(columns="id").reset_index(drop=True))
     runner = Runner(FunctionSimulator(shifting_time, vectorized=True), table, inputs.names)
-    found = screen(runner, inputs)
+    found = screen(runner, TABLE, inputs)
     fixed = conditions.drop(columns="id").iloc[0].to_dict()
     peer = stats.sobol_indices(
         func=lambda x: shifting_time(**fixed, zp_scale=1.0, **dict(zip(names, x, strict=True))),
@@ -176,12 +181,12 @@ def test_the_clutch_agrees_with_monte_carlo() -> None:
 def test_misuse_is_told() -> None:
     known = Inputs({"a": Constant(1.0)})
     with pytest.raises(InputsError, match="known constant"):
-        screen(runner_of(lambda z, a: z * a, known), known)
+        screen(runner_of(lambda z, a: z * a, known), TABLE, known)
     varied = Inputs({"a": Constant(Free(0.0, 1.0))})
     runner = runner_of(lambda z, a: z * np.log(a - 0.5), varied)
     with pytest.raises(InputsError, match="no experiment 'q'"):
-        screen(runner, varied, experiments=["a", "q"])
+        screen(runner, TABLE, varied, only=["a", "q"])
     with pytest.raises(InputsError, match="2 runs"):
-        screen(runner, varied, runs=2)
+        screen(runner, TABLE, varied, runs=2)
     with pytest.raises(SimulatorError, match="narrow the box"), np.errstate(invalid="ignore"):
-        screen(runner, varied)
+        screen(runner, TABLE, varied)

@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from aleator.tasks.box import feasible_box as feasible_box
     from aleator.tasks.identify import identify as identify
     from aleator.tasks.predict import predict as predict
+    from aleator.tasks.recover import recover as recover
     from aleator.tasks.result import Identification as Identification
     from aleator.tasks.saved import load as load
     from aleator.tasks.screen import screen as screen
@@ -62,6 +63,7 @@ _HOMES = {
     "tasks.result": ["Identification"],
     "tasks.saved": ["load"],
     "tasks.predict": ["predict"],
+    "tasks.recover": ["recover"],
     "tasks.screen": ["screen"],
     "tasks.box": ["feasible_box"],
     "observations.experiments": ["Experiments", "Conditions"],

@@ -9,9 +9,8 @@ import pandas as pd
 import pytest
 from problems import BINDING, SAMPLE, Problem
 
-from aleator import Gaussian, GradientMultistart, MaximumEntropy, ResponseSurface
+from aleator import Gaussian, GradientMultistart, MaximumEntropy
 from aleator.errors import InputsError
-from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner
 from aleator.tasks.recover import Recovery, recover
@@ -23,9 +22,12 @@ def recovered(problem: Problem, truth: dict[str, float], replicates: int, **more
     density = more.pop("density", MaximumEntropy(4))
     return recover(
         Runner(simulator, conditions, problem.inputs.names),
-        Model(problem.inputs, problem.noise, ResponseSurface(), density),
-        GradientMultistart(1),
+        conditions,
+        problem.inputs,
         truth,
+        noise=problem.noise,
+        density=density,
+        search=GradientMultistart(1),
         replicates=replicates,
         **more,
     )

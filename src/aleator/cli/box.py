@@ -40,7 +40,9 @@ def box(
     value = load_study(study).overridden(seed)
     with running(value, options) as runner, shown(options.quiet) as progress:
         progress.stage("feasible box")
-        found = feasible_box(runner, value.inputs, seed=value.seed, progress=progress)
+        found = feasible_box(
+            runner, value.experiments, value.inputs, seed=value.seed, progress=progress
+        )
     if options.quiet:
         click.echo(report.verdict(found))
     else:

@@ -68,9 +68,13 @@ def recover(
         alpha = _truth(value, runner, law, truth, progress)
         found = recover_law(
             runner,
-            value.model,
-            value.search,
+            value.experiments,
+            value.inputs,
             alpha,
+            noise=value.noise,
+            propagation=value.propagation,
+            density=value.density,
+            search=value.search,
             replicates=replicates,
             seed=value.seed,
             workers=options.workers or os.cpu_count() or 1,

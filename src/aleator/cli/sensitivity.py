@@ -72,7 +72,13 @@ def sensitivity(
         progress.stage("sensitivity")
         runner.progress = progress
         found = screen(
-            runner, value.inputs, experiments=ids, runs=runs, seed=value.seed, progress=progress
+            runner,
+            value.experiments,
+            value.inputs,
+            only=ids,
+            runs=runs,
+            seed=value.seed,
+            progress=progress,
         )
     result = documents.plain(
         documents.linked(

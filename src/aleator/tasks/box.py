@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from aleator.errors import SimulatorError
 from aleator.laws.inputs import Inputs
 from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
+from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
 from aleator.types import Array
 
 Attempt = Callable[[NDArray[np.int64], Array], Array]
@@ -90,10 +92,18 @@ class _Known:
 
 
 def feasible_box(
-    runner: Runner, inputs: Inputs, *, seed: int = 0, progress: Progress | None = None
+    simulator: AnySimulator,
+    experiments: AnyTable,
+    inputs: Inputs,
+    *,
+    vectorized: bool = False,
+    seed: int = 0,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> FeasibleBox:
     """Find the largest box within the inputs' limits in which every experiment has an outcome.
 
+    `simulator` and `experiments` are those of `identify`; measured outcomes are not looked at.
     Points are run under the experiments that failed before, then under all others; a failure is
     followed by bisection to the end of the valid part, and the largest box that leaves out every
     failure is found by best-first search (exact for the failures known). It is taken when three
@@ -103,16 +113,15 @@ def feasible_box(
     most. Cost: some hundred points times the distinct experiments.
 
     >>> import pandas as pd
-    >>> from aleator.observations.experiments import Conditions
     >>> from aleator.laws import TruncatedNormal
-    >>> table = Conditions(("a",), pd.DataFrame({"load": [1.0]}))
+    >>> table = pd.DataFrame({"id": ["a"], "load": [1.0]})
     >>> def model(load, x):
     ...     return load / x if x < 1.5 else float("nan")
-    >>> runner = Runner(model, table, ["x"])
-    >>> found = feasible_box(runner, Inputs({"x": TruncatedNormal(box=(1.0, 3.0))}))
+    >>> found = feasible_box(model, table, Inputs({"x": TruncatedNormal(box=(1.0, 3.0))}))
     >>> found.box.round(1).tolist(), found.sides[1].experiment
     ([[1.0, 1.5]], 'a')
     """
+    runner = runner_on(simulator, experiments, inputs.names, vectorized, executor)
     limits = inputs.box
     moving = np.flatnonzero(limits[:, 1] > limits[:, 0])
     search = _Search(runner, limits, moving, np.random.default_rng(seed), progress or Silent())

@@ -20,17 +20,16 @@ from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
-from aleator.search import GradientMultistart, Search
+from aleator.search import Search
 from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks import summary
 from aleator.tasks.answer import Answer, Question, answered
+from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH
 from aleator.tasks.baselines import start_point
 from aleator.tasks.ledger import Ledger
-from aleator.tasks.predict import DEFAULT_PROPAGATION
 from aleator.tasks.result import Identification
 
-DEFAULT_SEARCH = GradientMultistart()
 DEFAULT_VERIFICATION = MonteCarlo()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,17 +16,16 @@ from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions
 from aleator.observations.noise import Noise
 from aleator.progress import Progress
-from aleator.simulators import Runner, Simulator, as_runner
+from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.asked import DEFAULT_PROPAGATION, AnySimulator, runner_on
 from aleator.tasks.region import own_region
 from aleator.tasks.values import QUANTILES, Estimate, in_order
 from aleator.types import Array
 
-DEFAULT_PROPAGATION = ResponseSurface()
-
 
 def predict(
-    simulator: Callable[..., Any] | Simulator | Runner,
+    simulator: AnySimulator,
     conditions: Conditions | pd.DataFrame,
     inputs: Inputs,
     alpha: Mapping[str, float | Estimate],
@@ -53,10 +52,9 @@ def predict(
     >>> table[["mean", "standard_deviation", "q0.5"]].round(6).to_numpy().tolist()
     [[10.0, 1.0, 10.0]]
     """
-    table = conditions if isinstance(conditions, Conditions) else Conditions.from_frame(conditions)
     model = Model.of(inputs, noise, propagation, density)
     values = in_order(alpha, model.hyperparameters)
-    runner = as_runner(simulator, table, inputs.names, vectorized)
+    runner = runner_on(simulator, conditions, inputs.names, vectorized)
     return predicted(runner, model, values, quantiles, progress)
 
 

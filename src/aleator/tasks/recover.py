@@ -15,15 +15,27 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
+from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions
+from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
 from aleator.search import Search
 from aleator.simulators import Runner, Simulator
 from aleator.simulators.store import Store
+from aleator.surrogates import ResponseSurface
 from aleator.tasks.answer import Question, answered
+from aleator.tasks.asked import (
+    DEFAULT_PROPAGATION,
+    DEFAULT_SEARCH,
+    AnySimulator,
+    AnyTable,
+    runner_on,
+)
 from aleator.tasks.ledger import Ledger
 from aleator.types import Array
 
@@ -72,11 +84,16 @@ class Recovery:
 
 
 def recover(
-    runner: Runner,
-    model: Model,
-    search: Search,
+    simulator: AnySimulator,
+    experiments: AnyTable,
+    inputs: Inputs,
     truth: Mapping[str, float],
     *,
+    vectorized: bool = False,
+    noise: Noise | None = None,
+    propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
+    density: Density | NodeDensity | None = None,
+    search: Search = DEFAULT_SEARCH,
     replicates: int = 40,
     seed: int = 0,
     workers: int = 1,
@@ -84,14 +101,26 @@ def recover(
 ) -> Recovery:
     """Draw outcomes from the model at `truth`, identify each data set as `identify` does, compare.
 
+    The arguments are those of `identify`; measured outcomes are not looked at. `truth` names the
+    value of every free hyperparameter.
+
     The outcomes come from the simulator, one run an experiment and replicate, plus noise if the
     model has it. Each data set then goes the whole way, from the first run of its response
     surfaces to its intervals; a run that one of them has made is not made again for another.
     `workers` processes identify in parallel; the answer does not depend on their number. Raises
     InputsError for fewer than two replicates, or a truth that lacks a hyperparameter or lies
     outside its limits. Cost: that of `replicates` identifications without verification.
+
+    >>> from aleator.laws import Free, Normal
+    >>> inputs = Inputs({"x": Normal(mean=Free(0.0, 2.0), sd=Free(0.01, 0.5))})
+    >>> found = recover(lambda load, x: load * x, pd.DataFrame({"load": range(1, 10)}), inputs,
+    ...                 {"x.mean": 1.0, "x.sd": 0.1}, replicates=2)
+    >>> found.table()["mean"].round(1).tolist()
+    [1.0, 0.1]
     """
     progress = progress or Silent()
+    runner = runner_on(simulator, experiments, inputs.names, vectorized)
+    model = Model.of(inputs, noise, propagation, density)
     alpha = _checked(truth, model.hyperparameters, replicates)
     progress.stage("virtual experiments")
     data = _draw(runner, model, alpha, replicates, np.random.default_rng(seed))

@@ -21,7 +21,7 @@ from aleator.observations.transform import Transform
 from aleator.simulators import Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks import documents
-from aleator.tasks.predict import DEFAULT_PROPAGATION
+from aleator.tasks.asked import DEFAULT_PROPAGATION
 from aleator.tasks.result import Identification
 from aleator.tasks.session import Session
 from aleator.tasks.values import (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from aleator.laws.inputs import Inputs
 from aleator.polynomials.indices import TotalDegree
 from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
+from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
 from aleator.types import Array
 
 MOST_TERMS = 400
@@ -140,33 +142,38 @@ class Sensitivity:
 
 
 def screen(
-    runner: Runner,
+    simulator: AnySimulator,
+    experiments: AnyTable,
     inputs: Inputs,
     *,
-    experiments: Sequence[str] | None = None,
+    vectorized: bool = False,
+    only: Sequence[str] | None = None,
     runs: int | None = None,
     seed: int = 0,
     progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> Sensitivity:
     """Expand the outcome of every experiment and share its variance among the parameters.
+
+    `simulator` and `experiments` are those of `identify`; measured outcomes are not looked at.
 
     A parameter is varied by its law where that is known; uniformly over its limits or its box where
     something of it is to be identified; by its law at the start where it has no box. A known
     constant is not varied, and correlations are left out. `runs` an experiment; by default ten a
     parameter, doubled until nine of ten expansions miss less than a hundredth of the variance or
-    there are two runs for each term. `experiments` are the ids of a subset. Cost: one run for each
+    there are two runs for each term. `only` are the ids of a subset. Cost: one run for each
     experiment and point, one least-squares fit for all experiments. Raises InputsError if nothing
     varies, an id is unknown or runs < 4; SimulatorError where a run fails.
 
-    >>> from aleator.observations.experiments import Conditions
     >>> from aleator.laws import Constant, Free
-    >>> table = Conditions(("a", "b"), pd.DataFrame({"load": [1.0, 2.0]}))
+    >>> table = pd.DataFrame({"load": [1.0, 2.0]})
     >>> inputs = Inputs({"x": Constant(Free(0.0, 1.0)), "y": Constant(Free(0.0, 2.0))})
-    >>> found = screen(Runner(lambda load, x, y: load * x + y, table, ["x", "y"]), inputs)
+    >>> found = screen(lambda load, x, y: load * x + y, table, inputs)
     >>> found.sobol.first.round(6).tolist()           # load^2/12 against 4/12
     [[0.2, 0.8], [0.5, 0.5]]
     """
-    chosen = _positions(runner.ids, experiments)
+    runner = runner_on(simulator, experiments, inputs.names, vectorized, executor)
+    chosen = _positions(runner.ids, only)
     laws, spreads = zip(*[_varied(law) for law in inputs.laws.values()], strict=True)
     varies = [i for i, law in enumerate(laws) if law.scatters]
     if not varies:
