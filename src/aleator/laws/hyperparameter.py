@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from numbers import Real
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import InputsError
+from aleator.types import Array
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def require_above(
 
 def widest_above(
     end: float, pair: Sequence[Hyperparameter], largest_variation: float
-) -> list[NDArray[np.float64]]:
+) -> list[Array]:
     """The values (mean, sd), two of them, among whose laws above `end` is the one that reaches far.
 
     The sd goes as far as its limit, but not beyond `largest_variation` times mean - end.
@@ -143,17 +143,13 @@ def widest_above(
     ]
 
 
-def about(
-    hyperparameters: Sequence[Hyperparameter], center: float, sd: float | None
-) -> NDArray[np.float64]:
+def about(hyperparameters: Sequence[Hyperparameter], center: float, sd: float | None) -> Array:
     """`center` and `sd` as the values of a mean and an sd, or the sd's start where it is None."""
     spread = hyperparameters[1].start if sd is None else sd
     return within(hyperparameters, [center, spread])
 
 
-def within(
-    hyperparameters: Sequence[Hyperparameter], wanted: Sequence[float]
-) -> NDArray[np.float64]:
+def within(hyperparameters: Sequence[Hyperparameter], wanted: Sequence[float]) -> Array:
     """The wanted values (k,), each moved into its limits; a fixed one keeps its value.
 
     >>> within([resolve("mean", Free(0.0, 1.0), (None, None))], [3.0]).tolist()
@@ -161,7 +157,7 @@ def within(
     """
     lower = np.array([h.lower for h in hyperparameters])
     upper = np.array([h.upper for h in hyperparameters])
-    moved: NDArray[np.float64] = np.clip(np.asarray(wanted, dtype=float), lower, upper)
+    moved: Array = np.clip(np.asarray(wanted, dtype=float), lower, upper)
     return moved
 
 

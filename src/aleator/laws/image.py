@@ -10,7 +10,7 @@ from scipy import special
 from aleator.types import Array
 
 STEP = 1e-3
-"""Relative step of the differences by a shape: their error is of the order of STEP^4."""
+"""Relative step of differences: their error is of the order of STEP^4."""
 
 Tail = Callable[[Array], Array]
 
@@ -71,13 +71,15 @@ def slope(theta: Array, log_density: Array) -> Array:
     return dtheta
 
 
-def difference(function: Callable[[float], Array], at: float) -> Array:
-    """Derivative of a function of one positive number by central differences of fourth order.
+def difference(function: Callable[[float], Array], at: float, step: float | None = None) -> Array:
+    """Derivative of a function of one number by central differences of fourth order.
+
+    Without a `step` the number is positive, and the step 1e-3 of it.
 
     >>> bool(abs(difference(lambda v: np.array([v**5]), 2.0)[0] - 80.0) < 1e-9)
     True
     """
-    h = STEP * at
+    h = STEP * at if step is None else step
     near = function(at + h) - function(at - h)
     far = function(at + 2.0 * h) - function(at - 2.0 * h)
     return (8.0 * near - far) / (12.0 * h)

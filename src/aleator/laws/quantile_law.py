@@ -10,7 +10,7 @@ import numpy as np
 from scipy import optimize
 
 from aleator.laws.hyperparameter import Hyperparameter, within
-from aleator.laws.image import STEP, from_tails, slope
+from aleator.laws.image import STEP, difference, from_tails, slope
 from aleator.laws.law import MeanSd, Rule, Standard
 from aleator.polynomials.gauss import gauss, gauss_legendre
 from aleator.polynomials.recurrence import stieltjes
@@ -176,9 +176,10 @@ class QuantileLaw(ABC):
         columns = []
         for k, known in enumerate(self.hyperparameters):
             width = known.upper - known.lower or abs(known.start) or 1.0
-            step = np.zeros(values.size)
-            step[k] = STEP * (float(values[k]) if known.log else width)
-            near = function(values + step) - function(values - step)
-            far = function(values + 2.0 * step) - function(values - 2.0 * step)
-            columns.append((8.0 * near - far) / (12.0 * step[k]))
+            at = float(values[k])
+
+            def moved(value: float, k: int = k) -> Array:
+                return function(np.concatenate([values[:k], [value], values[k + 1 :]]))
+
+            columns.append(difference(moved, at, STEP * (at if known.log else width)))
         return np.stack(columns, axis=1)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from aleator.errors import InputsError, nearest
 from aleator.expansion import Basis, Expansion, Regression
@@ -20,7 +19,7 @@ from aleator.polynomials.indices import TotalDegree
 from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
 from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 MOST_TERMS = 400
 """Terms that an expansion may have, unless more runs are asked for: n = 2, 4, 8, 12 parameters
@@ -202,7 +201,7 @@ def screen(
 
 def _expanded(
     runner: Runner,
-    chosen: NDArray[np.intp],
+    chosen: Indices,
     basis: Basis,
     n: int,
     runs: int | None,
@@ -251,7 +250,7 @@ def _varied(law: Law) -> tuple[Law, str]:
     return law, f"{kind} at its start"
 
 
-def _positions(ids: Sequence[str], chosen: Sequence[str] | None) -> NDArray[np.intp]:
+def _positions(ids: Sequence[str], chosen: Sequence[str] | None) -> Indices:
     if chosen is None:
         return np.arange(len(ids))
     unknown = [name for name in chosen if name not in ids]
