@@ -68,7 +68,11 @@ def review(
         *_count_warnings(len(ids), inference),
         *_bound_warnings(hyperparameters, inference, profile),
         *(
-            Diagnostic("identifiability", sentence, "fix one of them, or vary the conditions more")
+            Diagnostic(
+                "identifiability",
+                sentence,
+                "fix a hyperparameter, or measure under more varied conditions",
+            )
             for sentence in weak_directions(inference, found.alpha, hyperparameters)
         ),
         *centering_warnings(problem, found.alpha, inference, conditions),
