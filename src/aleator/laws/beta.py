@@ -10,9 +10,9 @@ import numpy as np
 from scipy import special
 
 from aleator.errors import InputsError
-from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, about, resolve
+from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
 from aleator.laws.image import Tail, difference, from_probability, from_tails, slope, to_score
-from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.laws.law import ByMeanAndSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_with_gradient
 from aleator.polynomials.recurrence import jacobi_recurrence, recurrence_with_gradient
 from aleator.types import Array
@@ -22,7 +22,7 @@ WIDEST = 0.99
 
 
 @dataclass(frozen=True)
-class Beta:
+class Beta(ByMeanAndSd):
     """Beta law on `box`, by its own mean and sd, with Jacobi polynomials.
 
     With m = (mean - lower)/w, v = (sd/w)^2 for the box's width w and s = m (1 - m)/v - 1, the
@@ -80,11 +80,6 @@ class Beta:
     @property
     def bounded(self) -> bool:
         """The box is the user's."""
-        return True
-
-    @property
-    def scatters(self) -> bool:
-        """A beta parameter varies between experiments."""
         return True
 
     def rule(self, values: Array, nodes: int) -> Rule:
@@ -145,14 +140,6 @@ class Beta:
         x = np.where(theta < 0.0, lower + width * z, upper - width * rest)
         dvalues = width * np.stack([by_p, by_q], axis=1) @ jac
         return Standard(np.clip(x, lower, upper), slope(theta, log_density), dvalues)
-
-    def mean_and_sd(self, values: Array) -> MeanSd:
-        """The two hyperparameters."""
-        return MeanSd(float(values[0]), float(values[1]), np.eye(2)[0], np.eye(2)[1])
-
-    def filling(self, center: float, sd: float | None = None) -> Array:
-        """The center and the sd, within their limits."""
-        return about(self.hyperparameters, center, sd)
 
     def _shapes(self, values: Array) -> tuple[float, float, Array]:
         """p, q and their derivatives (2, 2) by mean and sd."""

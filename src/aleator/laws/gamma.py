@@ -13,13 +13,12 @@ from aleator.laws.hyperparameter import (
     OPEN,
     Hyperparameter,
     Specification,
-    about,
     location_and_scale,
     require_above,
     widest_above,
 )
 from aleator.laws.image import difference, from_probability, from_tails, slope, to_score
-from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.laws.law import ByMeanAndSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_with_gradient
 from aleator.polynomials.recurrence import laguerre_recurrence, recurrence_with_gradient
 from aleator.types import Array
@@ -31,7 +30,7 @@ FAR = 1e-15
 
 
 @dataclass(frozen=True)
-class Gamma:
+class Gamma(ByMeanAndSd):
     """Gamma law of x - lower, by its own mean and sd, with generalized Laguerre polynomials.
 
     The shape is k = ((mean - lower)/sd)^2 and the scale sd^2/(mean - lower) (Wiener-Askey table of
@@ -77,11 +76,6 @@ class Gamma:
     def bounded(self) -> bool:
         """A gamma law has no box of its own."""
         return False
-
-    @property
-    def scatters(self) -> bool:
-        """A gamma parameter varies between experiments."""
-        return True
 
     def rule(self, values: Array, nodes: int) -> Rule:
         """Gauss-Laguerre nodes mean + sd t_j(c) with c = sd/(mean - lower)."""
@@ -131,14 +125,6 @@ class Gamma:
         by_c = difference(lambda v: (_standard_gamma(v**-2, theta) - v**-2) * v, c)
         dvalues = np.stack([1.0 - c**2 * by_c, (g - k) * c + c * by_c], axis=1)
         return Standard(self.lower + scale * g, slope(theta, _log_density(k, scale, g)), dvalues)
-
-    def mean_and_sd(self, values: Array) -> MeanSd:
-        """The two hyperparameters."""
-        return MeanSd(float(values[0]), float(values[1]), np.eye(2)[0], np.eye(2)[1])
-
-    def filling(self, center: float, sd: float | None = None) -> Array:
-        """The center and the sd, within their limits."""
-        return about(self.hyperparameters, center, sd)
 
     def _shape_and_scale(self, values: Array) -> tuple[float, float]:
         distance = float(values[0]) - self.lower

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Protocol
 
-from aleator.laws.hyperparameter import Hyperparameter
+import numpy as np
+
+from aleator.laws.hyperparameter import Hyperparameter, about
 from aleator.types import Array
 
 
@@ -130,3 +133,25 @@ class Law(Protocol):
         `sd` None leaves whatever is not a location at its start; a fixed one keeps its value.
         """
         ...
+
+
+class ByMeanAndSd(ABC):
+    """What laws share whose two hyperparameters are their own mean and standard deviation."""
+
+    @property
+    @abstractmethod
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """`mean` and `sd`."""
+
+    @property
+    def scatters(self) -> bool:
+        """The parameter varies between experiments."""
+        return True
+
+    def mean_and_sd(self, values: Array) -> MeanSd:
+        """The two hyperparameters."""
+        return MeanSd(float(values[0]), float(values[1]), np.eye(2)[0], np.eye(2)[1])
+
+    def filling(self, center: float, sd: float | None = None) -> Array:
+        """The center and the sd, within their limits."""
+        return about(self.hyperparameters, center, sd)

@@ -13,13 +13,12 @@ from aleator.laws.hyperparameter import (
     OPEN,
     Hyperparameter,
     Specification,
-    about,
     location_and_scale,
     require_above,
     widest_above,
 )
 from aleator.laws.image import normal_log_density
-from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.laws.law import ByMeanAndSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_hermite
 from aleator.polynomials.recurrence import hermite_recurrence
 from aleator.types import Array
@@ -31,7 +30,7 @@ LARGEST_VARIATION = 1.0
 
 
 @dataclass(frozen=True)
-class LogNormal:
+class LogNormal(ByMeanAndSd):
     """Lognormal law of x - lower, by the mean and sd of x itself, with Hermite polynomials.
 
     x = lower + exp(m + s theta), theta ~ N(0, 1), with s^2 = log(1 + c^2), c = sd/(mean - lower),
@@ -80,11 +79,6 @@ class LogNormal:
         """A lognormal law has no box of its own."""
         return False
 
-    @property
-    def scatters(self) -> bool:
-        """A lognormal parameter varies between experiments."""
-        return True
-
     def rule(self, values: Array, nodes: int) -> Rule:
         """Gauss-Hermite nodes of theta; the weights do not depend on alpha."""
         theta, weights = gauss_hermite(nodes)
@@ -129,14 +123,6 @@ class LogNormal:
         by_c = above * (theta - s) * c / (s * (1.0 + c**2))
         dvalues = np.stack([above - c * by_c, by_c], axis=1) / distance
         return Standard(self.lower + above, s * above, dvalues)
-
-    def mean_and_sd(self, values: Array) -> MeanSd:
-        """The two hyperparameters."""
-        return MeanSd(float(values[0]), float(values[1]), np.eye(2)[0], np.eye(2)[1])
-
-    def filling(self, center: float, sd: float | None = None) -> Array:
-        """The center and the sd, within their limits."""
-        return about(self.hyperparameters, center, sd)
 
 
 def _log_sd(variation: float) -> float:

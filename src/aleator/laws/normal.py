@@ -12,11 +12,10 @@ from aleator.laws.hyperparameter import (
     OPEN,
     Hyperparameter,
     Specification,
-    about,
     location_and_scale,
 )
 from aleator.laws.image import normal_log_density
-from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.laws.law import ByMeanAndSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_hermite
 from aleator.polynomials.recurrence import hermite_recurrence
 from aleator.types import Array
@@ -26,7 +25,7 @@ REACH = 8.0
 
 
 @dataclass(frozen=True)
-class Normal:
+class Normal(ByMeanAndSd):
     """Normal law, x = mean + sd theta with theta ~ N(0, 1) (paper, table of Wiener-Askey).
 
     `mean` and `sd` are numbers (known) or `Free` (identified); both need finite limits, for
@@ -65,11 +64,6 @@ class Normal:
         """A normal law has no box of its own."""
         return False
 
-    @property
-    def scatters(self) -> bool:
-        """A normal parameter varies between experiments."""
-        return True
-
     def rule(self, values: Array, nodes: int) -> Rule:
         """Gauss-Hermite nodes mean + sd theta_j; the weights do not depend on alpha."""
         theta, weights = gauss_hermite(nodes)
@@ -100,11 +94,3 @@ class Normal:
         """mean + sd theta."""
         dvalues = np.stack([np.ones(theta.size), theta], axis=1)
         return Standard(values[0] + values[1] * theta, np.full(theta.shape, values[1]), dvalues)
-
-    def mean_and_sd(self, values: Array) -> MeanSd:
-        """The two hyperparameters."""
-        return MeanSd(float(values[0]), float(values[1]), np.eye(2)[0], np.eye(2)[1])
-
-    def filling(self, center: float, sd: float | None = None) -> Array:
-        """The center and the sd, within their limits."""
-        return about(self.hyperparameters, center, sd)

@@ -14,11 +14,10 @@ from aleator.laws.hyperparameter import (
     OPEN,
     Hyperparameter,
     Specification,
-    about,
     location_and_scale,
 )
 from aleator.laws.image import to_score
-from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.laws.law import ByMeanAndSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_legendre
 from aleator.polynomials.recurrence import legendre_recurrence
 from aleator.types import Array
@@ -28,7 +27,7 @@ HALF = math.sqrt(3.0)
 
 
 @dataclass(frozen=True)
-class Uniform:
+class Uniform(ByMeanAndSd):
     """Uniform law on [mean - sqrt(3) sd, mean + sqrt(3) sd], with Legendre polynomials.
 
     x = mean + sqrt(3) sd t with t uniform on [-1, 1] (Wiener-Askey table of Xiu and Karniadakis,
@@ -85,11 +84,6 @@ class Uniform:
         """Whether the law is known: its support is then the box."""
         return not any(h.free for h in self.hyperparameters)
 
-    @property
-    def scatters(self) -> bool:
-        """A uniform parameter varies between experiments."""
-        return True
-
     def rule(self, values: Array, nodes: int) -> Rule:
         """Gauss-Legendre nodes; the weights do not depend on alpha."""
         t, weights = gauss_legendre(nodes)
@@ -122,14 +116,6 @@ class Uniform:
         dtheta = HALF * values[1] * math.sqrt(2.0 / math.pi) * np.exp(-0.5 * theta**2)
         dvalues = np.stack([np.ones(theta.size), HALF * t], axis=1)
         return Standard(self._at(values, t), dtheta, dvalues)
-
-    def mean_and_sd(self, values: Array) -> MeanSd:
-        """The two hyperparameters."""
-        return MeanSd(float(values[0]), float(values[1]), np.eye(2)[0], np.eye(2)[1])
-
-    def filling(self, center: float, sd: float | None = None) -> Array:
-        """The center and the sd, within their limits."""
-        return about(self.hyperparameters, center, sd)
 
     def _ends(self, values: Array) -> tuple[float, float]:
         if self.ends is not None:
