@@ -47,7 +47,7 @@ SURFACES = {
     "own surfaces, as the answer needs": [
         ResponseSurface(max_runs=most) for most in (34, 40, 1000)
     ],
-    "one surface for all": [ResponseSurface(shared=True, max_runs=most) for most in (15, 20)],
+    "one surface for all": [ResponseSurface(surfaces="shared", max_runs=most) for most in (15, 20)],
     "own surfaces, as exact everywhere": [ResponseSurface(tolerance=t) for t in (0.1, 0.05, 0.02)],
 }
 EVALUATIONS = 20

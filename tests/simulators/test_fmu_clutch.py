@@ -81,7 +81,7 @@ def test_the_fmu_leads_to_the_same_law(simulator: FMUSimulator, table: pd.DataFr
             experiments,
             inputs,
             noise=Noise(0.005),
-            propagation=ResponseSurface(tolerance=0.1, validation=4),
+            propagation=ResponseSurface(tolerance=0.1),
             search=GradientMultistart(starts=2),
             verification=MonteCarlo(0),
             seed=0,

@@ -47,7 +47,7 @@ def test_a_surface_is_that_of_the_runs_that_worked() -> None:
 
     once = ResponseSurface(tolerance=0.9, accuracy=0.99)
     surface, whole = (build_surface(function, BOX, 2, once) for function in (run, waves))
-    assert surface.runs.tolist() == [32, 32]
+    assert surface.runs.tolist() == [20, 20]
     assert surface.failed.tolist() == [0, 3]
     assert surface.evaluate(points)[0] == pytest.approx(whole.evaluate(points)[0], abs=1e-12)
     kept = np.delete(z, lost, axis=0)
@@ -63,7 +63,7 @@ def test_a_surface_is_that_of_the_runs_that_worked() -> None:
 
 def test_a_hole_in_the_design_raises_the_error() -> None:
     """The true error counts the hole, where the surface is an extrapolation: estimated by half."""
-    choice = ResponseSurface(tolerance=1e-6, accuracy=0.0, max_runs=52)
+    choice = ResponseSurface(tolerance=1e-6, accuracy=0.0, max_runs=40)
     whole, holed = (build_surface(with_hole(side), BOX, 4, choice) for side in (0.0, 0.4))
     assert whole.runs.tolist() == holed.runs.tolist()
     assert (holed.error > 3.0 * whole.error).all()
@@ -93,23 +93,23 @@ def test_an_infeasible_corner_is_reported_and_the_rest_is_exact() -> None:
     assert np.isfinite(surface.lower).all()
 
 
-def test_an_experiment_with_hardly_a_run_has_no_surface_and_costs_one_round() -> None:
+def test_an_experiment_with_hardly_a_run_has_no_surface_and_is_given_up_soon() -> None:
     def run(index: Indices, x: Array) -> Array:
         return np.where((index == 1) & (x[:, 0] > 0.02), np.nan, waves(index, x))
 
     surface = build_surface(run, BOX, 3, CHOICE)
     assert np.isinf(surface.error).tolist() == [False, True, False]
     assert surface.converged.tolist() == [True, False, True]
-    assert surface.runs[1] == 32
-    assert surface.failed[1] >= 26
+    assert surface.runs[1] == 34
+    assert surface.failed[1] >= 28
     x = np.random.default_rng(0).random((5, 2))
     assert np.isfinite(surface.evaluate(x)).all()
     alone = build_surface(lambda index, x: waves(2 * index, x), BOX, 2, CHOICE)
     assert surface.evaluate(x)[[0, 2]] == pytest.approx(alone.evaluate(x), abs=1e-12)
 
 
-def test_a_simulator_that_always_fails_is_given_up_at_once() -> None:
+def test_a_simulator_that_always_fails_is_given_up_soon() -> None:
     surface = build_surface(lambda _, x: np.full(len(x), np.nan), BOX, 2, CHOICE)
     assert np.isinf(surface.error).all()
     assert not surface.converged.any()
-    assert surface.runs.tolist() == surface.failed.tolist() == [32, 32]
+    assert surface.runs.tolist() == surface.failed.tolist() == [34, 34]

@@ -8,9 +8,9 @@ from scipy.optimize import approx_fprime
 from aleator.errors import SimulatorError
 from aleator.surrogates import Surface
 from aleator.surrogates.conditions import features
-from aleator.surrogates.joint import Covariance, Posterior, _loss, learned
-from aleator.surrogates.refinement import Run
-from aleator.surrogates.shared import Shared
+from aleator.surrogates.gaussian_process import Covariance, Posterior, _loss, learned
+from aleator.surrogates.responses import Run
+from aleator.surrogates.shared import SharedSurface
 from aleator.types import Array, Indices
 
 RNG = np.random.default_rng(3)
@@ -34,13 +34,13 @@ def unexplained(index: Indices, x: Array) -> Array:
     return np.sin(EFFECTS[index, 0] + (z * (1.0 + EFFECTS[index, 1:])).sum(axis=1) * 1.5)
 
 
-def judged(function: Run, likely: Array | None = None) -> Shared:
-    shared = Shared(function, BOX, CONDITIONS)
+def judged(function: Run, likely: Array | None = None) -> SharedSurface:
+    shared = SharedSurface(function, BOX, CONDITIONS)
     shared.judge(anywhere() if likely is None else likely)
     return shared
 
 
-def surface_of(shared: Shared) -> Surface:
+def surface_of(shared: SharedSurface) -> Surface:
     return shared.surface(~shared.rough(0.1, 1e-6))
 
 
@@ -112,12 +112,12 @@ def test_the_process_goes_through_its_runs() -> None:
 
 
 @pytest.fixture(scope="module")
-def front() -> Shared:
+def front() -> SharedSurface:
     return judged(moving_front)
 
 
 def test_a_front_that_moves_with_the_conditions_takes_eight_runs_an_experiment(
-    front: Shared,
+    front: SharedSurface,
 ) -> None:
     surface = surface_of(front)
     error = true_error(surface, moving_front, anywhere())
@@ -128,7 +128,7 @@ def test_a_front_that_moves_with_the_conditions_takes_eight_runs_an_experiment(
     assert np.all(surface.converged)
 
 
-def test_the_range_of_the_outcome_is_that_of_the_front(front: Shared) -> None:
+def test_the_range_of_the_outcome_is_that_of_the_front(front: SharedSurface) -> None:
     surface = surface_of(front)
     x = anywhere(2000)
     truth = moving_front(np.repeat(np.arange(30), 2000), np.tile(x, (30, 1))).reshape(30, -1)
@@ -148,9 +148,9 @@ def test_runs_are_placed_where_the_law_is_and_earlier_ones_still_count() -> None
     law = rng.normal([0.7, 3.5], [0.05, 0.1], (500, 2))
     shared = judged(moving_front, law)
     before = true_error(surface_of(shared), moving_front, law)
-    shared.sharpen(np.arange(5, 30), law, 0.5)
+    shared.sharpen(np.arange(5, 30), law, 0.5, 1000)
     shared.judge(law)
-    fresh = shared.made.x[240:]
+    fresh = shared.samples.x[240:]
     assert shared.runs.tolist() == [8] * 5 + [12] * 25
     assert np.mean(np.all(np.abs(fresh - [0.7, 3.5]) < [0.2, 0.4], axis=1)) > 0.6
     after = true_error(surface_of(shared), moving_front, law)
@@ -158,12 +158,12 @@ def test_runs_are_placed_where_the_law_is_and_earlier_ones_still_count() -> None
     assert np.mean(after <= shared.error) > 0.8
 
 
-def test_a_surface_on_another_box_is_made_of_the_same_runs(front: Shared) -> None:
+def test_a_surface_on_another_box_is_made_of_the_same_runs(front: SharedSurface) -> None:
     shared = judged(moving_front)
     shared.move(np.array([[0.2, 0.8], [2.4, 3.6]]))
     x = np.clip(anywhere(), *shared.box.T)
     shared.judge(x)
-    assert np.array_equal(shared.made.y, front.made.y)
+    assert np.array_equal(shared.samples.outcome, front.samples.outcome, equal_nan=True)
     assert np.quantile(true_error(surface_of(shared), moving_front, x), 0.9) < 0.02
 
 
@@ -183,10 +183,10 @@ def test_failed_runs_are_left_out_and_counted() -> None:
 
 def test_an_infinite_outcome_is_refused() -> None:
     with pytest.raises(SimulatorError, match="infinite"):
-        Shared(lambda index, _: np.full(len(index), np.inf), BOX, CONDITIONS)
+        SharedSurface(lambda index, _: np.full(len(index), np.inf), BOX, CONDITIONS)
 
 
-def test_the_same_runs_give_the_same_surface_bit_for_bit(front: Shared) -> None:
+def test_the_same_runs_give_the_same_surface_bit_for_bit(front: SharedSurface) -> None:
     again = surface_of(judged(moving_front))
     assert np.array_equal(again.evaluate(anywhere()), surface_of(front).evaluate(anywhere()))
 

@@ -18,7 +18,7 @@ from aleator import (
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.simulators import Runner, Store
-from aleator.tasks.concentration import likely_alphas
+from aleator.tasks.likely import likely_alphas
 from aleator.tasks.result import Identification
 from aleator.types import Array
 

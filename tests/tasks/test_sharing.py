@@ -12,8 +12,10 @@ from aleator.errors import InputsError
 from aleator.observations.experiments import Experiments
 from aleator.simulators import FunctionSimulator, Runner
 from aleator.study.propagation import PROPAGATIONS
-from aleator.surrogates import Shared, Sharpened
-from aleator.surrogates.sharing import first_surfaces, later_surfaces
+from aleator.surrogates import AdaptiveSurfaces, surfaces_of
+from aleator.surrogates.choice import Sharing
+from aleator.surrogates.own import OwnSurfaces
+from aleator.surrogates.shared import SharedSurface
 
 RNG = np.random.default_rng(8)
 EFFECTS = RNG.normal(size=(40, 2))
@@ -39,29 +41,44 @@ def runner_of(function, **conditions) -> Runner:
     )
 
 
+def first(runner: Runner, choice: Sharing) -> AdaptiveSurfaces:
+    return surfaces_of(runner, REGION, ResponseSurface(surfaces=choice))
+
+
 def test_experiments_that_their_conditions_explain_share_a_surface() -> None:
     runner = runner_of(smooth, speed=RNG.uniform(1.0, 2.0, 40), load=RNG.uniform(0.0, 5.0, 40))
-    state = first_surfaces(runner, REGION, ResponseSurface(shared=None), WHERE)
-    assert isinstance(state, Shared)
-    assert state.runs.tolist() == [8] * 40
-    assert later_surfaces(state, ResponseSurface(shared=None)) is state
+    surfaces = first(runner, "automatic")
+    assert isinstance(surfaces.emulator, SharedSurface)
+    assert surfaces.emulator.runs.tolist() == [8] * 40
+    surfaces.separate()
+    assert isinstance(surfaces.emulator, SharedSurface)
+
+
+def test_experiments_whose_shared_surface_is_full_go_on_with_their_own() -> None:
+    runner = runner_of(smooth, speed=RNG.uniform(1.0, 2.0, 40), load=RNG.uniform(0.0, 5.0, 40))
+    surfaces = first(runner, "automatic")
+    shared = surfaces.emulator
+    assert isinstance(shared, SharedSurface)
+    while not shared.full:
+        surfaces.sharpen(np.ones(40, dtype=np.bool_), WHERE)
+    surfaces.separate()
+    assert isinstance(surfaces.emulator, OwnSurfaces)
+    assert np.all(surfaces.emulator.runs > shared.runs)
+    assert surfaces.total_runs == runner.runs
 
 
 def test_experiments_that_no_condition_explains_have_their_own_and_no_run_is_lost() -> None:
     runner = runner_of(unexplained, specimen=np.arange(40.0))
-    state = first_surfaces(runner, REGION, ResponseSurface(shared=None), WHERE)
-    assert isinstance(state, Sharpened)
-    made = state.every.asked.sum(axis=1)
-    assert state.every.outcome[state.every.asked].size == runner.runs
-    assert np.all(made > 8)
-    state.judge(WHERE)
-    for _ in range(2):
-        state.sharpen(np.arange(40), WHERE, 0.5)
-        state.judge(WHERE)
+    surfaces = first(runner, "automatic")
+    assert isinstance(surfaces.emulator, OwnSurfaces)
+    assert surfaces.total_runs == runner.runs
+    assert np.all(surfaces.emulator.runs > 8)
+    surfaces.judge(WHERE)
+    surfaces.refine(WHERE, 0.05)
     truth = np.sin(1.5 * EFFECTS @ WHERE.T)
-    error = state.surface(~state.rough(0.1, 1e-6)).evaluate(WHERE) - truth
+    error = surfaces.surface().evaluate(WHERE) - truth
     assert np.quantile(np.sqrt((error**2).mean(axis=1)), 0.9) < 0.05
-    assert np.all(state.runs < 60)
+    assert np.all(surfaces.emulator.runs < 60)
 
 
 @pytest.mark.parametrize("conditions", [{}, {"load": np.full(40, 2.0)}])
@@ -72,27 +89,28 @@ def test_without_conditions_that_vary_there_is_nothing_to_share(
         return a * load + b
 
     runner = runner_of(alone, **conditions)
-    assert isinstance(
-        first_surfaces(runner, REGION, ResponseSurface(shared=None), WHERE), Sharpened
-    )
+    assert isinstance(first(runner, "automatic").emulator, OwnSurfaces)
     with pytest.raises(InputsError, match="no surface can be shared"):
-        first_surfaces(runner, REGION, ResponseSurface(shared=True), WHERE)
+        first(runner, "shared")
 
 
 def test_each_has_its_own_unless_asked() -> None:
     runner = runner_of(smooth, speed=RNG.uniform(1.0, 2.0, 40), load=RNG.uniform(0.0, 5.0, 40))
-    assert isinstance(first_surfaces(runner, REGION, ResponseSurface(), WHERE), Sharpened)
+    assert isinstance(surfaces_of(runner, REGION, ResponseSurface()).emulator, OwnSurfaces)
 
 
-@pytest.mark.parametrize(("value", "expected"), [(None, False), (True, True), ("automatic", None)])
-def test_the_key_of_the_study(value: object, expected: bool | None) -> None:
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(None, "own"), (False, "own"), (True, "shared"), ("automatic", "automatic")],
+)
+def test_the_key_of_the_study(value: object, expected: Sharing) -> None:
     section = PROPAGATIONS.read({} if value is None else {"shared": value})
-    assert section.build(Path()).shared is expected
+    assert section.build(Path()).surfaces == expected
 
 
 def test_a_shared_surface_has_no_tolerance_of_its_own() -> None:
     with pytest.raises(InputsError, match="leave out the tolerance"):
-        ResponseSurface(tolerance=0.01, shared=True)
+        ResponseSurface(tolerance=0.01, surfaces="shared")
 
 
 def test_a_shared_surface_leads_to_the_exact_maximum() -> None:
@@ -102,7 +120,7 @@ def test_a_shared_surface_leads_to_the_exact_maximum() -> None:
     inputs = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
     result = identify(
         lambda load, x: load * x + np.sin(load), table, inputs, outcome="y",
-        propagation=ResponseSurface(shared=True), density=MaximumEntropy(order=4),
+        propagation=ResponseSurface(surfaces="shared"), density=MaximumEntropy(order=4),
         verification=MonteCarlo(0),
     )  # fmt: skip
     assert result.alpha["x.mean"].estimate == pytest.approx(x.mean(), abs=0.02 * x.std())

@@ -14,8 +14,13 @@ from aleator.likelihood.predictive import Predictive, predictive
 from aleator.progress import Progress
 from aleator.simulators import NoOutcome, Runner
 from aleator.surrogates import Surface, build_surface
-from aleator.surrogates.attempts import attempts
-from aleator.surrogates.responses import Confined, DirectResponse, Response, moving_parameters
+from aleator.surrogates.responses import (
+    Confined,
+    DirectResponse,
+    Response,
+    attempts,
+    moving_parameters,
+)
 from aleator.types import Array, Indices
 
 

@@ -23,6 +23,7 @@ from aleator.quadrature import (
 )
 from aleator.study.kinds import Choice, Kinds
 from aleator.surrogates import ResponseSurface
+from aleator.surrogates.choice import Sharing
 
 RULES: Kinds[Cubature] = Kinds(
     "aleator.cubatures",
@@ -56,6 +57,9 @@ Nodes = Annotated[
 ]
 
 
+_SURFACES: dict[bool | str, Sharing] = {False: "own", True: "shared", "automatic": "automatic"}
+
+
 def response_surface(
     folder: Path,
     tolerance: float | None = None,
@@ -68,7 +72,7 @@ def response_surface(
         tolerance=tolerance,
         max_runs=max_runs,
         nodes=_nodes(nodes, folder),
-        shared=None if shared == "automatic" else shared,
+        surfaces=_SURFACES[shared],
     )
 
 

@@ -1,8 +1,7 @@
-"""Response surfaces: a polynomial an experiment, built once, or sharpened round by round."""
+"""Response surfaces: polynomials that stand for the simulator, made exact in rounds of runs."""
 
-from aleator.surrogates.build import ResponseSurface, build_surface
-from aleator.surrogates.shared import Shared
-from aleator.surrogates.sharpened import Sharpened
+from aleator.surrogates.adaptive import AdaptiveSurfaces, build_surface, surfaces_of
+from aleator.surrogates.choice import ResponseSurface
 from aleator.surrogates.surface import Surface
 
-__all__ = ["ResponseSurface", "build_surface", "Sharpened", "Shared", "Surface"]
+__all__ = ["AdaptiveSurfaces", "ResponseSurface", "Surface", "build_surface", "surfaces_of"]

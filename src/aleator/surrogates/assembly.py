@@ -6,9 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from aleator.surrogates.group import Group
 from aleator.surrogates.points import fixed_shift, low_discrepancy
-from aleator.surrogates.surface import Surface
+from aleator.surrogates.surface import Group, Surface
 from aleator.types import Array, Indices
 
 # A term is left out where all that is left out stays under this part of the error: it then adds
@@ -80,13 +79,6 @@ def degrees_of(indices: Indices, terms: Array, error: Array) -> Indices:
             beyond = (terms[:, degree > d] ** 2).sum(axis=1)
             out[beyond > floor, i] = d + 1
     return out
-
-
-def sampled_scatter(surface: Surface) -> Array:
-    """Return the standard deviation (N,) of each surface over 1024 points of the box."""
-    z = low_discrepancy(1024, len(surface.box), fixed_shift(len(surface.box)))
-    low, high = surface.box.T
-    return np.asarray(surface.evaluate(low + 0.5 * (z + 1.0) * (high - low)).std(axis=1))
 
 
 def outcome_range(surface: Surface, outcomes: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Where to run: one nested sequence of points, the same for every experiment."""
+"""Where to run: evenly over a box, or where a law is; earlier points are counted in."""
 
 from __future__ import annotations
 
@@ -18,6 +18,20 @@ CLUSTER = 0.4 * np.pi
 CANDIDATES = 4096
 # The least variance, of one, that a point is taken to have before it is run.
 TINY = 1e-10
+# Points that differ by less are the same: rounding between the box and [-1, 1]^n.
+SAME = 1e-9
+
+
+def in_unit_box(box: Array, x: Array) -> Array:
+    """Return points x (J, n) of a box (n, 2) as points of [-1, 1]^n."""
+    low, high = box.T
+    return np.asarray((2.0 * x - low - high) / (high - low))
+
+
+def from_unit_box(box: Array, z: Array) -> Array:
+    """Return points z (J, n) of [-1, 1]^n as points of a box (n, 2)."""
+    low, high = box.T
+    return np.asarray(np.clip(0.5 * (low + high) + 0.5 * (high - low) * z, low, high))
 
 
 def low_discrepancy(count: int, n: int, shift: Array) -> Array:
@@ -55,7 +69,25 @@ def _greedy(count: int, n: int) -> Array:
     # every candidate is equally unknown at first: begin in the middle
     middle = int(np.argmin((t**2).sum(axis=1)))
     chosen = _least_known(t, np.ones(len(t)), [middle], count)
-    return _clustered(t[chosen])
+    return clustered(t[chosen])
+
+
+def evenly(z: Array, count: int) -> Array:
+    """Return `count` more points (count, n) in [-1, 1]^n than z (M, n), evenly spread.
+
+    Those of `spread` where z are its first; else its greedy choice goes on from z.
+
+    >>> bool((evenly(spread(5, 2), 3) == spread(8, 2)[5:]).all())
+    True
+    """
+    n = z.shape[1]
+    sequence = spread(len(z) + count, n)
+    if np.allclose(z, sequence[: len(z)], rtol=0.0, atol=SAME):
+        return sequence[len(z) :]
+    candidates = low_discrepancy(CANDIDATES, n, fixed_shift(n))
+    t = np.vstack([_even(z), candidates])
+    chosen = _least_known(t, np.ones(len(t)), list(range(len(z))), len(z) + count)
+    return clustered(candidates[chosen[len(z) :] - len(z)])
 
 
 def continued(z: Array, draws: Array, count: int) -> Array:
@@ -70,7 +102,7 @@ def continued(z: Array, draws: Array, count: int) -> Array:
     """
     n = z.shape[1]
     candidates = np.vstack(
-        [np.clip(draws, -1.0, 1.0), _clustered(low_discrepancy(2048, n, fixed_shift(n)))]
+        [np.clip(draws, -1.0, 1.0), clustered(low_discrepancy(2048, n, fixed_shift(n)))]
     )
     t = np.vstack([_even(z), _even(candidates)])
     weight = np.concatenate([np.zeros(len(z)), _kernel_density(draws, candidates)])
@@ -108,8 +140,8 @@ def _kernel_density(draws: Array, points: Array) -> Array:
     return np.asarray(np.exp(-0.5 * distance).mean(axis=1))
 
 
-def _clustered(t: Array) -> Array:
-    """Return evenly spread points gathered at the faces, and `_even` turns that round."""
+def clustered(t: Array) -> Array:
+    """Return evenly spread points of [-1, 1]^n gathered at the faces; `_even` turns that round."""
     return np.asarray(np.sin(CLUSTER * t) / np.sin(CLUSTER))
 
 

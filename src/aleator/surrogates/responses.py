@@ -8,11 +8,12 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aleator.types import Array
+from aleator.errors import InputsError
+from aleator.simulators import Runner
+from aleator.types import Array, Indices
 
-Run = Callable[[NDArray[np.intp], Array], Array]
+Run = Callable[[Indices, Array], Array]
 
 
 class Response(Protocol):
@@ -76,7 +77,7 @@ class DirectResponse:
         return parts[:, 0], gradient
 
 
-def moving_parameters(region: Array) -> NDArray[np.intp]:
+def moving_parameters(region: Array) -> Indices:
     """Indices of the parameters whose region (n, 2) has a width; the others are known."""
     return np.flatnonzero(region[:, 1] > region[:, 0])
 
@@ -94,7 +95,7 @@ class Confined:
     region: Array
 
     @cached_property
-    def moving(self) -> NDArray[np.intp]:
+    def moving(self) -> Indices:
         """The parameters that the inner response takes."""
         return moving_parameters(self.region)
 
@@ -114,3 +115,26 @@ class Confined:
 
     def _inside(self, x: Array) -> Array:
         return np.clip(x, self.region[:, 0], self.region[:, 1])
+
+
+def attempts(runner: Runner, region: Array) -> Run:
+    """`run(index (R,), x (R, moving)) -> (R,)` of the distinct conditions, NaN where it fails.
+
+    Of the parameters whose region (n, 2) has a width; the others are known. Raises InputsError
+    where all are.
+    """
+    moving = moving_parameters(region)
+    if moving.size == 0:
+        raise InputsError(
+            "every parameter is known: there is nothing to identify but noise",
+            "free a hyperparameter, or give a parameter a law",
+        )
+    first = runner.cases.first
+    known = region[:, 0]
+
+    def run(index: Indices, x: Array) -> Array:
+        full = np.tile(known, (x.shape[0], 1))
+        full[:, moving] = x
+        return runner.attempt(first[index], full)
+
+    return run

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aleator.types import Array, Indices
+from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,14 +16,14 @@ class Samples:
     `asked` (N, M) tells a run that failed, asked for and NaN, from one that was never made.
 
     >>> none = Samples.none(2, 1)
-    >>> one = none.joined(np.array([[0.5]]), np.array([1]), np.array([[7.0]]))
+    >>> one = none.joined(np.array([[0.5]]), np.array([1]), np.array([0]), np.array([7.0]))
     >>> one.outcome.tolist(), one.asked.tolist()
     ([[nan], [7.0]], [[False], [True]])
     """
 
     x: Array
     outcome: Array
-    asked: NDArray[np.bool_]
+    asked: Flags
 
     @classmethod
     def none(cls, experiments: int, parameters: int) -> Samples:
@@ -36,15 +35,31 @@ class Samples:
         )
 
     @property
-    def worked(self) -> NDArray[np.bool_]:
+    def worked(self) -> Flags:
         """Which runs have an outcome, (N, M)."""
         return np.isfinite(self.outcome)
 
-    def joined(self, x: Array, members: Indices, outcome: Array) -> Samples:
-        """With the runs of experiments `members` (A,) at more points x (Q, n), outcome (A, Q)."""
+    @property
+    def runs(self) -> Indices:
+        """Runs of each experiment, (N,)."""
+        return np.asarray(self.asked.sum(axis=1), dtype=np.intp)
+
+    @property
+    def failed(self) -> Indices:
+        """Those of the runs without an outcome, (N,)."""
+        return np.asarray(self.runs - self.worked.sum(axis=1), dtype=np.intp)
+
+    @property
+    def listed(self) -> tuple[Indices, Array, Array]:
+        """The runs that worked as a list: experiments (R,), points (R, n), outcomes (R,)."""
+        column, index = np.nonzero(self.worked.T)
+        return index, self.x[column], self.outcome[index, column]
+
+    def joined(self, x: Array, index: Indices, place: Indices, outcome: Array) -> Samples:
+        """With the runs of experiments `index` (R,) at the points x[place], x (Q, n)."""
         values = np.full((len(self.outcome), len(x)), np.nan)
         asked = np.zeros(values.shape, dtype=np.bool_)
-        values[members], asked[members] = outcome, True
+        values[index, place], asked[index, place] = outcome, True
         return Samples(
             np.vstack([self.x, x]),
             np.hstack([self.outcome, values]),

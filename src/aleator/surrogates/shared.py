@@ -1,24 +1,26 @@
 """One surface for all experiments: the conditions are further inputs, and every run tells of all.
 
 Each experiment is run at points of its own; a Gaussian process over conditions and parameters
-(module `joint`) goes through the runs of all of them. For each experiment it is then a function of
-the parameters alone, of which the polynomial is taken: the result is a `Surface` like any other.
+(module `gaussian_process`) goes through the runs of all of them. For each experiment it is then a
+function of the parameters alone, of which the polynomial is taken: a `Surface` like any other.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from aleator.surrogates.assembly import degrees_of, merged, outcome_range
 from aleator.surrogates.basis import ball, products
-from aleator.surrogates.joint import Covariance, Posterior, learned
-from aleator.surrogates.masked import checked_outcomes
-from aleator.surrogates.points import CLUSTER, fixed_shift, low_discrepancy
-from aleator.surrogates.refinement import Run
+from aleator.surrogates.emulator import Emulator, pairs
+from aleator.surrogates.gaussian_process import Covariance, Posterior, learned
+from aleator.surrogates.points import (
+    clustered,
+    fixed_shift,
+    from_unit_box,
+    in_unit_box,
+    low_discrepancy,
+)
+from aleator.surrogates.responses import Run
 from aleator.surrogates.samples import Samples
-from aleator.surrogates.sharpened import Sharpened
 from aleator.surrogates.surface import Surface
 from aleator.types import Array, Flags, Indices
 
@@ -45,152 +47,87 @@ CAUTION = 1.5
 ELSEWHERE = 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class Made:
-    """Runs that were made: experiments `index` (R,), parameters x (R, n), outcomes y (R,)."""
+class SharedSurface(Emulator):
+    """One Gaussian process for all experiments, exact where it is judged (see `Emulator`).
 
-    index: Indices
-    x: Array
-    y: Array
-
-    def joined(self, index: Indices, x: Array, y: Array) -> Made:
-        """With more runs."""
-        return Made(
-            np.concatenate([self.index, index]),
-            np.vstack([self.x, x]),
-            np.concatenate([self.y, y]),
-        )
-
-    @property
-    def worked(self) -> Made:
-        """Those with an outcome."""
-        good = np.isfinite(self.y)
-        return Made(self.index[good], self.x[good], self.y[good])
-
-
-class Shared:
-    """The shared surface after each round of runs; none of its runs is ever lost.
-
-    `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed; `conditions` (N, d) in [-1, 1]
-    are those of the experiments (see `features`). `box` (n, 2) is where the surfaces are wanted,
-    `move` takes them elsewhere. `sharpen` makes runs of some experiments where draws of a law lie,
-    `judge` tells how exact the surfaces are at points of a law, `surface` gives them as they are.
-
-    `error` (N,) is the estimated root-mean-square error and `scatter` (N,) the standard deviation
-    of the surface, both at the points that were judged last; `level` (N,) is the outcome's size and
-    `reach` (N,) the error over all the box. Where no run of an experiment worked `error` is
-    infinite.
+    `conditions` (N, d) in [-1, 1] are those of the experiments (see `features`).
 
     Cost besides the runs: M^3 operations for M runs of all experiments together, and N M times a
     few hundred for the polynomials; 108 experiments of 20 runs some ten seconds a round.
     """
 
-    def __init__(self, run: Run, box: Array, conditions: Array, seed: int = 0) -> None:
+    def __init__(self, run: Run, box: Array, conditions: Array) -> None:
         experiments, n = len(conditions), len(box)
-        self.run, self.box, self.conditions = run, box, conditions
-        self.made = Made(np.empty(0, dtype=np.intp), np.empty((0, n)), np.empty(0))
-        self.shift = np.random.default_rng(seed).random((experiments, n))
+        super().__init__(run, box, Samples.none(experiments, n))
+        self.conditions = conditions
+        self.shift = np.random.default_rng(0).random((experiments, n))
         self.covariance = Covariance.first(conditions.shape[1] + n, n)
-        self.steps, self.stale = STEPS[0], True
-        self.error = np.full(experiments, np.inf)
-        self.scatter, self.level, self.reach = np.zeros((3, experiments))
-        self._ask(np.arange(experiments), first_runs(experiments, n), None)
-
-    @property
-    def runs(self) -> Indices:
-        """Runs made of each experiment, (N,), wherever they lie."""
-        return np.bincount(self.made.index, minlength=len(self.conditions))
+        self.where = from_unit_box(box, low_discrepancy(COMPARED, n, fixed_shift(n)))
+        self._place(np.arange(experiments), first_shared_runs(experiments, n), MOST, None)
+        self.posterior = self._learned(STEPS[0])
+        self.stale = False
 
     @staticmethod
     def fits(experiments: int, n: int) -> bool:
         """Whether one fit takes the first runs and as many again."""
-        return 2 * experiments * first_runs(experiments, n) <= MOST
+        return 2 * experiments * first_shared_runs(experiments, n) <= MOST
 
     @property
     def full(self) -> bool:
         """Whether there are all the runs that one fit takes."""
-        return len(self.made.y) + len(self.conditions) > min(MOST, EACH * len(self.conditions))
-
-    def own_surfaces(self) -> Sharpened:
-        """A surface for each experiment instead, from the runs that it has."""
-        members, x, y = self.made.index, self.made.x, self.made.y
-        outcome = np.full((len(self.conditions), len(y)), np.nan)
-        asked = np.zeros(outcome.shape, dtype=np.bool_)
-        column = np.arange(len(y))
-        outcome[members, column], asked[members, column] = y, True
-        return Sharpened(self.run, self.box, len(outcome), Samples(x, outcome, asked))
+        experiments = len(self.conditions)
+        return int(self.runs.sum()) + experiments > min(MOST, EACH * experiments)
 
     def move(self, box: Array) -> None:
         """Take the surfaces to another box; runs outside still tell of it."""
         self.box, self.stale = box, True
 
-    def sharpen(self, members: Indices, draws: Array, growth: float) -> None:
-        """Run experiments `members` (A,) at more points among draws (D, n) of a law.
-
-        As many more of each as make their runs grow by `growth`.
-        """
-        room = max((MOST - len(self.made.y)) // len(members), 1)
+    def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
+        """Run experiments `members` (A,) at points of their own, spread as the draws are."""
+        room = max((MOST - int(self.runs.sum())) // len(members), 1)
         more = int(np.ceil(growth * self.runs[members].mean()))
-        self._ask(members, min(more, room), draws)
+        self._place(members, min(more, room), most, draws)
+        self.stale = True
 
-    def judge(self, where: Array, noise_sd: float = 0.0) -> None:
-        """Estimate the errors at points (J, n) of a law, and the scatter of the noisy outcome."""
-        self._fit()
+    def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
+        """Estimate the errors by what the process leaves possible, times its surprise so far."""
+        if self.stale:
+            self.posterior, self.stale = self._learned(STEPS[1]), False
         factor = CAUTION * self._surprise()
-        self.where = where[:COMPARED]
-        self.expected = self._mean(self._unit(self.where))
-        self.error = factor * self._left(self._unit(where[:JUDGED]))
-        box = low_discrepancy(JUDGED, len(self.box), fixed_shift(len(self.box)))
-        self.reach = np.maximum(factor * self._left(box), self.error)
-        self.scatter = np.hypot(self.expected.std(axis=1), noise_sd)
-        good = self.made.worked
+        everywhere = low_discrepancy(COMPARED, len(self.box), fixed_shift(len(self.box)))
+        points = from_unit_box(self.box, everywhere) if where is None else where
+        self.where = points[:COMPARED]
+        self.error = factor * self._left(in_unit_box(self.box, points[:JUDGED]))
+        self.reach = np.maximum(factor * self._left(everywhere[:JUDGED]), self.error)
+        self.scatter = np.hypot(self._expected().std(axis=1), noise_sd)
+        index, _, y = self.samples.listed
         self.level = np.zeros(len(self.conditions))
-        np.maximum.at(self.level, good.index, np.abs(good.y))
-        self.error[np.bincount(good.index, minlength=len(self.level)) == 0] = np.inf
-
-    def rough(self, tolerance: float, accuracy: float) -> Flags:
-        """Whose error is above `tolerance` of its scatter and `accuracy` of its size."""
-        return self.error > np.maximum(tolerance * self.scatter, accuracy * self.level)
+        np.maximum.at(self.level, index, np.abs(y))
+        self.error[~self.samples.worked.any(axis=1)] = np.inf
 
     def surface(self, converged: Flags) -> Surface:
         """The polynomials through the process, with the errors that were judged last."""
         indices, coefficients = self._polynomials()
-        missed = coefficients.T @ products(indices, self._unit(self.where)) - self.expected
+        basis = products(indices, in_unit_box(self.box, self.where))
+        missed = coefficients.T @ basis - self._expected()
         error = np.hypot(self.error, np.sqrt((missed**2).mean(axis=1)))
-        known = np.where(np.isfinite(error), error, 0.0)
-        indices, groups, terms = merged([(np.arange(len(error)), indices, coefficients)], known)
-        bad = self.made.index[~np.isfinite(self.made.y)]
-        surface = Surface(
-            box=self.box,
-            indices=indices,
-            groups=groups,
-            error=error,
-            scatter=self.scatter.copy(),
-            converged=converged,
-            runs=self.runs,
-            failed=np.bincount(bad, minlength=len(error)),
-            degrees=degrees_of(indices, terms, known),
-        )
-        lower, upper = outcome_range(surface, np.full((len(error), 1), np.nan))
-        return replace(surface, lower=lower - 3.0 * self.reach, upper=upper + 3.0 * self.reach)
+        everyone = np.arange(len(error))
+        nothing = np.full((len(error), 1), np.nan)
+        return self._surface([(everyone, indices, coefficients)], error, converged, nothing)
 
-    def _ask(self, members: Indices, count: int, draws: Array | None) -> None:
-        """Run the simulator once; each experiment has a sequence of points of its own."""
-        done = self.runs[members]
-        n = len(self.box)
-        even = 0.5 * (low_discrepancy(int(done.max()) + count, n, np.zeros(n)) + 1.0)
-        each = done[:, None] + np.arange(count)
-        even = ((even[each] + self.shift[members, None]) % 1.0).reshape(-1, n)
+    def _place(self, members: Indices, count: int, most: int, draws: Array | None) -> None:
+        """Run each of the members at `count` more points of a sequence of its own."""
+        index, place = pairs(members, count)
+        n, before = len(self.box), self.runs
+        even = 0.5 * (low_discrepancy(int(before[members].max()) + count, n, np.zeros(n)) + 1.0)
+        even = (even[before[index] + place] + self.shift[index]) % 1.0
         x = self._over_box(even) if draws is None else self._over_law(even, draws)
-        index = np.repeat(members, count)
-        y = checked_outcomes(self.run(index, x), (len(members), count)).ravel()
-        self.made, self.stale = self.made.joined(index, x, y), True
+        allowed = np.flatnonzero(place < most - before[index])
+        self._ask(x[allowed], index[allowed], np.arange(len(allowed)))
 
     def _over_box(self, even: Array) -> Array:
         """Points x (R, n) that gather at the faces of the box, for even ones in [0, 1]."""
-        low, high = self.box.T
-        z = np.sin(CLUSTER * (2.0 * even - 1.0)) / np.sin(CLUSTER)
-        return np.asarray(np.clip(0.5 * (low + high) + 0.5 * (high - low) * z, low, high))
+        return from_unit_box(self.box, clustered(2.0 * even - 1.0))
 
     def _over_law(self, even: Array, draws: Array) -> Array:
         """Points x (R, n) spread as the draws are, and some over the box."""
@@ -199,18 +136,13 @@ class Shared:
         pool = np.vstack([np.clip(draws, low, high), others])
         return np.column_stack([np.quantile(pool[:, i], even[:, i]) for i in range(len(low))])
 
-    def _fit(self) -> None:
-        """Learn the covariance, from where it was, and condition on all runs."""
-        if not self.stale:
-            return
-        good = self.made.worked
-        u = np.hstack([self.conditions[good.index], self._unit(good.x)])
+    def _learned(self, steps: int) -> Posterior:
+        """The process given all runs; its covariance is learned on from where it was."""
+        index, x, y = self.samples.listed
+        u = np.hstack([self.conditions[index], in_unit_box(self.box, x)])
         some = np.sort(np.random.default_rng(len(u)).permutation(len(u))[:LEARNED])
-        self.covariance = learned(
-            self.covariance, good.index[some], u[some], good.y[some], self.steps
-        )
-        self.posterior = Posterior.of(self.covariance, good.index, u, good.y)
-        self.steps, self.stale = STEPS[1], False
+        self.covariance = learned(self.covariance, index[some], u[some], y[some], steps)
+        return Posterior.of(self.covariance, index, u, y)
 
     def _surprise(self) -> Array:
         """How much larger the leave-one-out residuals (N,) are than the process expects.
@@ -224,6 +156,10 @@ class Shared:
         alike = self.covariance.likeness(np.hstack([self.conditions, np.zeros((experiments, n))]))
         pooled = (alike @ squares) / np.maximum(alike @ seen, 1e-9)
         return np.asarray(np.sqrt(np.maximum((1.0 + squares) / (1.0 + seen), pooled)))
+
+    def _expected(self) -> Array:
+        """Expected outcomes (N, J) at the points that were judged last."""
+        return self._mean(in_unit_box(self.box, self.where))
 
     def _mean(self, z: Array) -> Array:
         """Expected outcomes (N, J) at points z (J, n)."""
@@ -246,7 +182,8 @@ class Shared:
         n = len(self.box)
         indices, size = ball((1.0,) * n, 2.0, TERMS[min(n, len(TERMS)) - 1])
         even = 0.5 * (low_discrepancy(int(POINTS * len(indices)), n, fixed_shift(n)) + 1.0)
-        z = self._unit(np.vstack([self._over_box(even), self._over_law(even, self.where)]))
+        x = np.vstack([self._over_box(even), self._over_law(even, self.where)])
+        z = in_unit_box(self.box, x)
         y = self._mean(z).T - self.posterior.level
         # Keeps what the points do not determine, in the corners of many parameters, from growing.
         ridge = np.diag(RIDGE * (1.0 + size**2))
@@ -255,15 +192,11 @@ class Shared:
         fitted[0] += self.posterior.level
         return indices, np.asarray(fitted)
 
-    def _unit(self, x: Array) -> Array:
-        low, high = self.box.T
-        return np.asarray((2.0 * x - low - high) / (high - low))
 
-
-def first_runs(experiments: int, n: int) -> int:
+def first_shared_runs(experiments: int, n: int) -> int:
     """Runs an experiment to begin with: fewer where many experiments tell of each other.
 
-    >>> first_runs(108, 2), first_runs(1000, 2)
+    >>> first_shared_runs(108, 2), first_shared_runs(1000, 2)
     (8, 2)
     """
     return int(np.clip(FIRST // experiments + 1, 2, 2 * n + 4))

@@ -9,13 +9,25 @@ import numpy as np
 
 from aleator.errors import InputsError
 from aleator.surrogates.basis import products, products_with_gradient
-from aleator.surrogates.crease import Crease
-from aleator.surrogates.group import Group, sums, sums_at, sums_with_gradient
+from aleator.surrogates.points import in_unit_box
 from aleator.threads import single_threaded
 from aleator.types import Array, Indices
 
 # Numbers held at once by one block of basis functions: 32 MB.
 BLOCK = 4_000_000
+
+
+@dataclass(frozen=True)
+class Group:
+    """Experiments that share one index set: the first `size` rows of the common list."""
+
+    members: Indices
+    coefficients: Array  # (members, size)
+
+    @property
+    def size(self) -> int:
+        """Number of polynomial terms."""
+        return int(self.coefficients.shape[1])
 
 
 @dataclass(frozen=True)
@@ -33,9 +45,6 @@ class Surface:
     degree of each parameter beyond which all terms together are smaller than the error. Where
     hardly a run worked there is no surface: `error` is infinite.
 
-    `creases` add h_l(x) q_l(x) to the experiments that have a kink (module `crease`); at its border
-    the gradient is that of one of the two sides.
-
     Outside the box the polynomial is an extrapolation and grows without limit: evaluation there
     is not refused, and not to be trusted.
     """
@@ -51,7 +60,6 @@ class Surface:
     degrees: Indices
     lower: Array = field(default_factory=lambda: np.empty(0))
     upper: Array = field(default_factory=lambda: np.empty(0))
-    creases: tuple[Crease, ...] = ()
 
     @property
     def total_runs(self) -> int:
@@ -64,10 +72,8 @@ class Surface:
         x = self._points(x)
         out = np.empty((len(self.error), len(x)))
         for part in self._blocks(len(x), 1):
-            basis = products(self.indices, self._unit(x[part]))
-            out[:, part] = sums(self.groups, len(out), basis)
-            for crease in self.creases:
-                out[crease.members, part] += crease.value(self._unit(x[part]))
+            basis = products(self.indices, in_unit_box(self.box, x[part]))
+            out[:, part] = _sums(self.groups, len(out), basis)
         return out
 
     @single_threaded
@@ -82,13 +88,9 @@ class Surface:
         slope = np.empty((len(self.error), n, len(x)))
         width = 0.5 * (self.box[:, 1] - self.box[:, 0])
         for part in self._blocks(len(x), 1 + n):
-            basis = products_with_gradient(self.indices, self._unit(x[part]))
+            basis = products_with_gradient(self.indices, in_unit_box(self.box, x[part]))
             basis[:, 1:] /= width[:, None]
-            value[:, part], slope[:, :, part] = sums_with_gradient(self.groups, len(value), basis)
-            for crease in self.creases:
-                added, steeper = crease.value_and_slope(self._unit(x[part]))
-                value[crease.members, part] += added
-                slope[crease.members, :, part] += steeper / width[:, None]
+            value[:, part], slope[:, :, part] = _sums_with_gradient(self.groups, len(value), basis)
         return value, slope.transpose(0, 2, 1)
 
     @single_threaded
@@ -107,13 +109,8 @@ class Surface:
             )
         out = np.empty(len(x))
         for part in self._blocks(len(x), 1):
-            z = self._unit(x[part])
-            out[part] = sums_at(self.groups, self.indices, index[part], z)
-            for crease in self.creases:
-                place = np.full(len(self.error), -1)
-                place[crease.members] = np.arange(len(crease.members))
-                rows = np.flatnonzero(place[index[part]] >= 0)
-                out[part][rows] += crease.at(place[index[part][rows]], z[rows])
+            z = in_unit_box(self.box, x[part])
+            out[part] = _sums_at(self.groups, self.indices, index[part], z)
         return out
 
     def _points(self, x: Array) -> Array:
@@ -125,10 +122,41 @@ class Surface:
             )
         return x
 
-    def _unit(self, x: Array) -> Array:
-        low, high = self.box.T
-        return np.asarray((2.0 * x - low - high) / (high - low))
-
     def _blocks(self, count: int, parts: int) -> Iterator[slice]:
         step = max(1, BLOCK // (parts * max(len(self.indices), 1)))
         return (slice(start, start + step) for start in range(0, count, step))
+
+
+def _sums(groups: tuple[Group, ...], count: int, basis: Array) -> Array:
+    """Return the polynomials (N, J) of N = `count` experiments, each in a group, for (P, J)."""
+    out = np.empty((count, basis.shape[1]))
+    for group in groups:
+        out[group.members] = group.coefficients @ basis[: group.size]
+    return out
+
+
+def _sums_with_gradient(groups: tuple[Group, ...], count: int, basis: Array) -> tuple[Array, Array]:
+    """Return the polynomials (N, J) and their gradients (N, n, J), for the basis (P, 1 + n, J)."""
+    columns = basis.reshape(len(basis), -1)
+    value = np.empty((count, basis.shape[2]))
+    slope = np.empty((count, basis.shape[1] - 1, basis.shape[2]))
+    for group in groups:
+        both = (group.coefficients @ columns[: group.size]).reshape(
+            len(group.members), *basis.shape[1:]
+        )
+        value[group.members], slope[group.members] = both[:, 0], both[:, 1:]
+    return value, slope
+
+
+def _sums_at(groups: tuple[Group, ...], indices: Indices, place: Indices, z: Array) -> Array:
+    """Return the polynomial (R,) of experiment place[r] at the point z[r], z (R, n)."""
+    out = np.empty(len(z))
+    count = 1 + max(int(group.members.max()) for group in groups)
+    where, which = np.empty((2, count), dtype=np.intp)
+    for g, group in enumerate(groups):
+        where[group.members], which[group.members] = np.arange(len(group.members)), g
+    for g, group in enumerate(groups):
+        rows = np.flatnonzero(which[place] == g)
+        terms = group.coefficients[where[place[rows]]]
+        out[rows] = np.einsum("rp,pr->r", terms, products(indices[: group.size], z[rows]))
+    return out

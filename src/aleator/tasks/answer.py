@@ -7,7 +7,7 @@ way.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,9 +25,8 @@ from aleator.tasks.baselines import (
     linear_gaussian,
     start_point,
 )
-from aleator.tasks.concentration import Concentration
 from aleator.tasks.ledger import Ledger
-from aleator.tasks.uniform import Uniform
+from aleator.tasks.refinement import Refined, Refinement, refinement_of
 from aleator.types import Array
 
 WIDER = 3
@@ -73,14 +72,15 @@ def answered(question: Question, ledger: Ledger) -> Answer:
     search, tried = question.search, [question.model]
     while True:
         way = _way(question, tried[-1], _Search(search, question.seed, ledger), ledger)
-        problem, found = way.search(question.seed)
-        better = better_model(problem, found.alpha)
+        refined = way.search(question.seed)
+        better = better_model(refined.problem, refined.found.alpha)
         if better is None:
             break
         # the exact density is dear, and its maximum is near
-        search = WarmStart(found.alpha) if better.exact else question.search
+        search = WarmStart(refined.found.alpha) if better.exact else question.search
         tried.append(better)
-    problem, found, inference, profile = _sure(way, problem, found, ledger)
+    refined, inference, profile = _sure(way, refined, ledger)
+    problem, found = refined.problem, refined.found
     with ledger.stage("baselines"):
         baselines = _baselines(problem, question.search, question.seed)
     stands_in = any(model.exact for model in tried) and not tried[-1].exact
@@ -129,33 +129,24 @@ class _Search:
             )
 
 
-def _way(
-    question: Question, model: Model, search: _Search, ledger: Ledger
-) -> Concentration | Uniform:
-    way = Concentration if model.follows else Uniform
-    return way(
-        question.runner,
-        question.outcomes,
-        model,
-        search,
-        ledger.stage,
-        ledger.progress,
+def _way(question: Question, model: Model, search: _Search, ledger: Ledger) -> Refinement:
+    return refinement_of(
+        question.runner, question.outcomes, model, search, ledger.stage, ledger.progress,
         question.ids,
-    )
+    )  # fmt: skip
 
 
-def _sure(
-    way: Concentration | Uniform, problem: Problem, found: SearchResult, ledger: Ledger
-) -> tuple[Problem, SearchResult, Inference, Profile]:
+def _sure(way: Refinement, refined: Refined, ledger: Ledger) -> tuple[Refined, Inference, Profile]:
     """Inference on surfaces that hold the laws at the ends of the intervals."""
     for widened in range(WIDER + 1):
         with ledger.stage("inference"):
-            found, inference, profile = infer_at(problem, found)
-        held = None if widened == WIDER else way.hold(problem, found, inference, profile.intervals)
+            found, inference, profile = infer_at(refined.problem, refined.found)
+        refined = replace(refined, found=found)
+        held = None if widened == WIDER else way.hold(refined, inference, profile.intervals)
         if held is None:
             break
-        problem, found = held
-    return problem, found, inference, profile
+        refined = held
+    return refined, inference, profile
 
 
 def _baselines(problem: Problem, search: Search, seed: int) -> Baselines:

@@ -11,7 +11,6 @@ import pandas as pd
 from aleator.densities import Density, NodeDensity, Status
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
-from aleator.likelihood.problem import forward
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions
 from aleator.observations.noise import Noise
@@ -19,7 +18,7 @@ from aleator.progress import Progress
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import DEFAULT_PROPAGATION, AnySimulator, runner_on
-from aleator.tasks.region import own_region
+from aleator.tasks.refinement import under_law
 from aleator.tasks.values import QUANTILES, Estimate, in_order
 from aleator.types import Array
 
@@ -66,7 +65,7 @@ def predicted(
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """The table of `predict` for the conditions of a runner, under the law alpha (K,)."""
-    ready = forward(runner, model, own_region(model.inputs, alpha), progress)
+    ready = under_law(runner, model, alpha, progress)
     moments, fitted = ready.predictive.moments(alpha), ready.predictive.fitted(alpha)
     if model.open and np.any(fitted.status == Status.TOO_COARSE):
         fitted = ready.by(model.by_moments()).predictive.fitted(alpha)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from aleator.errors import SimulatorError
-from aleator.surrogates import Sharpened
 from aleator.surrogates.basis import products
 from aleator.surrogates.fit import Prior, judged, weights
+from aleator.surrogates.own import OwnSurfaces
 from aleator.surrogates.points import continued, shares, spread
+from aleator.surrogates.responses import Run
 from aleator.surrogates.samples import Samples
 from aleator.types import Array, Indices
 
@@ -22,7 +23,12 @@ def law(count: int = 256, sd: float = 0.06) -> Array:
     return np.array([0.4, 0.6]) + sd * np.random.default_rng(1).standard_normal((count, 2))
 
 
-def true_error(state: Sharpened, x: Array, experiments: int) -> Array:
+def first(run: Run, experiments: int) -> OwnSurfaces:
+    """Surfaces of a dozen runs all over the box."""
+    return OwnSurfaces(run, BOX, Samples.none(experiments, 2), 12)
+
+
+def true_error(state: OwnSurfaces, x: Array, experiments: int) -> Array:
     surface = state.surface(np.ones(experiments, dtype=np.bool_))
     truth = waves(np.repeat(np.arange(experiments), len(x)), np.tile(x, (experiments, 1)))
     return np.sqrt(((surface.evaluate(x) - truth.reshape(experiments, -1)) ** 2).mean(axis=1))
@@ -67,7 +73,7 @@ def test_the_error_at_points_is_that_of_outcomes_drawn_from_the_prior(noise: flo
 
 def test_errors_fall_where_the_law_is_and_are_told() -> None:
     where = law()
-    state = Sharpened(waves, BOX, 6)
+    state = first(waves, 6)
     errors = []
     for _ in range(5):
         state.judge(where)
@@ -75,7 +81,7 @@ def test_errors_fall_where_the_law_is_and_are_told() -> None:
         # of a dozen runs all over the box the estimate is up to three times too small
         factor = 1.5 if len(errors) > 1 else 3.0
         assert (true_error(state, where, 6) < factor * state.error).mean() > 0.8
-        state.sharpen(np.arange(6), law(512, 0.08), 0.3)
+        state.sharpen(np.arange(6), law(512, 0.08), 0.3, 1000)
     assert (errors[-1] < 0.1 * errors[0]).all()
     assert state.scatter == pytest.approx(
         waves(np.repeat(np.arange(6), 256), np.tile(where, (6, 1))).reshape(6, -1).std(axis=1),
@@ -86,7 +92,7 @@ def test_errors_fall_where_the_law_is_and_are_told() -> None:
 
 
 def test_the_scatter_is_that_of_the_outcome_with_its_noise() -> None:
-    state = Sharpened(waves, BOX, 1)
+    state = first(waves, 1)
     state.judge(law())
     alone = state.scatter[0]
     state.judge(law(), 0.5)
@@ -103,15 +109,17 @@ def test_runs_inside_serve_another_region_and_none_is_repeated() -> None:
         asked.extend(zip(index.tolist(), [row.tobytes() for row in x], strict=True))
         return waves(index, x)
 
-    state = Sharpened(run, BOX, 2)
-    state.sharpen(np.array([1]), law(512), 0.5)
+    state = first(run, 2)
+    state.sharpen(np.array([1]), law(512), 0.5, 1000)
     narrow = np.array([[0.2, 0.7], [0.3, 0.9]])
-    inside = np.all((state.every.x >= narrow[:, 0]) & (state.every.x <= narrow[:, 1]), axis=1)
+    inside = state.samples.inside(narrow)
+    assert 0 < len(inside.x) < len(state.samples.x)
     state.move(narrow)
-    assert np.array_equal(state.samples.x, state.every.x[inside])
-    state.sharpen(np.arange(2), law(512), 0.3)
+    state.judge(law())
+    assert np.isfinite(state.error[1])
+    state.sharpen(np.arange(2), law(512), 0.3, 1000)
+    assert len(state.samples.inside(narrow).x) > len(inside.x)
     state.move(BOX)
-    assert state.samples.x.shape == state.every.x.shape
     assert len(asked) == len(set(asked)) == state.runs.sum()
     assert state.runs[1] > state.runs[0]
 
@@ -120,9 +128,9 @@ def test_a_hole_raises_the_error_of_a_law_that_lies_in_it_only() -> None:
     def run(index: Indices, x: Array) -> Array:
         return np.where(np.all(x > 0.6, axis=1), np.nan, waves(index, x))
 
-    whole, holed = (Sharpened(function, BOX, 2) for function in (waves, run))
+    whole, holed = (first(function, 2) for function in (waves, run))
     for state in (whole, holed):
-        state.sharpen(np.arange(2), np.random.default_rng(0).random((512, 2)), 2.0)
+        state.sharpen(np.arange(2), np.random.default_rng(0).random((512, 2)), 2.0, 1000)
     corner, away = law() + np.array([0.4, 0.2]), law() - np.array([0.1, 0.3])
     for where, factor in ((corner, 3.0), (away, 0.5)):
         whole.judge(where)
@@ -134,7 +142,7 @@ def test_a_hole_raises_the_error_of_a_law_that_lies_in_it_only() -> None:
 
 
 def test_an_experiment_without_runs_has_an_infinite_error() -> None:
-    state = Sharpened(lambda i, x: np.where(i == 1, np.nan, waves(i, x)), BOX, 2)
+    state = first(lambda i, x: np.where(i == 1, np.nan, waves(i, x)), 2)
     state.judge(law())
     assert np.isinf(state.error).tolist() == [False, True]
     assert state.rough(0.05, 0.0).tolist()[1]
@@ -142,11 +150,16 @@ def test_an_experiment_without_runs_has_an_infinite_error() -> None:
 
 def test_samples_tell_what_failed_from_what_was_never_run() -> None:
     none = Samples.none(2, 2)
-    some = none.joined(law(3), np.array([1]), np.array([[1.0, np.nan, 2.0]]))
-    assert some.asked.sum(axis=1).tolist() == [0, 3]
-    assert some.worked.sum(axis=1).tolist() == [0, 2]
+    places = np.arange(3)
+    some = none.joined(law(3), np.ones(3, dtype=np.intp), places, np.array([1.0, np.nan, 2.0]))
+    assert some.runs.tolist() == [0, 3]
+    assert some.failed.tolist() == [0, 1]
+    index, x, outcome = some.listed
+    assert index.tolist() == [1, 1]
+    assert np.array_equal(x, law(3)[[0, 2]])
+    assert outcome.tolist() == [1.0, 2.0]
 
 
 def test_a_simulator_of_the_wrong_shape_is_named() -> None:
     with pytest.raises(SimulatorError, match="outcomes of shape"):
-        Sharpened(lambda _, x: x, BOX, 2)
+        first(lambda _, x: x, 2)

@@ -1,0 +1,296 @@
+"""The one loop that makes surfaces exact: judge them, run the experiments that are too rough.
+
+Two rules place the runs. With a tolerance they are spread evenly over the region, and errors are
+judged all over it. Without one they are placed where a law has its mass, and errors are judged at
+draws of that law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import qmc
+
+from aleator.errors import InputsError
+from aleator.simulators import Runner
+from aleator.surrogates.choice import ResponseSurface
+from aleator.surrogates.conditions import features
+from aleator.surrogates.emulator import Emulator
+from aleator.surrogates.own import OwnSurfaces
+from aleator.surrogates.responses import Run, attempts, moving_parameters
+from aleator.surrogates.samples import Samples
+from aleator.surrogates.shared import SharedSurface
+from aleator.surrogates.surface import Surface
+from aleator.types import Array, Flags
+
+Progress = Callable[[int, int, int], None]
+
+EXACT = 0.005
+"""The tolerance of surfaces without a law to follow, where none is chosen."""
+ROUGH = 0.05
+"""Estimated error of a surface under the law, over the outcome's scatter, that asks for runs."""
+ROUGH_SHARED = 0.1
+"""The same of a shared surface: its estimate is more cautious."""
+GROWTH = 0.3
+"""Share by which a round increases the runs of the experiments that need more."""
+PATIENCE = 6
+"""Rounds of its own after which an experiment is given up whose error falls by less than a fifth:
+its runs have then grown fivefold, so that what is left is the simulator's own noise, or a jump."""
+STALL = 0.8
+WORTH = 0.3
+"""Estimated error of the first shared surface, over the outcome's scatter on the box, that nine
+experiments of ten must meet; with more each has its own surface."""
+POINTS = 512
+"""Points of a region at which errors are judged before there is a law."""
+
+
+class AdaptiveSurfaces:
+    """The surfaces of N experiments, their runs, and how well each round of runs did.
+
+    `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed; `box` (n, 2) is where the
+    surfaces are wanted; `conditions` (N, d) are what experiments may share a surface by, or None.
+    `where` (J, n) are the points at which the errors were judged last, or None for all of the box;
+    `noise_sd` is that of the noise that their scatter includes. `past` (PATIENCE, N) are the
+    relative errors before the last rounds of each experiment: one that no longer falls is given up.
+
+    Raises InputsError where `max_runs` is less than the first round, or the user asks for a shared
+    surface and there is nothing to share by.
+    """
+
+    def __init__(
+        self,
+        run: Run,
+        box: Array,
+        experiments: int,
+        choice: ResponseSurface,
+        conditions: Array | None = None,
+    ) -> None:
+        self.choice = choice
+        self.where = None if choice.tolerance else _points_of(box)
+        self.noise_sd = 0.0
+        self.past = np.full((PATIENCE, experiments), np.inf)
+        self.emulator = _first_emulator(run, box, experiments, choice, conditions)
+        self._complete()
+
+    @property
+    def box(self) -> Array:
+        """Where the surfaces are wanted, (n, 2)."""
+        return self.emulator.box
+
+    @property
+    def total_runs(self) -> int:
+        """Runs of all experiments together."""
+        return int(self.emulator.runs.sum())
+
+    @property
+    def level(self) -> float:
+        """Estimated error over the scatter that makes a surface one that is exact enough."""
+        if self.choice.tolerance:
+            return self.choice.tolerance
+        return ROUGH_SHARED if isinstance(self.emulator, SharedSurface) else ROUGH
+
+    @property
+    def good(self) -> Flags:
+        """Whose surface is exact enough, (N,)."""
+        return ~self.emulator.rough(self.level, self.choice.accuracy)
+
+    @property
+    def relative(self) -> Array:
+        """Estimated errors over the scatter, (N,)."""
+        scatter = self.emulator.scatter
+        return np.asarray(self.emulator.error / np.where(scatter > 0.0, scatter, 1.0))
+
+    def everywhere(self) -> Array | None:
+        """Points of the whole box for `judge` and `sharpen`; None where a tolerance holds there."""
+        return None if self.choice.tolerance else _points_of(self.box)
+
+    def move(self, box: Array) -> None:
+        """Take the surfaces to another box; the runs inside serve there too."""
+        self.emulator.move(box)
+        self.past[:] = np.inf
+        self._complete()
+
+    def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
+        """Estimate the errors at points (J, n) of a law, or over the box."""
+        self.where, self.noise_sd = where, noise_sd
+        self.emulator.judge(where, noise_sd)
+
+    def wanting(self, level: float) -> Flags:
+        """Whose error is above `level` of its scatter, where more runs may help."""
+        lost = np.isinf(self.emulator.error)
+        stalled = self.relative > STALL * self.past[0]
+        rough = self.emulator.rough(level, self.choice.accuracy)
+        return np.asarray(rough & ~lost & ~stalled & ~self._spent)
+
+    def sharpen(self, members: Flags, draws: Array | None) -> None:
+        """A round of runs for the members (N,): where draws (D, n) lie, or all over the box."""
+        self.past[:, members] = np.roll(self.past[:, members], -1, axis=0)
+        self.past[-1, members] = self.relative[members]
+        self._run(members, draws)
+
+    def refine(self, draws: Array | None, level: float, tell: Progress | None = None) -> None:
+        """Rounds of runs until no experiment wants more, judged where they were judged last."""
+        while True:
+            if tell:
+                tell(self.total_runs, int(self.good.sum()), self.good.size)
+            members = self.wanting(level)
+            if not members.any():
+                return
+            self.sharpen(members, draws)
+
+    def separate(self) -> None:
+        """Give each experiment its own surface where a shared one has all the runs it takes."""
+        if self.choice.surfaces != "automatic" or not isinstance(self.emulator, SharedSurface):
+            return
+        if self.emulator.full:
+            self.emulator = _own_instead(self.emulator)
+            self._judge_again()
+
+    def surface(self) -> Surface:
+        """The surfaces as they are, with the errors that were judged last."""
+        return self.emulator.surface(self.good)
+
+    @property
+    def _spent(self) -> Flags:
+        return np.asarray(self.emulator.runs >= self.choice.max_runs)
+
+    def _complete(self) -> None:
+        """Enough runs for a surface of every experiment, where two rounds suffice for that."""
+        self._judge_again()
+        for _ in range(2):
+            lost = np.isinf(self.emulator.error) & ~self._spent
+            if lost.any():
+                self._run(lost, self.everywhere())
+
+    def _run(self, members: Flags, draws: Array | None) -> None:
+        self.emulator.sharpen(np.flatnonzero(members), draws, GROWTH, self.choice.max_runs)
+        self._judge_again()
+
+    def _judge_again(self) -> None:
+        self.emulator.judge(self.where, self.noise_sd)
+
+
+def surfaces_of(runner: Runner, region: Array, choice: ResponseSurface) -> AdaptiveSurfaces:
+    """First surfaces of a runner's distinct conditions on a region (n, 2)."""
+    box, cases = region[moving_parameters(region)], runner.cases
+    run = attempts(runner, region)
+    return AdaptiveSurfaces(run, box, len(cases), choice, features(cases.columns))
+
+
+def build_surface(
+    run: Run,
+    box: Array,
+    experiments: int,
+    choice: ResponseSurface | None = None,
+    progress: Progress | None = None,
+) -> Surface:
+    """Return surfaces of all experiments that are exact all over a box (n, 2), n from 1 to 10.
+
+    `run(index (R,), x (R, n)) -> (R,)` is called once a round, with all experiments that still
+    need runs. `progress(done runs, converged experiments, experiments)` is told before each round.
+    Without a tolerance in the choice it is 0.005.
+
+    All experiments share one nested sequence of points; a round adds three tenths. Each surface is
+    fitted with the prior of least leave-one-out error (module `fit`). Its error is taken as the
+    larger of what that prior expects, and the leave-one-out residuals weighted by each run's part
+    of the box.
+
+    A run that failed has the outcome NaN; a surface is fitted through the runs that worked. In a
+    large hole it is an extrapolation, wrong by up to thrice the estimate. With fewer than 2 n + 2
+    runs that worked an experiment has no surface: it is a constant with an infinite error.
+
+    Raises InputsError for an inadmissible box or too few runs, SimulatorError for outcomes of the
+    wrong shape or infinite. An experiment that does not converge within `max_runs`, or stalls at
+    the simulator's noise, is returned with `converged` False and its estimated error. A feature
+    smaller than the distance between points can be missed by every estimate.
+
+    Cost besides the runs: 108 experiments of two parameters with up to 500 runs, a few seconds.
+
+    >>> surface = build_surface(lambda i, x: i + x[:, 0] * x[:, 1], np.array([[0, 1], [0, 1]]), 2)
+    >>> surface.evaluate(np.array([[0.5, 0.5]]))
+    array([[0.25], [1.25]])
+    """
+    choice = choice or ResponseSurface()
+    choice = replace(choice, tolerance=choice.tolerance or EXACT)
+    if experiments < 1:
+        raise InputsError(f"surfaces of {experiments} experiments", "pass at least one experiment")
+    surfaces = AdaptiveSurfaces(run, _checked_box(box), experiments, choice)
+    surfaces.refine(None, surfaces.level, progress)
+    return surfaces.surface()
+
+
+def first_runs(n: int, choice: ResponseSurface) -> int:
+    """Runs of an experiment in n parameters before its error is judged.
+
+    Twice the terms of total degree two up to four parameters where the surfaces are to be exact
+    all over the box: quadratics then are so at once. Fewer where they will follow a law.
+
+    >>> first_runs(2, ResponseSurface()), first_runs(2, ResponseSurface(tolerance=0.01))
+    (12, 20)
+    """
+    return 5 * n + 10 if choice.tolerance else 3 * n + 6
+
+
+def _first_emulator(
+    run: Run, box: Array, experiments: int, choice: ResponseSurface, conditions: Array | None
+) -> Emulator:
+    """A shared surface if the user asks, or it promises enough; else a surface for each."""
+    n = len(box)
+    if choice.surfaces != "own" and conditions is not None and SharedSurface.fits(experiments, n):
+        shared = SharedSurface(run, box, conditions)
+        shared.judge(_points_of(box))
+        if choice.surfaces == "shared" or _promises(shared):
+            return shared
+        return _own_instead(shared)
+    if choice.surfaces == "shared":
+        raise _nothing_to_share(conditions, experiments)
+    first = first_runs(n, choice)
+    if choice.max_runs < first:
+        raise InputsError(
+            f"response surface: max_runs {choice.max_runs} for {n} parameters",
+            f"allow at least {first} runs an experiment",
+        )
+    return OwnSurfaces(run, box, Samples.none(experiments, n), first)
+
+
+def _own_instead(shared: SharedSurface) -> OwnSurfaces:
+    """A surface for each experiment instead, from the runs that it has and some more."""
+    first = first_runs(len(shared.box), ResponseSurface())
+    return OwnSurfaces(shared.run, shared.box, shared.samples, first)
+
+
+def _promises(shared: SharedSurface) -> bool:
+    relative = shared.error / np.where(shared.scatter > 0.0, shared.scatter, np.inf)
+    return float(np.quantile(relative, 0.9)) <= WORTH
+
+
+def _nothing_to_share(conditions: Array | None, experiments: int) -> InputsError:
+    remedy = "leave out shared = true: each experiment then has its own surface"
+    if conditions is None:
+        what = "none varies, or one is a text with many values"
+        return InputsError(
+            f"no surface can be shared: of the conditions that the simulator asks for {what}",
+            remedy,
+        )
+    return InputsError(f"{experiments} experiments are too many to share a surface", remedy)
+
+
+def _points_of(box: Array) -> Array:
+    """Evenly spread points (512, n) of a box (n, 2)."""
+    u = qmc.Sobol(len(box), rng=0).random_base2(int(np.log2(POINTS)))
+    return np.asarray(box[:, 0] + u * (box[:, 1] - box[:, 0]))
+
+
+def _checked_box(box: Array) -> Array:
+    box = np.asarray(box, dtype=np.float64)
+    if box.ndim != 2 or box.shape[1] != 2 or not len(box):
+        raise InputsError(f"box of shape {box.shape}", "pass one row [lower, upper] a parameter")
+    for i, (low, high) in enumerate(box):
+        if not (np.isfinite(low) and np.isfinite(high) and low < high):
+            raise InputsError(
+                f"box: parameter {i}: lower {low} >= upper {high}, or not finite",
+                "pass two finite numbers, the smaller one first",
+            )
+    return box

@@ -1,0 +1,71 @@
+"""What a user chooses of the response surfaces: how exact they are, and at what price."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from aleator.errors import InputsError
+from aleator.quadrature import Cubature
+from aleator.surrogates.points import CANDIDATES
+
+Sharing = Literal["own", "shared", "automatic"]
+
+
+@dataclass(frozen=True)
+class ResponseSurface:
+    """The choice of response surfaces: how exact, and at what price.
+
+    tolerance: estimated root-mean-square error over the scatter of the outcome, both over the
+    region, in (0, 1). None: the surfaces are made exact where the law has its mass, and no more
+    exact than the answer needs.
+    max_runs: the most runs for one experiment, from 4 to 4096.
+    accuracy: relative accuracy of the simulator, in [0, 1); an error below accuracy times the size
+    of the outcome counts as converged.
+    nodes: Gauss nodes a parameter, or a cubature, when the surfaces are propagated; None leaves it
+    open.
+    surfaces: "own": each experiment has a surface of its own. "shared": one surface, over
+    conditions and parameters, serves all experiments. "automatic": the estimated error of a shared
+    one decides. A tolerance needs "own".
+
+    Raises InputsError for a value outside these ranges.
+
+    >>> ResponseSurface(tolerance=0.01).max_runs
+    1000
+    """
+
+    tolerance: float | None = None
+    max_runs: int = 1000
+    accuracy: float = 1e-6
+    nodes: int | Cubature | None = None
+    surfaces: Sharing = "own"
+
+    @property
+    def name(self) -> str:
+        """How the result names this choice."""
+        return "response_surface"
+
+    def __post_init__(self) -> None:
+        checks = (
+            (
+                "tolerance",
+                self.tolerance is None or 0.0 < self.tolerance < 1.0,
+                "choose one in (0, 1), e.g. 0.02",
+            ),
+            ("max_runs", 4 <= self.max_runs <= CANDIDATES, f"choose 4 to {CANDIDATES}"),
+            ("accuracy", 0.0 <= self.accuracy < 1.0, "choose one in [0, 1), e.g. 1e-6"),
+            (
+                "surfaces",
+                self.surfaces in get_args(Sharing),
+                f"choose one of {', '.join(get_args(Sharing))}",
+            ),
+            (
+                "surfaces",
+                self.surfaces == "own" or self.tolerance is None,
+                "leave out the tolerance: a shared surface is made exact where the law is",
+            ),
+            ("nodes", not isinstance(self.nodes, int) or self.nodes >= 1, "choose at least 1"),
+        )
+        for name, good, remedy in checks:
+            if not good:
+                raise InputsError(f"response surface: {name} {getattr(self, name)}", remedy)

@@ -1,0 +1,108 @@
+"""What every kind of surfaces does: run where it is asked, say how exact it is, give polynomials.
+
+Two kinds: a polynomial for each experiment (module `own`), and one Gaussian process over conditions
+and parameters for all of them (module `shared`).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from aleator.errors import SimulatorError
+from aleator.surrogates.assembly import Piece, degrees_of, merged, outcome_range
+from aleator.surrogates.responses import Run
+from aleator.surrogates.samples import Samples
+from aleator.surrogates.surface import Surface
+from aleator.types import Array, Flags, Indices
+
+
+class Emulator(ABC):
+    """The surfaces of N experiments after each round of runs; none of their runs is ever lost.
+
+    `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed. `box` (n, 2) is where the
+    surfaces are wanted: `move` takes it elsewhere. `sharpen` makes runs of some experiments,
+    `judge` estimates how exact the surfaces are, and `surface` gives them as they are. All points
+    are determined by these calls: no run that somebody else has made changes where the next one is.
+
+    `error` (N,) is the estimated root-mean-square error, infinite where runs are lacking, and
+    `scatter` (N,) the standard deviation of the outcome, both at the points that were judged last;
+    `level` (N,) is the outcome's size and `reach` (N,) the error over all the box.
+    """
+
+    def __init__(self, run: Run, box: Array, samples: Samples) -> None:
+        experiments = len(samples.outcome)
+        self.run, self.box, self.samples = run, box, samples
+        self.error = np.full(experiments, np.inf)
+        self.scatter, self.level, self.reach = np.zeros((3, experiments))
+
+    @property
+    def runs(self) -> Indices:
+        """Runs made of each experiment, (N,), wherever they lie."""
+        return self.samples.runs
+
+    @abstractmethod
+    def move(self, box: Array) -> None:
+        """Take the surfaces to another box."""
+
+    @abstractmethod
+    def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
+        """Run experiments `members` (A,) at more points among draws (D, n) of a law.
+
+        Without draws the points are spread evenly over the box. The runs of an experiment grow by
+        about `growth`, to `most` at the most.
+        """
+
+    @abstractmethod
+    def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
+        """Estimate the errors at points (J, n) of a law, or over the box.
+
+        The scatter that they are compared with is that of the outcome with its noise.
+        """
+
+    @abstractmethod
+    def surface(self, converged: Flags) -> Surface:
+        """The surfaces as they are, with the errors that were judged last."""
+
+    def rough(self, tolerance: float, accuracy: float) -> Flags:
+        """Whose error is above `tolerance` of its scatter and `accuracy` of its size."""
+        return self.error > np.maximum(tolerance * self.scatter, accuracy * self.level)
+
+    def _ask(self, x: Array, index: Indices, place: Indices) -> None:
+        """Run experiments `index` (R,) at the points x[place], for x (Q, n)."""
+        outcome = np.asarray(self.run(index, x[place]), dtype=np.float64)
+        if outcome.shape != index.shape or np.isinf(outcome).any():
+            raise SimulatorError(
+                f"outcomes of shape {outcome.shape} for {len(index)} runs, or infinite",
+                "return one number for each run: finite, or NaN where the run failed",
+            )
+        self.samples = self.samples.joined(x, index, place, outcome)
+
+    def _surface(
+        self, pieces: Iterable[Piece], error: Array, converged: Flags, outcomes: Array
+    ) -> Surface:
+        """The polynomials of `pieces`, of the errors (N,); `outcomes` (N, M) widen their range."""
+        known = np.where(np.isfinite(error), error, 0.0)
+        indices, groups, terms = merged(pieces, known)
+        surface = Surface(
+            box=self.box,
+            indices=indices,
+            groups=groups,
+            error=error.copy(),
+            scatter=self.scatter.copy(),
+            converged=converged,
+            runs=self.runs,
+            failed=self.samples.failed,
+            degrees=degrees_of(indices, terms, known),
+        )
+        lower, upper = outcome_range(surface, outcomes)
+        # an outcome is out of reach only if it is so beyond the surface's error over all the box
+        return replace(surface, lower=lower - 3.0 * self.reach, upper=upper + 3.0 * self.reach)
+
+
+def pairs(members: Indices, count: int) -> tuple[Indices, Indices]:
+    """Each of A experiments with each of `count` points: experiments (A count,), points alike."""
+    return np.repeat(members, count), np.tile(np.arange(count), len(members))

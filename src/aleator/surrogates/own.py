@@ -1,0 +1,217 @@
+"""A surface of its own for each experiment: a polynomial through the runs of that experiment."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aleator.surrogates.assembly import Piece
+from aleator.surrogates.basis import products
+from aleator.surrogates.emulator import Emulator, pairs
+from aleator.surrogates.fit import Judged, Prior, first_priors, fitted, judged, search
+from aleator.surrogates.points import (
+    continued,
+    evenly,
+    from_unit_box,
+    in_unit_box,
+    shares,
+    spread,
+)
+from aleator.surrogates.responses import Run
+from aleator.surrogates.samples import Samples
+from aleator.surrogates.surface import Surface
+from aleator.types import Array, Flags, Indices
+
+# Outcomes that differ by less than this part of their size do not depend on the parameters.
+ROUNDING = 1e-12
+# Sets of runs that worked, for which priors are searched; experiments with any other set (runs that
+# fail here and there, differently in each) choose among the priors that were found for these.
+SEARCHED = 6
+# Over the box the first estimate of a surface can be three times too small. An error that falls by
+# more than half in one round, or seems to, is believed by half only.
+FIRST, DOUBT = 3.0, 0.5
+
+
+class OwnSurfaces(Emulator):
+    """A polynomial for each experiment, made exact where it is judged (see `Emulator`).
+
+    `first` points are run to begin with. `samples` are runs that were made before, each at a point
+    of its own.
+    """
+
+    def __init__(self, run: Run, box: Array, samples: Samples, first: int) -> None:
+        super().__init__(run, box, samples)
+        experiments, n = len(samples.outcome), len(box)
+        self.earlier, self.first = samples.x, first
+        self.pool = first_priors(n)
+        self.prior = [self.pool[0]] * experiments
+        self.stale = np.ones(experiments, dtype=np.bool_)
+        self.estimate = np.full(experiments, np.inf)
+        self.floor = np.full(experiments, np.inf)
+        everyone, place = pairs(np.arange(experiments), first)
+        self._ask(from_unit_box(box, spread(first, n)), everyone, place)
+
+    def move(self, box: Array) -> None:
+        """Take the surfaces to another box, with the runs that lie inside."""
+        self.box = box
+        self.prior = [self.pool[0]] * len(self.error)
+        self.stale[:] = True
+        self.floor[:] = np.inf
+
+    def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
+        """Run experiments `members` (A,) at more points, the same for all of them.
+
+        As many more as make the points that these have in the box grow by `growth`, and at least
+        as many as a first round has.
+        """
+        inside = self.samples.inside(self.box)
+        common = ~np.isin(inside.x[:, 0], self.earlier[:, 0])
+        known = in_unit_box(self.box, inside.x[inside.asked[members].any(axis=0) & common])
+        count = max(int(np.ceil(growth * len(known))), self.first - len(known), 1)
+        if draws is None:
+            fresh = evenly(known, count)
+        else:
+            fresh = continued(known, in_unit_box(self.box, draws), count)
+        index, place = pairs(members, count)
+        allowed = place < most - self.runs[index]
+        guess = self._values(members, fresh)
+        self._ask(from_unit_box(self.box, fresh), index[allowed], place[allowed])
+        missed = guess - self.samples.outcome[members, -count:]
+        self.floor[members] = np.fmax(DOUBT * self.estimate[members], _root_mean_square(missed))
+        self.stale[members] = True
+
+    def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
+        """Estimate the errors by what the priors expect, and by leave-one-out residuals."""
+        samples = self.samples.inside(self.box)
+        z, values = in_unit_box(self.box, samples.x), samples.outcome
+        at = None if where is None else in_unit_box(self.box, where)
+        enough = samples.worked.sum(axis=1) >= least_runs(len(self.box))
+        self._choose_priors(np.flatnonzero(self.stale & enough), z, values)
+        self.error = np.full(len(values), np.inf)
+        for prior, members, runs in self._groups(np.flatnonzero(enough), samples.worked):
+            y = values[np.ix_(members, runs)].T
+            fit = judged(prior, z[runs], y, at)
+            self.level[members] = np.abs(y).max(axis=0)
+            constant = np.ptp(y, axis=0) <= ROUNDING * self.level[members]
+            self.scatter[members] = np.hypot(np.where(constant, 0.0, _scatter(fit, at)), noise_sd)
+            error = np.maximum(fit.there, left_out(fit, shares(z[runs], at)))
+            if where is None:
+                self.estimate[members] = error
+                floor = self.floor[members]
+                error = np.where(np.isinf(floor), FIRST * error, np.maximum(error, floor))
+            self.error[members] = np.where(constant, 0.0, error)
+            self.reach[members] = np.where(constant, 0.0, fit.expected)
+
+    def surface(self, converged: Flags) -> Surface:
+        """The surfaces as they are, with the errors that were judged last."""
+        samples = self.samples.inside(self.box)
+        pieces = fitted_pieces(in_unit_box(self.box, samples.x), samples.outcome, self.prior)
+        return self._surface(pieces, self.error, converged, samples.outcome)
+
+    def _values(self, members: Indices, z: Array) -> Array:
+        """Outcomes (A, Q) that the surfaces of members (A,) tell at points z (Q, n)."""
+        samples = self.samples.inside(self.box)
+        known, out = in_unit_box(self.box, samples.x), np.empty((len(members), len(z)))
+        priors = [self.prior[row] for row in members]
+        for rows, indices, coefficients in fitted_pieces(known, samples.outcome[members], priors):
+            out[rows] = coefficients.T @ products(indices, z)
+        return out
+
+    def _choose_priors(self, members: Indices, z: Array, values: Array) -> None:
+        if members.size:
+            groups, self.pool = chosen_priors(z, values, members, self.pool)
+            for prior, some, _ in groups:
+                for row in some:
+                    self.prior[row] = prior
+        self.stale[:] = False
+
+    def _groups(self, members: Indices, worked: Flags) -> list[tuple[Prior, Indices, Indices]]:
+        """Experiments of one prior and one set of runs."""
+        alike: dict[tuple[Prior, bytes], list[int]] = {}
+        for row in members.tolist():
+            alike.setdefault((self.prior[row], worked[row].tobytes()), []).append(row)
+        return [
+            (prior, np.array(rows, dtype=np.intp), np.flatnonzero(worked[rows[0]]))
+            for (prior, _), rows in alike.items()
+        ]
+
+
+def least_runs(n: int) -> int:
+    """Runs that must work before there is a surface in n parameters: twice a linear one's."""
+    return 2 * n + 2
+
+
+def patterns(worked: Flags) -> list[tuple[Indices, Indices]]:
+    """Rows (A,) and columns (M,) of each different row of `worked`, the most frequent first.
+
+    >>> patterns(np.array([[True, False], [True, True], [True, True]]))
+    [(array([1, 2]), array([0, 1])), (array([0]), array([0]))]
+    """
+    sets, inverse, count = np.unique(worked, axis=0, return_inverse=True, return_counts=True)
+    order = np.lexsort((np.arange(len(sets)), -count))
+    return [(np.flatnonzero(inverse.ravel() == k), np.flatnonzero(sets[k])) for k in order.tolist()]
+
+
+def chosen_priors(
+    z: Array, values: Array, members: Indices, pool: list[Prior]
+) -> tuple[list[tuple[Prior, Indices, Indices]], list[Prior]]:
+    """Return (prior, experiments, runs) that go together, and the pool of priors to go on with.
+
+    `values` (N, M) of all experiments at z (M, n), NaN where there is none; only for `members`.
+    """
+    found: dict[Prior, None] = {}
+    out = []
+    for k, (rows, runs) in enumerate(patterns(np.isfinite(values[members]))):
+        y = values[np.ix_(members[rows], runs)].T
+        if k < SEARCHED:
+            priors, best, more = search(pool, z[runs], y)
+            found |= dict.fromkeys(more)
+        else:
+            priors, best, _ = search([*found], z[runs], y, sweeps=1)
+        out += [(priors[b], members[rows[best == b]], runs) for b in np.unique(best)]
+    return out, [*found] or pool
+
+
+def fitted_pieces(z: Array, values: Array, prior: list[Prior]) -> list[Piece]:
+    """Return the surfaces of all experiments, each with its prior, through the runs it has."""
+    n = z.shape[1]
+    pieces: list[Piece] = []
+    for rows, runs in patterns(np.isfinite(values)):
+        if len(runs) < least_runs(n):
+            pieces.append(_constants(rows, values[np.ix_(rows, runs)], n))
+            continue
+        shared: dict[Prior, list[int]] = {}
+        for row in rows.tolist():
+            shared.setdefault(prior[row], []).append(row)
+        for one, some in shared.items():
+            members = np.array(some, dtype=np.intp)
+            pieces.append((members, *fitted(one, z[runs], values[np.ix_(members, runs)].T)))
+    return pieces
+
+
+def _constants(members: Indices, outcomes: Array, n: int) -> Piece:
+    """Surfaces of experiments with hardly a run: the mean of what there is."""
+    mean = outcomes.sum(axis=1) / max(outcomes.shape[1], 1)
+    return members, np.zeros((1, n), dtype=np.intp), mean[None, :]
+
+
+def left_out(fit: Judged, share: Array) -> Array:
+    """Return the error (A,) that the leave-one-out residuals tell, weighted by each run's share.
+
+    A run left out of well-spread ones leaves a hole twice as wide as any other, so its residual is
+    larger than the error elsewhere: hence 0.7. The least of some forty leave-one-out errors is
+    too small by chance when the runs are few: hence 1 + 8/M.
+    """
+    return np.asarray(np.sqrt(share @ fit.residual**2) * 0.7 * (1.0 + 8.0 / len(share)))
+
+
+def _root_mean_square(rows: Array) -> Array:
+    """Return the root-mean-square (A,) of the finite numbers of each row (A, Q), or NaN."""
+    count = np.isfinite(rows).sum(axis=1)
+    return np.asarray(np.sqrt(np.nansum(rows**2, axis=1) / np.where(count > 0, count, np.nan)))
+
+
+def _scatter(fit: Judged, at: Array | None) -> Array:
+    """Return the standard deviation (A,) of the surfaces at points (J, n), or over the box."""
+    if at is None:
+        return np.asarray(np.sqrt((fit.coefficients[fit.indices.any(axis=1)] ** 2).sum(axis=0)))
+    return np.asarray((fit.coefficients.T @ products(fit.indices, at)).std(axis=1))
