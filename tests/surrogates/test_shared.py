@@ -8,7 +8,7 @@ from scipy.optimize import approx_fprime
 from aleator.errors import SimulatorError
 from aleator.surrogates import Surface
 from aleator.surrogates.conditions import features
-from aleator.surrogates.gaussian_process import Covariance, Posterior, _loss, learned
+from aleator.surrogates.kriging import Covariance, Posterior, _loss, learned
 from aleator.surrogates.responses import Run
 from aleator.surrogates.shared import SharedSurface
 from aleator.types import Array, Indices

@@ -1,7 +1,7 @@
 """One surface for all experiments: the conditions are further inputs, and every run tells of all.
 
 Each experiment is run at points of its own; a Gaussian process over conditions and parameters
-(module `gaussian_process`) goes through the runs of all of them. For each experiment it is then a
+(module `kriging`) goes through the runs of all of them. For each experiment it is then a
 function of the parameters alone, of which the polynomial is taken: a `Surface` like any other.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from aleator.surrogates.basis import ball, products
 from aleator.surrogates.emulator import Emulator, pairs
-from aleator.surrogates.gaussian_process import Covariance, Posterior, learned
+from aleator.surrogates.kriging import Covariance, Posterior, learned
 from aleator.surrogates.points import (
     clustered,
     fixed_shift,
