@@ -46,7 +46,7 @@ bench: $(PEERS) ## Run the benchmarks, against peers that only they need
 lint: $(STAMP) ## Check style, formatting, types and layers
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy --strict src reproduction
+	$(BIN)/mypy --strict src reproduction benchmarks
 	$(BIN)/lint-imports
 
 lock: ## Write requirements.lock anew (UPGRADE=--upgrade takes newer versions)

@@ -34,6 +34,10 @@ _X, _W = np.polynomial.legendre.leggauss(800)
 _GERM, _GERM_WEIGHTS = np.polynomial.hermite_e.hermegauss(40)
 
 
+Drawn = tuple[tuple[float, float, Array], float, float]
+"""Mean, standard deviation and standardized moments of a law, and the ends of its range."""
+
+
 @dataclass(frozen=True)
 class Targets:
     """Moments of known laws with the ends of their ranges (N,)."""
@@ -64,41 +68,35 @@ def of_nodes(y: Array, w: Array, order: int) -> tuple[float, float, Array]:
     return mean, sd, c
 
 
-def mixture(
-    rng: np.random.Generator, order: int
-) -> tuple[tuple[float, float, Array], float, float]:
+def mixture(rng: np.random.Generator, order: int) -> Drawn:
     means, sds, share = rng.uniform(-2, 2, 2), rng.uniform(0.3, 1, 2), rng.uniform(0.2, 0.8)
     one, two = (stats.norm(m, s).pdf for m, s in zip(means, sds, strict=True))
     pdf = lambda y: share * one(y) + (1 - share) * two(y)  # noqa: E731
     return on_range(pdf, -10.0, 10.0, order), -np.inf, np.inf
 
 
-def beta(rng: np.random.Generator, order: int) -> tuple[tuple[float, float, Array], float, float]:
+def beta(rng: np.random.Generator, order: int) -> Drawn:
     p, q = rng.uniform(1.0, 8.0, 2)
     return on_range(stats.beta(p, q).pdf, 0.0, 1.0, order), 0.0, 1.0
 
 
-def gamma(rng: np.random.Generator, order: int) -> tuple[tuple[float, float, Array], float, float]:
+def gamma(rng: np.random.Generator, order: int) -> Drawn:
     law = stats.gamma(rng.uniform(1.0, 10.0))
     return on_range(law.pdf, 0.0, float(law.isf(1e-14)), order), 0.0, np.inf
 
 
-def truncated(
-    rng: np.random.Generator, order: int
-) -> tuple[tuple[float, float, Array], float, float]:
+def truncated(rng: np.random.Generator, order: int) -> Drawn:
     a, b = rng.uniform(-4.0, -0.2), rng.uniform(0.2, 4.0)
     return on_range(stats.norm.pdf, a, b, order), a, b
 
 
-def cubic(rng: np.random.Generator, order: int) -> tuple[tuple[float, float, Array], float, float]:
+def cubic(rng: np.random.Generator, order: int) -> Drawn:
     """a + b X + c X^2 + d X^3, X and the coefficients standard normal."""
     y = rng.standard_normal(4) @ _GERM ** np.arange(4)[:, None]
     return of_nodes(y, _GERM_WEIGHTS, order), -np.inf, np.inf
 
 
-def lognormal(
-    rng: np.random.Generator, order: int
-) -> tuple[tuple[float, float, Array], float, float]:
+def lognormal(rng: np.random.Generator, order: int) -> Drawn:
     y = np.exp(rng.uniform(0.05, 0.6) * _GERM)
     return of_nodes(y, _GERM_WEIGHTS, order), 0.0, np.inf
 
@@ -107,7 +105,12 @@ MIXED = (mixture, beta, gamma, truncated)
 KINDS = (*MIXED, lognormal, cubic)
 
 
-def targets(kinds: tuple[Callable, ...], count: int, order: int, seed: int) -> Targets:
+def targets(
+    kinds: tuple[Callable[[np.random.Generator, int], Drawn], ...],
+    count: int,
+    order: int,
+    seed: int,
+) -> Targets:
     """`count` targets, the kinds in turn."""
     rng = np.random.default_rng(seed)
     drawn = [kinds[i % len(kinds)](rng, order) for i in range(count)]

@@ -12,20 +12,21 @@ from aleator.expansion import Basis, Design, Regression
 from aleator.expansion.sobol import sobol_indices
 from aleator.laws import Uniform
 from aleator.polynomials.indices import TotalDegree
+from aleator.types import Array
 from benchmarks.row import Row
 
 EXPERIMENTS = 50
 DEGREE = 8
 
 
-def ishigami(x: np.ndarray, a: np.ndarray) -> np.ndarray:
+def ishigami(x: Array, a: Array) -> Array:
     """Outcomes (N, J) of sin x_1 + a sin^2 x_2 + 0.1 x_3^4 sin x_1 for N values of a."""
     one, two, three = x.T
     rest = np.sin(one) * (1.0 + 0.1 * three**4)
-    return rest + a[:, None] * np.sin(two) ** 2
+    return np.asarray(rest + a[:, None] * np.sin(two) ** 2)
 
 
-def exact_first(a: np.ndarray, b: float = 0.1) -> np.ndarray:
+def exact_first(a: Array, b: float = 0.1) -> Array:
     """First-order indices (N, 3) in closed form (Ishigami and Homma, 1990)."""
     first = 0.5 * (1.0 + b * np.pi**4 / 5.0) ** 2
     second = a**2 / 8.0
@@ -54,13 +55,13 @@ def expansion_rows() -> list[Row]:
     ]  # fmt: skip
 
 
-def own_first(way: Regression, basis: Basis, design: Design, outcomes: np.ndarray) -> np.ndarray:
+def own_first(way: Regression, basis: Basis, design: Design, outcomes: Array) -> Array:
     """First-order indices (N, 3) by this library."""
     expansion = way.fit(basis, design, outcomes)
     return sobol_indices(expansion.indices, expansion.coefficients).first
 
 
-def openturns_first(design: Design, outcomes: np.ndarray) -> np.ndarray:
+def openturns_first(design: Design, outcomes: Array) -> Array:
     """The same by OpenTURNS: all experiments are outputs of one functional chaos."""
     import openturns as ot
 
@@ -78,7 +79,7 @@ def openturns_first(design: Design, outcomes: np.ndarray) -> np.ndarray:
     return np.array([[indices.getSobolIndex(i, l) for i in range(3)] for l in range(len(outcomes))])
 
 
-def timed(work: Callable[[], np.ndarray]) -> tuple[np.ndarray, float]:
+def timed(work: Callable[[], Array]) -> tuple[Array, float]:
     """The answer, and the seconds of a second call."""
     work()
     began = time.perf_counter()

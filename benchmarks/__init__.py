@@ -1,0 +1,1 @@
+"""`make bench`: what Aleator must reach, against targets and peers."""
