@@ -59,6 +59,13 @@ def test_the_limiting_experiment_is_named_and_what_raises_is_a_failure(seed: int
                 under_the_line(2.0, *side.at)
 
 
+def test_the_box_without_the_experiment_that_limits_it_is_offered() -> None:
+    box = found(under_the_line, x=(0.0, 1.0), y=(0.0, 1.0), z=(0.0, 1.0))
+    # without the load of 2 only x + y <= 2 is left, which holds the whole cube
+    assert set(box.without) == {"hard"}
+    assert box.without["hard"] == pytest.approx(1.0)
+
+
 def test_a_vectorized_simulator_that_raises_for_the_whole_block_is_taken_apart() -> None:
     def block(load, x, y):
         if np.any(x + y > 2.5 - 0.5 * load):

@@ -54,7 +54,9 @@ def boxed() -> RenderableType:
         Side(names[0], False, 0.123456, BENCH, np.array([0.1234, 1.5])),
         Side(names[0], True, 0.2, None, None),
     )
-    return box.render(FeasibleBox(names, limits, limits, sides, 0.03, 12345, 2345, False))
+    return box.render(
+        FeasibleBox(names, limits, limits, sides, 0.03, 12345, 2345, False, {BENCH: 0.8})
+    )
 
 
 SIMULATOR = Identity("3f2a91c0" * 8, "shifting_time_of_the_engagement", "model:f", "version 12")

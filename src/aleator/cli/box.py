@@ -34,8 +34,8 @@ def box(
     """Find the largest box of the parameters in which every experiment has an outcome.
 
     Looks within the boxes and limits that STUDY.toml states: make them as wide as physics allows.
-    Runs that raise or return no finite number are failures, not errors. Tells for every side of the
-    box which experiment limits it, and where it failed.
+    A run that raises, or returns no finite number, counts as a failure and does not stop the
+    search. Tells for every side of the box which experiment limits it, and where it failed.
     """
     value = load_study(study).overridden(seed)
     with running(value, options) as runner, shown(options.quiet) as progress:

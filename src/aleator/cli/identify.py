@@ -61,8 +61,8 @@ def identify(
 
     Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
     known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
-    same result. No run is repeated, in any study of that folder, as long as simulator, conditions
-    and parameters are the same. Only the simulator's own package or folder is looked at for that:
+    same result. Every study in that folder reuses a run if simulator, conditions and parameters
+    are equal. Whether the simulator is the same is judged by the source of its package or folder:
     see `aleator runs --help` if anything else that matters has changed.
 
     \b

@@ -45,8 +45,9 @@ def predict(
 
     Takes the law from IDENTIFICATION.json and the simulator from its study file. For each row of
     NEW.csv: mean, standard deviation, skewness, kurtosis and quantiles of the outcome as it would
-    be measured, noise included; of its logarithm where the study says transform = "log". A file
-    holds the conditions too.
+    be measured, noise included. With transform = "log", mean and standard deviation are those of
+    the logarithm. --output writes a file with the conditions, in which the quantiles are of the
+    logarithm too.
     """
     document = documents.read_json(identification)
     alpha = documents.estimates(document, identification)

@@ -134,8 +134,8 @@ def import_(target: Path, file: Path) -> None:
 def retry(target: Path) -> None:
     """Forget the failures, so that they are run again when they are needed.
 
-    A failure that stops a study is tried again by itself. This is for those that are an answer,
-    such as where `aleator box` finds that the simulator does not work.
+    A failure that stopped a study is tried again by the next command anyway. Use this for failures
+    that were taken as an answer, such as those of `aleator box`.
     """
     with opened(target) as at:
         count = records.retry(at.store, at.fingerprint)

@@ -12,6 +12,7 @@ from aleator.report.rows import Rows
 from aleator.tasks.box import FeasibleBox, Side
 from aleator.tasks.layout import Column
 
+GAIN = 1.5  # times the volume that make it worth to think of leaving an experiment out
 COLUMNS: Sequence[Column] = (
     ("parameter", "left"), ("side", "left"), ("value", "right"), ("limited by", "fold"),
 )  # fmt: skip
@@ -40,6 +41,7 @@ def document(found: FeasibleBox) -> dict[str, Any]:
         "runs": found.runs,
         "tested": found.tested,
         "confirmed": found.confirmed,
+        "without": dict(found.without),
     }
 
 
@@ -58,7 +60,7 @@ def render(found: FeasibleBox) -> RenderableType:
     advice = (
         ["For the study:", *lines] if lines else ["The study's limits are feasible as they are."]
     )
-    return Group(Rows(COLUMNS, rows), Text("\n".join([_cost(found), *advice])))
+    return Group(Rows(COLUMNS, rows), Text("\n".join([_cost(found), *_offer(found), *advice])))
 
 
 def verdict(found: FeasibleBox) -> str:
@@ -81,6 +83,19 @@ def _limit(names: Sequence[str], side: Side) -> str:
         return "the study's limits"
     at = ", ".join(f"{name}={value:.4g}" for name, value in zip(names, side.at, strict=True))
     return f"experiment {side.experiment}, which fails at {at}"
+
+
+def _offer(found: FeasibleBox) -> list[str]:
+    """What leaving out a single experiment would gain, if that is much."""
+    if not found.without:
+        return []
+    name, share = max(found.without.items(), key=lambda entry: entry[1])
+    if share < GAIN * found.share:
+        return []
+    return [
+        f"Without experiment {name} the box would hold about {share:.0%} of the limits' volume: "
+        "check its row, or leave it out and look again."
+    ]
 
 
 def _cost(found: FeasibleBox) -> str:

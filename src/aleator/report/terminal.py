@@ -168,8 +168,8 @@ def _values(result: Result) -> Iterator[tuple[str, str, str]]:
         yield (
             "verified in part",
             to_three(part["verified"]),
-            f"+- {number(part['standard_error'], 2)}, Monte Carlo on the simulator of the "
-            f"{part['experiments']} experiments that it reaches; their densities say "
+            f"+- {number(part['standard_error'], 2)}, Monte Carlo on the simulator, for the "
+            f"{part['experiments']} experiments that it could judge; estimated for the same: "
             f"{to_three(part['estimated'])}",
         )
     baselines = result.get("baselines") or {}
@@ -186,8 +186,8 @@ def _values(result: Result) -> Iterator[tuple[str, str, str]]:
         yield (
             "linear-Gaussian",
             to_three(linear.get("log_likelihood")),
-            "another model (CIRCE): simulator linearized, law normal; a start for the search, "
-            f"not to be compared with the lines above: {where}",
+            f"simulator linearized, law normal (the model of CIRCE): {where}. This is another "
+            "model: do not compare its log-likelihood with those above",
         )
 
 
@@ -226,7 +226,7 @@ def _worst(result: Result) -> RenderableType | None:
     if not worst:
         return None
     columns: Sequence[Column] = (
-        ("explained worst", "left"), ("outcome", "right"), ("median", "right"),
+        ("least expected", "left"), ("outcome", "right"), ("median", "right"),
         ("95 % range", "right"), ("P(below)", "right"), ("density", "fold"),
     )  # fmt: skip
     log = result.get("transform") == "log"

@@ -7,7 +7,7 @@ and is as large as possible; here it is found from runs that may fail.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ from aleator.laws.inputs import Inputs
 from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
 from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
-from aleator.types import Array
+from aleator.types import Array, Flags
 
 Attempt = Callable[[NDArray[np.int64], Array], Array]
 
@@ -63,6 +63,8 @@ class FeasibleBox:
 
     `share` is its volume over that of the limits; `tested` the number of points inside that were
     run under every experiment without a failure; `confirmed` whether the last rounds saw none.
+    `without` tells for each experiment that limits a side the share that the box would have if it
+    were left out, as far as the failures of the others are known.
     """
 
     names: tuple[str, ...]
@@ -73,6 +75,7 @@ class FeasibleBox:
     runs: int
     tested: int
     confirmed: bool
+    without: Mapping[str, float]
 
 
 @dataclass
@@ -142,10 +145,11 @@ def feasible_box(
                     None if culprit is None else search.point(search.known.failed[culprit]),
                 )
             )
-    share = float(np.prod(np.diff(unit, axis=1)))
+    limiting = dict.fromkeys(side.experiment for side in sides if side.experiment is not None)
     return FeasibleBox(
-        inputs.names, box, limits, tuple(sides), share, runner.runs, tested, confirmed
-    )
+        inputs.names, box, limits, tuple(sides), _volume(unit), runner.runs, tested, confirmed,
+        {name: search.share_without(runner.ids.index(name)) for name in limiting},
+    )  # fmt: skip
 
 
 class _Search:
@@ -256,8 +260,15 @@ class _Search:
         points[onto == 3] = ends[onto == 3]
         return np.asarray(box[:, 0] + points * np.diff(box, axis=1)[:, 0])
 
-    def _largest(self) -> Array:
+    def share_without(self, experiment: int) -> float:
+        """Volume of the largest box in the unit cube if an experiment's failures did not count."""
+        others = np.array(self.known.culprit) != experiment
+        return _volume(_retreated(self._largest(others), RETREAT))
+
+    def _largest(self, counted: Flags | None = None) -> Array:
+        """The largest box that leaves out every failure, or those that are `counted`."""
         failed = np.array(self.known.failed).reshape(-1, self.moving.size)
+        failed = failed if counted is None else failed[counted]
         valid = np.array(self.known.valid)
         middle = np.abs(valid - 0.5).max(axis=1)
         seeds = [valid[int(np.argmin(middle))]]
@@ -265,16 +276,20 @@ class _Search:
             apart = np.min([np.abs(valid - s).max(axis=1) for s in seeds], axis=0)
             seeds.append(valid[int(np.argmax(apart))])
         boxes = [largest_box(failed, s) for s in seeds]
-        return max(boxes, key=lambda box: float(np.prod(np.diff(box, axis=1))))
+        return max(boxes, key=_volume)
 
     def _hopeless(self) -> SimulatorError:
         names, counts = np.unique(self.known.culprit, return_counts=True)
         worst = self.runner.ids[int(names[np.argmax(counts)])]
         return SimulatorError(
-            f"none of {len(self.known.failed)} points of the box has an outcome for every "
-            f"experiment; experiment '{worst}' fails most often",
+            f"the simulator failed in at least one experiment at each of the "
+            f"{len(self.known.failed)} points tried; experiment '{worst}' fails most often",
             "widen the box, or check the conditions of that experiment",
         )
+
+
+def _volume(box: Array) -> float:
+    return float(np.prod(np.diff(box, axis=1)))
 
 
 def _retreated(box: Array, retreat: float) -> Array:
