@@ -10,7 +10,8 @@ from problems import BINDING, FRONTIER, REGRESSION, SAMPLE, Problem
 from scipy import optimize, stats
 
 from aleator import Constant, Free, Gaussian, GradientMultistart, Inputs, Noise, Normal
-from aleator.inference.information import Inference, infer, observed_information, weak_directions
+from aleator.inference.diagnostics.directions import weak_directions
+from aleator.inference.information import Inference, infer, observed_information
 from aleator.inference.profile import profile_intervals
 from aleator.likelihood.likelihood import Likelihood
 from aleator.search import SearchResult
@@ -301,13 +302,11 @@ def test_a_sum_of_two_parameters_is_named() -> None:
     _, found, inference = maximized(problem, problem.draw(13))
     assert not inference.positive
     assert np.isnan(inference.edm)
-    sentences = weak_directions(inference, found.alpha, problem.hyperparameters)
-    means = [text for text in sentences if "a.mean" in text and "b.mean" in text]
-    assert len(means) == 1
-    assert "together" in means[0]
+    weak = weak_directions(inference, found.alpha, problem.hyperparameters)
+    (means,) = (w.message for w in weak if set(w.concerns) == {"a.mean", "b.mean"})
     # of opposite sign: one up, the other down
-    assert "+ 0.71" in means[0]
-    assert "- 0.71" in means[0]
+    assert "+ 0.71" in means
+    assert "- 0.71" in means
 
 
 def test_a_nearly_flat_direction_is_named_with_its_combination() -> None:
@@ -318,11 +317,8 @@ def test_a_nearly_flat_direction_is_named_with_its_combination() -> None:
     # the correlation of intercept and slope is -mean(z)/rms(z)
     expected = -problem.z.mean() / np.sqrt(np.mean(problem.z**2))
     assert inference.correlation[0, 1] == pytest.approx(expected, abs=2e-4)
-    sentences = weak_directions(inference, found.alpha, problem.hyperparameters)
-    assert len(sentences) == 1
-    assert "b0.value" in sentences[0]
-    assert "b1.value" in sentences[0]
-    assert "noise.sd" not in sentences[0]
+    (weak,) = weak_directions(inference, found.alpha, problem.hyperparameters)
+    assert sorted(weak.concerns) == ["b0.value", "b1.value"]
 
 
 def test_a_parameter_without_effect_is_named() -> None:
@@ -335,9 +331,8 @@ def test_a_parameter_without_effect_is_named() -> None:
     )
     _, found, inference = maximized(problem, problem.draw(15))
     assert not inference.positive
-    assert "k.value has no effect" in weak_directions(
-        inference, found.alpha, problem.hyperparameters
-    )
+    weak = weak_directions(inference, found.alpha, problem.hyperparameters)
+    assert [w.concerns for w in weak] == [("k.value",)]
 
 
 def test_an_uncertain_standard_deviation_is_named() -> None:
@@ -350,9 +345,9 @@ def test_an_uncertain_standard_deviation_is_named() -> None:
         likelihood, problem.hyperparameters, seed=0, guesses=[alpha]
     )
     inference = infer(likelihood, found.alpha, problem.hyperparameters)
-    sentences = weak_directions(inference, found.alpha, problem.hyperparameters)
+    weak = weak_directions(inference, found.alpha, problem.hyperparameters)
     on_limit = inference.at_bound[3] is not None
-    assert on_limit or any(text.startswith("u.sd = ") for text in sentences)
+    assert on_limit or ("u.sd",) in [w.concerns for w in weak]
 
 
 def test_nothing_is_said_where_nothing_is_weak() -> None:

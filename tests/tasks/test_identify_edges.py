@@ -60,14 +60,14 @@ def test_an_unreachable_outcome_is_named_with_its_remedy() -> None:
     problem = replace(BINDING, z=np.linspace(0.5, 2.0, 10))
     y = problem.draw(7)
     y[4] = 5.0
-    with pytest.raises(ExperimentsError, match="experiment 5: outcome 5") as caught:
+    with pytest.raises(ExperimentsError, match="experiment 5: ") as caught:
         identified(problem, y)
     assert "noise" in caught.value.remedy
 
 
 def test_too_few_experiments_are_refused() -> None:
     problem = replace(REGRESSION, z=np.array([0.0, 1.0, 2.0]))
-    with pytest.raises(InputsError, match="3 experiments cannot identify 4"):
+    with pytest.raises(InputsError, match=r"\b3 .*\b4 "):
         identified(problem, np.array([1.0, 3.0, 5.0]))
 
 
@@ -132,7 +132,7 @@ def test_an_answer_on_a_limit_says_so_and_keeps_an_interval() -> None:
     assert mean.standard_error is None
     assert mean.interval is not None
     assert mean.interval[1] == pytest.approx(0.5)
-    assert any(w.about == "bounds" and "x.mean" in w.message for w in found.warnings)
+    assert ("bounds", ("x.mean",)) in [(w.about, w.concerns) for w in found.warnings]
 
 
 SUM = replace(
@@ -157,8 +157,8 @@ SUM = replace(
 )
 def test_a_sum_of_parameters_is_told_as_a_direction_and_not_accepted(propagation) -> None:
     found = identified(SUM, SUM.draw(12), propagation=propagation)
-    told = [w.message for w in found.warnings if w.about == "identifiability"]
-    assert any("a.mean" in text and "b.mean" in text for text in told)
+    told = [set(w.concerns) for w in found.warnings if w.about == "identifiability"]
+    assert {"a.mean", "b.mean"} in told
     assert not found.accepted
 
 

@@ -1,4 +1,4 @@
-"""How sure alpha is: information, standard errors, intervals, weak directions."""
+"""How sure alpha is: information, standard errors, intervals."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ BOUND = 1e-6
 """Closer to a limit than this share of the range is on the limit."""
 STEP = 1e-2
 """Step of the differences of the score, in standard errors: truncation is of the order 1e-5."""
-FLAT = 0.05
-"""A curvature below this share of that of each hyperparameter alone marks a weak direction."""
 
 
 @dataclass(frozen=True)
@@ -117,73 +115,6 @@ def observed_information(
             ends.append((moved[k], objective(moved).score[free]))
         information[row] = -(ends[0][1] - ends[1][1]) / (ends[0][0] - ends[1][0])
     return 0.5 * (information + information.T)
-
-
-def weak_directions(
-    inference: Inference, alpha: Array, hyperparameters: Sequence[Hyperparameter]
-) -> list[str]:
-    """Sentences that name what the experiments hardly determine.
-
-    A standard deviation whose standard error exceeds half of itself, pairs or groups of
-    hyperparameters whose estimates are correlated beyond 0.95, and directions without any effect.
-    """
-    sentences = []
-    for k, h in enumerate(hyperparameters):
-        if h.log and inference.standard_error[k] > 0.5 * alpha[k]:
-            sentences.append(
-                f"{h.name} = {alpha[k]:.3g} has a standard error of "
-                f"{inference.standard_error[k]:.2g}: the experiments hardly determine it"
-            )
-    names = [hyperparameters[k].name for k in inference.free]
-    if not inference.positive:
-        return sentences + _undetermined(inference, names)
-    if inference.free.size < 2:
-        return sentences
-    values, vectors = np.linalg.eigh(inference.correlation)
-    for value, vector in zip(values, vectors.T, strict=True):
-        if value > FLAT:
-            continue
-        # the small eigenvalue is well determined; what moves along its large parts is not apart
-        parts = _large(vector)
-        sentences.append(
-            f"{', '.join(names[i] for i in parts)} can hardly be told apart: if they change "
-            "together, the likelihood hardly changes; well determined is only "
-            f"{_combination(vector, parts, names)} (se: standard error)"
-        )
-    return sentences
-
-
-def _undetermined(inference: Inference, names: Sequence[str]) -> list[str]:
-    """Sentences for directions along which the log-likelihood is flat: there is no covariance."""
-    inside = np.isin(inference.identified, inference.free)
-    information = inference.information[np.ix_(inside, inside)]
-    scale = np.sqrt(np.abs(np.diag(information)))
-    if not np.all(np.isfinite(information)):
-        return []
-    acts = scale > 0.0
-    sentences = [f"{name} has no effect" for name, a in zip(names, acts, strict=True) if not a]
-    values, vectors = np.linalg.eigh(
-        information[np.ix_(acts, acts)] / np.outer(scale[acts], scale[acts])
-    )
-    known = [name for name, a in zip(names, acts, strict=True) if a]
-    for value, vector in zip(values, vectors.T, strict=True):
-        if abs(value) < FLAT:
-            parts = _large(vector)
-            sentences.append(
-                f"{', '.join(known[i] for i in parts)} can change together without effect, along "
-                f"{_combination(vector, parts, known)} (se: standard error of each by itself)"
-            )
-    return sentences
-
-
-def _large(vector: Array) -> list[int]:
-    return [int(i) for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.3]
-
-
-def _combination(vector: Array, parts: Sequence[int], names: Sequence[str]) -> str:
-    return " ".join(
-        f"{'+' if vector[i] >= 0 else '-'} {abs(vector[i]):.2f} {names[i]}/se" for i in parts
-    )
 
 
 def _side(value: float, h: Hyperparameter) -> str | None:

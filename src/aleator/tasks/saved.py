@@ -107,7 +107,7 @@ def from_document(document: Entry, path: str | Path) -> Identification:
         density=part("density", str),
         propagation=part("propagation", str),
         accepted=part("accepted", bool),
-        warnings=part("warnings", lambda rows: tuple(Diagnostic(**row) for row in rows)),
+        warnings=part("warnings", lambda rows: tuple(map(_diagnostic, rows))),
         experiments=experiments,
         correlation_names=part("correlation", lambda row: tuple(row["names"])),
         correlation=part("correlation", lambda row: tuple(tuple(r) for r in row["matrix"])),
@@ -152,6 +152,10 @@ def _experiment(row: Entry) -> ExperimentReport:
     return ExperimentReport(
         **{**whole, "log_density": math.nan if log_density is None else log_density}
     )
+
+
+def _diagnostic(row: Entry) -> Diagnostic:
+    return Diagnostic(**{**row, "concerns": tuple(row.get("concerns", ()))})
 
 
 def _log_likelihood(row: Entry, experiments: tuple[ExperimentReport, ...]) -> LogLikelihoodReport:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from aleator.inference import diagnostics as findings
+from aleator.inference import diagnostics
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.failures import FailureReport
 from aleator.inference.information import Inference
@@ -58,8 +58,8 @@ def assemble(
     ids = table.ids
     alpha, hyperparameters = found.alpha, problem.model.hyperparameters
     honest = problem.likelihood.evaluate(alpha)
-    surface_error = findings.surface_errors(problem, checked)
-    warnings, accepted = findings.review(
+    surface_error = diagnostics.surface_errors(problem, checked)
+    warnings, accepted = diagnostics.review(
         problem,
         found,
         inference,
@@ -76,12 +76,12 @@ def assemble(
         density=problem.model.density.name,
         propagation=problem.name,
         accepted=accepted,
-        warnings=(*warnings, *findings.failure_warnings(failures), *notes),
+        warnings=(*warnings, *diagnostics.failure_warnings(failures), *notes),
         experiments=experiment_reports(problem, alpha, ids, surface_error, checked),
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
         search=_search(found, inference, hyperparameters),
-        surface=findings.surface_report(problem),
+        surface=diagnostics.surface_report(problem),
         baselines=_baselines(*baselines, problem.model.inputs.names, hyperparameters),
         runs=sum(runs_by_stage.values()),
         runs_by_stage=runs_by_stage,
@@ -124,7 +124,7 @@ def experiment_reports(
     moments, fitted = problem.predictive.moments(alpha), problem.predictive.fitted(alpha)
     log_density = fitted.log_pdf(problem.outcomes)
     pit, quantiles = fitted.cdf(problem.outcomes), fitted.quantile(np.array(QUANTILES))
-    status = findings.statuses(fitted.status, log_density)
+    status = diagnostics.statuses(fitted.status, log_density)
     return tuple(
         ExperimentReport(
             id=ids[l],

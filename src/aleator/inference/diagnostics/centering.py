@@ -93,4 +93,5 @@ def _advice(a: str, b: str, name: str, values: Array) -> Diagnostic:
         f"zero, so that the experiments hardly tell {a} from {b}",
         f"count {name} from its middle: write ({name} - {middle:.6g}) for {name} in the simulator, "
         f"and set the limits of {a} anew, which then belongs to {name} = {middle:.6g}",
+        (a, b, name),
     )

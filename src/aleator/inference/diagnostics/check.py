@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.inference.diagnostics.diagnostic import Diagnostic
-from aleator.inference.diagnostics.naming import named
+from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.information import Inference
 from aleator.inference.verification import FEW_SAMPLES, Movement, Verification, movement
 from aleator.laws import Hyperparameter
@@ -49,6 +49,7 @@ def refusals(
                 f"{len(ids)} experiments: for the others no outcome that was simulated under the "
                 "identified law came near the measured one",
                 "search from more starts, widen the limits of the law, or take more samples",
+                chosen(np.flatnonzero(~checked.reached), ids),
             )
         ]
     gap = honest.each - checked.each
@@ -64,6 +65,7 @@ def refusals(
             "simulator differ by more than 1, and by more than five standard errors of the check",
             "raise the order of the density, lower the tolerance of the surface, or take more "
             "samples",
+            chosen(bad, ids),
         )
     ]
 
@@ -113,6 +115,7 @@ def _unseen(
             f"would move by {_size(moved)}",
             "see whether they are outliers, or whether the law has too little scatter or noise; or "
             "take more samples",
+            chosen(few, ids),
         )
     ]
 
@@ -160,15 +163,17 @@ def _moves(step: Movement | None, inference: Inference, problem: Problem) -> lis
     rows = np.flatnonzero(np.abs(step.step) - 2.0 * step.error > LARGEST_MOVE)
     if rows.size == 0:
         return []
+    rows = rows[np.argsort(-np.abs(step.step[rows]))]
     moves = ", ".join(
         f"{names[i]} would {'rise' if step.step[i] > 0 else 'fall'} by {_size(abs(step.step[i]))}"
-        for i in rows[np.argsort(-np.abs(step.step[rows]))]
+        for i in rows
     )
     return [
         Diagnostic(
             "density",
             f"the density in use is an approximation: with the exact one {moves}",
             density_remedy(problem.model),
+            tuple(names[i] for i in rows),
         )
     ]
 

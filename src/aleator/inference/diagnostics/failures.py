@@ -59,6 +59,7 @@ def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:
             "failed a surface extrapolates, and its estimated error is larger",
             "see them with `aleator runs show STUDY.toml --failures`, mend the simulator and "
             "`aleator runs retry` them, or narrow the box (`aleator box STUDY.toml`)",
+            report.experiments,
         )
     ]
 

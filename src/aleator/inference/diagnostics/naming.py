@@ -8,6 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+def chosen(which: NDArray[np.intp], ids: Sequence[str]) -> tuple[str, ...]:
+    """The ids of the experiments `which`."""
+    return tuple(ids[l] for l in which)
+
+
 def named(which: NDArray[np.intp], ids: Sequence[str]) -> str:
     """The experiments `which`, by their ids, at most eight.
 

@@ -12,9 +12,10 @@ from aleator.densities import Status
 from aleator.inference.diagnostics import check
 from aleator.inference.diagnostics.centering import centering_warnings
 from aleator.inference.diagnostics.diagnostic import Diagnostic
-from aleator.inference.diagnostics.naming import named
+from aleator.inference.diagnostics.directions import weak_directions
+from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.diagnostics.surfaces import surface_refusals, surface_warnings
-from aleator.inference.information import Inference, weak_directions
+from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.inference.verification import Verification
 from aleator.laws import Hyperparameter
@@ -67,14 +68,7 @@ def review(
     notes = [
         *_count_warnings(len(ids), inference),
         *_bound_warnings(hyperparameters, inference, profile),
-        *(
-            Diagnostic(
-                "identifiability",
-                sentence,
-                "fix a hyperparameter, or measure under more varied conditions",
-            )
-            for sentence in weak_directions(inference, found.alpha, hyperparameters)
-        ),
+        *weak_directions(inference, found.alpha, hyperparameters),
         *centering_warnings(problem, found.alpha, inference, conditions),
         *surface_warnings(problem, surface_error, ids),
         *_quadrature_warnings(quadrature_gap(problem, found.alpha), problem),
@@ -118,7 +112,9 @@ def _density_warnings(honest: LogLikelihood, ids: Sequence[str]) -> list[Diagnos
         bad = np.flatnonzero(words == status.name.lower())
         if bad.size:
             what, _, remedy = status.explanation.partition(": ")
-            warnings.append(Diagnostic("density", f"{named(bad, ids)}: {what}", remedy))
+            warnings.append(
+                Diagnostic("density", f"{named(bad, ids)}: {what}", remedy, chosen(bad, ids))
+            )
     return warnings
 
 
@@ -159,6 +155,7 @@ def _bound_warnings(
             f"{h.name} ends on its {side} limit {h.lower if side == 'lower' else h.upper:.6g}; "
             "it has no standard error, and those of the others hold with it fixed there",
             "widen the limit if it is not physical, or fix the hyperparameter",
+            (h.name,),
         )
         for h, side in zip(hyperparameters, inference.at_bound, strict=True)
         if side is not None
@@ -177,6 +174,7 @@ def _bound_warnings(
                 f"the 95 % interval of {', '.join(cut)} ends on a limit: the experiments do not "
                 "rule out values beyond it",
                 "widen the limit if it is not physical",
+                tuple(cut),
             )
         )
     return warnings

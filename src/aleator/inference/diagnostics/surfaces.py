@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from aleator.inference.diagnostics.diagnostic import Diagnostic
-from aleator.inference.diagnostics.naming import named
+from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.verification import Verification
 from aleator.likelihood.problem import Problem
 from aleator.surrogates import Surface
@@ -88,6 +88,7 @@ def surface_refusals(
             "choose a tolerance, such as 0.005, for surfaces that are exact on all of their region "
             'whatever the answer; take transform = "log" where the outcome spans decades; or '
             "narrow the box",
+            chosen(useless, ids),
         )
     ]
 
@@ -110,6 +111,7 @@ def surface_warnings(
                 f"{LARGEST_SURFACE_ERROR:.0%} of the outcome's standard deviation under the "
                 "identified law",
                 "lower the tolerance of the surface, or narrow the box around the law",
+                chosen(rough, ids),
             )
         )
     return warnings
@@ -129,6 +131,7 @@ def _unexact(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Dia
             "stopped making it smaller, or stopped changing the estimates",
             "see what the verification says of these experiments; choose a tolerance, such as "
             "0.005, or allow more runs (max_runs)",
+            chosen(rows, ids),
         )
     ]
 
@@ -157,5 +160,6 @@ def _unconverged(problem: Problem, surface: Surface, ids: Sequence[str]) -> list
     ):
         rows = np.flatnonzero(which)
         if rows.size:
-            warnings.append(Diagnostic("response surface", f"{named(rows, ids)}: {what}", remedy))
+            message = f"{named(rows, ids)}: {what}"
+            warnings.append(Diagnostic("response surface", message, remedy, chosen(rows, ids)))
     return warnings

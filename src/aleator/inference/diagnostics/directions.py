@@ -1,0 +1,99 @@
+"""What the experiments hardly determine: single hyperparameters, and directions among them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.inference.information import Inference
+from aleator.laws import Hyperparameter
+from aleator.types import Array
+
+FLAT = 0.05
+"""A curvature below this share of that of each hyperparameter alone marks a weak direction."""
+REMEDY = "fix a hyperparameter, or measure under more varied conditions"
+
+
+def weak_directions(
+    inference: Inference, alpha: Array, hyperparameters: Sequence[Hyperparameter]
+) -> list[Diagnostic]:
+    """What the experiments hardly determine.
+
+    A standard deviation whose standard error exceeds half of itself, pairs or groups of
+    hyperparameters whose estimates are correlated beyond 0.95, and directions without any effect.
+    """
+    return [
+        *_uncertain(inference, alpha, hyperparameters),
+        *(_correlated if inference.positive else _flat)(
+            inference, [hyperparameters[k].name for k in inference.free]
+        ),
+    ]
+
+
+def _uncertain(
+    inference: Inference, alpha: Array, hyperparameters: Sequence[Hyperparameter]
+) -> Iterator[Diagnostic]:
+    for h, value, error in zip(hyperparameters, alpha, inference.standard_error, strict=True):
+        if h.log and error > 0.5 * value:
+            yield _weak(
+                f"{h.name} = {value:.3g} has a standard error of {error:.2g}: the experiments "
+                "hardly determine it",
+                h.name,
+            )
+
+
+def _correlated(inference: Inference, names: Sequence[str]) -> Iterator[Diagnostic]:
+    if inference.free.size < 2:
+        return
+    values, vectors = np.linalg.eigh(inference.correlation)
+    for vector in vectors.T[values <= FLAT]:
+        # the small eigenvalue is well determined; what moves along its large parts is not apart
+        parts = _large(vector)
+        which = [names[i] for i in parts]
+        yield _weak(
+            f"{', '.join(which)} can hardly be told apart: if they change together, the "
+            "likelihood hardly changes; well determined is only "
+            f"{_combination(vector, parts, names)} (se: standard error)",
+            *which,
+        )
+
+
+def _flat(inference: Inference, names: Sequence[str]) -> Iterator[Diagnostic]:
+    """Directions along which the log-likelihood is flat: there is no covariance."""
+    inside = np.isin(inference.identified, inference.free)
+    information = inference.information[np.ix_(inside, inside)]
+    scale = np.sqrt(np.abs(np.diag(information)))
+    if not np.all(np.isfinite(information)):
+        return
+    acts = scale > 0.0
+    for name, act in zip(names, acts, strict=True):
+        if not act:
+            yield _weak(f"{name} has no effect", name)
+    known = [name for name, act in zip(names, acts, strict=True) if act]
+    values, vectors = np.linalg.eigh(
+        information[np.ix_(acts, acts)] / np.outer(scale[acts], scale[acts])
+    )
+    for vector in vectors.T[np.abs(values) < FLAT]:
+        parts = _large(vector)
+        which = [known[i] for i in parts]
+        yield _weak(
+            f"{', '.join(which)} can change together without effect, along "
+            f"{_combination(vector, parts, known)} (se: standard error of each by itself)",
+            *which,
+        )
+
+
+def _weak(message: str, *names: str) -> Diagnostic:
+    return Diagnostic("identifiability", message, REMEDY, names)
+
+
+def _large(vector: Array) -> list[int]:
+    return [int(i) for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.3]
+
+
+def _combination(vector: Array, parts: Sequence[int], names: Sequence[str]) -> str:
+    return " ".join(
+        f"{'+' if vector[i] >= 0 else '-'} {abs(vector[i]):.2f} {names[i]}/se" for i in parts
+    )
