@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
+from types import FrameType
 
+import numpy as np
+import pandas as pd
 import pytest
 
+from aleator import Convolution, Free, Inputs, MonteCarlo, Noise, Normal, identify
+from aleator.likelihood.likelihood import Continued
 from aleator.study.laws import LAWS
 from aleator.study.propagation import PROPAGATIONS, RULES
 from aleator.study.sections import DENSITIES, OBSERVATIONS, SEARCHES
@@ -41,3 +47,40 @@ def test_the_code_of_the_page_is_that_of_a_plugin() -> None:
 
 def test_every_group_of_entry_points_is_named() -> None:
     assert [kinds.group for kinds in ALL if f"`{kinds.group}`" not in PAGE] == []
+
+
+HELPERS = {"threads.py", "densities/interface.py"}
+"""Files that every room calls for, and that no array passes."""
+
+
+def test_one_alpha_passes_the_files_of_the_first_walk(monkeypatch: pytest.MonkeyPatch) -> None:
+    z = np.linspace(0.5, 1.5, 12)
+    table = pd.DataFrame({"z": z, "y": z + 0.1 * np.sin(40.0 * z)})
+    inputs = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.02, 1.0))})
+    asked: list[tuple[Continued, np.ndarray]] = []
+    plain = Continued.__call__
+
+    def noted(self: Continued, alpha: np.ndarray) -> object:
+        asked.append((self, alpha))
+        return plain(self, alpha)
+
+    monkeypatch.setattr(Continued, "__call__", noted)
+    identify(
+        lambda z, x: z * x, table, inputs, outcome="y", vectorized=True,
+        noise=Noise(Free(0.01, 1.0)), verification=MonteCarlo(0),
+    )  # fmt: skip
+    densities = [objective.likelihood.predictive.density for objective, _ in asked]
+    last = max(k for k, density in enumerate(densities) if isinstance(density, Convolution))
+    passed: set[str] = set()
+
+    def note(frame: FrameType, event: str, _: object) -> None:
+        if event == "call" and frame.f_code.co_filename.startswith(str(PACKAGE)):
+            passed.add(str(Path(frame.f_code.co_filename).relative_to(PACKAGE)))
+
+    sys.setprofile(note)
+    try:
+        plain(*asked[last])
+    finally:
+        sys.setprofile(None)
+    walk = re.findall(r"^\| `([\w/]+\.py)` \|", PAGE.partition("## Three walks")[2], re.M)
+    assert passed - HELPERS == {*walk}
