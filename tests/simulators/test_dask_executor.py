@@ -11,7 +11,8 @@ import cloudpickle
 import pytest
 
 from aleator.errors import ClusterError, SimulatorError
-from aleator.simulators.workers.dask_executor import LIVES, DaskExecutor, WorkerLost
+from aleator.simulators.failure import WorkerLost
+from aleator.simulators.workers.dask_executor import LIVES, DaskExecutor
 
 
 class Killed(Exception):

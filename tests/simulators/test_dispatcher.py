@@ -19,8 +19,8 @@ from aleator.laws import Free, Normal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner, Runs, Store
+from aleator.simulators.failure import WorkerLost
 from aleator.simulators.records import stored_runs
-from aleator.simulators.workers.dask_executor import WorkerLost
 from aleator.simulators.workers.pool import ProcessPool
 from aleator.tasks.identify import identify
 

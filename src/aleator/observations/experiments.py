@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from aleator.errors import ExperimentsError
 from aleator.observations import tables
 from aleator.observations.tables import Table
 from aleator.observations.transform import Transform
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 DEFAULT_ID = "id"
 
@@ -27,6 +30,7 @@ class Conditions:
 
     Raises ExperimentsError if the sizes differ or an id appears twice.
 
+    >>> import pandas as pd
     >>> Conditions(("a", "b"), pd.DataFrame({"ratio": [0.9, 0.8]})).ids
     ('a', 'b')
     """
@@ -52,6 +56,7 @@ class Conditions:
 
         Raises ExperimentsError as Experiments.from_frame does.
 
+        >>> import pandas as pd
         >>> Conditions.from_frame(pd.DataFrame({"ratio": [0.9, 0.8]})).ids
         ('1', '2')
         """
@@ -89,6 +94,7 @@ class Experiments:
 
     Raises ExperimentsError if the sizes differ, an id appears twice or an outcome is not finite.
 
+    >>> import pandas as pd
     >>> table = pd.DataFrame({"ratio": [0.95, 0.9], "kilocycles": [0.037, 0.2]})
     >>> experiments = Experiments.from_frame(table, outcome="kilocycles", transform="log")
     >>> experiments.ids, experiments.outcomes.round(3).tolist()
@@ -141,6 +147,7 @@ class Experiments:
         an infinity where a number is needed, an id that appears twice, the logarithm of an
         outcome <= 0.
 
+        >>> import pandas as pd
         >>> frame = pd.DataFrame({"id": ["a", "b"], "load": [1, 2], "time": [0.8, 0.9]})
         >>> Experiments.from_frame(frame, outcome="time").conditions.columns.tolist()
         ['load']
@@ -230,6 +237,8 @@ def _conditions(
         name: table.numbers(name) if name in numbers else _condition(table, name, chosen)
         for name in names
     }
+    import pandas as pd
+
     return ids, pd.DataFrame(columns, index=range(len(ids)))
 
 
@@ -259,6 +268,8 @@ def _condition(table: Table, name: str, chosen: bool) -> NDArray[np.float64] | p
     A text in a column of numbers is a slip that must not turn the column into text: it is an error
     if most cells are numbers, and for a condition chosen by name already if one cell is.
     """
+    import pandas as pd
+
     numbers = table.is_number(name)
     if np.any(numbers) and (chosen or 2 * int(np.sum(numbers)) >= len(numbers)):
         return table.numbers(name)

@@ -14,16 +14,20 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from aleator.errors import ExperimentsError, nearest
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 DELIMITERS = {",": "a comma", ";": "a semicolon", "\t": "a tab", "|": "a vertical bar"}
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _KEY = {"\t": r"\t"}
+_MISSING = ("NAType", "NaTType")  # what pandas puts where there is nothing
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,7 @@ def _number(cell: object, decimal: str) -> tuple[float, str]:
 
 def _text(cell: object) -> str:
     """A cell as stripped text; whatever pandas calls missing is blank."""
-    missing = cell is None or cell is pd.NA or cell is pd.NaT
+    missing = cell is None or type(cell).__name__ in _MISSING
     return "" if missing else str(cell).strip()
 
 
@@ -125,6 +129,7 @@ def from_frame(frame: pd.DataFrame, source: str = "the data frame") -> Table:
 
     Raises ExperimentsError for no rows, no columns or a column name that appears twice.
 
+    >>> import pandas as pd
     >>> from_frame(pd.DataFrame({"v": [1.0]}, index=["first"])).places
     ("row 1 (index 'first')",)
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Sequence
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,10 @@ def with_log(message: str, log: str) -> str:
     """A message with the end of what the run printed, if it printed anything."""
     last = " ".join(log.split())[-300:]
     return f"{message}; its log ends: {last}" if last else message
+
+
+class WorkerLost(BrokenExecutor):
+    """Workers were lost while they ran this very call; the executor goes on."""
 
 
 class NoOutcome(SimulatorError):

@@ -17,8 +17,8 @@ from aleator.simulators.protocol import (
     ARRAY_BLOCK,
     SINGLE_BLOCK,
     Columns,
-    RunStopped,
     Simulator,
+    one_by_one,
 )
 
 
@@ -131,23 +131,10 @@ class FunctionSimulator:
 
     def __call__(self, conditions: Columns, parameters: Columns) -> NDArray[np.float64]:
         """Run R times; raises what the function raises, in a RunStopped unless vectorized."""
-        columns = {**conditions, **parameters}
         with np.errstate(all="ignore"):  # what is not finite is reported with its experiment
             if self.vectorized:
-                return self.function(**columns)  # type: ignore[no-any-return] # checked where it is called
-            return self._one_by_one(columns)
-
-    def _one_by_one(self, columns: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
-        names = tuple(columns)
-        outcomes: list[float] = []
-        try:
-            for values in zip(*(column.tolist() for column in columns.values()), strict=True):
-                outcome = self.function(**dict(zip(names, values, strict=True)))
-                # One by one: an exception finds in the list what completed before it.
-                outcomes.append(_scalar(outcome))
-        except BaseException as cause:
-            raise RunStopped(np.array(outcomes, dtype=np.float64)) from cause
-        return np.array(outcomes, dtype=np.float64)
+                return self.function(**conditions, **parameters)  # type: ignore[no-any-return]
+            return one_by_one(lambda cells: _scalar(self.function(**cells)), conditions, parameters)
 
     def fingerprint(self) -> str:
         """A hash that changes with the source of the function and of the modules beside it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -56,3 +56,25 @@ class RunStopped(Exception):
     def __init__(self, completed: NDArray[np.float64]) -> None:
         super().__init__(f"stopped after {len(completed)} runs")
         self.completed = completed
+
+
+def one_by_one(
+    run: Callable[[dict[str, Any]], float], conditions: Columns, parameters: Columns
+) -> NDArray[np.float64]:
+    """Outcomes (R,) of `run`, called with the values of one run by name, one after the other.
+
+    Raises RunStopped, with the outcomes before, whatever `run` raises.
+
+    >>> one_by_one(lambda cells: cells["a"] * cells["x"], {"a": np.ones(2)}, {"x": np.arange(2.0)})
+    array([0., 1.])
+    """
+    columns = {**conditions, **parameters}
+    outcomes: list[float] = []
+    try:
+        for cells in zip(*(column.tolist() for column in columns.values()), strict=True):
+            outcome = run(dict(zip(columns, cells, strict=True)))
+            # One by one: an exception finds in the list what completed before it.
+            outcomes.append(outcome)
+    except BaseException as cause:
+        raise RunStopped(np.array(outcomes, dtype=np.float64)) from cause
+    return np.array(outcomes, dtype=np.float64)

@@ -6,13 +6,12 @@ from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aleator.errors import SimulatorError
-from aleator.observations.experiments import Conditions, Experiments
 from aleator.progress import Progress, Silent
 from aleator.simulators.cases import Cases
 from aleator.simulators.function import as_simulator
@@ -23,6 +22,9 @@ from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.simulators.store import RunCache, Store
 from aleator.simulators.workers.dispatcher import Dispatcher, made_here
 from aleator.types import Array
+
+if TYPE_CHECKING:
+    from aleator.observations.experiments import Conditions, Experiments
 
 REPEATABLE = 1e-6
 """Relative difference of two outcomes of the same run that is no cause for concern."""
@@ -43,6 +45,7 @@ def as_runner(
     """A runner as it is; a simulator or a function (see `as_simulator`) on the experiments.
 
     >>> import pandas as pd
+    >>> from aleator.observations.experiments import Conditions
     >>> table = Conditions(("a",), pd.DataFrame({"load": [1.0]}))
     >>> as_runner(lambda load, x: load * x, table, ["x"])([0], [[2.0]])
     array([2.])
@@ -78,6 +81,7 @@ class Runner:
     whoever asks again has mended something.
 
     >>> import pandas as pd
+    >>> from aleator.observations.experiments import Conditions
     >>> table = Conditions(("a", "b"), pd.DataFrame({"load": [1.0, 2.0]}))
     >>> run = Runner(lambda load, stiffness: load / stiffness, table, ["stiffness"])
     >>> run([0, 1, 1, 0], [[4.0], [4.0], [8.0], [4.0]]).tolist(), run.runs

@@ -19,7 +19,7 @@ from aleator.simulators.command.outputs import Output, OutputFile
 from aleator.simulators.command.placeholders import Text, Value, Values
 from aleator.simulators.command.program import STUDY, Program
 from aleator.simulators.failure import RunFailed
-from aleator.simulators.protocol import Columns, RunStopped
+from aleator.simulators.protocol import Columns, one_by_one
 
 # The placeholder for the name of the input file, where there is exactly one.
 INPUT = "input"
@@ -157,17 +157,7 @@ class CommandSimulator:
 
     def __call__(self, conditions: Columns, parameters: Columns) -> NDArray[np.float64]:
         """Run R times, one after the other; raises RunStopped with the outcomes before."""
-        columns = {**conditions, **parameters}
-        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-        outcomes: list[float] = []
-        try:
-            for row in rows:
-                values = dict(zip(columns, row, strict=True))
-                own = {name: values.pop(name) for name in parameters}
-                outcomes.append(self.run_one(values, own))
-        except BaseException as cause:
-            raise RunStopped(np.array(outcomes, dtype=np.float64)) from cause
-        return np.array(outcomes, dtype=np.float64)
+        return one_by_one(lambda cells: self.run_one(cells, {}), conditions, parameters)
 
     def fingerprint(self) -> str:
         """A hash of the command, what it reads, how it is read, and every file named here.

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError, nearest
 from aleator.simulators.fmu.description import INTEGERS, NUMBERS, REALS, Description, Variable
 from aleator.types import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TIME = "time"
 
@@ -124,6 +126,8 @@ def _resampled(signal: Signal, time: Array, linear: bool) -> Array:
 
 
 def _table(file: Path) -> pd.DataFrame:
+    import pandas as pd
+
     if not file.is_file():
         beside = [p.name for p in file.parent.glob("*.csv")] if file.parent.is_dir() else []
         raise SimulatorError(
@@ -140,6 +144,8 @@ def _table(file: Path) -> pd.DataFrame:
 
 
 def _numbers(table: pd.DataFrame, column: str, file: Path) -> Array:
+    import pandas as pd
+
     values = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=np.float64)
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):

@@ -25,7 +25,7 @@ from aleator.simulators.fmu.reduction import Reduction
 from aleator.simulators.fmu.session import Setup, Trajectory
 from aleator.simulators.fmu.settings import Course, Operation
 from aleator.simulators.fmu.signals import Signal, assembled, checked_input
-from aleator.simulators.protocol import SINGLE_BLOCK, Columns, RunStopped
+from aleator.simulators.protocol import SINGLE_BLOCK, Columns, one_by_one
 
 DEFAULT_COURSE = Course()
 DEFAULT_OPERATION = Operation()
@@ -97,16 +97,7 @@ class FMUSimulator:
 
     def __call__(self, conditions: Columns, parameters: Columns) -> NDArray[np.float64]:
         """Run R times, one after the other; raises RunStopped."""
-        columns = {**conditions, **parameters}
-        outcomes: list[float] = []
-        try:
-            for cells in zip(*(column.tolist() for column in columns.values()), strict=True):
-                outcome = self.run_one(dict(zip(columns, cells, strict=True)), {})
-                # One by one: an exception finds in the list what completed before it.
-                outcomes.append(outcome)
-        except BaseException as cause:
-            raise RunStopped(np.array(outcomes, dtype=np.float64)) from cause
-        return np.array(outcomes, dtype=np.float64)
+        return one_by_one(lambda cells: self.run_one(cells, {}), conditions, parameters)
 
     def run_one(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> float:
         """The outcome of one run.

@@ -6,7 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Set
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from concurrent.futures import CancelledError, Executor, Future
 from concurrent.futures import wait as wait_for
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,9 +14,8 @@ from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any, ParamSpec, Protocol, TypeVar
 
-import cloudpickle
-
 from aleator.errors import AleatorError, ClusterError
+from aleator.simulators.failure import WorkerLost
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -28,10 +27,6 @@ LOOK = 0.5
 PATIENCE = 10.0
 """Seconds in which workers have to say what they are, or else are used when they do."""
 _SAME = "install there the same Python and the same Aleator as here"
-
-
-class WorkerLost(BrokenExecutor):
-    """LIVES workers were lost while they ran the same call; the executor goes on."""
 
 
 class Cluster(Protocol):
@@ -114,6 +109,8 @@ class DaskExecutor(Executor):
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Have a worker call `fn`, which is pickled here and now."""
+        import cloudpickle
+
         call = _Call(cloudpickle.dumps(partial(fn, *args, **kwargs)), Future())
         with self._lock:
             if self._end is not None:

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from aleator.errors import AleatorError, SimulatorError
 from aleator.simulators.cases import Cases
-from aleator.simulators.failure import describe
+from aleator.simulators.failure import WorkerLost, describe
 from aleator.simulators.protocol import Simulator
 from aleator.simulators.runs import Failure, Runs
 from aleator.simulators.workers.batch import make, make_packed
@@ -56,10 +56,10 @@ class Dispatcher:
     """Gives runs to the workers of an executor, and knows what they have.
 
     `make` yields runs as batches complete, in any order. A batch whose worker died is run again by
-    halves, each alone, until the run at fault is found, which is a failure like any other. After
-    Ctrl-C nothing more is submitted and what was running is yielded, then KeyboardInterrupt is
-    raised; a second Ctrl-C does so at once. `rest` yields what is running for whoever stops of its
-    own.
+    halves until the run at fault is found, which is a failure like any other; each half alone,
+    unless the executor told which batch it was (WorkerLost). After Ctrl-C nothing more is submitted
+    and what was running is yielded, then KeyboardInterrupt is raised; a second Ctrl-C does so at
+    once. `rest` yields what is running for whoever stops of its own.
 
     Raises SimulatorError for a simulator that cannot be sent to another process, or be unpacked
     there.
@@ -147,6 +147,12 @@ class Dispatcher:
             batch = self._running.pop(future)
             try:
                 made = future.result()
+            except WorkerLost as death:
+                if len(batch) == 1:
+                    yield _dead(batch, death)
+                else:
+                    self._waiting.extendleft(batch.halves())
+                continue
             except BrokenExecutor as death:
                 # small batches for a while: the next death then costs fewer runs
                 self._most = max(1, len(batch) // 4)
