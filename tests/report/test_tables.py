@@ -111,3 +111,9 @@ def test_whatever_a_table_holds_is_whole_and_fits(
     assert all(len(line) <= width for line in head + body)
     shown = sorted(word for line in body for word in line.split() if word not in ("head:", "note:"))
     assert shown == sorted(word for row in rows for cell in row for word in cell.split())
+
+
+def test_a_column_of_notes_that_holds_none_is_left_out() -> None:
+    columns: list[Column] = [("name", "left"), ("note", "fold")]
+    assert laid_out(columns, [("a", ""), ("b", "")]) == (["name"], ["a", "b"])
+    assert laid_out(columns, [("a", ""), ("b", "odd")]) == (["name  note"], ["a", "b     odd"])

@@ -14,6 +14,8 @@ from aleator.simulators.records import Holding, StoredRun
 from aleator.tasks.layout import Column
 from aleator.tasks.printed import number
 
+MINUTES = 16
+"""Letters of a moment to the minute."""
 SHORT = 8
 """Letters of a fingerprint that are shown, and suffice to name it."""
 
@@ -37,7 +39,7 @@ def holdings(found: Sequence[Holding], current: str | None, store: str) -> Rende
             f"{held.runs:,}",
             f"{held.failures:,}",
             number(held.seconds, 3),
-            "-" if held.last is None else moment(held.last),
+            "-" if held.last is None else moment(held.last)[:MINUTES],
             "this study's" if held.simulator.fingerprint == current else "",
         )
         for held in found

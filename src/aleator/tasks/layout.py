@@ -15,7 +15,7 @@ GAP = 2
 INDENT = 4
 """Columns by which what does not fit beside the first cell stands under it."""
 NARROWEST = 16
-"""A column that folds is no narrower, or as wide as its longest word: else it stands below."""
+"""A column that folds is no narrower, if its cells are as long: else it stands below."""
 
 
 def laid_out(
@@ -35,15 +35,16 @@ def laid_out(
     a_long_name
                  2
     """
+    if columns[-1][1] == "fold" and not any(row[-1] for row in rows):
+        columns, rows = columns[:-1], [row[:-1] for row in rows]
     names = [name for name, _ in columns]
     every = [names, *rows]
     folds = columns[-1][1] == "fold" and len(columns) > 1
     fixed = len(columns) - folds
     wide = [max(len(row[k]) for row in every) for k in range(fixed)]
     rest = sum(wide[1:]) + GAP * (fixed - 1)
-    words = [len(word) for row in every for word in row[-1].split()] if folds else []
-    note = max([NARROWEST, *words]) if any(row[-1] for row in rows) and folds else 0
-    if rest + note + GAP + INDENT > width:
+    note = _least([row[-1] for row in every]) if folds else 0
+    if rest + note + GAP + max(INDENT, len(names[0])) > width:
         note = 0
     if rest + INDENT > width:
         return [], [line for row in rows for line in _stacked(names, row, width)]
@@ -52,6 +53,12 @@ def laid_out(
     beside = sum(wide) + GAP * (fixed - 1) + GAP if note else None
     head = _row(columns, names, wide, beside, width) if any(names) else []
     return head, [line for row in rows for line in _row(columns, row, wide, beside, width)]
+
+
+def _least(cells: Sequence[str]) -> int:
+    """The least width of a folding column: no less than its longest word."""
+    words = [len(word) for cell in cells for word in cell.split()]
+    return max(min(NARROWEST, max(map(len, cells))), *words)
 
 
 def _row(
