@@ -28,9 +28,9 @@ from aleator.inference.verification import MonteCarlo
 from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.problem import prepare
 from aleator.likelihood.propagation import Collocation
-from aleator.likelihood.value import LogLikelihood
 from aleator.quadrature import MonteCarloPoints
 from aleator.search import GradientMultistart
+from aleator.search.value import LogLikelihood
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface

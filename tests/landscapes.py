@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from aleator.laws import Hyperparameter
-from aleator.likelihood.value import LogLikelihood
+from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from aleator.inference.information import infer
 from aleator.inference.profile import CLOSE, TARGET, profile_intervals
 from aleator.laws import Hyperparameter
-from aleator.likelihood.value import LogLikelihood
 from aleator.search import GradientMultistart
+from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
 

@@ -26,8 +26,8 @@ from aleator.densities import DEGENERATE_VALUE, FAILED_SOLVE_PENALTY, Density, S
 from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.predictive import predictive
 from aleator.likelihood.propagation import QuadraturePropagation
-from aleator.likelihood.value import LogLikelihood
 from aleator.quadrature import TensorGauss
+from aleator.search.value import LogLikelihood
 from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array
 

@@ -15,9 +15,9 @@ from aleator import Free, Gaussian, GradientMultistart, Inputs, MaximumEntropy, 
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.likelihood.likelihood import Continued
-from aleator.likelihood.value import LogLikelihood
 from aleator.search import ascend
 from aleator.search.coordinates import Coordinates
+from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
 

@@ -9,7 +9,6 @@ import pytest
 from landscapes import Heard, Recorded, box, hills, ridge, waves
 from searches import ALL, GENETIC, PLAIN, POPULATIONS, each
 
-from aleator.likelihood.value import LogLikelihood
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -18,6 +17,7 @@ from aleator.search import (
     compare,
     objective_of,
 )
+from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
 # ------------------------------------------------------------------------------ what it costs

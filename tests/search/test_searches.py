@@ -12,11 +12,11 @@ from searches import ALL, DIFFERENTIAL, GENETIC, PLAIN, POPULATIONS, each
 
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
-from aleator.likelihood.value import LogLikelihood
 from aleator.search import (
     CMAES,
     GradientMultistart,
 )
+from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
 # ------------------------------------------------------------------------------ the maximum

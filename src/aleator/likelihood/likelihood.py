@@ -12,7 +12,7 @@ import numpy as np
 
 from aleator.laws import Hyperparameter
 from aleator.likelihood.predictive import Predictive
-from aleator.likelihood.value import LogLikelihood
+from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
 
 
@@ -41,6 +41,11 @@ class Likelihood:
         """The log-likelihood without its score, at about a third of the cost."""
         fitted = self.predictive.fitted(alpha)
         return LogLikelihood(fitted.log_pdf(self.outcomes), None, fitted.status)
+
+    @property
+    def continued(self) -> Continued:
+        """What a search climbs."""
+        return Continued(self)
 
     def take(self, rows: Indices) -> Likelihood:
         """The likelihood of some of the experiments."""

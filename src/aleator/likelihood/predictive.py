@@ -17,8 +17,8 @@ from aleator.densities.moments import Moments, add_noise, joined
 from aleator.densities.outcomes import Outcomes
 from aleator.laws import Hyperparameter
 from aleator.likelihood.propagation import NodePropagation, Propagation
-from aleator.likelihood.value import LogLikelihood
 from aleator.observations.noise import Noise
+from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
 
 

@@ -75,7 +75,7 @@ class Problem(Forward):
     @property
     def objective(self) -> Continued:
         """What a search climbs: the likelihood, continued where there is none."""
-        return Continued(self.likelihood)
+        return self.likelihood.continued
 
 
 def forward(

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import optimize
 
-from aleator.likelihood.value import LogLikelihood
 from aleator.search.coordinates import Coordinates
 from aleator.search.counted import FLOOR, CountedObjective
 from aleator.search.interface import Ascent
 from aleator.search.limits import outsized
+from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
 FLAT = 1e-4

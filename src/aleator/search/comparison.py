@@ -50,7 +50,7 @@ def compare(
     Raises InputsError for no search at all. Cost: that of all searches.
 
     >>> import numpy as np
-    >>> from aleator.likelihood.value import LogLikelihood
+    >>> from aleator.search.value import LogLikelihood
     >>> from aleator.search import DifferentialEvolution, GradientMultistart
     >>> def parabola(alpha):  # log L = -(alpha - 2)^2, largest at 2
     ...     gap = alpha - 2.0

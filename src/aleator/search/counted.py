@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 
-from aleator.likelihood.value import LogLikelihood
 from aleator.search.interface import Objective, Scored, Step, objective_of
+from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
 FLOOR = -1e100

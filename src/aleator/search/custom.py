@@ -42,7 +42,7 @@ class CustomSearch(TaskSearch):
 
     >>> from scipy import optimize
     >>> from aleator.laws import Hyperparameter
-    >>> from aleator.likelihood.value import LogLikelihood
+    >>> from aleator.search.value import LogLikelihood
     >>> def simplex(value, lower, upper, start, rng):
     ...     limits = optimize.Bounds(lower, upper)
     ...     cost = lambda alpha: -value(alpha)

@@ -9,9 +9,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from aleator.laws import Hyperparameter
-from aleator.likelihood.likelihood import Continued, Likelihood
-from aleator.likelihood.value import LogLikelihood
 from aleator.progress import Progress
+from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
 Scored = Callable[[Array], LogLikelihood]
@@ -29,6 +28,15 @@ class Objective(Protocol):
         """The totals (A,) of the same log-likelihood at alphas (A, K), without scores."""
 
 
+@runtime_checkable
+class Continuable(Protocol):
+    """A log-likelihood that is minus infinity in places, and knows a smooth continuation."""
+
+    @property
+    def continued(self) -> Objective:
+        """What a search climbs in its place."""
+
+
 @dataclass(frozen=True)
 class _Looped:
     """A plain function as an Objective."""
@@ -42,16 +50,16 @@ class _Looped:
         return np.array([self.function(alpha).total for alpha in alphas], dtype=np.float64)
 
 
-def objective_of(function: Objective | Scored | Likelihood) -> Objective:
-    """What a search climbs: a likelihood continued, an Objective itself, else a loop over calls.
+def objective_of(function: Continuable | Objective | Scored) -> Objective:
+    """What a search climbs: a continuation, an Objective itself, else a loop over calls.
 
     >>> def log_likelihood(alpha):
     ...     return LogLikelihood(-(alpha**2), -2.0 * alpha[None, :], np.zeros(1, dtype=int))
     >>> objective_of(log_likelihood).values(np.array([[1.0], [2.0]])).tolist()
     [-1.0, -4.0]
     """
-    if isinstance(function, Likelihood):
-        return Continued(function)
+    if isinstance(function, Continuable):
+        return function.continued
     return function if isinstance(function, Objective) else _Looped(function)
 
 

@@ -21,9 +21,9 @@ from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.comparison import density_distances
 from aleator.likelihood.problem import Problem
-from aleator.likelihood.value import LogLikelihood
 from aleator.observations.experiments import Experiments
 from aleator.search import SearchResult
+from aleator.search.value import LogLikelihood
 from aleator.simulators import Simulator
 from aleator.tasks.baselines import LeastSquares, LinearGaussian
 from aleator.tasks.result import Identification

@@ -14,7 +14,7 @@ from aleator.inference.verification import FEW_SAMPLES, Movement, Verification, 
 from aleator.laws import Hyperparameter
 from aleator.likelihood.policy import density_remedy
 from aleator.likelihood.problem import Problem
-from aleator.likelihood.value import LogLikelihood
+from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
 MOST = 0.5

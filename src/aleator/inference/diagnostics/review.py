@@ -21,8 +21,8 @@ from aleator.inference.verification import Verification
 from aleator.laws import Hyperparameter
 from aleator.likelihood.policy import nodes_remedy, quadrature_gap
 from aleator.likelihood.problem import Problem
-from aleator.likelihood.value import LogLikelihood
 from aleator.search import SearchResult, wide_limits
+from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
 LARGEST_EDM = 1e-3
