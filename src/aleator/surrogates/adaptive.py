@@ -194,8 +194,9 @@ def build_surface(
 
     All experiments share one nested sequence of points; a round adds three tenths. Each surface is
     fitted with the prior of least leave-one-out error (module `fit`). Its error is taken as the
-    larger of what that prior expects, and the leave-one-out residuals weighted by each run's part
-    of the box.
+    largest of: what that prior expects; the leave-one-out residuals, weighted by each run's part of
+    the box; the misfit of the surface of the round before to the runs of this one; and half the
+    estimate of that round. The first round's is taken three times.
 
     A run that failed has the outcome NaN; a surface is fitted through the runs that worked. In a
     large hole it is an extrapolation, wrong by up to thrice the estimate. With fewer than 2 n + 2

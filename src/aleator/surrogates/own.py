@@ -26,16 +26,18 @@ ROUNDING = 1e-12
 # Sets of runs that worked, for which priors are searched; experiments with any other set (runs that
 # fail here and there, differently in each) choose among the priors that were found for these.
 SEARCHED = 6
-# Over the box the first estimate of a surface can be three times too small. An error that falls by
-# more than half in one round, or seems to, is believed by half only.
-FIRST, DOUBT = 3.0, 0.5
+# Of a first round all over the box the estimate can be three times too small.
+CAUTION = 3.0
+# Later an error that falls by more than half in one round, or seems to, is believed by half only.
+DOUBT = 0.5
 
 
 class OwnSurfaces(Emulator):
     """A polynomial for each experiment, made exact where it is judged (see `Emulator`).
 
     `first` points are run to begin with. `samples` are runs that were made before, each at a point
-    of its own.
+    of its own. Over the box an error is no less than the misfit of the surface of the round before
+    to the runs that it had not seen (`floor`), nor than half of its `estimate`.
     """
 
     def __init__(self, run: Run, box: Array, samples: Samples, first: int) -> None:
@@ -73,10 +75,11 @@ class OwnSurfaces(Emulator):
             fresh = continued(known, in_unit_box(self.box, draws), count)
         index, place = pairs(members, count)
         allowed = place < most - self.runs[index]
-        guess = self._values(members, fresh)
         self._ask(from_unit_box(self.box, fresh), index[allowed], place[allowed])
-        missed = guess - self.samples.outcome[members, -count:]
-        self.floor[members] = np.fmax(DOUBT * self.estimate[members], _root_mean_square(missed))
+        if draws is None:
+            missed = self._guess(members, inside, fresh) - self.samples.outcome[members, -count:]
+            unseen = _root_mean_square(missed)
+            self.floor[members] = np.fmax(DOUBT * self.estimate[members], unseen)
         self.stale[members] = True
 
     def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
@@ -97,7 +100,7 @@ class OwnSurfaces(Emulator):
             if where is None:
                 self.estimate[members] = error
                 floor = self.floor[members]
-                error = np.where(np.isinf(floor), FIRST * error, np.maximum(error, floor))
+                error = np.where(np.isinf(floor), CAUTION * error, np.maximum(error, floor))
             self.error[members] = np.where(constant, 0.0, error)
             self.reach[members] = np.where(constant, 0.0, fit.expected)
 
@@ -107,9 +110,8 @@ class OwnSurfaces(Emulator):
         pieces = fitted_pieces(in_unit_box(self.box, samples.x), samples.outcome, self.prior)
         return self._surface(pieces, self.error, converged, samples.outcome)
 
-    def _values(self, members: Indices, z: Array) -> Array:
-        """Outcomes (A, Q) that the surfaces of members (A,) tell at points z (Q, n)."""
-        samples = self.samples.inside(self.box)
+    def _guess(self, members: Indices, samples: Samples, z: Array) -> Array:
+        """Outcomes (A, Q) at points z (Q, n) by the surfaces of members (A,) through `samples`."""
         known, out = in_unit_box(self.box, samples.x), np.empty((len(members), len(z)))
         priors = [self.prior[row] for row in members]
         for rows, indices, coefficients in fitted_pieces(known, samples.outcome[members], priors):
