@@ -12,7 +12,7 @@ from aleator.densities.moments import Moments
 from aleator.progress import Progress
 from aleator.surrogates import ResponseSurface, Surface
 from aleator.tasks.identify import identify
-from aleator.tasks.result import Identification
+from aleator.tasks.results.identification import Identification
 from aleator.types import Array
 from reproduction.clutch.reference import (
     DENSITIES,

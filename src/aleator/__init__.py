@@ -53,8 +53,8 @@ if TYPE_CHECKING:
     from aleator.tasks.identify import identify as identify
     from aleator.tasks.predict import predict as predict
     from aleator.tasks.recover import recover as recover
-    from aleator.tasks.result import Identification as Identification
-    from aleator.tasks.saved import load as load
+    from aleator.tasks.results.identification import Identification as Identification
+    from aleator.tasks.results.saved import load as load
     from aleator.tasks.screen import screen as screen
 
 # A public name is imported when it is first used: `import aleator` itself costs nothing.

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from aleator.errors import AleatorError
-from aleator.tasks import documents
+from aleator.tasks.results import documents
 
 
 def test_what_is_not_finite_is_null_and_arrays_are_lists() -> None:

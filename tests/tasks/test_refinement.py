@@ -19,7 +19,7 @@ from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.simulators import Runner, Store
 from aleator.tasks.likely import likely_alphas
-from aleator.tasks.result import Identification
+from aleator.tasks.results.identification import Identification
 from aleator.types import Array
 
 Z = np.linspace(0.5, 2.0, 20)

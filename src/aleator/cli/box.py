@@ -11,8 +11,8 @@ from aleator.cli.running import FILE, SEED, RunOptions, makes_runs, running
 from aleator.cli.showing import shown
 from aleator.report import box as report
 from aleator.study import load_study
-from aleator.tasks import documents
 from aleator.tasks.box import feasible_box
+from aleator.tasks.results import documents
 
 
 @click.command()

@@ -8,7 +8,7 @@ import click
 
 from aleator import clutch as wet_clutch
 from aleator.cli.running import FILE
-from aleator.tasks import documents
+from aleator.tasks.results import documents
 
 
 @click.group()

@@ -22,7 +22,7 @@ from aleator.cli.showing import can_draw, say, shown
 from aleator.plot.identification import save_figures
 from aleator.report import terminal
 from aleator.study import load_study
-from aleator.tasks import documents, printed
+from aleator.tasks.results import documents, printed
 
 IDENTIFICATION = "identification.json"
 

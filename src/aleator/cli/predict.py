@@ -11,8 +11,8 @@ from aleator.cli.running import FILE, RunOptions, makes_runs, running
 from aleator.cli.showing import shown
 from aleator.report import terminal
 from aleator.study import load_study
-from aleator.tasks import documents
 from aleator.tasks.predict import predict as predict_outcomes
+from aleator.tasks.results import documents
 
 
 @click.command()

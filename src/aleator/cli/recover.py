@@ -15,8 +15,8 @@ from aleator.progress import Progress
 from aleator.report import recovery
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
-from aleator.tasks import documents
 from aleator.tasks.recover import recover as recover_law
+from aleator.tasks.results import documents
 
 
 @click.command()

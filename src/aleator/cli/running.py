@@ -21,7 +21,7 @@ from aleator.simulators.workers.dask_cluster import dask_executor
 from aleator.simulators.workers.mpi_job import mpi_executor
 from aleator.study import Study
 from aleator.tasks.identify import identify
-from aleator.tasks.result import Identification
+from aleator.tasks.results.identification import Identification
 
 FILE = click.Path(path_type=Path)
 SEED = click.option(

@@ -20,7 +20,7 @@ from aleator.cli.showing import can_draw, shown
 from aleator.plot.sensitivity import save_sensitivity
 from aleator.report import sensitivity as report
 from aleator.study import load_study
-from aleator.tasks import documents
+from aleator.tasks.results import documents
 from aleator.tasks.screen import screen
 
 

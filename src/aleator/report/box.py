@@ -10,7 +10,7 @@ from rich.text import Text
 
 from aleator.report.rows import Rows
 from aleator.tasks.box import FeasibleBox, Side
-from aleator.tasks.layout import Column
+from aleator.tasks.results.layout import Column
 
 GAIN = 1.5  # times the volume that make it worth to think of leaving an experiment out
 COLUMNS: Sequence[Column] = (

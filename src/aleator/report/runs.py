@@ -11,8 +11,8 @@ from rich.text import Text
 
 from aleator.report.rows import Rows
 from aleator.simulators.records import Holding, StoredRun
-from aleator.tasks.layout import Column
-from aleator.tasks.printed import number
+from aleator.tasks.results.layout import Column
+from aleator.tasks.results.printed import number
 
 MINUTES = 16
 """Letters of a moment to the minute."""

@@ -23,12 +23,12 @@ from aleator.progress import Progress, Silent
 from aleator.search import Search
 from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks import summary
 from aleator.tasks.answer import Answer, Question, answered
 from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH
 from aleator.tasks.baselines import start_point
 from aleator.tasks.ledger import Ledger
-from aleator.tasks.result import Identification
+from aleator.tasks.results import summary
+from aleator.tasks.results.identification import Identification
 
 DEFAULT_VERIFICATION = MonteCarlo()
 

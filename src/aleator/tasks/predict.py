@@ -19,7 +19,7 @@ from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import DEFAULT_PROPAGATION, AnySimulator, runner_on
 from aleator.tasks.refinement import under_law
-from aleator.tasks.values import QUANTILES, Estimate, in_order
+from aleator.tasks.results.values import QUANTILES, Estimate, in_order
 from aleator.types import Array
 
 

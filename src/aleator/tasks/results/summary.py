@@ -26,9 +26,9 @@ from aleator.search import SearchResult
 from aleator.search.value import LogLikelihood
 from aleator.simulators import Simulator
 from aleator.tasks.baselines import LeastSquares, LinearGaussian
-from aleator.tasks.result import Identification
-from aleator.tasks.session import Session
-from aleator.tasks.values import (
+from aleator.tasks.results.identification import Identification
+from aleator.tasks.results.session import Session
+from aleator.tasks.results.values import (
     QUANTILES,
     Estimate,
     ExperimentReport,

@@ -17,10 +17,10 @@ from aleator.likelihood.comparison import DensityDistance
 from aleator.observations.experiments import Conditions
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
-from aleator.tasks import documents, printed
-from aleator.tasks.law import JointLaw
-from aleator.tasks.session import Session
-from aleator.tasks.values import (
+from aleator.tasks.results import documents, printed
+from aleator.tasks.results.law import JointLaw
+from aleator.tasks.results.session import Session
+from aleator.tasks.results.values import (
     QUANTILES,
     Estimate,
     ExperimentReport,

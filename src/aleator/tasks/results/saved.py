@@ -20,11 +20,11 @@ from aleator.observations.noise import Noise
 from aleator.observations.transform import Transform
 from aleator.simulators import Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
-from aleator.tasks import documents
 from aleator.tasks.asked import DEFAULT_PROPAGATION
-from aleator.tasks.result import Identification
-from aleator.tasks.session import Session
-from aleator.tasks.values import (
+from aleator.tasks.results import documents
+from aleator.tasks.results.identification import Identification
+from aleator.tasks.results.session import Session
+from aleator.tasks.results.values import (
     Estimate,
     ExperimentReport,
     LogLikelihoodReport,

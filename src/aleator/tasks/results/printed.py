@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from aleator.tasks.layout import WIDTH, Column, laid_out
+from aleator.tasks.results.layout import WIDTH, Column, laid_out
 
 Document = Mapping[str, Any]
 NONE = "-"

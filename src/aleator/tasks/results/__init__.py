@@ -1,0 +1,1 @@
+"""What an identification leaves: its values, what can still be asked of it, its documents."""
