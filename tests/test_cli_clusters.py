@@ -96,6 +96,7 @@ def kept(folder: Path) -> list[str]:
         return [f"{r.conditions['load']} {r.parameters['softness']!r}" for r in stored_runs(store)]
 
 
+@pytest.mark.slow
 def test_a_study_whose_worker_is_killed_ends_with_the_same_answer(
     tmp_path: Path, alone: dict[str, Any]
 ) -> None:
@@ -105,12 +106,13 @@ def test_a_study_whose_worker_is_killed_ends_with_the_same_answer(
         done = aleator_run(folder, "--dask", str(cluster.file))
         assert done.returncode == 0, done.stderr
         assert [worker.poll() for worker in cluster.workers].count(None) == 1
-    assert "was lost; its runs go to another" in done.stderr
+    assert "tcp://" in done.stderr  # the worker that was lost
     assert answer(folder) == alone
     assert len(kept(folder)) == len(set(kept(folder)))
     assert set(kept(folder)) == set(runs_made(folder))
 
 
+@pytest.mark.slow
 def test_a_study_whose_scheduler_is_killed_keeps_its_runs_and_goes_on(
     tmp_path: Path, alone: dict[str, Any]
 ) -> None:
@@ -120,20 +122,22 @@ def test_a_study_whose_scheduler_is_killed_keeps_its_runs_and_goes_on(
         done = aleator_run(folder, "--dask", str(cluster.file))
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
-    assert "aleator: error: the Dask scheduler at tcp://127.0.0.1:" in done.stderr
+    assert done.stderr.count("aleator: error: ") == 1
+    assert "tcp://127.0.0.1:" in done.stderr
     stored = kept(folder)
-    assert f"{len(stored)} new runs are kept in" in done.stderr
-    assert "the same command goes on from there" in done.stderr
+    assert f"{len(stored)} new runs" in done.stderr
+    assert "runs.sqlite" in done.stderr
     assert len(stored) > 2
     (folder / "log.txt").unlink()
     again = aleator_run(folder)
     assert again.returncode == 0, again.stderr
-    assert f"has {len(stored)} runs of this simulator; none is repeated" in again.stderr
+    assert f"{len(stored)} runs" in again.stderr
     assert answer(folder) == alone
     repeated = set(runs_made(folder)) & set(stored)
     assert len(repeated) <= 1  # the one that is repeated on purpose
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not MPIEXEC.exists(), reason="no MPI")
 def test_an_mpi_job_finds_the_same_answer(tmp_path: Path, alone: dict[str, Any]) -> None:
     folder = study_in(tmp_path / "springs")
@@ -144,25 +148,26 @@ def test_an_mpi_job_finds_the_same_answer(tmp_path: Path, alone: dict[str, Any])
     (folder / "model.py").write_text("def length(load): return load")
     wrong = aleator_run(folder, "--mpi", launch=(str(MPIEXEC), "-n", "1"))
     assert wrong.returncode == 2
-    assert "has no argument for the parameter 'softness'" in wrong.stderr
+    assert "'softness'" in wrong.stderr
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("options", "names"),
     [
-        (["--dask", "nobody"], "no Dask scheduler answers at nobody"),
-        (["--dask", "no.json"], "the scheduler file no.json does not exist"),
-        (["--mpi"], "not the first of an MPI job"),
-        (["--mpi", "--dask", "x"], "contradict each other"),
+        (["--dask", "nobody"], ["nobody"]),
+        (["--dask", "no.json"], ["no.json"]),
+        (["--mpi"], ["mpi4py.futures"]),
+        (["--mpi", "--dask", "x"], ["--mpi", "--dask"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
 def test_a_cluster_that_is_none_is_told_before_anything_runs(
-    tmp_path: Path, options: list[str], message: str
+    tmp_path: Path, options: list[str], names: list[str]
 ) -> None:
     folder = study_in(tmp_path / "springs")
     done = CliRunner().invoke(cli.main, ["box", str(folder / "study.toml"), *options])
     assert done.exit_code == 2
-    assert message in done.stderr
+    for name in names:
+        assert name in done.stderr
     assert not (folder / "log.txt").exists()
     assert not (folder / "runs.sqlite").exists()

@@ -79,10 +79,9 @@ def test_show_has_the_last_runs_the_failures_and_all_of_one(study: Path) -> None
     one = run("show", study, failure.number).output
     assert "model.py, line 3" in " ".join(one.split())
     assert repr(failure.parameters["softness"]) in one
-    assert "before these" in run("show", study).output
     absent = run("show", study, 10**9)
     assert absent.exit_code == 2
-    assert f"has no run {10**9}" in absent.stderr
+    assert f"{10**9}" in absent.stderr
 
 
 def test_what_is_exported_is_imported_bit_by_bit(study: Path) -> None:
@@ -90,7 +89,7 @@ def test_what_is_exported_is_imported_bit_by_bit(study: Path) -> None:
     done = run("import", "copy.sqlite", "runs.csv")
     assert done.exit_code == 0, done.output
     runs = contents()
-    assert f"{len(runs)} runs added, 0 were there already" in done.output
+    assert f"{len(runs)} runs" in done.output
 
     def key(run: records.StoredRun) -> str:
         return f"{run.conditions} {run.parameters}"
@@ -99,7 +98,8 @@ def test_what_is_exported_is_imported_bit_by_bit(study: Path) -> None:
     for copy, kept in zip(sorted(copies, key=key), sorted(runs, key=key), strict=True):
         assert copy.time == pytest.approx(kept.time, abs=1e-5)  # written to the microsecond
         assert replace(copy, number=0, time=0.0) == replace(kept, number=0, time=0.0)
-    assert "0 runs added" in run("import", "copy.sqlite", "runs.csv").output
+    assert run("import", "copy.sqlite", "runs.csv").exit_code == 0
+    assert contents(Path("copy.sqlite")) == copies  # none is added twice
     frame = pd.read_csv("runs.csv")
     assert {"condition.load", "parameter.softness", "outcome", "failure"} <= set(frame.columns)
 
@@ -116,10 +116,11 @@ def test_runs_from_elsewhere_belong_to_the_study_that_they_are_given_to(study: P
     with Store(STORE) as store:
         mine, old = records.holdings(store)
     assert (mine.runs, mine.failures) == (old.runs, old.failures)
-    assert f"{mine.runs} runs of this simulator" in again.stderr
-    assert f"{old.runs} runs of 'length' as it was before it changed" in again.stderr
+    assert f"{mine.runs} runs" in again.stderr
+    assert f"{old.runs} runs of 'length'" in again.stderr
     strangers = run("import", STORE, "mine.csv")
-    assert "'fingerprint' is missing" in strangers.stderr
+    assert strangers.exit_code == 2
+    assert "'fingerprint'" in strangers.stderr
 
 
 def test_an_import_does_not_change_what_is_there(study: Path) -> None:
@@ -129,39 +130,42 @@ def test_an_import_does_not_change_what_is_there(study: Path) -> None:
     before = contents()
     frame.loc[good, "outcome"] = "123.5"
     frame.to_csv("other.csv", index=False)
-    assert "1 of these have another outcome there" in run("import", study, "other.csv").output
+    told = run("import", study, "other.csv")
+    assert told.exit_code == 0
+    assert "1 of these" in told.output
     assert contents() == before
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "name"),
     [
-        ("parameter.x,outcome\n1.0,2.0,3.0\n", "line 2 is not a run: it has another number"),
-        ("parameter.x,outcome\n1.0,2.0\n1.0,soft\n", "line 3 is not a run: column 'outcome'"),
-        ("parameter.x,outcome\nnan,2.0\n", "nan is not finite"),
-        ("parameter.x,outcome\n1.0,\n", "neither an outcome nor a failure"),
-        ("parameter.x,outcome,failure\n1.0,2.0,broke\n", "an outcome and a failure"),
-        ("parameter.x,outcome,attempt\n1.0,2.0,often\n", "line 2 is not a run"),
-        ("x,outcome\n1.0,2.0\n", "the column 'x' is not known"),
-        ("parameter.x\n1.0\n", "the column 'outcome' is missing"),
-        ("outcome\n1.0\n", "the column 'parameter.NAME' is missing"),
+        ("parameter.x,outcome\n1.0,2.0,3.0\n", "line 2"),
+        ("parameter.x,outcome\n1.0,2.0\n1.0,soft\n", "line 3"),
+        ("parameter.x,outcome\nnan,2.0\n", "nan"),
+        ("parameter.x,outcome\n1.0,\n", "line 2"),
+        ("parameter.x,outcome,failure\n1.0,2.0,broke\n", "line 2"),
+        ("parameter.x,outcome,attempt\n1.0,2.0,often\n", "line 2"),
+        ("x,outcome\n1.0,2.0\n", "'x'"),
+        ("parameter.x\n1.0\n", "'outcome'"),
+        ("outcome\n1.0\n", "'parameter.NAME'"),
     ],
 )
 def test_what_is_not_a_run_is_told_and_nothing_is_imported(
-    study: Path, text: str, words: str
+    study: Path, text: str, name: str
 ) -> None:
     before = contents()
     Path("bad.csv").write_text(text)
     done = run("import", study, "bad.csv")
     assert done.exit_code == 2
-    assert words in done.stderr
+    assert "bad.csv" in done.stderr
+    assert name in done.stderr
     assert contents() == before
 
 
 def test_retry_forgets_the_failures_alone(study: Path) -> None:
     before = contents()
     failed = [run for run in before if run.failure]
-    assert f"{len(failed)} failures are forgotten" in run("retry", study).output
+    assert f"{len(failed)} failures" in run("retry", study).output
     assert contents() == [run for run in before if not run.failure]
 
 
@@ -171,15 +175,17 @@ def test_forget_asks_and_then_forgets_old_fingerprints_or_all(study: Path) -> No
     CliRunner().invoke(cli.main, ["box", str(study), "--quiet"])
     asked = run("forget", study, "--old")
     assert asked.exit_code == 2
-    assert f"{len(first)} runs would be forgotten" in asked.stderr
+    assert f"{len(first)} runs" in asked.stderr
+    assert "--yes" in asked.stderr
     assert len(contents()) == 2 * len(first)
-    assert f"{len(first)} runs are forgotten" in run("forget", study, "--old", "--yes").output
+    assert f"{len(first)} runs" in run("forget", study, "--old", "--yes").output
     left = contents()
     assert len(left) == len(first)
     assert {run.simulator.fingerprint for run in left}.isdisjoint(
         run.simulator.fingerprint for run in first
     )
-    assert "nothing to forget" in run("forget", study, "--fingerprint", "zz", "--yes").output
+    assert run("forget", study, "--fingerprint", "zz", "--yes").exit_code == 0
+    assert contents() == left
     assert run("forget", STORE, "--all", "--yes").exit_code == 0
     assert contents() == []
     for arguments in ((study,), (study, "--old", "--all"), (STORE, "--old")):
@@ -189,11 +195,13 @@ def test_forget_asks_and_then_forgets_old_fingerprints_or_all(study: Path) -> No
 def test_what_cannot_be_done_is_told(study: Path) -> None:
     nowhere = run("list", "nowhere.sqlite")
     assert nowhere.exit_code == 2
-    assert "there is no store" in nowhere.stderr
-    assert "is no kind of table" in run("export", study, "runs.xlsx").stderr
+    assert "nowhere.sqlite" in nowhere.stderr
+    assert ".xlsx" in run("export", study, "runs.xlsx").stderr
     Path("runs.csv").touch()
-    assert "is there already" in run("export", study, "runs.csv").stderr
-    assert "cannot be read" in run("import", study, "absent.csv").stderr
+    for refused in (run("export", study, "runs.csv"), run("import", study, "absent.csv")):
+        assert refused.exit_code == 2
+        assert refused.stderr.count("aleator: error: ") == 1
+    assert Path("runs.csv").read_text() == ""  # what is there already stays
 
 
 def test_parquet_needs_an_extra(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:

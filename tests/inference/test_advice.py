@@ -84,10 +84,13 @@ def test_parameters_alike_for_another_reason_get_no_such_advice() -> None:
 # ------------------------------------------------------------------------------ nodes
 
 
-def found_with(density: Density | NodeDensity, nodes: int | Cubature | None) -> Identification:
+def found_with(
+    density: Density | NodeDensity, nodes: int | Cubature | None, count: int = 12
+) -> Identification:
     rng = np.random.default_rng(0)
-    z = np.linspace(1.0, 2.0, 60)
-    y = np.exp(2.0 * z * (1.0 + 0.3 * rng.standard_normal(60))) + 0.1 * rng.standard_normal(60)
+    z = np.linspace(1.0, 2.0, count)
+    x = 1.0 + 0.3 * rng.standard_normal(count)
+    y = np.exp(2.0 * z * x) + 0.1 * rng.standard_normal(count)
     return identify(
         lambda z, x: np.exp(2.0 * z * x), pd.DataFrame({"z": z, "y": y}),
         Inputs({"x": Normal(1.0, Free(0.05, 0.5))}), outcome="y", vectorized=True,
@@ -103,9 +106,9 @@ def test_of_an_outcome_without_density_nothing_is_said_of_the_nodes(monkeypatch)
 
 
 def test_too_few_nodes_are_told_and_more_of_them_end_it() -> None:
-    few = found_with(MaximumEntropy(4), 4)
+    few = found_with(MaximumEntropy(4), 4, 60)
     assert remedies(few, "quadrature") == ["raise propagation.nodes, to 6"]
-    assert remedies(found_with(MaximumEntropy(4), 14), "quadrature") == []
+    assert remedies(found_with(MaximumEntropy(4), 14, 60), "quadrature") == []
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from identifications import Array, estimates, identified, maximum
-from problems import FRONTIER, REGRESSION, SAMPLE, log_frontier
+from problems import FRONTIER, SAMPLE, log_frontier
 
 from aleator import (
     Collocation,
@@ -84,15 +84,6 @@ def test_few_experiments_for_the_hyperparameters_are_told(count: int, warned: bo
     problem = replace(SAMPLE, z=np.zeros(count))
     found = identified(problem, problem.draw(3))
     assert bool(told(found, "experiments")) == warned
-
-
-def test_there_is_no_interval_where_there_is_no_maximum() -> None:
-    """The sum of two normal parameters: nothing tells them apart, and the matrix is singular."""
-    problem = replace(REGRESSION, z=np.ones(30))
-    found = identified(problem, problem.draw(12))
-    assert told(found, "search")
-    assert not found.accepted
-    assert all(e.interval is None and e.standard_error is None for e in found.alpha.values())
 
 
 # ------------------------------------------------------------------------------ surfaces

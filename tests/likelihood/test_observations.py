@@ -84,8 +84,8 @@ def test_noise_of_another_kind_is_identified_exactly() -> None:
     y = z * rng.normal(1.0, 0.2, z.size) + 0.15 * rng.standard_t(5, z.size)
     law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.02, 1.0))})
     found = identify(
-        lambda z, x: z * x, pd.DataFrame({"z": z, "y": y}), law, outcome="y",
-        noise=Noise(Free(0.02, 1.0), StudentError()), verification=MonteCarlo(20_000),
+        lambda z, x: z * x, pd.DataFrame({"z": z, "y": y}), law, outcome="y", vectorized=True,
+        noise=Noise(Free(0.02, 1.0), StudentError()), verification=MonteCarlo(4_000),
     )  # fmt: skip
 
     def lost(alpha):

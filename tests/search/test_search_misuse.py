@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import numpy as np
@@ -62,7 +63,7 @@ def test_misuse_has_a_remedy(make) -> None:
 @pytest.mark.parametrize("returned", [None, "best", [1.0], [np.nan, 1.0], [9.0, 1.0], [[1.0, 1.0]]])
 def test_a_custom_search_must_return_alpha_within_the_limits(returned) -> None:
     search = CustomSearch(lambda *_: returned)
-    with pytest.raises(InputsError, match="2 numbers within"):
+    with pytest.raises(InputsError, match=re.escape(repr(returned))):
         search.maximize(ridge, box(), seed=0)
 
 
@@ -94,18 +95,16 @@ def test_what_a_custom_search_raises_is_not_caught() -> None:
 
 
 @pytest.mark.parametrize(
-    ("function", "words"),
+    "function",
     [
-        (lambda value, lower, upper, start: start, "too many positional arguments"),  # noqa: ARG005
-        (lambda value, *, start, rng, lower, upper: start, "too many positional"),  # noqa: ARG005
-        (lambda value, lower, upper, start, rng, more: start, "missing a required"),  # noqa: ARG005
-        ("nelder-mead", "is not a function"),
+        lambda value, lower, upper, start: start,  # noqa: ARG005
+        lambda value, *, start, rng, lower, upper: start,  # noqa: ARG005
+        lambda value, lower, upper, start, rng, more: start,  # noqa: ARG005
+        "nelder-mead",
     ],
 )
-def test_a_custom_search_that_takes_other_arguments_is_refused_with_those_it_gets(
-    function, words
-) -> None:
-    with pytest.raises(InputsError, match=words) as caught:
+def test_a_custom_search_that_takes_other_arguments_is_refused_with_those_it_gets(function) -> None:
+    with pytest.raises(InputsError) as caught:
         CustomSearch(function)
     assert "(value, lower, upper, start, rng)" in caught.value.remedy
 

@@ -75,21 +75,21 @@ def test_each_method_has_its_own_keys(write, text, search) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "names"),
     [
-        ('method = "genetics"', ["search.method", "did you mean 'genetic'"]),
+        ('method = "genetics"', ["search.method", "'genetic'"]),
         ('method = "genetic"\nstarts = 3', ["search.starts", "population"]),
         ("population = 3", ["search.population", "starts"]),
-        ('method = "genetic"\npopulation = 3', ["'search'", "population 3", "at least 4"]),
+        ('method = "genetic"\npopulation = 3', ["'search'", "population 3"]),
         ('method = "cmaes"\nstep = 2.0', ["'search'", "step 2.0"]),
-        ('method = "genetic"\npolish = 1', ["search.polish", "true or false"]),
+        ('method = "genetic"\npolish = 1', ["search.polish"]),
     ],
 )
-def test_what_is_wrong_is_named(write, text, words) -> None:
+def test_what_is_wrong_is_named(write, text, names) -> None:
     with pytest.raises(StudyError) as caught:
         load_study(write(text))
-    for word in words:
-        assert word in str(caught.value)
+    for name in names:
+        assert name in str(caught.value)
 
 
 def test_starts_are_of_the_gradient_search_only(write) -> None:

@@ -223,19 +223,19 @@ def test_a_study_names_its_correlations_as_the_result_does(folder: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("text", "problem"),
+    ("text", "names"),
     [
-        ("a.c = 0.5", "key 'correlation': correlation of a and c: there is no parameter 'c'"),
-        ("a.k = 0.5", "there is no parameter 'k' that scatters"),
-        ("a.b = 0.5\nb.a = 0.5", "the correlation of a and b is given twice"),
-        ("a.b = 1.5", r"correlation\.a\.b: 1.5 is not within"),
-        ("a.b = {low = 0.5}", r"key 'correlation\.a\.b\.low': there is no such key"),
-        ("a = 0.5", "key 'correlation.a': 0.5 is not of a pair"),
+        ("a.c = 0.5", "'correlation'.* 'c'"),
+        ("a.k = 0.5", "'correlation'.* 'k'"),
+        ("a.b = 0.5\nb.a = 0.5", "'correlation'.* a and b "),
+        ("a.b = 1.5", r"correlation\.a\.b.* 1\.5 "),
+        ("a.b = {low = 0.5}", r"'correlation\.a\.b\.low'"),
+        ("a = 0.5", r"'correlation\.a'.* 0\.5 "),
     ],
 )
-def test_mistakes_in_a_study_are_named(folder: Path, text: str, problem: str) -> None:
+def test_mistakes_in_a_study_are_named(folder: Path, text: str, names: str) -> None:
     (folder / "study.toml").write_text(f"{STUDY}[correlation]\n{text}\n")
-    with pytest.raises(StudyError, match=problem) as caught:
+    with pytest.raises(StudyError, match=names) as caught:
         load_study(folder / "study.toml")
     assert caught.value.remedy
 
@@ -249,5 +249,5 @@ def test_the_report_has_a_line_of_correlations() -> None:
     console = Console(width=80)
     with console.capture() as capture:
         console.print(render(document))
-    line = f"Correlation of the parameters: a and b {entry['estimate']:.2f}"
-    assert line in capture.get()
+    (line,) = (line for line in capture.get().splitlines() if "a and b" in line)
+    assert f"{entry['estimate']:.2f}" in line

@@ -90,7 +90,6 @@ def test_a_law_that_reaches_far_beyond_the_simulator_is_given_the_box_that_mends
     everywhere = ResponseSurface(tolerance=0.005)
     with pytest.raises(SimulatorError) as caught:
         identify(model, TABLE, WIDE, outcome="y", vectorized=True, propagation=everywhere)
-    assert "too many to go on" in caught.value.problem
     lines = [line.strip() for line in caught.value.remedy.splitlines()]
     assert 'law = "truncated_normal"' in lines
     (box,) = (line for line in lines if line.startswith("box = "))
@@ -127,7 +126,6 @@ def test_the_study_says_how_many_failures_are_too_many(tmp_path: Path) -> None:
     refused = CliRunner().invoke(cli.main, ["identify", str(study), *out])
     assert refused.exit_code == 2
     assert "stuck" in refused.stderr
-    assert "too many to go on" in refused.stderr
     study.write_text(text.format("max_failed = 0.5\nretries = 1"))
     done = CliRunner().invoke(cli.main, ["identify", str(study), *out])
     assert done.exit_code == 0, done.stderr
@@ -135,4 +133,4 @@ def test_the_study_says_how_many_failures_are_too_many(tmp_path: Path) -> None:
     low, high = document["failures"]["region"]["x"]
     assert 1.0 < low < high < 1.1
     assert "stuck" in document["failures"]["message"]
-    assert "runs failed" in done.stdout.replace("\n", " ")
+    assert "simulator" in [warning["about"] for warning in document["warnings"]]

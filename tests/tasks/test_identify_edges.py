@@ -159,6 +159,9 @@ def test_a_sum_of_parameters_is_told_as_a_direction_and_not_accepted(propagation
     found = identified(SUM, SUM.draw(12), propagation=propagation)
     told = [set(w.concerns) for w in found.warnings if w.about == "identifiability"]
     assert {"a.mean", "b.mean"} in told
+    # there is no maximum, hence no interval
+    assert "search" in [w.about for w in found.warnings]
+    assert all(e.interval is None and e.standard_error is None for e in found.alpha.values())
     assert not found.accepted
 
 
@@ -195,7 +198,7 @@ def test_intervals_of_a_weak_line_are_those_of_the_books(propagation) -> None:
 
 
 def test_a_study_in_which_nothing_scatters_is_refused() -> None:
-    with pytest.raises(InputsError, match="nothing scatters"):
+    with pytest.raises(InputsError):
         identify(
             lambda z, k: k * z,
             pd.DataFrame({"z": [1.0, 2.0], "y": [1.0, 2.1]}),

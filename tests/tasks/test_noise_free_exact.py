@@ -135,7 +135,7 @@ def test_a_number_of_nodes_asks_for_no_less_than_the_density_needs() -> None:
 
 
 def test_a_noise_of_zero_is_refused() -> None:
-    with pytest.raises(InputsError, match="sd = 0 is no noise"):
+    with pytest.raises(InputsError, match="sd = 0"):
         Noise(0.0)
 
 
