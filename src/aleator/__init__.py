@@ -60,8 +60,8 @@ if TYPE_CHECKING:
 # A public name is imported when it is first used: `import aleator` itself costs nothing.
 _HOMES = {
     "tasks.identify": ["identify"],
-    "tasks.result": ["Identification"],
-    "tasks.saved": ["load"],
+    "tasks.results.identification": ["Identification"],
+    "tasks.results.saved": ["load"],
     "tasks.predict": ["predict"],
     "tasks.recover": ["recover"],
     "tasks.screen": ["screen"],
