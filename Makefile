@@ -38,7 +38,7 @@ reproduce: $(STAMP) ## Compute the paper's figures and judge its claims, into ou
 	$(BIN)/python -m reproduction --output out/paper
 
 test: $(STAMP) ## Run the tests, the doctests of the source and the README
-	$(BIN)/pytest --numprocesses auto --dist loadfile --durations=20
+	$(BIN)/pytest --numprocesses auto --dist loadfile --no-loadscope-reorder --durations=20
 
 bench: $(PEERS) ## Run the benchmarks, against peers that only they need
 	$(BIN)/python -m benchmarks

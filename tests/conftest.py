@@ -1,4 +1,7 @@
-"""Every test run is the same run: one thread, no display, the same random examples."""
+"""Every test run is the same run: one thread, no display, the same random examples.
+
+Files with slow tests come first, so that no worker is left alone with one at the end.
+"""
 
 import os
 
@@ -8,7 +11,13 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_threads] = "1"
 os.environ["MPLBACKEND"] = "Agg"
 
+import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
 settings.register_profile("house", derandomize=True, deadline=None)
 settings.load_profile("house")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)

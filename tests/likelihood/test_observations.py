@@ -77,6 +77,7 @@ def test_the_integral_over_nodes_is_the_sum_of_the_convolution() -> None:
         np.testing.assert_allclose(getattr(a, part), getattr(b, part), rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_noise_of_another_kind_is_identified_exactly() -> None:
     """y = z x + e, x normal and e of Student: the maximum of the exact integral, found by SciPy."""
     rng = np.random.default_rng(3)

@@ -108,6 +108,7 @@ def test_the_command_line_says_so_too(write) -> None:
     assert "--starts 4" in done.output
 
 
+@pytest.mark.slow
 def test_a_study_is_identified_by_each_method_alike(write, tmp_path) -> None:
     import json
 

@@ -279,6 +279,7 @@ def test_a_value_that_does_not_have_the_format() -> None:
         CommandSimulator(["echo", "{bench:.3f}"], keep=Keep.NONE).run_one({"bench": "A"}, {})
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_program_and_passes_on(tmp_path: Path) -> None:
     program = script(tmp_path, f"echo $$ > {tmp_path}/pid; sleep 60")
     code = (

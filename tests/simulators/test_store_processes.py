@@ -68,6 +68,7 @@ def count(log: Path) -> int:
     return log.read_bytes().count(b"\n") if log.exists() else 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there is no kill -9")
 def test_a_study_killed_again_and_again_ends_with_the_same_answer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -128,6 +128,7 @@ def test_two_correlated_coefficients(density: Gaussian | MaximumEntropy) -> None
     assert found.baselines["circe"]["log_likelihood"] == pytest.approx(value, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_three_correlated_coefficients_and_their_delta_method() -> None:
     """The maximum in plain correlations, another parametrization, and its errors are the same."""
     mean, sd = np.array([1.0, 2.0, 0.5]), np.array([0.6, 0.5, 0.4])

@@ -123,6 +123,7 @@ def test_repeated_conditions_share_their_runs_and_change_nothing() -> None:
     assert 5 * shared < alone
 
 
+@pytest.mark.slow
 def test_random_coefficients_by_collocation_are_the_same() -> None:
     problem = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 30))
     y = problem.draw(5)
