@@ -294,17 +294,17 @@ def test_recover_at_a_given_law(study: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("truth", "words"),
+    ("truth", "name"),
     [
-        ("softness.mena=1", "did you mean 'softness.mean'"),
-        ("softness.mean", "'' is not a number"),
-        ("softness.mean=high", "'high' is not a number"),
+        ("softness.mena=1", "'softness.mean'"),
+        ("softness.mean", "''"),
+        ("softness.mean=high", "'high'"),
     ],
 )
-def test_a_truth_that_is_none_is_told(study: Path, truth: str, words: str) -> None:
+def test_a_truth_that_is_none_is_told(study: Path, truth: str, name: str) -> None:
     done = run("recover", study, "--truth", truth)
     assert done.exit_code == 2
-    assert words in done.stderr
+    assert name in done.stderr
 
 
 def test_the_bench_measures_the_same_for_the_same_seed(study: Path) -> None:  # noqa: ARG001

@@ -192,7 +192,7 @@ def test_misuse_is_refused() -> None:
     m = of([1.0, 0.0, 1.0, 0.0, 2.5])
     with pytest.raises(InputsError, match="needs 6 moments, 4 given"):
         MaximumEntropy(6).fit(m, -INF, INF)
-    with pytest.raises(InputsError, match="lower has shape"):
+    with pytest.raises(InputsError, match="lower"):
         MaximumEntropy(4).fit(m, [0.0, 1.0], INF)
     fitted = MaximumEntropy(4).fit(m, -INF, INF)
     with pytest.raises(InputsError, match="one number to each experiment"):

@@ -161,7 +161,7 @@ def test_projection_converges_at_the_rate_of_the_coefficients() -> None:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Projection(TotalDegree(3), nodes=3), "3 nodes do not determine"),
+        (lambda: Projection(TotalDegree(3), nodes=3), "3 nodes"),
         (lambda: Regression(TotalDegree(3), runs=0), "0 runs"),
         (lambda: induced(MIXED, TotalDegree(1).indices(MIXED.limits), 0, 0), "0 runs"),
         (lambda: induced(MIXED, TotalDegree(FINE).indices((None, 0, 0, 0)), 90, 0), "degree 40"),
@@ -184,11 +184,11 @@ def test_outcomes_that_do_not_fit_the_design_are_refused(way: Expanding) -> None
     for outcomes in (np.ones(len(design)), np.ones((2, len(design) + 1))):
         with pytest.raises(InputsError, match="outcomes of shape"):
             way.fit(MIXED, design, outcomes)
-    with pytest.raises(InputsError, match="2 outcomes are not finite"):
+    with pytest.raises(InputsError, match="2 outcomes"):
         way.fit(MIXED, design, np.where(np.arange(len(design)) < 2, np.nan, 1.0)[None])
 
 
 def test_a_fixed_degree_needs_its_runs() -> None:
     way = Regression(TotalDegree(4), runs=10, adaptive=False)
-    with pytest.raises(InputsError, match="10 runs do not determine 35 coefficients"):
+    with pytest.raises(InputsError, match=r"10 runs.*35 coefficients"):
         fitted(way, MIXED, lambda x: x[:, 0])

@@ -368,12 +368,12 @@ def test_certain_and_impossible_probabilities_have_a_sample() -> None:
         ({("a", "k"): 0.5}, "'k' that scatters"),
         ({("a", "a"): 0.5}, "with itself"),
         ({("a", "b"): 0.5, ("b", "a"): Free()}, "given twice"),
-        ({("a", "b", "c"): 0.5}, "not a pair"),
-        ({("a", "b"): 1.5}, r"correlation\.a\.b: 1.5 is not within"),
-        ({("a", "b"): Free(-1.5, 0.5)}, r"\[-1.5, 0.5\] is not within"),
+        ({("a", "b", "c"): 0.5}, "'c'"),
+        ({("a", "b"): 1.5}, r"correlation\.a\.b.*1\.5"),
+        ({("a", "b"): Free(-1.5, 0.5)}, r"\[-1\.5, 0\.5\]"),
         ({("a", "b"): Free(0.5, -0.5)}, "lower 0.5 >= upper -0.5"),
-        ({("a", "b"): Free(0.1, 0.5, start=0.0)}, "start 0.0 is outside"),
-        ({("a", "b"): "strong"}, "neither a number nor Free"),
+        ({("a", "b"): Free(0.1, 0.5, start=0.0)}, r"start 0\.0"),
+        ({("a", "b"): "strong"}, "'strong'"),
     ],
 )
 def test_misuse_is_named(correlation, named: str) -> None:

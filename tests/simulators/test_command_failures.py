@@ -48,7 +48,7 @@ def failing(tmp_path: Path, text: str, **choices: object) -> RunFailed:
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (["./progam"], r"program './progam' does not exist \(did you mean 'program'\?\)"),
+        (["./progam"], r"program './progam' does not exist.*'program'"),
         (["./model.py"], r'may not be executed\n.*\["python3", "\{study\}/model.py"'),
         (["./text"], r"may not be executed\n.*chmod \+x ./text"),
         (["./folder"], r"program './folder' is a folder"),
@@ -76,7 +76,7 @@ def test_a_list_is_not_for_a_shell() -> None:
 @pytest.mark.parametrize(
     ("choices", "message"),
     [
-        ({"files": ("mesh.dta",)}, r"'mesh.dta' does not exist \(did you mean 'mesh.dat'\?\)"),
+        ({"files": ("mesh.dta",)}, r"'mesh.dta' does not exist.*'mesh.dat'"),
         ({"files": ("mesh.dat", "more/mesh.dat")}, "two of the files are named 'mesh.dat'"),
         ({"timeout": 0.0}, "timeout = 0"),
         ({"timeout": float("inf")}, "timeout = inf"),
@@ -93,7 +93,7 @@ def test_choices_that_cannot_be(tmp_path: Path, choices: dict[str, object], mess
 
 def test_inputs_that_cannot_be(tmp_path: Path) -> None:
     (tmp_path / "in.tpl").write_text("{x}")
-    with pytest.raises(SimulatorError, match=r"did you mean 'in.tpl'"):
+    with pytest.raises(SimulatorError, match=r"'in.tpl'"):
         Template(tmp_path / "inn.tpl")
     template = Template(tmp_path / "in.tpl")
     for name in ("../in.dat", "/in.dat", ""):

@@ -54,7 +54,7 @@ def rewritten(fmu: Path, target: Path, old: str, new: str) -> Path:
 
 def test_a_file_that_is_no_fmu_is_told(fmu: Path, tmp_path: Path) -> None:
     (tmp_path / "clutch.fmu").write_text("no zip file")
-    with pytest.raises(SimulatorError, match=r"does not exist .did you mean 'clutch.fmu'"):
+    with pytest.raises(SimulatorError, match=r"'clutch\.fmu'"):
         FMUSimulator(tmp_path / "cluth.fmu", Final("T"))
     with pytest.raises(SimulatorError, match="is not an FMU"):
         FMUSimulator(tmp_path / "clutch.fmu", Final("T"))
@@ -121,14 +121,14 @@ def test_without_fmpy_the_extra_is_named(fmu: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("conditions", "parameters", "variables", "message"),
     [
-        ([], ["surfac.k"], {}, "no variable for the parameter 'surfac.k' .*'surface.k'"),
-        ([], ["level"], {"k": "surface.k"}, "'k' is mapped .* neither a condition nor a parameter"),
-        (["T"], ["level"], {}, r"the condition 'T': .*'T' \(output.*in K\), which is calculated"),
-        (["gas"], ["level"], {}, "which is constant"),
-        (["der(T)"], ["level"], {}, "which is calculated"),
-        ([], ["cycles"], {}, "'cycles' has a law, but the FMU's 'cycles' .* takes no real"),
+        ([], ["surfac.k"], {}, r"'surfac\.k'.*'surface\.k'"),
+        ([], ["level"], {"k": "surface.k"}, "'k'"),
+        (["T"], ["level"], {}, r"'T'.*output.*in K"),
+        (["gas"], ["level"], {}, "'gas'"),
+        (["der(T)"], ["level"], {}, r"'der\(T\)'"),
+        ([], ["cycles"], {}, "'cycles'"),
         ([], ["level"], {}, None),
-        (["level"], ["level"], {}, "both a condition and a parameter"),
+        (["level"], ["level"], {}, "'level'"),
         (["T0"], ["k"], {"k": "T0"}, "given already"),
         (["ambient"], ["level"], {}, "given already"),
     ],
@@ -151,20 +151,20 @@ def test_names_are_checked(
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"variables": {"k": "surface.q"}}, "no variable 'surface.q' .did you mean 'surface.k'"),
-        ({"variables": {"temperature": "T"}}, "which is calculated"),
-        ({"variables": {"a": "gas"}}, "which is constant"),
-        ({"variables": {"a": "T0", "b": "T0"}}, "'T0' is given more than once"),
-        ({"variables": {"a": "T0"}, "constants": {"T0": 1.0}}, "given more than once"),
-        ({"constants": {"levl": 1.0}}, "no variable 'levl' .did you mean 'level'"),
-        ({"constants": {"T": 1.0}}, "which is calculated"),
-        ({"constants": {"cycles": 1.5}}, "not a whole number"),
-        ({"constants": {"T0": -1.0}}, "beyond the minimum 0"),
-        ({"inputs": {"T0": RAMP}}, "cannot be given over time"),
-        ({"inputs": {"ambient": RAMP}, "constants": {"ambient": 1.0}}, "constant and an input"),
-        ({"course": Course(stop_time=-1.0)}, "not after the start time"),
-        ({"course": Course(step=3.0)}, "not between 0 and the 2 s"),
-        ({"course": Course(tolerance=2.0)}, "not between 0 and 1"),
+        ({"variables": {"k": "surface.q"}}, r"'surface\.q'.*'surface\.k'"),
+        ({"variables": {"temperature": "T"}}, "'T'"),
+        ({"variables": {"a": "gas"}}, "'gas'"),
+        ({"variables": {"a": "T0", "b": "T0"}}, "'T0'"),
+        ({"variables": {"a": "T0"}, "constants": {"T0": 1.0}}, "'T0'"),
+        ({"constants": {"levl": 1.0}}, r"'levl'.*'level'"),
+        ({"constants": {"T": 1.0}}, "'T'"),
+        ({"constants": {"cycles": 1.5}}, "'cycles'"),
+        ({"constants": {"T0": -1.0}}, "'T0'"),
+        ({"inputs": {"T0": RAMP}}, "'T0'"),
+        ({"inputs": {"ambient": RAMP}, "constants": {"ambient": 1.0}}, "'ambient'"),
+        ({"course": Course(stop_time=-1.0)}, "-1"),
+        ({"course": Course(step=3.0)}, "2 s"),
+        ({"course": Course(tolerance=2.0)}, "tolerance"),
     ],
 )
 def test_settings_are_checked(fmu: Path, given: dict[str, object], message: str) -> None:
@@ -194,15 +194,15 @@ def test_what_the_fmu_cannot_do_is_told(fmu: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("outcome", "message"),
     [
-        (Final("temperature"), "no variable 'temperature'"),
-        (Final("level +"), "neither a variable of the FMU nor an expression"),
-        (Final("T @ level"), "not arithmetic"),
-        (Final("T if below else level"), "not arithmetic"),
-        (Final("levle - T"), "no variable 'levle' .did you mean 'level'"),
-        (Final("label"), "is not a number over time"),
-        (Hook("absent.py:f"), "does not exist"),
-        (Hook("numpy:ptp", ("temp",)), "no variable 'temp'"),
-        (Hook("numpy:ptp", ("label",)), "is not a number over time"),
+        (Final("temperature"), "'temperature'"),
+        (Final("level +"), r"level \+"),
+        (Final("T @ level"), "T @ level"),
+        (Final("T if below else level"), "T if below else level"),
+        (Final("levle - T"), r"'levle'.*'level'"),
+        (Final("label"), "label"),
+        (Hook("absent.py:f"), r"absent\.py"),
+        (Hook("numpy:ptp", ("temp",)), "'temp'"),
+        (Hook("numpy:ptp", ("label",)), "label"),
     ],
 )
 def test_outcomes_are_checked(fmu: Path, outcome: Final, message: str) -> None:
@@ -317,18 +317,18 @@ OUTCOME = 'outcome = {variable = "T"}\nvariables = {k = "surface.k"}\n'
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ("", "key 'simulator.outcome' is missing"),
-        ('outcome = {reduce = "final"}', "needs either variable or function"),
-        ('outcome = {variable = "T", value = 1.0}', "value has no meaning beside final"),
+        ("", r"'simulator\.outcome'"),
+        ('outcome = {reduce = "final"}', "variable.*function"),
+        ('outcome = {variable = "T", value = 1.0}', "value.*final"),
         ('outcome = {variable = "T", reduce = "last"}', "'simulator.outcome.reduce' = \"last\""),
-        (OUTCOME + 'kind = "cosimulation"', r"did you mean 'co_simulation'"),
-        (OUTCOME + "stoptime = 3.0", r"did you mean 'stop_time'"),
-        (OUTCOME + "step = -1.0", "the step -1 s is not between"),
-        (OUTCOME + 'constants = {cycles = "many"}', "does not fit the FMU's 'cycles'"),
-        (OUTCOME + 'inputs = {ambient = "no.csv:a"}', "the file of an input.*does not exist"),
-        ('outcome = {variable = "T"}', "no variable for the parameter 'k'"),
-        (OUTCOME + 'function = "model.py:f"', "function and fmu are both given"),
-        ('outcome = "no.py:f"', "no.py does not exist"),
+        (OUTCOME + 'kind = "cosimulation"', r"'co_simulation'"),
+        (OUTCOME + "stoptime = 3.0", r"'stop_time'"),
+        (OUTCOME + "step = -1.0", "step -1 s"),
+        (OUTCOME + 'constants = {cycles = "many"}', "'cycles'"),
+        (OUTCOME + 'inputs = {ambient = "no.csv:a"}', r"no\.csv"),
+        ('outcome = {variable = "T"}', "'k'"),
+        (OUTCOME + 'function = "model.py:f"', "function.*fmu"),
+        ('outcome = "no.py:f"', r"no\.py"),
     ],
 )
 def test_a_study_with_a_mistake_is_refused(fmu: Path, keys: str, message: str) -> None:

@@ -128,8 +128,8 @@ def test_files_of_one_name_in_two_folders_are_two_modules(tmp_path: Path) -> Non
     [
         ("model.py", "does not name a function"),
         (":run", "does not name a function"),
-        ("modell.py:run", r"modell\.py does not exist \(did you mean 'model\.py'\?\)"),
-        ("model.py:rum", r"has no 'rum' \(did you mean 'run'\?\)"),
+        ("modell.py:run", r"modell\.py does not exist.*'model\.py'"),
+        ("model.py:rum", r"has no 'rum'.*'run'"),
         ("model.py:constant", "is float 3.0, not a function"),
         ("broken.py:run", r"ZeroDivisionError: division by zero \(broken\.py, line 2\)"),
         ("syntax.py:run", r"SyntaxError: .*\(syntax\.py, line 1\)"),
