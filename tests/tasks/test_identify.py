@@ -136,9 +136,10 @@ def test_random_coefficients_by_collocation_are_the_same() -> None:
     np.testing.assert_allclose(estimates(as_paper), estimates(by_surface), atol=5e-4)
     assert by_runs.propagation == "collocation(quadrature)"
     assert by_runs.surface is None
-    # an evaluation costs the runs of nodes and of differences; each optimum is asked once more
+    # an evaluation costs the runs of nodes and of differences, less those that another has made
     evaluations = by_runs.search["evaluations"] + by_runs.search["distinct_optima"]
-    assert by_runs.runs_by_stage["search"] == evaluations * 30 * 25 * 5
+    most = evaluations * 30 * 25 * 5
+    assert 0.9 * most < by_runs.runs_by_stage["search"] <= most
 
 
 # ------------------------------------------------------------------------------ stochastic frontier
