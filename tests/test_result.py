@@ -235,6 +235,16 @@ def test_a_correlated_pair_is_the_bivariate_normal_law() -> None:
     assert draws["b"].unique().tolist() == [3.0]
 
 
+def test_points_of_the_law_are_columns_or_an_array_in_the_order_of_the_parameters() -> None:
+    inputs = Inputs({"a": Normal(1.0, 2.0), "b": Normal(0.0, 3.0)})
+    law = JointLaw(inputs, np.array([1.0, 2.0, 0.0, 3.0]))
+    at = np.array([[0.5, 1.0], [2.0, 3.0], [1.0, -1.0]])
+    np.testing.assert_array_equal(law.pdf(at), law.pdf({"a": at[:, 0], "b": at[:, 1]}))
+    assert law.cdf(at[0]).shape == ()
+    with pytest.raises(InputsError, match="a, b"):
+        law.pdf(at[:, :1])
+
+
 def test_uniform_laws_tied_by_a_copula_stay_uniform_and_integrate_to_one() -> None:
     inputs = Inputs(
         {"u": Uniform.between(0.0, 1.0), "v": Uniform.between(0.0, 1.0)}, {("u", "v"): 0.5}

@@ -20,6 +20,8 @@ from aleator.types import Array
 FAR = 40.0
 """Normal score that stands for an infinite one: less than 1e-300 lies beyond."""
 
+Points = Mapping[str, ArrayLike] | pd.DataFrame | ArrayLike
+
 
 @dataclass(frozen=True, eq=False)
 class Marginal:
@@ -66,9 +68,9 @@ class JointLaw:
     """The joint law of n parameters at given hyperparameters alpha (K,): P_X(alpha).
 
     `marginals` are the parameters' own laws by name. Points x are named columns, a mapping or a
-    data frame, of numbers or of arrays of one shape; a constant parameter may be left out. A value
-    per point comes back, in that shape. Raises InputsError for a parameter that is unknown or
-    missing.
+    data frame, of numbers or of arrays of one shape, where a constant parameter may be left out; or
+    an array (..., n) in the order of the parameters. A value per point comes back, in that shape.
+    Raises InputsError for a parameter that is unknown or missing.
 
     >>> from aleator.laws import Constant, Normal
     >>> law = JointLaw(Inputs({"v": Normal(1.0, 2.0), "b": Constant(3.0)}), np.array([1., 2., 3.]))
@@ -92,7 +94,7 @@ class JointLaw:
         uniform = np.random.default_rng(seed).random((size, len(self.inputs.names)))
         return pd.DataFrame(self.inputs.sample(self.alpha, uniform), columns=[*self.inputs.names])
 
-    def pdf(self, x: Mapping[str, ArrayLike] | pd.DataFrame) -> Any:
+    def pdf(self, x: Points) -> Any:
         """The joint density of the parameters that scatter, at each point x.
 
         Zero outside the support, and where a constant parameter has another value than its own.
@@ -100,7 +102,7 @@ class JointLaw:
         points, shape = self._points(x)
         return np.exp(self.inputs.log_density(self.alpha, points)).reshape(shape)[()]
 
-    def cdf(self, x: Mapping[str, ArrayLike] | pd.DataFrame) -> Any:
+    def cdf(self, x: Points) -> Any:
         """The probability that no parameter exceeds its value in x, at each point x.
 
         Exact for independent parameters and for one correlated pair; a numerical integral to 1e-5
@@ -124,9 +126,11 @@ class JointLaw:
         found: Array = np.atleast_1d(copula.cdf(np.clip(np.stack(scores, axis=1), -FAR, FAR)))
         return found
 
-    def _points(self, x: Mapping[str, ArrayLike] | pd.DataFrame) -> tuple[Array, tuple[int, ...]]:
+    def _points(self, x: Points) -> tuple[Array, tuple[int, ...]]:
         """Points (J, n) in the order of the parameters, and the shape that they came in."""
         names = self.inputs.names
+        if not isinstance(x, Mapping | pd.DataFrame):
+            x = _by_name(np.asarray(x, dtype=np.float64), names)
         for name in map(str, x.keys()):
             if name not in names:
                 raise InputsError(
@@ -143,3 +147,13 @@ class JointLaw:
             columns.append(np.asarray(x.get(name, marginal.mean), dtype=np.float64))
         whole = np.broadcast_arrays(*columns)
         return np.stack([column.ravel() for column in whole], axis=1), whole[0].shape
+
+
+def _by_name(points: Array, names: tuple[str, ...]) -> dict[str, Array]:
+    """The columns of points (..., n). Raises InputsError where there are not n of them."""
+    if points.ndim == 0 or points.shape[-1] != len(names):
+        raise InputsError(
+            f"x has shape {points.shape}, and there are {len(names)} parameters",
+            f"give an array (..., {len(names)}) in the order {', '.join(names)}, or named columns",
+        )
+    return {name: points[..., i] for i, name in enumerate(names)}
