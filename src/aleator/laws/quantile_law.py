@@ -30,11 +30,13 @@ class QuantileLaw(ABC):
 
     x = F^-1(Phi(theta)) with theta ~ N(0, 1). Expectations are integrals over theta by 400 points,
     Gauss rules those of the law's own polynomials (Stieltjes procedure), derivatives by the
-    hyperparameters central differences of fourth order, whose steps are 1e-3 of the value of a
-    positive hyperparameter and 1e-3 of the width of the limits of another: the law must exist that
-    far beyond its limits. Measured with Weibull laws: moments and their derivatives to 1e-11 with
-    up to 10 nodes. A subclass that knows the upper tail overrides `upper_quantile`, one that knows
-    its ends `box` and `bounded`. Cost: some ten times that of a law whose polynomials are known.
+    hyperparameters central differences of fourth order. Their steps are 1e-3 of the value of a
+    positive hyperparameter, and 1e-3 of the width of the limits of another; where that one is
+    fixed, 1e-3 of its magnitude, or 1e-3 if it is zero. The law must exist two steps beyond its
+    limits, and beyond what is fixed. Measured with Weibull laws: moments and their derivatives to
+    1e-11 with up to 10 nodes. A subclass that knows the upper tail overrides `upper_quantile`, one
+    that knows its ends `box` and `bounded`. Cost: some ten times that of a law whose polynomials
+    are known.
 
     >>> from dataclasses import dataclass
     >>> from aleator.laws.hyperparameter import resolve

@@ -15,9 +15,10 @@ from aleator.observations.normal import NormalError
 class Noise:
     """Measured outcome = simulated outcome + error, independent per experiment.
 
-    p(y | eta, sd) is that of `kind`, by default e ~ Normal(0, sd^2). `sd` is its scale and carries
-    the unit of the outcome: a number (known) or `Free(lower, upper)` (identified, both limits
-    needed). Raises InputsError where it is zero, or the limits are missing or out of order.
+    p(y | eta, sd) is that of `kind`, by default e ~ Normal(0, sd^2). `sd` is its scale, which is
+    the standard deviation of normal errors but not of every kind, and carries the unit of the
+    outcome: a number (known) or `Free(lower, upper)` (identified, both limits needed). Raises
+    InputsError where it is zero, or the limits are missing or out of order.
 
     >>> Noise(0.002).hyperparameter.name
     'noise.sd'
