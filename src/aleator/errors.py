@@ -58,3 +58,29 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """
     close = difflib.get_close_matches(name, list(known), n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""
+
+
+def require_filled(value: object, interface: type, place: str) -> None:
+    """Check that a value has all members of an interface, before any of them is used.
+
+    Raises InputsError that names the members it lacks, and for a class in place of its instance.
+
+    >>> from collections.abc import Sized
+    >>> require_filled([1.0], Sized, "x")
+    >>> require_filled(list, Sized, "x")
+    Traceback (most recent call last):
+    aleator.errors.InputsError: x: list is a class, not a value of it
+      Remedy: call it with its arguments: list(...)
+    """
+    if isinstance(value, type):
+        raise InputsError(
+            f"{place}: {value.__name__} is a class, not a value of it",
+            f"call it with its arguments: {value.__name__}(...)",
+        )
+    members = [name for name in vars(interface) if not name.startswith("_")]
+    lacking = [name for name in members if name not in dir(value)]
+    if lacking:
+        raise InputsError(
+            f"{place}: {value!r} is no {interface.__name__}: it lacks {', '.join(lacking)}",
+            f"define them; {interface.__name__} in {interface.__module__} tells what each is",
+        )

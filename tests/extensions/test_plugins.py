@@ -17,7 +17,7 @@ from scipy import stats
 
 from aleator import Collocation, Constant, Free, Inputs, MonteCarlo, Noise, Normal, identify
 from aleator.cli import main
-from aleator.errors import SimulatorError, StudyError
+from aleator.errors import InputsError, SimulatorError, StudyError
 from aleator.study import load_study
 
 PLUGINS = Path(__file__).parent / "plugins"
@@ -181,7 +181,35 @@ def test_a_key_of_a_plugin_is_told_as_one_of_the_house(install: Install, study: 
     assert "shape" in told
     told = str(refused('law = "weibul"'))
     assert "did you mean 'weibull'" in told
+    assert "aleator.laws" in told
     assert all(name in told for name in ("truncated_normal", "scipy"))
+
+
+@pytest.mark.parametrize("member", ["name", "reach", "log_density", "cdf", "quantile", "moments"])
+def test_a_member_that_an_observation_model_lacks_is_named(install: Install, member: str) -> None:
+    install("aleator.observations", "student", "student:StudentError")
+    own = {k: v for k, v in vars(plugin("student").StudentError).items() if not k.startswith("_")}
+    del own[member]
+    with pytest.raises(InputsError, match=rf"lacks {member}\b") as error:
+        Noise(0.1, type("Partial", (), own)())
+    assert "aleator.observations.model" in error.value.remedy
+
+
+def test_an_observation_model_that_is_none_is_told_by_its_key(
+    install: Install, study: Write
+) -> None:
+    install("aleator.observations", "hollow", "builtins:object")
+    text = FUNCTION + NORMAL + '[noise]\nkind = "hollow"\nsd = 0.1\n'
+    with pytest.raises(StudyError, match=r"'noise\.kind'.*reach"):
+        load_study(study([1.0, 2.0], text, ITSELF))
+
+
+def test_a_class_in_place_of_its_instance_is_refused(install: Install) -> None:
+    install("aleator.laws", "weibull", "weibull:Weibull")
+    with pytest.raises(InputsError, match=r"'x'.*Weibull"):
+        Inputs({"x": plugin("weibull").Weibull})
+    with pytest.raises(InputsError, match=r"noise.*StudentError"):
+        Noise(0.1, plugin("student").StudentError)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg, special
 
-from aleator.errors import InputsError
+from aleator.errors import InputsError, require_filled
 from aleator.laws.correlation import Correlation, Pair, between
 from aleator.laws.hyperparameter import Hyperparameter, Specification
 from aleator.laws.law import Law
@@ -32,7 +32,8 @@ class Inputs:
     theta of that correlation; for normal laws that is the normal law with full covariance. Their
     nodes and polynomials are those of theta. For more than two correlated parameters see
     `aleator.laws.correlation.between`. Raises InputsError when there is no parameter, when a name
-    is not an identifier, and for a pair or limits that are inadmissible.
+    is not an identifier or its law lacks a member of `Law`, and for a pair or limits that are
+    inadmissible.
 
     >>> from aleator.laws import Constant, Free, Normal
     >>> inputs = Inputs({"v": Normal(mean=Free(-1, 1), sd=0.5), "b0": Constant(2.0)})
@@ -52,12 +53,13 @@ class Inputs:
     ) -> None:
         if not laws:
             raise InputsError("no parameter is given", "name at least one parameter with a law")
-        for name in laws:
+        for name, law in laws.items():
             if not name.isidentifier():
                 raise InputsError(
                     f"parameter name '{name}' is not an identifier",
                     "use letters, digits and underscores, not starting with a digit",
                 )
+            require_filled(law, Law, f"parameter '{name}'")
         self.laws = dict(laws)
         scattered = [name for name, law in laws.items() if law.scatters]
         self.correlation: Correlation = between(scattered, correlation or {})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from aleator.errors import InputsError
+from aleator.errors import InputsError, require_filled
 from aleator.laws import Hyperparameter, Specification, resolve
 from aleator.observations.model import ObservationModel
 from aleator.observations.normal import NormalError
@@ -18,7 +18,8 @@ class Noise:
     p(y | eta, sd) is that of `kind`, by default e ~ Normal(0, sd^2). `sd` is its scale, which is
     the standard deviation of normal errors but not of every kind, and carries the unit of the
     outcome: a number (known) or `Free(lower, upper)` (identified, both limits needed). Raises
-    InputsError where it is zero, or the limits are missing or out of order.
+    InputsError where it is zero, the limits are missing or out of order, or `kind` lacks a member
+    of `ObservationModel`.
 
     >>> Noise(0.002).hyperparameter.name
     'noise.sd'
@@ -31,6 +32,7 @@ class Noise:
         """Check at once, so that the mistake is reported where it was made."""
         if self.sd == 0:
             raise InputsError("noise: sd = 0 is no noise", "leave the noise out")
+        require_filled(self.kind, ObservationModel, "noise")
         _ = self.hyperparameter
 
     @property

@@ -13,7 +13,14 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from aleator.densities import Density, NodeDensity
-from aleator.errors import AleatorError, InputsError, SimulatorError, StudyError, nearest
+from aleator.errors import (
+    AleatorError,
+    InputsError,
+    SimulatorError,
+    StudyError,
+    nearest,
+    require_filled,
+)
 from aleator.inference.verification import MonteCarlo
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
@@ -174,6 +181,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
             return None
         assert isinstance(choice.keys, NoiseSection)
         kind, sd = built("noise", choice), specification(choice.keys.sd)
+        made("noise.kind", lambda: require_filled(kind, ObservationModel, choice.kind))
         return made("noise.sd", lambda: Noise(sd, kind))
 
     table, runs = file.experiments, file.simulator.keys

@@ -68,10 +68,11 @@ def missing(key: str, remedy: str) -> PydanticCustomError:
     return _told(key, " is missing", remedy)
 
 
-def unknown(key: str, value: object, known: Sequence[str]) -> PydanticCustomError:
-    """A key whose value is none of those that there are."""
+def unknown(key: str, value: object, known: Sequence[str], group: str) -> PydanticCustomError:
+    """A key whose value is none of those that there are, nor of the plug-ins' in the group."""
     problem = f" = {in_toml(value)} is not known{nearest(str(value), known)}"
-    return _told(key, problem, f"choose one of {', '.join(known)}")
+    remedy = f"choose one of {', '.join(known)}, or install the plug-in with this entry point"
+    return _told(key, problem, f"{remedy} of {group}")
 
 
 def _told(key: str, problem: str, remedy: str) -> PydanticCustomError:

@@ -126,7 +126,7 @@ class Kinds(Generic[T]):
             return self.known[kind], ""
         found = [*entry_points(group=self.group, name=kind)]
         if not found:
-            raise unknown(self.key, kind, self.names)
+            raise unknown(self.key, kind, self.names, self.group)
         if len(found) > 1:
             raise self._fault(
                 f"'{kind}' is offered by {' and by '.join(_origin(point) for point in found)}",
