@@ -191,7 +191,7 @@ def draw(reference: Reference, found: list[Point], path: Path) -> None:
         from matplotlib.figure import Figure
     except ImportError:
         raise AleatorError(
-            "a figure needs matplotlib, which is not installed", "pip install 'aleator[plot]'"
+            "a figure needs matplotlib, which is not installed", "pip install matplotlib"
         ) from None
     figure = Figure(figsize=(9.0, 4.0), layout="constrained")
     sides = figure.subplots(1, 2)

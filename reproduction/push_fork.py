@@ -130,7 +130,6 @@ class NonzeroSet:
     product. The terms come in the order of push and fork.
     """
 
-    order: int
     size: int
     factors: Integers
     coefficients: Array
@@ -139,11 +138,6 @@ class NonzeroSet:
     def exponents(self) -> NDArray[np.int8]:
         """The multi-indices i themselves, (T, p)."""
         return exponents(self.size - 1 - self.factors, self.size)
-
-    @property
-    def candidates(self) -> int:
-        """|I_(m,p)| = C(m + p - 1, m), of which the terms are what is not zero."""
-        return count(self.order, self.size)
 
 
 def nonzero_set(basis: Basis, indices: Integers, m: int) -> NonzeroSet:
@@ -165,7 +159,7 @@ def nonzero_set(basis: Basis, indices: Integers, m: int) -> NonzeroSet:
         value = inner_products(basis, k, largest[k], m)[tuple(degrees[found].T)]
         kept = value != 0.0
         found, product = found[kept], product[kept] * value[kept]
-    return NonzeroSet(m, size, size - 1 - found, product * multinomials(found))
+    return NonzeroSet(size, size - 1 - found, product * multinomials(found))
 
 
 def raw_moment(terms: NonzeroSet, coefficients: Array) -> Array:

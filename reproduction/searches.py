@@ -129,7 +129,7 @@ def _row(trial: Trial, best: float) -> dict[str, float]:
 
 def _claims(rows: dict[str, dict[str, float]]) -> tuple[Claim, ...]:
     missing = [name for name in EXTRA if name not in rows]
-    unjudged = f"not run, for want of aleator[evolution]: {', '.join(missing)}"
+    unjudged = f"not run, for want of pymoo or cma: {', '.join(missing)}"
     reached = {name: row[f"evaluations_to_{NEAR:g}"] for name, row in rows.items()}
     told = "; ".join(f"{name}: {_count(reached[name], row)}" for name, row in rows.items())
     ends = "; ".join(f"{name}: {row['below_best']:.3f}" for name, row in rows.items())

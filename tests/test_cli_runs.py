@@ -209,7 +209,7 @@ def test_parquet_needs_an_extra(study: Path, monkeypatch: pytest.MonkeyPatch) ->
         patch.setattr("importlib.util.find_spec", {}.get)
         missing = run("export", study, "runs.parquet")
     assert missing.exit_code == 2
-    assert "pip install 'aleator[parquet]'" in missing.stderr
+    assert "pip install pyarrow" in missing.stderr
     assert run("export", study, "runs.parquet").exit_code == 0
     frame = pd.read_parquet("runs.parquet")
     assert frame["outcome"].notna().sum() == sum(run.outcome is not None for run in contents())

@@ -145,6 +145,7 @@ BAD = {
     "unknown section": (r"\[noise\]", "[noize]", ["'noize'", "'noise'"]),
     "key of the wrong section": ("order = 4", "starts = 4", ["'density.starts'", "kind, order"]),
     "missing key": (r'^outcome = "length"\n', "", ["'experiments.outcome'"]),
+    "missing box": (r"\nbox = .*", "", ["'parameters.stiffness.box'", "[LOWER, UPPER]"]),
     "missing section": (r"\[simulator\]\nfunction = .*", "", ["'simulator'"]),
     "text for a number": ("seed = 3", 'seed = "3"', ["'seed' = \"3\"", "without quotes"]),
     "negative seed": ("seed = 3", "seed = -3", ["'seed' = -3", " 0"]),

@@ -136,7 +136,7 @@ def test_the_search_is_judged_by_where_it_ends_and_how_soon_it_is_near() -> None
 def test_without_the_extra_the_search_of_the_paper_is_not_judged() -> None:
     found, best = _claims({GRADIENT: search_row(0.0, 300.0, 20.0)})
     assert found.verdict is best.verdict is Verdict.NOT_COMPARABLE
-    assert "aleator[evolution]" in found.note
+    assert "pymoo" in found.note
 
 
 def test_searches_without_their_packages_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:

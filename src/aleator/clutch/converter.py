@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from aleator.clutch.parameters import CLUTCH, Converter
+from aleator.clutch.parameters import CLUTCH
 from aleator.types import Array
 
 #: Cells of the lookup table. Its error, max|f''| / (8 CELLS^2), is below 1e-10 where f is of order
@@ -18,26 +18,27 @@ CELLS = 20_000
 
 
 @functools.cache
-def _interpolants(converter: Converter) -> tuple[PchipInterpolator, PchipInterpolator]:
+def _interpolants() -> tuple[PchipInterpolator, PchipInterpolator]:
+    converter = CLUTCH.converter
     nu = np.array(converter.speed_ratio)
     f_c = np.array(converter.k_factor) * math.pi / 30  # rpm -> rad/s
     return PchipInterpolator(nu, converter.torque_ratio), PchipInterpolator(nu, f_c**-2.0)
 
 
-def capacity(nu: Array, converter: Converter = CLUTCH.converter) -> Array:
+def capacity(nu: Array) -> Array:
     """Return f(nu) = T_1 / w_m^2 [N m s^2/rad^2]; nu is clipped to [0, 1]."""
-    torque_ratio, inverse_square = _interpolants(converter)
+    torque_ratio, inverse_square = _interpolants()
     nu = np.clip(nu, 0.0, 1.0)
     return np.asarray(torque_ratio(nu) * inverse_square(nu), dtype=np.float64)
 
 
 @functools.cache
-def capacity_table(converter: Converter = CLUTCH.converter) -> NDArray[np.complex128]:
+def capacity_table() -> NDArray[np.complex128]:
     """Return f at i / CELLS as real part and the difference to the next node as imaginary part.
 
     One complex number a cell means one gather, instead of two, in the innermost loop.
     """
-    f = capacity(np.linspace(0.0, 1.0, CELLS + 1), converter)
+    f = capacity(np.linspace(0.0, 1.0, CELLS + 1))
     table = f.astype(np.complex128)
     table.imag[:-1] = np.diff(f)
     table.setflags(write=False)

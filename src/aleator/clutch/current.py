@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from aleator.clutch.parameters import CLUTCH, Current
+from aleator.clutch.parameters import CLUTCH
 from aleator.types import Array
 
 
-def offsets(current: Current = CLUTCH.current) -> Array:
+def offsets() -> Array:
     """Return the times [s] after the filling pulse at which the slope of the current changes."""
+    current = CLUTCH.current
     start = current.hold_end
     steps = [current.flank, current.pulse, current.fall, current.rise]
     return np.array([0.0, current.flank, *np.cumsum([start, *steps])])

@@ -62,7 +62,7 @@ class Convolution:
     1995). It is exact but for the number of nodes: they must lie closer together, in the outcome,
     than some two standard deviations of the noise, or the density is a row of spikes.
 
-    Nodes on a lattice of the germ (`GermGrid`, the default) have no spikes, however small the noise
+    Nodes on a lattice of variates (`GermGrid`, the default) have no spikes, however small the noise
     and whatever the number of parameters: what lies between the nodes is integrated by local
     linearization (`Linearized`), as far as the noise does not fill it. What is left is a bias of
     fourth order in the step. Mean distance of log f from the exact one at a noise of 2 %, 10 %

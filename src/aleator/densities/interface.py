@@ -37,8 +37,8 @@ is finite."""
 class Status(enum.IntEnum):
     """How the density of one experiment came out; anything but SOLVED carries a remedy.
 
-    >>> Status.NOT_REALIZABLE.explanation
-    'no density on the support has these moments: raise the order of the quadrature or lower M'
+    >>> Status.SOLVED.explanation
+    'the density has the moments asked for'
     """
 
     SOLVED = 0
@@ -58,11 +58,12 @@ class Status(enum.IntEnum):
 _EXPLANATIONS = {
     Status.SOLVED: "the density has the moments asked for",
     Status.NOT_REALIZABLE: (
-        "no density on the support has these moments: raise the order of the quadrature or lower M"
+        "no density on the support has these moments: "
+        "use more nodes ([propagation] nodes) or fewer moments ([density] order)"
     ),
     Status.NOT_CONVERGED: (
-        "the moments recomputed from the density are not those asked for: "
-        "lower M or raise the number of nodes"
+        "the fitted density misses the moments that it should have: "
+        "use fewer moments ([density] order) or more nodes ([propagation] nodes)"
     ),
     Status.OUTSIDE_SUPPORT: (
         "the outcome lies outside the support of the density: "
@@ -73,10 +74,12 @@ _EXPLANATIONS = {
         "add measurement noise or leave the experiment out"
     ),
     Status.TOO_COARSE: (
-        "the nodes lie too far apart for the noise, or for an outcome that bends or turns: "
-        "take more nodes or maximum_entropy"
+        "too few nodes for so small a noise, or for an outcome that changes this fast: "
+        'use more nodes ([density] points) or kind = "maximum_entropy"'
     ),
-    Status.NO_MIXTURE: ("no mixture of two normals has these moments: take maximum_entropy"),
+    Status.NO_MIXTURE: (
+        'no mixture of two normals has these moments: use kind = "maximum_entropy"'
+    ),
 }
 
 

@@ -1,4 +1,4 @@
-"""What lies around each node: the outcome there as a normal law, by its local expansion."""
+"""The outcome near each node, approximated by a normal law from its local expansion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NO_SPREAD = 1e-10
 
 @dataclass(frozen=True)
 class Linearized:
-    """Normal components around J nodes, germ = u + tau zeta, that together have no spikes.
+    """Normal components around J nodes, theta = u + tau zeta, that together have no spikes.
 
     u ~ Normal(0, (1 - tau^2) I) lies on the nodes, zeta ~ Normal(0, I) is integrated around each.
     With eta to second order the component's mean is eta_j + tau^2/2 sum_i H_ii and its variance

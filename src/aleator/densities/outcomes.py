@@ -18,7 +18,7 @@ class Outcomes:
 
     `dy` (N, J, K) and `dweights` (J, K) are their derivatives by the K hyperparameters, or None
     where no derivative was asked for. E[g(Y_l)] is sum_j w_j g(y_lj) for any function g. `lattice`
-    is there where the nodes are an even grid of the germ.
+    is there where the nodes are an even grid of variates.
 
     >>> o = Outcomes(np.array([[1.0, 3.0]]), np.array([0.5, 0.5]))
     >>> o.moments(2).mean.tolist()

@@ -11,7 +11,7 @@ from aleator.densities.interface import FAILED_SOLVE_PENALTY, FARTHEST, SMALLEST
 from aleator.types import Array
 
 BEYOND = 40.0
-"""Logarithm by which the continuation lies under a density: the last node of a grid of the germ
+"""Logarithm by which the continuation lies under a density: the last node of a grid of variates
 has a density e^-33 or more, so that only where there are no nodes the continuation is above."""
 
 

@@ -1,4 +1,4 @@
-"""Sobol' indices from the coefficients of an expansion: whose scatter the outcome's scatter is."""
+"""Sobol' indices from the coefficients of an expansion: the parameters' shares of the variance."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ SMALLEST, LARGEST = 1e-300, 1.0 - 2.0**-53
 
 
 class Inputs:
-    """Named parameters with their marginal laws, in a fixed order, and what ties them.
+    """The uncertain parameters: a marginal law for each name, and correlations between them.
 
     alpha (K,) holds the hyperparameters of all laws, fixed ones included, named
     ``<parameter>.<hyperparameter>``, and after them the correlations. Parameters are independent

@@ -128,9 +128,10 @@ class Law(Protocol):
         ...
 
     def filling(self, center: float, sd: float | None = None) -> Array:
-        """Hyperparameters (k,) of the law of this family about a center, within their limits.
+        """Hyperparameters (k,) of the law of this family with this center and sd.
 
-        `sd` None leaves whatever is not a location at its start; a fixed one keeps its value.
+        They are cut to their limits, and fixed ones keep their values. With `sd` None only the
+        location is set; the others are at their starts.
         """
         ...
 

@@ -116,11 +116,6 @@ class Model:
         nodes = self.surfaces.nodes
         return nodes is None or isinstance(nodes, int | GermGrid)
 
-    @property
-    def exact_possible(self) -> bool:
-        """Whether the outcome's own density can be had: there is noise, or nodes on a lattice."""
-        return self.surfaces is not None and (self.noise is not None or self.lattice)
-
     def exactly(self) -> Model:
         """The same with the density of the outcome itself, which may still give way to moments."""
         return replace(self, density=self.exact_density, open=True)
@@ -146,8 +141,8 @@ class Model:
     def _check(self) -> None:
         if isinstance(self.density, Convolution) and self.noise is None and not self.lattice:
             raise InputsError(
-                "without noise the convolution needs nodes on a lattice: response surfaces, up to "
-                "three scattering parameters, and nodes that are left out or a number",
+                'without noise the density "convolution" works only with response surfaces, at '
+                "most three scattering parameters, and `nodes` left out or given as a number",
                 "add noise ([noise] sd, or noise=Noise(...)), or take MaximumEntropy or LogSpline",
             )
         if not self.normal_noise and not isinstance(self.density, NodeIntegral):

@@ -29,8 +29,8 @@ class Forward:
     """The forward problem: from the law to the distribution of N outcomes.
 
     `condition` (N,) says which of the U distinct conditions each experiment has. `region` (n, 2) is
-    where the response is known: the box, or the part of it in focus. `surface` are the response
-    surfaces of the parameters that are not known, or None for collocation.
+    where the response is known: the box, or the part of it where the law has its mass. `surface`
+    are the response surfaces of the parameters that are not known, or None for collocation.
     """
 
     model: Model
@@ -87,7 +87,8 @@ def forward(
 ) -> Forward:
     """Build the predictive distribution; response surfaces on the region (n, 2) first.
 
-    Unless they are given: `surface`, of the parameters whose region has a width.
+    `surface` are surfaces built before, in the parameters that vary over the region; None builds
+    them.
 
     Experiments under equal conditions are one to the simulator: U surfaces for N experiments.
     Surfaces go through the runs that worked; collocation needs every run. Raises NoOutcome that

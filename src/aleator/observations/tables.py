@@ -1,4 +1,4 @@
-"""A delimited file or a data frame as cells that remember where they stand.
+"""A delimited file or a data frame as cells that know their row and column.
 
 What is wrong with a cell is told with the file, the row as a spreadsheet counts it (the header is
 row 1, blank rows count), the column, the offending text and what to do about it.
@@ -124,7 +124,7 @@ def _remedy(cell: object) -> str:
     return "write a finite number there, or delete the row of an experiment that has none"
 
 
-def from_frame(frame: pd.DataFrame, source: str = "the data frame") -> Table:
+def from_frame(frame: pd.DataFrame) -> Table:
     """The table of a data frame; a row's place is its position from 1, and its label.
 
     Raises ExperimentsError for no rows, no columns or a column name that appears twice.
@@ -133,6 +133,7 @@ def from_frame(frame: pd.DataFrame, source: str = "the data frame") -> Table:
     >>> from_frame(pd.DataFrame({"v": [1.0]}, index=["first"])).places
     ("row 1 (index 'first')",)
     """
+    source = "the data frame"
     names = [str(name) for name in frame.columns]
     _check_header(names, source)
     if frame.empty:

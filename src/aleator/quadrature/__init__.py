@@ -1,4 +1,4 @@
-"""Nodes and weights of the joint law: where the outcome is looked at to average it.
+"""Nodes and weights of the joint law, by which averages over it are computed.
 
 Each choice turns a joint law at alpha into `Nodes`, whose derivatives by alpha are those of just
 what is computed: a weighted sum over the nodes has an exact gradient however coarse the rule is.

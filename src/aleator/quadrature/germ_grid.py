@@ -50,7 +50,7 @@ class GermGrid:
         """Check at once, so that the mistake is reported where it was made."""
         if not 5 <= self.per_dimension <= 4001:
             raise InputsError(
-                f"germ grid of {self.per_dimension} nodes a dimension: not between 5 and 4001",
+                f"grid of {self.per_dimension} variates a dimension: not between 5 and 4001",
                 "401 for one parameter, 61 for two and 25 for three are usual",
             )
 

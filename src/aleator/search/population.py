@@ -78,5 +78,5 @@ def needs(package: str, search: str) -> None:
     if importlib.util.find_spec(package) is None:
         raise AleatorError(
             f"{search} needs the package {package}, which is not installed",
-            "pip install 'aleator[evolution]', or choose the gradient search",
+            f"pip install {package}, or choose the gradient search",
         )

@@ -1,4 +1,4 @@
-"""A few ascents from where the maximum of nearly the same likelihood is known to be."""
+"""A short search that starts from the known maximum of a nearly equal likelihood."""
 
 from __future__ import annotations
 

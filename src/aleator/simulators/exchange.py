@@ -2,8 +2,8 @@
 
 A row a run; its columns are `condition.NAME`, `parameter.NAME`, `outcome`, `failure`, `log`,
 `seconds`, `host`, `time`, `attempt`, and `fingerprint`, `simulator`, `description`, `version`.
-A condition that is a number is written as one and a text as it is, in quotes where it could be
-taken for a number; a blank cell is a condition that the simulator does not ask for.
+A condition that is a number is written as one. A text is written as it is, in quotes if it looks
+like a number; a blank cell is a condition that the simulator does not ask for.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def write(runs: Iterable[StoredRun], path: Path) -> int:
     if path.suffix == ".parquet" and importlib.util.find_spec("pyarrow") is None:
         raise AleatorError(
             f"{path}: a Parquet file needs pyarrow, which is not installed",
-            "pip install 'aleator[parquet]', or write a .csv file",
+            "pip install pyarrow, or write a .csv file",
         )
     if path.exists():
         raise AleatorError(f"{path} is there already", "name another file, or delete it")

@@ -36,7 +36,8 @@ def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str
     if kind == TOLD:
         return f"{key}{context['problem']}", str(context["remedy"])
     if kind == "missing":
-        return f"{key} is missing", "add it"
+        name = location.rpartition(".")[2]
+        return f"{key} is missing", f"add {_FORMS.get(location, _FORMS.get(name, 'it'))}"
     if kind == "literal_error":
         return _unknown(location, str(context["expected"]), details.get("input"))
     shown = f"{key} = {in_toml(details.get('input'))}"
@@ -55,6 +56,19 @@ def _unknown(location: str, expected: str, value: object) -> tuple[str, str]:
         f"choose one of {', '.join(known)}",
     )
 
+
+_FORMS = {
+    "experiments.file": 'file = "experiments.csv"',
+    "experiments.outcome": 'outcome = "COLUMN"',
+    "experiments": "[experiments] and its keys under it",
+    "simulator": "[simulator] and its keys under it",
+    "parameters": "[parameters.NAME] and its keys under it, for each parameter",
+    "box": "box = [LOWER, UPPER]",
+    "mean": "mean = NUMBER, or mean = {lower = NUMBER, upper = NUMBER} to identify it",
+    "sd": "sd = NUMBER, or sd = {lower = NUMBER, upper = NUMBER} to identify it",
+    "value": "value = NUMBER, or value = {lower = NUMBER, upper = NUMBER} to identify it",
+}
+"""How a key that a table needs is written."""
 
 _WANTED = {
     "float_type": "write a number without quotes, such as 0.5",

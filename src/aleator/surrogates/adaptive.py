@@ -16,7 +16,7 @@ from scipy.stats import qmc
 from aleator.errors import InputsError
 from aleator.simulators import Runner
 from aleator.surrogates.choice import ResponseSurface
-from aleator.surrogates.conditions import features
+from aleator.surrogates.conditions import TEXTS, features
 from aleator.surrogates.emulator import Emulator
 from aleator.surrogates.own import OwnSurfaces
 from aleator.surrogates.responses import Run, attempts, moving_parameters
@@ -270,9 +270,9 @@ def _promises(shared: SharedSurface) -> bool:
 def _nothing_to_share(conditions: Array | None, experiments: int) -> InputsError:
     remedy = "leave out shared = true: each experiment then has its own surface"
     if conditions is None:
-        what = "none varies, or one is a text with many values"
         return InputsError(
-            f"no surface can be shared: of the conditions that the simulator asks for {what}",
+            "experiments cannot share a surface: no condition that the simulator uses varies, or "
+            f"one is text with more than {TEXTS} values",
             remedy,
         )
     return InputsError(f"{experiments} experiments are too many to share a surface", remedy)

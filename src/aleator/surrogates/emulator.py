@@ -21,10 +21,10 @@ from aleator.types import Array, Flags, Indices
 
 
 class Emulator(ABC):
-    """The surfaces of N experiments after each round of runs; none of their runs is ever lost.
+    """Response surfaces of N experiments, refined in rounds of runs; every run is kept.
 
-    `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed. `box` (n, 2) is where the
-    surfaces are wanted: `move` takes it elsewhere. `sharpen` makes runs of some experiments,
+    `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed. `box` (n, 2) is the
+    region that the surfaces cover: `move` changes it. `sharpen` makes runs of some experiments,
     `judge` estimates how exact the surfaces are, and `surface` gives them as they are. All points
     are determined by these calls: no run that somebody else has made changes where the next one is.
 

@@ -7,7 +7,7 @@ and is as large as possible; here it is found from runs that may fail.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -21,8 +21,6 @@ from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
 from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
 from aleator.types import Array, Flags
-
-Attempt = Callable[[NDArray[np.int64], Array], Array]
 
 POINTS = 32
 """Points that a round looks at, each under every experiment that it survives."""

@@ -56,12 +56,12 @@ def identify(
     `simulator` takes conditions and parameters by keyword and returns the outcome: once a run with
     floats, or with arrays of R runs if `vectorized`. `experiments` is an `Experiments`, or a data
     frame whose column `outcome` is the measured outcome and whose other columns are conditions.
-    `density` None is the density of the outcome itself where there are response surfaces, and
-    noise or up to three scattering parameters, unless the nodes turn out too few for it; else
-    maximum entropy of four moments. Runs are made by the workers of `executor`, or here; the result
-    does not depend on it. Raises AleatorError for input that cannot be used; failures of numerics
-    are statuses and warnings on the result. Cost: the runs of the surfaces and of the verification,
-    and some milliseconds for each of some hundred evaluations of the likelihood.
+    `density` None takes the density of the outcome itself if there are response surfaces, if there
+    is noise or at most three parameters scatter, and if its nodes suffice; otherwise the density
+    of maximum entropy with four moments. Runs are made by the workers of `executor`, or here; the
+    result does not depend on it. Raises AleatorError for input that cannot be used; failures of
+    numerics are statuses and warnings on the result. Cost: the runs of the surfaces and of the
+    verification, and some milliseconds for each of some hundred evaluations of the likelihood.
 
     >>> from aleator.laws import Free, Normal
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})

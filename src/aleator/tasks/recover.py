@@ -1,4 +1,4 @@
-"""Does the method find a law that is known? Virtual data sets from the model itself, identified."""
+"""Recovery of a known law: data sets drawn from the model at a given alpha, each identified."""
 
 from __future__ import annotations
 

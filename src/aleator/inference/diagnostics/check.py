@@ -1,4 +1,4 @@
-"""What the Monte Carlo check says of the answer."""
+"""Diagnostics by the Monte Carlo check: what it could not judge, and where it disagrees."""
 
 from __future__ import annotations
 
@@ -145,7 +145,9 @@ def _total(
     meaning = "estimates and standard errors may be off by a share of a standard error"
     if step is not None:
         largest = float(np.max(np.abs(step.step)))
-        meaning = f"with the simulator's own density an estimate would move by {_size(largest)}"
+        meaning = "with the density of the simulator itself an estimate would move by " + _size(
+            largest
+        )
     return [
         Diagnostic(
             "verification",

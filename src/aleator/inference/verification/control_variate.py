@@ -156,7 +156,10 @@ class Control:
         return np.asarray(dx.reshape(*part.x.shape, -1))
 
     def _gap(self, part: Samples, x: Array, sd: float) -> Array:
-        """Copies (m, C) of the correction at moved parameters; the simulator moves as guessed."""
+        """Copies (m, C) of the correction at moved parameters.
+
+        The simulator is taken to change by as much as the emulator does.
+        """
         here, there = part.guess(self.emulator, part.x), part.guess(self.emulator, x)
         kernel = Noise(self.y[part.index], sd)
         (true,), (guessed,) = kernel.orders(part.outcomes + there - here), kernel.orders(there)

@@ -13,7 +13,7 @@ from aleator.types import Array, Indices
 
 
 class Emulator(Protocol):
-    """Noise-free outcomes without a run, of which nothing is believed that no run confirms."""
+    """A cheap stand-in for the noise-free simulator; the check corrects it by runs."""
 
     def at(self, index: Indices, x: Array) -> Array:
         """Outcomes (R,) of experiments `index` (R,) at points x (R, n)."""

@@ -140,7 +140,7 @@ def imported_fmpy() -> Any:
     except ImportError as error:
         raise SimulatorError(
             f"a simulator that is an FMU needs the package FMPy: {error}",
-            "pip install 'aleator[fmi]'",
+            "pip install fmpy",
         ) from error
     return fmpy
 

@@ -54,7 +54,7 @@ def dask_executor(
     """
     if find_spec("distributed") is None:
         raise ClusterError(
-            "a Dask cluster needs the package distributed", "pip install 'aleator[dask]'"
+            "a Dask cluster needs the package distributed", "pip install distributed"
         )
     with _quiet():
         cluster = _DaskCluster(address)

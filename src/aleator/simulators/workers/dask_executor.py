@@ -70,10 +70,11 @@ class _Call:
 class DaskExecutor(Executor):
     """Calls for the workers of a cluster, which may come and go; `dask_executor` makes one.
 
-    Each worker process has one call at a time, so that no simulator meets another thread, and a
-    worker that is lost names the call that it had. That call goes to another worker, before all
-    that wait; where LIVES workers are lost with it, its future raises WorkerLost. Calls wait where
-    there is no worker. Where the scheduler is lost all futures and `submit` raise ClusterError.
+    Each worker process has one call at a time, so that no simulator meets another thread, and if a
+    worker is lost it is known which call it was running. That call goes to another worker, before
+    all that wait; where LIVES workers are lost with it, its future raises WorkerLost. Calls wait
+    where there is no worker. Where the scheduler is lost all futures and `submit` raise
+    ClusterError.
 
     `say` is told of workers that are lost, missing, or cannot be used. Cost: see docs/clusters.md.
     Raises ClusterError if there are workers and none can be used.

@@ -29,7 +29,7 @@ def mpi_executor() -> Iterator[Executor]:
     aleator.errors.ClusterError: this process is not the first of an MPI job with workers ...
     """
     if find_spec("mpi4py") is None:
-        raise ClusterError("MPI needs the package mpi4py", "pip install 'aleator[mpi]'")
+        raise ClusterError("MPI needs the package mpi4py", "pip install mpi4py")
     if "mpi4py.futures" not in sys.orig_argv:
         raise ClusterError(
             "this process is not the first of an MPI job with workers", f"start it so: {_START}"
