@@ -139,7 +139,7 @@ def test_the_counts_are_the_paper_s() -> None:
     basis, indices = hermite(4, 3)
     found = [nonzero_set(basis, indices, m) for m in (2, 3, 4, 5)]
     assert len(indices) == 35
-    assert [terms.candidates for terms in found] == [630, 7_770, 73_815, 575_757]
+    assert [count(m, len(indices)) for m in (2, 3, 4, 5)] == [630, 7_770, 73_815, 575_757]
     assert [terms.coefficients.size for terms in found] == [35, 205, 2_315, 18_415]
     # order 2 is orthonormality: one term for each function, with coefficient one
     square = nonzero_set(*hermite(3, 3), 2)
@@ -150,7 +150,7 @@ def test_both_sets_of_the_paper_s_figure() -> None:
     found = nonzero_set(*hermite(2, 3), 5)
     every = exponents(stacks(5, 10), 10)
     kept = {tuple(row) for row in found.exponents.tolist()}
-    assert (found.candidates, every.shape, found.exponents.shape) == (2002, (2002, 10), (388, 10))
+    assert (every.shape, found.exponents.shape) == ((2002, 10), (388, 10))
     assert kept < {tuple(row) for row in every.tolist()}
     assert np.all(every.sum(axis=1) == 5)
 

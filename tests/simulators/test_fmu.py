@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from fmus.build import compiled, python_fmu
 
 from aleator.errors import SimulatorError
 from aleator.observations.experiments import Conditions
@@ -27,18 +26,6 @@ from aleator.simulators.fmu import (
 KINDS = ("co_simulation", "model_exchange")
 HERE = Operation(isolated=False)
 K = {"k": "surface.k"}
-
-
-@pytest.fixture(scope="module")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
-    folder = tmp_path_factory.mktemp("fmus")
-    return {version: compiled(version, folder) for version in (2, 3)}
-
-
-@pytest.fixture(scope="module")
-def spring(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    source = Path(__file__).parents[1] / "fmus" / "spring.py"
-    return python_fmu(source, tmp_path_factory.mktemp("spring"))
 
 
 def cooled(k: float, time: float = 2.0) -> float:

@@ -10,24 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmus.build import compiled, python_fmu
 
 from aleator.simulators import RunFailed
 from aleator.simulators.fmu import Course, Crossing, Final, FMUSimulator, Hook, Operation
 
 K = {"k": "surface.k"}
-
-
-@pytest.fixture(scope="module")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
-    folder = tmp_path_factory.mktemp("fmus")
-    return {version: compiled(version, folder) for version in (2, 3)}
-
-
-@pytest.fixture(scope="module")
-def spring(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    source = Path(__file__).parents[1] / "fmus" / "spring.py"
-    return python_fmu(source, tmp_path_factory.mktemp("spring"))
 
 
 @pytest.fixture

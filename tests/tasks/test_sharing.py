@@ -90,7 +90,7 @@ def test_without_conditions_that_vary_there_is_nothing_to_share(
 
     runner = runner_of(alone, **conditions)
     assert isinstance(first(runner, "automatic").emulator, OwnSurfaces)
-    with pytest.raises(InputsError, match="no surface can be shared"):
+    with pytest.raises(InputsError, match="cannot share a surface"):
         first(runner, "shared")
 
 
