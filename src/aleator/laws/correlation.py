@@ -1,4 +1,4 @@
-"""Correlation by a Gaussian copula, in numbers of which every choice is a valid matrix.
+"""Correlation by a Gaussian copula; every value of its parameters gives a valid matrix.
 
 The variates theta = L(rho) xi of the correlated parameters are made of independent standard normal
 xi. What is identified are the partial correlations rho of a canonical vine (Bedford and Cooke,

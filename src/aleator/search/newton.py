@@ -58,7 +58,7 @@ def ascended(
     BFGS whose first matrix is the given information (F, F), with an active set for the limits
     and a backtracking line search. WarmStart a maximum it needs two to six evaluations, where a
     method that has to learn the curvature needs twenty. It never returns a smaller value than
-    that of the alpha given; it stops without complaint when no step gains.
+    that of the alpha given; it ends, without an error, when no step gains.
     """
     lower = np.array([hyperparameters[k].lower for k in moving])
     upper = np.array([hyperparameters[k].upper for k in moving])

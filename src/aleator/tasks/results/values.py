@@ -35,7 +35,7 @@ class Estimate:
 class ParameterCorrelation:
     """Correlation of two parameters under the identified law, whatever it was identified by.
 
-    That of their normal germs, which is theirs where both laws are normal. `standard_error` by the
+    That of their standard normal variates, theirs too where both laws are normal. `standard_error` by the
     delta method; None where the correlation is known, or rests on an estimate without one.
     """
 
