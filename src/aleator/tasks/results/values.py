@@ -35,8 +35,8 @@ class Estimate:
 class ParameterCorrelation:
     """Correlation of two parameters under the identified law, whatever it was identified by.
 
-    That of their standard normal variates, theirs too where both laws are normal. `standard_error` by the
-    delta method; None where the correlation is known, or rests on an estimate without one.
+    That of their standard normal variates, theirs too where both laws are normal. `standard_error`
+    by the delta method; None where the correlation is known, or rests on an estimate without one.
     """
 
     between: tuple[str, str]
