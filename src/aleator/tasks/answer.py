@@ -18,13 +18,7 @@ from aleator.likelihood.policy import better_model
 from aleator.likelihood.problem import Problem
 from aleator.search import Search, SearchResult, WarmStart, ascend
 from aleator.simulators import Runner
-from aleator.tasks.baselines import (
-    LeastSquares,
-    LinearGaussian,
-    least_squares,
-    linear_gaussian,
-    start_point,
-)
+from aleator.tasks.baselines import baselines_of
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.refinement import Refined, Refinement, refinement_of
 from aleator.types import Array
@@ -33,8 +27,6 @@ WIDER = 3
 """Times that the region may be widened so that it holds the intervals."""
 CLIMBS = 3
 """Times that a profile may meet a better maximum."""
-
-Baselines = tuple[LeastSquares, LinearGaussian]
 
 
 @dataclass(frozen=True)
@@ -60,7 +52,6 @@ class Answer:
     found: SearchResult
     inference: Inference
     profile: Profile
-    baselines: Baselines
     stands_in: bool
 
 
@@ -81,10 +72,8 @@ def answered(question: Question, ledger: Ledger) -> Answer:
         tried.append(better)
     refined, inference, profile = _sure(way, refined, ledger)
     problem, found = refined.problem, refined.found
-    with ledger.stage("baselines"):
-        baselines = _baselines(problem, question.search, question.seed)
     stands_in = any(model.exact for model in tried) and not tried[-1].exact
-    return Answer(problem, found, inference, profile, baselines, stands_in)
+    return Answer(problem, found, inference, profile, stands_in)
 
 
 def infer_at(problem: Problem, found: SearchResult) -> tuple[SearchResult, Inference, Profile]:
@@ -113,7 +102,7 @@ class _Search:
 
     def __call__(self, problem: Problem, guess: list[Array]) -> SearchResult:
         with self.ledger.stage("baselines"):
-            fit, linear = _baselines(problem, self.search, self.seed)
+            fit, linear = baselines_of(problem, self.search, self.seed)
         hyperparameters = problem.model.hyperparameters
         around = np.array([h.start for h in hyperparameters])
         inputs = problem.model.inputs
@@ -147,13 +136,3 @@ def _sure(way: Refinement, refined: Refined, ledger: Ledger) -> tuple[Refined, I
             break
         refined = held
     return refined, inference, profile
-
-
-def _baselines(problem: Problem, search: Search, seed: int) -> Baselines:
-    model, outcomes = problem.model, problem.outcomes
-    start = np.clip(start_point(model.inputs), *problem.region.T)
-    fit = least_squares(problem.response, problem.condition, outcomes, problem.region, start)
-    linear = linear_gaussian(
-        problem.response, model, start, problem.condition, outcomes, search, seed=seed
-    )
-    return fit, linear

@@ -14,6 +14,7 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.model import Model
 from aleator.likelihood.predictive import FromMoments
+from aleator.likelihood.problem import Problem
 from aleator.observations.noise import Noise
 from aleator.search import Search
 from aleator.surrogates.responses import Response
@@ -161,3 +162,16 @@ def linear_gaussian(
     likelihood = Likelihood(distribution, outcomes)
     result = search.maximize(Continued(likelihood), model.hyperparameters, seed=seed)
     return LinearGaussian(result.alpha, result.log_likelihood)
+
+
+def baselines_of(
+    problem: Problem, search: Search, seed: int
+) -> tuple[LeastSquares, LinearGaussian]:
+    """Both baselines of a problem, from the surfaces that it has."""
+    model, outcomes = problem.model, problem.outcomes
+    start = np.clip(start_point(model.inputs), *problem.region.T)
+    fit = least_squares(problem.response, problem.condition, outcomes, problem.region, start)
+    linear = linear_gaussian(
+        problem.response, model, start, problem.condition, outcomes, search, seed=seed
+    )
+    return fit, linear

@@ -25,7 +25,7 @@ from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.answer import Answer, Question, answered
 from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH
-from aleator.tasks.baselines import start_point
+from aleator.tasks.baselines import baselines_of, start_point
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.results import summary
 from aleator.tasks.results.identification import Identification
@@ -82,13 +82,15 @@ def identify(
         with ledger.stage("repeated run"):
             runner.require_repeatable(np.clip(start_point(inputs), *inputs.box.T))
         answer = answered(question, ledger)
+        with ledger.stage("baselines"):
+            baselines = baselines_of(answer.problem, search, seed)
         checked = None
         if verification.samples:
             with ledger.stage("verification"):
                 checked = _verified(answer, runner, verification, seed, ledger.progress)
     return summary.assemble(
         table, answer.problem, answer.found, answer.inference, answer.profile, checked,
-        answer.baselines, runner.simulator, seconds=ledger.seconds, runs_by_stage=ledger.runs,
+        baselines, runner.simulator, seconds=ledger.seconds, runs_by_stage=ledger.runs,
         seed=seed, failures=diagnostics.failure_report(runner),
         notes=[diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [],
     )  # fmt: skip
