@@ -11,6 +11,7 @@ from scipy import linalg, special
 from aleator.errors import InputsError, require_filled
 from aleator.laws.correlation import Correlation, Pair, between
 from aleator.laws.hyperparameter import Hyperparameter, Specification
+from aleator.laws.individual import Individual
 from aleator.laws.law import Law
 from aleator.laws.normal import Normal
 from aleator.threads import single_threaded
@@ -208,6 +209,10 @@ class Inputs:
             theta = special.ndtri(np.clip(uniform[:, at], SMALLEST, LARGEST))
             x[:, at], _ = self.tied(alpha, theta)
         return x
+
+    def individual(self, alpha: Array, xi: Array, experiments: slice) -> Individual:  # noqa: ARG002
+        """Parameters of some experiments at standard normal variates xi (B, J, s) of their own."""
+        return Individual.of(self, alpha, xi)
 
     def log_density(self, alpha: Array, x: Array) -> Array:
         """log p(x | alpha) at each x (J, n), minus infinity outside the support.

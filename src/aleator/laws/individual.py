@@ -1,0 +1,85 @@
+"""The parameters of single experiments, as images of standard normal variates of their own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from aleator.laws.law import Law, Standard
+from aleator.types import Array
+
+if TYPE_CHECKING:
+    from aleator.laws.inputs import Inputs
+
+
+@dataclass(frozen=True, eq=False)
+class Individual:
+    """Parameters x (B, J, n) of B experiments at J standard normal variates xi (B, J, s) of each.
+
+    x = T(xi | alpha): every law is the image of a variate theta, and theta = L xi ties correlated
+    parameters (see `Inputs`). It is smooth in alpha with xi held, whatever the support of a law.
+    """
+
+    inputs: Inputs
+    xi: Array
+    x: Array
+    own: tuple[Standard, ...]
+    mixing: Array
+    mixing_slope: Array
+
+    @classmethod
+    def of(cls, inputs: Inputs, alpha: Array, xi: Array) -> Individual:
+        """The image of the variates under the law alpha (K,)."""
+        mixing, slope = _mixing(inputs, alpha)
+        theta = xi @ mixing.T
+        place = {i: s for s, i in enumerate(inputs.scattered)}
+        none = np.zeros(xi.shape[:2])
+        own = tuple(
+            _standard(law, alpha[part], theta[..., place[i]] if i in place else none)
+            for i, (law, part) in enumerate(zip(inputs.laws.values(), inputs.slices, strict=True))
+        )
+        return cls(inputs, xi, np.stack([part.x for part in own], axis=-1), own, mixing, slope)
+
+    def by_variates(self) -> Array:
+        """dx/dxi (B, J, n, s)."""
+        slopes = np.zeros((*self.x.shape, self.xi.shape[2]))
+        for s, i in enumerate(self.inputs.scattered):
+            slopes[:, :, i] = self.own[i].dtheta[..., None] * self.mixing[s]
+        return slopes
+
+    def score(self, gradient: Array) -> Array:
+        """sum_j g_j dx_j/dalpha (B, K) of a gradient g by x (B, J, n), xi held."""
+        found = np.zeros((len(self.x), self.inputs.size))
+        for i, part in enumerate(self.inputs.slices):
+            found[:, part] = np.einsum("bj,bjk->bk", gradient[..., i], self.own[i].dvalues)
+        first = self.inputs.size - self.mixing_slope.shape[2]
+        for k in range(self.mixing_slope.shape[2]):
+            moved = self.xi @ self.mixing_slope[:, :, k].T
+            for s, i in enumerate(self.inputs.scattered):
+                if np.any(self.mixing_slope[s, :, k]):
+                    by_theta = gradient[..., i] * self.own[i].dtheta
+                    found[:, first + k] += np.sum(by_theta * moved[..., s], axis=1)
+        return found
+
+
+def _mixing(inputs: Inputs, alpha: Array) -> tuple[Array, Array]:
+    """L (s, s) of theta = L xi over all scattering parameters, and dL/d partial (s, s, p)."""
+    s, members = inputs.scattering, list(inputs.correlation.members)
+    partial = alpha[inputs.slices[-1].stop : inputs.size]
+    mixing, slope = np.eye(s), np.zeros((s, s, partial.size))
+    if members:
+        factor, by_partial = inputs.correlation.cholesky(partial)
+        mixing[np.ix_(members, members)] = factor
+        slope[np.ix_(members, members, range(partial.size))] = by_partial
+    return mixing, slope
+
+
+def _standard(law: Law, values: Array, theta: Array) -> Standard:
+    """The image of theta (B, J), with dvalues (B, J, k)."""
+    found = law.standard(values, theta.ravel())
+    shape = theta.shape
+    return Standard(
+        found.x.reshape(shape), found.dtheta.reshape(shape), found.dvalues.reshape(*shape, -1)
+    )
