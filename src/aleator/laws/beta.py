@@ -11,7 +11,7 @@ from scipy import special
 
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
-from aleator.laws.image import Tail, difference, from_probability, from_tails, slope, to_score
+from aleator.laws.image import difference, from_probability, from_tails, slope, to_score
 from aleator.laws.law import ByMeanAndSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_with_gradient
 from aleator.polynomials.recurrence import jacobi_recurrence, recurrence_with_gradient
@@ -86,7 +86,7 @@ class Beta(ByMeanAndSd):
         """Gauss-Jacobi nodes mean + sd t_j(p, q)."""
         p, q, jac = self._shapes(values)
         t, weights, by_t, by_weight = gauss_with_gradient(
-            *recurrence_with_gradient(jacobi_recurrence, nodes, [p, q])
+            *recurrence_with_gradient(jacobi_recurrence, nodes, [float(p), float(q)])
         )
         dx = np.stack([np.ones(nodes), t], axis=1) + values[1] * by_t @ jac
         # rounding must not push a node out of the box
@@ -96,7 +96,7 @@ class Beta(ByMeanAndSd):
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
         """Jacobi polynomials of (x - mean)/sd."""
         p, q, _ = self._shapes(values)
-        a, b = jacobi_recurrence(count, p, q)
+        a, b = jacobi_recurrence(count, float(p), float(q))
         return np.real(a), np.real(b)
 
     def log_density(self, values: Array, x: Array) -> Array:
@@ -132,27 +132,29 @@ class Beta(ByMeanAndSd):
         p, q, jac = self._shapes(values)
         lower, upper = self.box
         width = upper - lower
-        z = from_tails(theta, *_tails(p, q))
-        rest = from_tails(-theta, *_tails(q, p))
+        z, rest = _standard_beta(p, q, theta), _standard_beta(q, p, -theta)
         log_density = _log_density(p, q, z, rest) - math.log(width)
-        by_p = difference(lambda v: from_tails(theta, *_tails(v, q)), p)
-        by_q = difference(lambda v: from_tails(theta, *_tails(p, v)), q)
+        by_p = difference(lambda v: _standard_beta(v, q, theta), p)
+        by_q = difference(lambda v: _standard_beta(p, v, theta), q)
         x = np.where(theta < 0.0, lower + width * z, upper - width * rest)
-        dvalues = width * np.stack([by_p, by_q], axis=1) @ jac
+        by_mean, by_sd = (width * (by_p * dp + by_q * dq) for dp, dq in jac.swapaxes(0, 1))
+        dvalues = np.stack([by_mean, by_sd], axis=-1)
         return Standard(np.clip(x, lower, upper), slope(theta, log_density), dvalues)
 
-    def _shapes(self, values: Array) -> tuple[float, float, Array]:
-        """p, q and their derivatives (2, 2) by mean and sd."""
+    def _shapes(self, values: Array) -> tuple[Array, Array, Array]:
+        """p, q and their derivatives (2, 2, ...) by mean and sd."""
         lower, upper = self.box
         width = upper - lower
-        m, v = (float(values[0]) - lower) / width, (float(values[1]) / width) ** 2
+        m, v = (values[0] - lower) / width, (values[1] / width) ** 2
         s = m * (1.0 - m) / v - 1.0
-        ds = np.array([(1.0 - 2.0 * m) / (v * width), -2.0 * (s + 1.0) / float(values[1])])
-        dm = np.array([1.0 / width, 0.0])
-        return m * s, (1.0 - m) * s, np.stack([m * ds + s * dm, (1.0 - m) * ds - s * dm])
+        by_mean, by_sd = (1.0 - 2.0 * m) / (v * width), -2.0 * (s + 1.0) / values[1]
+        dp = [m * by_mean + s / width, m * by_sd]
+        dq = [(1.0 - m) * by_mean - s / width, (1.0 - m) * by_sd]
+        jac = np.stack([np.broadcast_arrays(*d) for d in (dp, dq)])
+        return m * s, (1.0 - m) * s, jac
 
 
-def _log_density(p: float, q: float, z: Array, rest: Array) -> Array:
+def _log_density(p: Array, q: Array, z: Array, rest: Array) -> Array:
     """log f of z on [0, 1] with rest = 1 - z; infinite at an end whose shape is below 1."""
     with np.errstate(divide="ignore"):
         powers = special.xlogy(p - 1.0, z) + special.xlogy(q - 1.0, rest)
@@ -160,9 +162,12 @@ def _log_density(p: float, q: float, z: Array, rest: Array) -> Array:
     return log_density
 
 
-def _tails(p: float, q: float) -> tuple[Tail, Tail]:
-    """z at the probability below it, and at the probability above it."""
-    return (
-        lambda u: special.betaincinv(p, q, u),
-        lambda v: special.betainccinv(p, q, v),
+def _standard_beta(p: Array, q: Array, theta: Array) -> Array:
+    """The beta law on [0, 1] at Phi(theta)."""
+    return from_tails(
+        theta,
+        lambda u, p, q: special.betaincinv(p, q, u),
+        lambda v, p, q: special.betainccinv(p, q, v),
+        p,
+        q,
     )

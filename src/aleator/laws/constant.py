@@ -75,7 +75,7 @@ class Constant:
     def standard(self, values: Array, theta: Array) -> Standard:
         """The value, whatever theta is."""
         return Standard(
-            np.full(theta.shape, values[0]), np.zeros(theta.shape), np.ones((theta.size, 1))
+            np.full(theta.shape, values[0]), np.zeros(theta.shape), np.ones((*theta.shape, 1))
         )
 
     def mean_and_sd(self, values: Array) -> MeanSd:

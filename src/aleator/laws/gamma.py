@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,7 +22,7 @@ from aleator.polynomials.gauss import gauss_with_gradient
 from aleator.polynomials.recurrence import laguerre_recurrence, recurrence_with_gradient
 from aleator.types import Array
 
-LARGEST_VARIATION = math.sqrt(5.0)
+LARGEST_VARIATION = 5.0**0.5
 """sd over distance from the end that the box takes account of: shape 0.2."""
 FAR = 1e-15
 """Probability left beyond the box."""
@@ -122,25 +121,28 @@ class Gamma(ByMeanAndSd):
         k, scale = self._shape_and_scale(values)
         g = _standard_gamma(k, theta)
         c = k**-0.5
-        by_c = difference(lambda v: (_standard_gamma(v**-2, theta) - v**-2) * v, c)
-        dvalues = np.stack([1.0 - c**2 * by_c, (g - k) * c + c * by_c], axis=1)
+        by_c = difference(lambda v: (_standard_gamma(v**-2.0, theta) - v**-2.0) * v, c)
+        dvalues = np.stack([1.0 - c**2 * by_c, (g - k) * c + c * by_c], axis=-1)
         return Standard(self.lower + scale * g, slope(theta, _log_density(k, scale, g)), dvalues)
 
-    def _shape_and_scale(self, values: Array) -> tuple[float, float]:
-        distance = float(values[0]) - self.lower
-        return (distance / float(values[1])) ** 2, float(values[1]) ** 2 / distance
+    def _shape_and_scale(self, values: Array) -> tuple[Array, Array]:
+        distance = values[0] - self.lower
+        return (distance / values[1]) ** 2, values[1] ** 2 / distance
 
 
-def _log_density(k: float, scale: float, g: Array) -> Array:
+def _log_density(k: Array, scale: Array, g: Array) -> Array:
     """log f of x = lower + scale g, g >= 0; infinite at the end where k < 1."""
     with np.errstate(divide="ignore"):
         power = special.xlogy(k - 1.0, g)
-    log_density: Array = power - g - special.gammaln(k) - math.log(scale)
+    log_density: Array = power - g - special.gammaln(k) - np.log(scale)
     return log_density
 
 
-def _standard_gamma(k: float, theta: Array) -> Array:
+def _standard_gamma(k: Array, theta: Array) -> Array:
     """The gamma law of shape k and scale 1 at Phi(theta), which keeps its digits near zero."""
     return from_tails(
-        theta, lambda p: special.gammaincinv(k, p), lambda p: special.gammainccinv(k, p)
+        theta,
+        lambda p, k: special.gammaincinv(k, p),
+        lambda p, k: special.gammainccinv(k, p),
+        k,
     )

@@ -12,21 +12,24 @@ from aleator.types import Array
 STEP = 1e-3
 """Relative step of differences: their error is of the order of STEP^4."""
 
-Tail = Callable[[Array], Array]
+Tail = Callable[..., Array]
+"""A quantile of probabilities (J,) and of as many of each shape of the law, or of one for all."""
 
 
-def from_tails(theta: Array, below: Tail, above: Tail) -> Array:
-    """F^-1(Phi(theta)) (J,), by `below(P)` left of the median and by `above(1 - P)` right of it.
+def from_tails(theta: Array, below: Tail, above: Tail, *shapes: Array) -> Array:
+    """F^-1(Phi(theta)), by `below(P)` left of the median and by `above(1 - P)` right of it.
 
     Phi(theta) rounds to one beyond 8.3; the probability of the nearer tail keeps all its digits.
+    Both get the law's `shapes`, which broadcast against theta of any shape.
 
     >>> from_tails(np.array([-9.0, 9.0]), special.ndtri, lambda p: -special.ndtri(p)).tolist()
     [-9.0, 9.0]
     """
     left = theta < 0.0
     x = np.empty(theta.shape)
-    x[left] = below(special.ndtr(theta[left]))
-    x[~left] = above(special.ndtr(-theta[~left]))
+    own = [np.broadcast_to(shape, theta.shape) for shape in shapes]
+    x[left] = below(special.ndtr(theta[left]), *(shape[left] for shape in own))
+    x[~left] = above(special.ndtr(-theta[~left]), *(shape[~left] for shape in own))
     return x
 
 
@@ -71,15 +74,20 @@ def slope(theta: Array, log_density: Array) -> Array:
     return dtheta
 
 
-def difference(function: Callable[[float], Array], at: float, step: float | None = None) -> Array:
+def difference(
+    function: Callable[[Array], Array], at: Array | float, step: Array | float | None = None
+) -> Array:
     """Derivative of a function of one number by central differences of fourth order.
 
-    Without a `step` the number is positive, and the step 1e-3 of it.
+    The number may be an array that the function takes elementwise. Without a `step` it is
+    positive, and the step 1e-3 of it.
 
-    >>> bool(abs(difference(lambda v: np.array([v**5]), 2.0)[0] - 80.0) < 1e-9)
+    >>> bool(abs(difference(lambda v: v**5, np.array([2.0]))[0] - 80.0) < 1e-9)
     True
     """
-    h = STEP * at if step is None else step
-    near = function(at + h) - function(at - h)
-    far = function(at + 2.0 * h) - function(at - 2.0 * h)
-    return (8.0 * near - far) / (12.0 * h)
+    center = np.asarray(at, dtype=float)
+    h = STEP * center if step is None else np.asarray(step)
+    near = function(center + h) - function(center - h)
+    far = function(center + 2.0 * h) - function(center - 2.0 * h)
+    found: Array = (8.0 * near - far) / (12.0 * h)
+    return found

@@ -30,10 +30,10 @@ class Rule:
 
 @dataclass(frozen=True)
 class Standard:
-    """A law as the image x = F^-1(Phi(theta)) of a standard normal variate theta (J,).
+    """A law as the image x = F^-1(Phi(theta)) of standard normal variates theta of any shape.
 
-    `x` (J,), its derivative by theta `dtheta` (J,), and by the law's hyperparameters
-    `dvalues` (J, k).
+    `x` has the shape of theta, and so has its derivative by theta, `dtheta`; `dvalues`
+    (*theta.shape, k) are the derivatives by the law's hyperparameters.
     """
 
     x: Array
@@ -120,7 +120,11 @@ class Law(Protocol):
         ...
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """The law as the image of a standard normal variate theta (J,), with derivatives."""
+        """The law as the image of standard normal variates of any shape, with derivatives.
+
+        `values` are (k,), one law for every theta, or (k, ...) with rows that broadcast against
+        theta: laws (k, B, 1) of B experiments for theta (B, J).
+        """
         ...
 
     def mean_and_sd(self, values: Array) -> MeanSd:

@@ -92,5 +92,5 @@ class Normal(ByMeanAndSd):
 
     def standard(self, values: Array, theta: Array) -> Standard:
         """mean + sd theta."""
-        dvalues = np.stack([np.ones(theta.size), theta], axis=1)
+        dvalues = np.stack([np.ones(theta.shape), theta], axis=-1)
         return Standard(values[0] + values[1] * theta, np.full(theta.shape, values[1]), dvalues)

@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 from scipy import optimize
 
+from aleator.laws.distinct import by_distinct
 from aleator.laws.hyperparameter import Hyperparameter, within
 from aleator.laws.image import STEP, difference, from_tails, slope
 from aleator.laws.law import MeanSd, Rule, Standard
@@ -118,7 +119,10 @@ class QuantileLaw(ABC):
         return score
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """The quantile at Phi(theta)."""
+        """The quantile at Phi(theta); a loop over the distinct values where they are many."""
+        return by_distinct(self._standard, values, theta)
+
+    def _standard(self, values: Array, theta: Array) -> Standard:
         x = self._image(values, theta)
         dvalues = self._slopes(lambda at: self._image(at, theta), values)
         return Standard(x, slope(theta, self.log_density(values, x)), dvalues)
@@ -174,14 +178,14 @@ class QuantileLaw(ABC):
         return mean + sd * t, weights, t
 
     def _slopes(self, function: Callable[[Array], Array], values: Array) -> Array:
-        """Derivatives (J, k) by the hyperparameters of what is (J,)."""
+        """Derivatives (..., k) by the hyperparameters of what is (...)."""
         columns = []
         for k, known in enumerate(self.hyperparameters):
             width = known.upper - known.lower or abs(known.start) or 1.0
             at = float(values[k])
 
-            def moved(value: float, k: int = k) -> Array:
+            def moved(value: Array, k: int = k) -> Array:
                 return function(np.concatenate([values[:k], [value], values[k + 1 :]]))
 
             columns.append(difference(moved, at, STEP * (at if known.log else width)))
-        return np.stack(columns, axis=1)
+        return np.stack(columns, axis=-1)

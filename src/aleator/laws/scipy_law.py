@@ -179,12 +179,12 @@ class ScipyLaw:
         return self._own.mean + (x - values[0]) / scale, scale
 
     def _moved(self, values: Array, z: Array) -> tuple[Array, Array]:
-        """x and its derivatives (J, k) at standardized points z (J,)."""
+        """x and its derivatives (*z.shape, k) at standardized points z."""
         if not values.size:
             # rounding must not push a node out of the support
             x = np.clip(self._own.mean + self._own.sd * z, self._own.lower, self._own.upper)
-            return x, np.empty((z.size, 0))
-        return values[0] + values[1] * z, np.stack([np.ones(z.size), z], axis=1)
+            return x, np.empty((*z.shape, 0))
+        return values[0] + values[1] * z, np.stack([np.ones(z.shape), z], axis=-1)
 
 
 def _require_frozen(distribution: Any) -> None:

@@ -118,7 +118,7 @@ class TruncatedNormal:
         lower, upper = self.box_limits
         a, b = self._standard_limits(values)
         t = (x - values[0]) / values[1]
-        log_density = normal_log_density(t) - math.log(values[1]) - _log_mass(a, b)
+        log_density = normal_log_density(t) - np.log(values[1]) - _log_mass(a, b)
         return np.where((x >= lower) & (x <= upper), log_density, -np.inf)
 
     def normal_score(self, values: Array, x: Array) -> Array:
@@ -140,9 +140,10 @@ class TruncatedNormal:
         """mean + sd t(theta) by the paper's clip."""
         a, b = self._standard_limits(values)
         t, by_a, by_b, by_theta = clip(theta, a, b)
-        da, db = self._limits_jac(values)
-        dt = by_a[:, None] * da + by_b[:, None] * db
-        dvalues = values[1] * dt + np.stack([np.ones(theta.size), t], axis=1)
+        # sd da = -1 by the mean and -a by the sd; an infinite end does not move, and by_a is zero
+        by_mean = 1.0 - by_a - by_b
+        by_sd = t - by_a * _finite(a) - by_b * _finite(b)
+        dvalues = np.stack([by_mean, by_sd], axis=-1)
         return Standard(self._inside(values, t), values[1] * by_theta, dvalues)
 
     def mean_and_sd(self, values: Array) -> MeanSd:
@@ -154,7 +155,8 @@ class TruncatedNormal:
         return about(self.hyperparameters, center, sd)
 
     def _own_rule(self, values: Array, nodes: int) -> Rule:
-        t, weights, by_end = _own_rule(*self._standard_limits(values), nodes)
+        a, b = self._standard_limits(values)
+        t, weights, by_end = _own_rule(float(a), float(b), nodes)
         da, db = self._limits_jac(values)
         dt = by_end[0][:, :1] * da + by_end[1][:, :1] * db
         dweights = by_end[0][:, 1:] * da + by_end[1][:, 1:] * db
@@ -169,17 +171,19 @@ class TruncatedNormal:
     def _limits_jac(self, values: Array) -> tuple[Array, Array]:
         """d(a, b)/d(mean, sd); an infinite end does not move."""
         a, b = self._standard_limits(values)
-        da = np.array([-1.0, -a]) / values[1] if math.isfinite(a) else np.zeros(2)
-        db = np.array([-1.0, -b]) / values[1] if math.isfinite(b) else np.zeros(2)
+        da = np.array([-1.0, -a]) / values[1] if np.isfinite(a) else np.zeros(2)
+        db = np.array([-1.0, -b]) / values[1] if np.isfinite(b) else np.zeros(2)
         return da, db
 
-    def _standard_limits(self, values: Array) -> tuple[float, float]:
+    def _standard_limits(self, values: Array) -> tuple[Array, Array]:
         lower, upper = self.box_limits
         return (lower - values[0]) / values[1], (upper - values[0]) / values[1]
 
 
-def clip(theta: Array, a: float, b: float) -> tuple[Array, Array, Array, Array]:
-    """The paper's clip: t(theta) in [a, b] and its derivatives by a, b and theta, each (J,).
+def clip(theta: Array, a: Array | float, b: Array | float) -> tuple[Array, Array, Array, Array]:
+    """The paper's clip: t(theta) in [a, b] and its derivatives by a, b and theta.
+
+    Each has the shape of theta, against which a and b broadcast.
 
     Phi(t) = Phi(a) + Phi(theta) (Phi(b) - Phi(a)), so that
     phi(t) dt = (1 - u) phi(a) da + u phi(b) db + (Phi(b) - Phi(a)) phi(theta) dtheta with
@@ -187,10 +191,23 @@ def clip(theta: Array, a: float, b: float) -> tuple[Array, Array, Array, Array]:
     """
     log_u, log_v = special.log_ndtr(theta), special.log_ndtr(-theta)
     t = _truncated_quantile_from_logs(log_u, log_v, a, b)
-    by_a = np.exp(log_v + 0.5 * (t - a) * (t + a)) if math.isfinite(a) else np.zeros_like(t)
-    by_b = np.exp(log_u + 0.5 * (t - b) * (t + b)) if math.isfinite(b) else np.zeros_like(t)
+    by_a = np.exp(log_v + 0.5 * _apart(t, a))
+    by_b = np.exp(log_u + 0.5 * _apart(t, b))
     by_theta = np.exp(_log_mass(a, b) + 0.5 * (t - theta) * (t + theta))
     return t, by_a, by_b, by_theta
+
+
+def _apart(t: Array, end: Array | float) -> Array:
+    """t^2 - end^2, minus infinity where the end is infinite."""
+    near = _finite(end)
+    apart: Array = np.where(np.isfinite(end), (t - near) * (t + near), -np.inf)
+    return apart
+
+
+def _finite(end: Array | float) -> Array:
+    """The end, or zero where it is infinite."""
+    finite: Array = np.where(np.isfinite(end), end, 0.0)
+    return finite
 
 
 def _log_mass(a: float | Array, b: float | Array) -> Array:
@@ -204,19 +221,23 @@ def _log_mass(a: float | Array, b: float | Array) -> Array:
     return mass
 
 
-def _truncated_quantile(u: Array, a: float, b: float) -> Array:
+def _truncated_quantile(u: Array, a: Array, b: Array) -> Array:
     with np.errstate(divide="ignore"):
         return _truncated_quantile_from_logs(np.log(u), np.log1p(-u), a, b)
 
 
-def _truncated_quantile_from_logs(log_u: Array, log_v: Array, a: float, b: float) -> Array:
+def _truncated_quantile_from_logs(
+    log_u: Array, log_v: Array, a: Array | float, b: Array | float
+) -> Array:
     """Solve Phi(t) = (1 - u) Phi(a) + u Phi(b) from log u and log(1 - u)."""
-    if a > -b:
-        # upper tails lose digits, lower tails do not: reflect
-        return -_truncated_quantile_from_logs(log_v, log_u, -b, -a)
-    log_cdf = np.logaddexp(log_v + special.log_ndtr(a), log_u + special.log_ndtr(b))
-    t: Array = np.clip(special.ndtri_exp(np.minimum(log_cdf, 0.0)), a, b)
-    return t
+    # upper tails lose digits, lower tails do not: reflect
+    reflected = np.greater(a, np.negative(b))
+    low, high = np.where(reflected, np.negative(b), a), np.where(reflected, np.negative(a), b)
+    log_low, log_high = np.where(reflected, (log_u, log_v), (log_v, log_u))
+    log_cdf = np.logaddexp(log_low + special.log_ndtr(low), log_high + special.log_ndtr(high))
+    t = np.clip(special.ndtri_exp(np.minimum(log_cdf, 0.0)), low, high)
+    unreflected: Array = np.where(reflected, -t, t)
+    return unreflected
 
 
 def _effective_limits(a: Array, b: Array) -> tuple[Array, Array]:

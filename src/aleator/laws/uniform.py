@@ -114,7 +114,7 @@ class Uniform(ByMeanAndSd):
         """mean + sqrt(3) sd erf(theta/sqrt(2))."""
         t = special.erf(theta / math.sqrt(2.0))
         dtheta = HALF * values[1] * math.sqrt(2.0 / math.pi) * np.exp(-0.5 * theta**2)
-        dvalues = np.stack([np.ones(theta.size), HALF * t], axis=1)
+        dvalues = np.stack([np.ones(theta.shape), HALF * t], axis=-1)
         return Standard(self._at(values, t), dtheta, dvalues)
 
     def _ends(self, values: Array) -> tuple[float, float]:
