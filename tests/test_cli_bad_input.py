@@ -66,7 +66,6 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "text in a condition": (table("B,2", "B,two"), ["springs.csv: row 3, column 'load'", "'two'"]),
     "NaN": (table("3.2", "nan"), ["springs.csv: row 4, column 'length'", "'nan'"]),
     "blank": (table("3.2", ""), ["springs.csv: row 4, column 'length'"]),
-    "duplicate id": (table("C,", "A,"), ["row 4, column 'id'", "'A'", "row 2"]),
     "semicolons": (
         lambda folder: (folder / "springs.csv").write_text(TABLE.replace(",", ";")) and None,
         ["springs.csv", 'delimiter = ";"'],

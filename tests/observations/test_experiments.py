@@ -89,7 +89,6 @@ BAD = {
     "underscore": ("v,y\n1,1_000\n", ["row 2", "column 'y'", "'1_000'"]),
     "condition": ("v,y\n1,2\nx,3\n4,5\n", ["row 3", "column 'v'", "'x'"]),
     "blank rows count": ("v,y\n1,2\n\n3,high\n", ["row 4", "column 'y'"]),
-    "duplicate id": ("id,v,y\nA,1,2\nB,1,2\nA,1,2\n", ["row 4", "'id'", "'A'", "row 2"]),
     "blank id": ("id,v,y\nA,1,2\n,1,2\n", ["row 3", "'id'"]),
     "missing outcome": ("v,Y\n1,2\n", ["'y'", "'v', 'Y'"]),
     "empty": ("", []),
@@ -190,6 +189,21 @@ def test_values_that_do_not_fit_together_are_refused() -> None:
         Experiments(("a", "b"), table, np.array([1.0, np.inf]))
     with pytest.raises(ExperimentsError, match="'ln'"):
         Conditions(("a", "b"), table, "ln")  # type: ignore[arg-type]
+
+
+def test_rows_with_the_same_id_are_one_experiment_wherever_they_stand(tmp_path: Path) -> None:
+    path = written(tmp_path, "id,t,y\nB,1,5\nA,1,6\nB,2,7\nA,2,8\n")
+    experiments = Experiments.from_csv(path, outcome="y")
+    seen = experiments.observations
+    assert experiments.ids == ("B", "A")
+    assert experiments.experiment.tolist() == [0, 1, 0, 1]
+    assert experiments.conditions["t"].tolist() == [1.0, 1.0, 2.0, 2.0]
+    assert seen.experiment.tolist() == [0, 0, 1, 1]
+    assert seen.row.tolist() == [0, 2, 1, 3]
+    assert seen.lower.tolist() == seen.upper.tolist() == [5.0, 7.0, 6.0, 8.0]
+    assert not experiments.simple
+    with pytest.raises(ExperimentsError, match="observations"):
+        _ = experiments.outcomes
 
 
 def test_conditions_need_no_outcome(tmp_path: Path) -> None:

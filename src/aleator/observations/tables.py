@@ -10,11 +10,11 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,9 +43,12 @@ class Table:
     """
 
     source: str
-    columns: dict[str, list[object]]
-    places: tuple[str, ...]
+    columns: Mapping[str, Sequence[object] | NDArray[Any]]
+    places: Sequence[str]
     decimal: str = "."
+
+    def __len__(self) -> int:
+        return len(self.places)
 
     def require(self, name: str, role: str) -> None:
         """Raise ExperimentsError unless the column `name` is there; `role` says what it is for."""
@@ -64,20 +67,52 @@ class Table:
 
     def is_number(self, column: str) -> NDArray[np.bool_]:
         """Which of the N cells of a column are, or look like, finite numbers, bool (N,)."""
+        cells = self.columns[column]
+        if isinstance(cells, np.ndarray):
+            return np.asarray(np.isfinite(cells))
         return np.array(
-            [
-                _number(cell, self.decimal)[1] == "" or _has_decimal_comma(cell)
-                for cell in self.columns[column]
-            ]
+            [_number(cell, self.decimal)[1] == "" or _has_decimal_comma(cell) for cell in cells]
         )
+
+    def is_blank(self, column: str) -> NDArray[np.bool_]:
+        """Which of the N cells of a column hold nothing, bool (N,); NaN is nothing in a frame."""
+        cells = self.columns[column]
+        if isinstance(cells, np.ndarray):
+            return np.asarray(np.isnan(cells))
+        return np.array([_is_blank(cell) for cell in cells])
+
+    def texts(self, column: str) -> list[str]:
+        """The N cells of a column as stripped texts, "" where a cell holds nothing."""
+        cells = self.columns[column]
+        return ["" if _is_blank(cell) else _text(cell) for cell in cells]
 
     def numbers(self, column: str) -> NDArray[np.float64]:
         """The N numbers of a column, float64 (N,), all finite.
 
         Raises ExperimentsError with the place of the first cell that is not a finite number.
         """
+        cells = self.columns[column]
+        if isinstance(cells, np.ndarray) and np.all(np.isfinite(cells)):
+            return cells.astype(np.float64)
         numbers = np.empty(len(self.places))
-        for row, cell in enumerate(self.columns[column]):
+        for row, cell in enumerate(cells):
+            numbers[row], fault = _number(cell, self.decimal)
+            if fault:
+                raise ExperimentsError(f"{self.where(row, column)}: {fault}", _remedy(cell))
+        return numbers
+
+    def numbers_or_blank(self, column: str) -> NDArray[np.float64]:
+        """The N numbers of a column, float64 (N,), NaN where the cell holds nothing.
+
+        Raises ExperimentsError as `numbers` does for every other cell.
+        """
+        cells = self.columns[column]
+        if isinstance(cells, np.ndarray) and not np.any(np.isinf(cells)):
+            return cells.astype(np.float64)
+        numbers = np.full(len(self.places), np.nan)
+        for row, cell in enumerate(cells):
+            if _is_blank(cell):
+                continue
             numbers[row], fault = _number(cell, self.decimal)
             if fault:
                 raise ExperimentsError(f"{self.where(row, column)}: {fault}", _remedy(cell))
@@ -102,6 +137,11 @@ def _number(cell: object, decimal: str) -> tuple[float, str]:
     if not math.isfinite(number):
         return math.nan, f"'{_short(str(cell))}' is not a finite number"
     return number, ""
+
+
+def _is_blank(cell: object) -> bool:
+    """Whether a cell holds nothing; a NaN that is a number, as pandas writes it, is nothing."""
+    return (isinstance(cell, Real) and cell != cell) or not _text(cell)
 
 
 def _text(cell: object) -> str:
@@ -130,17 +170,36 @@ def from_frame(frame: pd.DataFrame) -> Table:
     Raises ExperimentsError for no rows, no columns or a column name that appears twice.
 
     >>> import pandas as pd
-    >>> from_frame(pd.DataFrame({"v": [1.0]}, index=["first"])).places
-    ("row 1 (index 'first')",)
+    >>> from_frame(pd.DataFrame({"v": [1.0]}, index=["first"])).places[0]
+    "row 1 (index 'first')"
     """
     source = "the data frame"
     names = [str(name) for name in frame.columns]
     _check_header(names, source)
     if frame.empty:
         raise ExperimentsError(f"{source} has no rows", "give one row for each experiment")
-    columns = {name: frame.iloc[:, k].tolist() for k, name in enumerate(names)}
-    places = [f"row {k} (index {label!r})" for k, label in enumerate(frame.index.tolist(), start=1)]
-    return Table(source, columns, tuple(places))
+    return Table(
+        source, {n: _cells(frame.iloc[:, k]) for k, n in enumerate(names)}, _Labels(frame.index)
+    )
+
+
+def _cells(column: pd.Series) -> list[object] | NDArray[Any]:
+    """An array of numbers as it is, which is fast; else the cells."""
+    plain = isinstance(column.dtype, np.dtype) and column.dtype.kind in "fiu"
+    return column.to_numpy() if plain else column.tolist()
+
+
+class _Labels(Sequence[str]):
+    """The places of a frame's rows, worded when they are asked for: a frame may have millions."""
+
+    def __init__(self, labels: pd.Index) -> None:
+        self.labels = labels
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def __getitem__(self, row: int) -> str:  # type: ignore[override]
+        return f"row {row + 1} (index {self.labels[row : row + 1].tolist()[0]!r})"
 
 
 def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
