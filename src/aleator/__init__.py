@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from aleator.expansion.sobol import sobol_indices as sobol_indices
     from aleator.inference.verification import MonteCarlo as MonteCarlo
     from aleator.laws import Beta as Beta
+    from aleator.laws import By as By
     from aleator.laws import Constant as Constant
     from aleator.laws import Free as Free
     from aleator.laws import Gamma as Gamma
@@ -73,7 +74,7 @@ _HOMES = {
     "simulators.fmu": ["FMUSimulator"],
     "laws": [
         "Normal", "TruncatedNormal", "Uniform", "Beta", "Gamma", "LogNormal", "ScipyLaw",
-        "Constant", "Free",
+        "By", "Constant", "Free",
     ],
     "laws.inputs": ["Inputs"],
     "surrogates": ["ResponseSurface"],

@@ -5,6 +5,7 @@ from aleator.laws.constant import Constant
 from aleator.laws.gamma import Gamma
 from aleator.laws.hyperparameter import (
     OPEN,
+    By,
     Free,
     Hyperparameter,
     Specification,
@@ -22,6 +23,7 @@ from aleator.laws.uniform import Uniform
 
 __all__ = [
     "Beta",
+    "By",
     "Constant",
     "OPEN",
     "Free",

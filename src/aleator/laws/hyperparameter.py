@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from numbers import Real
 
 import numpy as np
@@ -29,6 +29,36 @@ class Free:
     start: float | None = None
 
 
+@dataclass(frozen=True, init=False)
+class By(Free):
+    """A hyperparameter that is a formula of the experiments' covariates, with coefficients.
+
+    Its value in experiment l is sum_j X_lj beta_j, X the columns that formulaic makes of `formula`:
+    ``By("1 + temperature + C(supplier)")``. `lower` and `upper` hold for the value in every
+    experiment, and are the law's own where left out; the coefficients get the limits that follow.
+    `terms` are numbers or limits for coefficients by name, as `Inputs.resolved` names them:
+    ``{"temperature": Free(0.0, 1.0)}``.
+
+    >>> By("1 + temperature", 0.0, 10.0).upper
+    10.0
+    """
+
+    formula: str = ""
+    terms: Mapping[str, float | Free] = field(default_factory=dict, hash=False)
+
+    def __init__(
+        self,
+        formula: str,
+        lower: float | None = None,
+        upper: float | None = None,
+        start: float | None = None,
+        terms: Mapping[str, float | Free] | None = None,
+    ) -> None:
+        super().__init__(lower, upper, start)
+        object.__setattr__(self, "formula", formula)
+        object.__setattr__(self, "terms", dict(terms or {}))
+
+
 OPEN = Free()
 """A hyperparameter to be identified within the law's default limits."""
 
@@ -41,6 +71,9 @@ class Hyperparameter:
     """One hyperparameter, resolved: its bounds, its start, and whether it is identified.
 
     `log` tells the search to look at it on a logarithmic scale, as for a standard deviation.
+    `by` is the formula of covariates that it stands for, until a table gives its coefficients.
+    `beside` are other hyperparameters, by name with a factor each: the search looks at the sum of
+    all, because the likelihood knows it better than this one alone.
     """
 
     name: str
@@ -49,10 +82,13 @@ class Hyperparameter:
     start: float
     free: bool
     log: bool = False
+    by: By | None = None
+    beside: tuple[tuple[str, float], ...] = ()
 
     def named(self, prefix: str) -> Hyperparameter:
         """The same hyperparameter as ``prefix.name``."""
-        return replace(self, name=f"{prefix}.{self.name}")
+        beside = tuple((f"{prefix}.{name}", factor) for name, factor in self.beside)
+        return replace(self, name=f"{prefix}.{self.name}", beside=beside)
 
 
 def resolve(
@@ -100,7 +136,8 @@ def resolve(
         f"{name}: start {start} is outside its limits [{lower}, {upper}]",
         "move the start between the limits",
     )
-    return Hyperparameter(name, lower, upper, start, free=True, log=positive)
+    by = specification if isinstance(specification, By) else None
+    return Hyperparameter(name, lower, upper, start, free=True, log=positive, by=by)
 
 
 def location_and_scale(

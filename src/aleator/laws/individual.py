@@ -28,19 +28,24 @@ class Individual:
     own: tuple[Standard, ...]
     mixing: Array
     mixing_slope: Array
+    alpha: Array
+    experiments: slice
 
     @classmethod
-    def of(cls, inputs: Inputs, alpha: Array, xi: Array) -> Individual:
-        """The image of the variates under the law alpha (K,)."""
+    def of(cls, inputs: Inputs, alpha: Array, xi: Array, experiments: slice) -> Individual:
+        """The image of the variates under the law alpha (K,) of these experiments."""
         mixing, slope = _mixing(inputs, alpha)
         theta = xi @ mixing.T
         place = {i: s for s, i in enumerate(inputs.scattered)}
         none = np.zeros(xi.shape[:2])
         own = tuple(
-            _standard(law, alpha[part], theta[..., place[i]] if i in place else none)
-            for i, (law, part) in enumerate(zip(inputs.laws.values(), inputs.slices, strict=True))
+            _standard(law, values, theta[..., place[i]] if i in place else none)
+            for i, (law, values) in enumerate(
+                zip(inputs.laws.values(), inputs.values(alpha, experiments), strict=True)
+            )
         )
-        return cls(inputs, xi, np.stack([part.x for part in own], axis=-1), own, mixing, slope)
+        x = np.stack([part.x for part in own], axis=-1)
+        return cls(inputs, xi, x, own, mixing, slope, alpha, experiments)
 
     def by_variates(self) -> Array:
         """dx/dxi (B, J, n, s)."""
@@ -51,10 +56,9 @@ class Individual:
 
     def score(self, gradient: Array) -> Array:
         """sum_j g_j dx_j/dalpha (B, K) of a gradient g by x (B, J, n), xi held."""
+        first = self.inputs.partials.start
         found = np.zeros((len(self.x), self.inputs.size))
-        for i, part in enumerate(self.inputs.slices):
-            found[:, part] = np.einsum("bj,bjk->bk", gradient[..., i], self.own[i].dvalues)
-        first = self.inputs.size - self.mixing_slope.shape[2]
+        found[:, :first] = self._score_of_laws(gradient)
         for k in range(self.mixing_slope.shape[2]):
             moved = self.xi @ self.mixing_slope[:, :, k].T
             for s, i in enumerate(self.inputs.scattered):
@@ -63,11 +67,25 @@ class Individual:
                     found[:, first + k] += np.sum(by_theta * moved[..., s], axis=1)
         return found
 
+    def _score_of_laws(self, gradient: Array) -> Array:
+        """The part of the score by what is not a correlation."""
+        by_values = np.concatenate(
+            [
+                np.einsum("bj,bjk->bk", gradient[..., i], own.dvalues)
+                for i, own in enumerate(self.own)
+            ],
+            axis=1,
+        )
+        model = self.inputs.covariate_model
+        if model is None:
+            return by_values
+        return model.score(self.alpha, by_values, self.experiments)
+
 
 def _mixing(inputs: Inputs, alpha: Array) -> tuple[Array, Array]:
     """L (s, s) of theta = L xi over all scattering parameters, and dL/d partial (s, s, p)."""
     s, members = inputs.scattering, list(inputs.correlation.members)
-    partial = alpha[inputs.slices[-1].stop : inputs.size]
+    partial = alpha[inputs.partials]
     mixing, slope = np.eye(s), np.zeros((s, s, partial.size))
     if members:
         factor, by_partial = inputs.correlation.cholesky(partial)
@@ -78,6 +96,9 @@ def _mixing(inputs: Inputs, alpha: Array) -> tuple[Array, Array]:
 
 def _standard(law: Law, values: Array, theta: Array) -> Standard:
     """The image of theta (B, J), with dvalues (B, J, k)."""
+    if values.ndim > 1:
+        return law.standard(values, theta)
+    # a law from elsewhere may know flat variates only
     found = law.standard(values, theta.ravel())
     shape = theta.shape
     return Standard(

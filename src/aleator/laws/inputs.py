@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +11,8 @@ from scipy import linalg, special
 
 from aleator.errors import InputsError, require_filled
 from aleator.laws.correlation import Correlation, Pair, between
+from aleator.laws.covariate_model import CovariateModel
+from aleator.laws.design import Table, variables
 from aleator.laws.hyperparameter import Hyperparameter, Specification
 from aleator.laws.individual import Individual
 from aleator.laws.law import Law
@@ -45,6 +48,10 @@ class Inputs:
     'correlation.a.b'
     >>> tied.correlation_matrix(np.array([0.0, 1.0, 0.0, 1.0, 0.6])).tolist()
     [[1.0, 0.6], [0.6, 1.0]]
+
+    Laws may follow covariates (see `By`). They are then one law for each experiment: `resolved` by
+    a table of covariates, and asked by `individual`. What asks for one law of all raises
+    InputsError.
     """
 
     def __init__(
@@ -64,6 +71,7 @@ class Inputs:
         self.laws = dict(laws)
         scattered = [name for name, law in laws.items() if law.scatters]
         self.correlation: Correlation = between(scattered, correlation or {})
+        self.covariate_model: CovariateModel | None = None
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -73,8 +81,48 @@ class Inputs:
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """All hyperparameters in the order of alpha."""
-        own = [h.named(name) for name, law in self.laws.items() for h in law.hyperparameters]
+        own = self._own if self.covariate_model is None else self.covariate_model.hyperparameters
         return (*own, *self.correlation.hyperparameters)
+
+    @property
+    def regressed(self) -> bool:
+        """Whether a law follows covariates, so that experiments have laws of their own."""
+        return any(h.by is not None for h in self._own)
+
+    @property
+    def covariates(self) -> tuple[str, ...]:
+        """The columns of the table that the laws follow."""
+        found = [variables(h.by.formula) for h in self._own if h.by is not None]
+        return tuple(dict.fromkeys(name for names in found for name in names))
+
+    def resolved(self, covariates: Table) -> Inputs:
+        """The laws of the experiments with these covariates, a row each, named by the index.
+
+        Each `By` becomes the coefficients of its formula, named ``k.mean[Intercept]``,
+        ``k.mean[temperature]``, ``k.mean[supplier=b]``. Of inputs that are resolved already the
+        coefficients stay what they are: the laws of other experiments. Raises InputsError for an
+        unknown name in a formula, a missing value, a level of one experiment only or, of other
+        experiments, one that no experiment had, and for columns of which one is a sum of others.
+
+        >>> from aleator.laws import By, Normal
+        >>> import pandas as pd
+        >>> table = pd.DataFrame({"t": [0.0, 1.0, 2.0]})
+        >>> inputs = Inputs({"k": Normal(By("1 + t", 0.0, 10.0), 1.0)}).resolved(table)
+        >>> [h.name for h in inputs.hyperparameters]
+        ['k.mean[Intercept]', 'k.mean[t]', 'k.sd']
+        >>> [values.tolist() for values in inputs.values(np.array([1.0, 2.0, 0.5]), slice(1, 3))]
+        [[[[3.0], [5.0]], [[0.5], [0.5]]]]
+        """
+        if not self.regressed:
+            return self
+        found = copy(self)
+        # what was worked out for laws without a table is not theirs
+        found.__dict__.pop("hyperparameters", None)
+        known = self.covariate_model
+        found.covariate_model = (
+            CovariateModel.of(self._own, covariates) if known is None else known.at(covariates)
+        )
+        return found
 
     @property
     def size(self) -> int:
@@ -93,7 +141,20 @@ class Inputs:
 
     @cached_property
     def slices(self) -> tuple[slice, ...]:
-        """Where each law's hyperparameters stand in alpha."""
+        """Where each law's hyperparameters stand in alpha.
+
+        Raises InputsError where laws follow covariates: their values are not in alpha.
+        """
+        if self.regressed:
+            raise InputsError(
+                "laws that follow covariates differ between experiments",
+                "ask for the laws of experiments: individual(alpha, xi, experiments)",
+            )
+        return self.parts
+
+    @cached_property
+    def parts(self) -> tuple[slice, ...]:
+        """Where each law's hyperparameters stand among those of all laws."""
         ends = np.cumsum([len(law.hyperparameters) for law in self.laws.values()]).tolist()
         return tuple(slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True))
 
@@ -119,15 +180,15 @@ class Inputs:
         """
         matrix = np.eye(len(self.names))
         at = np.ix_(self.correlated, self.correlated)
-        matrix[at] = self.correlation.matrix(alpha[self._partials])[0]
+        matrix[at] = self.correlation.matrix(alpha[self.partials])[0]
         return matrix
 
     def correlation_slope(self, alpha: Array) -> Array:
         """dR/dalpha (n, n, K), for the standard errors of the correlations."""
         n = len(self.names)
         slope = np.zeros((n, n, self.size))
-        at = np.ix_(self.correlated, self.correlated, range(*self._partials.indices(self.size)))
-        slope[at] = self.correlation.matrix(alpha[self._partials])[1]
+        at = np.ix_(self.correlated, self.correlated, range(*self.partials.indices(self.size)))
+        slope[at] = self.correlation.matrix(alpha[self.partials])[1]
         return slope
 
     @single_threaded
@@ -169,7 +230,7 @@ class Inputs:
         [[3.0, 1.4]]
         """
         laws = list(self.laws.values())
-        factor, slope = self.correlation.cholesky(alpha[self._partials])
+        factor, slope = self.correlation.cholesky(alpha[self.partials])
         mixed = factor @ theta.T
         x, dx = zeros(theta.shape[0], len(self.correlated), self.size)
         for row, i in enumerate(self.correlated):
@@ -177,7 +238,7 @@ class Inputs:
             x[:, row] = own.x
             dx[:, row, self.slices[i]] = own.dvalues
             for k in np.flatnonzero(np.any(slope[row], axis=0)):
-                dx[:, row, self._partials.start + k] = own.dtheta * (theta @ slope[row, :, k])
+                dx[:, row, self.partials.start + k] = own.dtheta * (theta @ slope[row, :, k])
         return x, dx
 
     def independent(self, alpha: Array) -> tuple[tuple[Law, ...], tuple[Array, ...]]:
@@ -210,9 +271,20 @@ class Inputs:
             x[:, at], _ = self.tied(alpha, theta)
         return x
 
-    def individual(self, alpha: Array, xi: Array, experiments: slice) -> Individual:  # noqa: ARG002
+    def values(self, alpha: Array, experiments: slice) -> tuple[Array, ...]:
+        """Each law's hyperparameters in some experiments: (k,), or (k, B, 1) with covariates.
+
+        Raises InputsError for covariates that no table has resolved.
+        """
+        if self.covariate_model is not None:
+            return tuple(
+                self.covariate_model.values(alpha, part, experiments) for part in self.parts
+            )
+        return tuple(alpha[part] for part in self.slices)
+
+    def individual(self, alpha: Array, xi: Array, experiments: slice) -> Individual:
         """Parameters of some experiments at standard normal variates xi (B, J, s) of their own."""
-        return Individual.of(self, alpha, xi)
+        return Individual.of(self, alpha, xi, experiments)
 
     def log_density(self, alpha: Array, x: Array) -> Array:
         """log p(x | alpha) at each x (J, n), minus infinity outside the support.
@@ -235,7 +307,7 @@ class Inputs:
         if not self.correlated:
             return found
         theta = np.stack([laws[i].normal_score(alpha[parts[i]], x[:, i]) for i in self.correlated])
-        factor, _ = self.correlation.cholesky(alpha[self._partials])
+        factor, _ = self.correlation.cholesky(alpha[self.partials])
         if not np.all(np.diag(factor) > 0.0):
             raise InputsError(
                 "perfectly correlated parameters have no density", "keep correlations within 0.99"
@@ -248,10 +320,15 @@ class Inputs:
         found[~inside] = -np.inf
         return found
 
+    @cached_property
+    def _own(self) -> tuple[Hyperparameter, ...]:
+        """Those of the laws as they are stated."""
+        return tuple(h.named(name) for name, law in self.laws.items() for h in law.hyperparameters)
+
     @property
-    def _partials(self) -> slice:
+    def partials(self) -> slice:
         """Where the partial correlations stand in alpha."""
-        return slice(self.slices[-1].stop, self.size)
+        return slice(self.size - len(self.correlation.hyperparameters), self.size)
 
 
 def zeros(count: int, n: int, size: int) -> tuple[Array, Array]:

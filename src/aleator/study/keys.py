@@ -5,11 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Discriminator, FiniteFloat, Tag, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    FiniteFloat,
+    Tag,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from aleator.errors import nearest
-from aleator.laws import Free, Specification
+from aleator.laws import By, Free, Specification
 
 TOLD = "told"
 """The type of the errors that say themselves what is wrong with a key."""
@@ -101,10 +110,54 @@ Spec = Annotated[
 ]
 
 
-def specification(spec: FiniteFloat | FreeSection) -> Specification:
-    """A number fixes a hyperparameter, a table frees it within its limits.
+class FormulaSection(FreeSection):
+    """A hyperparameter that follows covariates: `{formula = "1 + temperature", lower = 0, ...}`.
+
+    `terms` holds numbers or limits of coefficients by name.
+    """
+
+    formula: str
+    terms: dict[str, Spec] = Field(default_factory=dict)
+
+
+def _formula(text: str) -> str:
+    try:
+        float(text)
+    except ValueError:
+        return text
+    raise fault(f"{in_toml(text)} is a text", f"write the number without quotes: {text}")
+
+
+def _kind_of_law(value: Any) -> str:
+    if isinstance(value, str):
+        return "formula"
+    with_formula = isinstance(value, FormulaSection) or (
+        isinstance(value, Mapping) and ("formula" in value or "terms" in value)
+    )
+    return "formula table" if with_formula else _kind(value)
+
+
+LawSpec = Annotated[
+    Annotated[FiniteFloat, Tag("number")]
+    | Annotated[FreeSection, Tag("table")]
+    | Annotated[Annotated[str, AfterValidator(_formula)], Tag("formula")]
+    | Annotated[FormulaSection, Tag("formula table")],
+    Discriminator(_kind_of_law),
+]
+"""A hyperparameter of a law: a number, limits, or a formula of covariates."""
+
+
+def specification(spec: FiniteFloat | str | FreeSection) -> Specification:
+    """A number fixes a hyperparameter, a table frees it within its limits, a text is a formula.
 
     >>> specification(FreeSection(lower=0.0, upper=1.0))
     Free(lower=0.0, upper=1.0, start=None)
+    >>> specification("1 + temperature").formula
+    '1 + temperature'
     """
+    if isinstance(spec, str):
+        return By(spec)
+    if isinstance(spec, FormulaSection):
+        terms = {name: specification(term) for name, term in spec.terms.items()}
+        return By(spec.formula, spec.lower, spec.upper, spec.start, terms)
     return Free(spec.lower, spec.upper, spec.start) if isinstance(spec, FreeSection) else spec

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field, PydanticSchemaGenerationError, TypeA
 
 from aleator.errors import AleatorError, StudyError, nearest
 from aleator.laws import Free
-from aleator.study.keys import Section, Spec, fault, missing, specification, unknown
+from aleator.study.keys import LawSpec, Section, fault, missing, specification, unknown
 
 T = TypeVar("T")
 
@@ -211,7 +211,7 @@ def _in_toml(hint: Any) -> Any:
         return hint
     if Free in parts:
         rest = [part for part in parts if part not in (Free, float)]
-        return Union[Annotated[Spec, AfterValidator(specification)], *rest]
+        return Union[Annotated[LawSpec, AfterValidator(specification)], *rest]
     return Union[*(_in_toml(part) for part in parts)]
 
 
