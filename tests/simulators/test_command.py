@@ -243,7 +243,7 @@ def test_runs_through_the_runner_and_keeps_what_completed_before_a_failure(tmp_p
         "simulator 'program' failed for experiment 'a' with x=3: it ended with exit code 7 (kept in"
     )
     assert error.value.problem.endswith("its log ends: no convergence")
-    assert run.completed.outcome.tolist()[:3] == [1.0, 2.0, 5.0]
+    assert run.completed.outcome[:3, 0].tolist() == [1.0, 2.0, 5.0]
     assert np.isnan(run.attempt([0, 0], [[3.0], [4.0]])).tolist() == [True, False]
 
 

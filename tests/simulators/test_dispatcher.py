@@ -135,7 +135,7 @@ class Losing(Executor):
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
-        _, conditions, _, asked, _ = args
+        _, conditions, _, _, asked, _ = args
         if np.any((conditions["load"] == 2.0) & (np.abs(asked.x[:, 0] - 0.52) < 0.02)):
             future.set_exception(WorkerLost("3 workers were lost while they ran it"))
         else:

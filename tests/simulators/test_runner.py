@@ -58,7 +58,7 @@ def test_runs_are_counted_and_kept() -> None:
     assert run.runs == run.fresh == 4
     assert run.completed.case.tolist() == [0, 1, 2, 0]
     assert run.completed.x.tolist() == [[1.0], [2.0], [3.0], [0.5]]
-    assert run.completed.outcome.tolist() == outcome.tolist()
+    assert run.completed.outcome[:, 0].tolist() == outcome.tolist()
 
 
 def test_the_log_transform_is_applied_to_the_simulator() -> None:
@@ -67,7 +67,7 @@ def test_the_log_transform_is_applied_to_the_simulator() -> None:
     )
     run = Runner(lambda load, x: load * x, table, ["x"])
     np.testing.assert_allclose(run([0, 1], [[1.0], [3.0]]), np.log([1.0, 6.0]))
-    assert run.completed.outcome.tolist() == [1.0, 6.0]
+    assert run.completed.outcome[:, 0].tolist() == [1.0, 6.0]
     with pytest.raises(SimulatorError, match="returned -2: the logarithm of -2 does not exist"):
         run([1], [[-1.0]])
 

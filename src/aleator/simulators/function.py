@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError, nearest
 from aleator.simulators.loading import digests, load_function, require_same, source, sources
@@ -17,9 +16,11 @@ from aleator.simulators.protocol import (
     ARRAY_BLOCK,
     SINGLE_BLOCK,
     Columns,
+    Returned,
     Simulator,
     one_by_one,
 )
+from aleator.types import Array
 
 
 class FunctionSimulator:
@@ -27,14 +28,19 @@ class FunctionSimulator:
 
     `vectorized=False`: the function is called once a run and gets floats (a text condition stays a
     text). `vectorized=True`: it is called with arrays (R,) and returns an array (R,); it must treat
-    the runs independently of each other. Its arguments are conditions or parameters; one with a
-    default may be neither. It takes every parameter of the study, but only the conditions it names
-    (all of them if it has **kwargs). `version` is the user's own name of what the function does:
-    runs that were kept stay valid until it changes, whatever happens to the source. `block` is the
-    most runs of one call with arrays (default 8192): where outcomes may differ in their last digits
-    with the length of the arrays, runs are the same only for the same block.
+    the runs independently of each other. `series=True`: it is called once for a whole experiment of
+    m rows; conditions that vary within any experiment are arrays (m,), the others and the
+    parameters are floats; it returns an array (m,), or a number for all rows. For several responses
+    it returns a mapping from their names to what it would return for one. Its arguments are
+    conditions or parameters; one with a default may be neither. It takes every parameter of the
+    study, but only the conditions it names (all of them if it has **kwargs). `version` is the
+    user's own name of what the function does: runs that were kept stay valid until it changes,
+    whatever happens to the source. `block` is the most runs of one call with arrays (default 8192):
+    where outcomes may differ in their last digits with the length of the arrays, runs are the same
+    only for the same block.
 
-    Raises SimulatorError if `function` is not callable or has arguments without a name.
+    Raises SimulatorError if `function` is not callable or has arguments without a name, and for
+    a series that is vectorized.
 
     >>> def model(load, stiffness):
     ...     return load / stiffness
@@ -51,7 +57,14 @@ class FunctionSimulator:
         vectorized: bool = False,
         version: str = "",
         block: int | None = None,
+        series: bool = False,
     ) -> None:
+        if series and vectorized:
+            raise SimulatorError(
+                "a function of series cannot be vectorized too",
+                "keep one: series for arrays of the rows of one experiment, vectorized for arrays "
+                "of many runs of one row",
+            )
         if block is not None and block < 1:
             raise SimulatorError(f"a block of {block} runs", "choose at least one")
         if not callable(function):
@@ -60,6 +73,7 @@ class FunctionSimulator:
             )
         self.function = function
         self.vectorized = vectorized
+        self.series = series
         self.version = version
         self.block = block or (ARRAY_BLOCK if vectorized else SINGLE_BLOCK)
         self._reference: tuple[str, str] | None = None
@@ -76,6 +90,7 @@ class FunctionSimulator:
         vectorized: bool = False,
         version: str = "",
         block: int | None = None,
+        series: bool = False,
     ) -> FunctionSimulator:
         """The function that a reference names (see `load_function`), also in other processes.
 
@@ -85,7 +100,7 @@ class FunctionSimulator:
         >>> FunctionSimulator.named("statistics:fmean").name
         'fmean'
         """
-        simulator = cls(load_function(reference, base_dir), vectorized, version, block)
+        simulator = cls(load_function(reference, base_dir), vectorized, version, block, series)
         simulator._reference = reference, str(Path(base_dir).resolve())
         simulator._digests = digests(simulator.function)
         return simulator
@@ -94,7 +109,8 @@ class FunctionSimulator:
         """By name where it was named; else the function itself, as far as it can be pickled."""
         origin: tuple[Any, ...] = self._reference or (self.function,)
         expected = digests(self.function) if self._digests is None else self._digests
-        return _arrived, (expected, *origin, self.vectorized, self.version, self.block)
+        options = (self.vectorized, self.version, self.block, self.series)
+        return _arrived, (expected, *origin, *options)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
         """The conditions that the function has an argument for, in the order of `conditions`.
@@ -129,12 +145,15 @@ class FunctionSimulator:
                 )
         return tuple(name for name in conditions if anything or name in taken)
 
-    def __call__(self, conditions: Columns, parameters: Columns) -> NDArray[np.float64]:
+    def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
         """Run R times; raises what the function raises, in a RunStopped unless vectorized."""
         with np.errstate(all="ignore"):  # what is not finite is reported with its experiment
             if self.vectorized:
                 return self.function(**conditions, **parameters)  # type: ignore[no-any-return]
-            return one_by_one(lambda cells: _scalar(self.function(**cells)), conditions, parameters)
+            part = _array if self.series else _scalar
+            return one_by_one(
+                lambda cells: _answer(self.function(**cells), part), conditions, parameters
+            )
 
     def fingerprint(self) -> str:
         """A hash that changes with the source of the function and of the modules beside it.
@@ -144,7 +163,8 @@ class FunctionSimulator:
         seen, nor what the function holds in variables of its own. A `version` takes the place of
         all that.
         """
-        digest = hashlib.sha256(f"{self.name} {self.vectorized}".encode())
+        kind = "series" if self.series else self.vectorized
+        digest = hashlib.sha256(f"{self.name} {kind}".encode())
         if self.version:
             digest.update(f" version {self.version}".encode())
             return digest.hexdigest()
@@ -165,6 +185,27 @@ def _arrived(expected: dict[str, str], origin: Any, *rest: Any) -> FunctionSimul
     is_file = isinstance(origin, str) and origin.rpartition(":")[0].endswith(".py")
     require_same(simulator.function, expected, read_again=is_file)
     return simulator
+
+
+def _answer(value: Any, part: Callable[[Any], Any]) -> Any:
+    if isinstance(value, float):
+        return value
+    if isinstance(value, Mapping):
+        return {str(name): part(one) for name, one in value.items()}
+    return part(value)
+
+
+def _array(value: Any) -> float | Array:
+    """What a series returned: an array (m,), or one number for all rows."""
+    if value is None or isinstance(value, (str, bytes)) or np.ndim(value) == 0:
+        return _scalar(value)
+    values = np.asarray(value)
+    if values.ndim != 1 or values.dtype.kind not in "fiu":
+        raise TypeError(
+            f"it returned {values.dtype} values of shape {values.shape} instead of one real number "
+            "for each row of the experiment"
+        )
+    return values.astype(np.float64)
 
 
 def _scalar(value: Any) -> float:

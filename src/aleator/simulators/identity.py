@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -49,20 +49,33 @@ class Identity:
 class Case:
     """What many runs have in common: values of conditions (as JSON), names of parameters.
 
-    The parameters are in the order of the alphabet, so that a study may list them in any.
+    The parameters are in the order of the alphabet, so that a study may list them in any. A series
+    has lists of values among its conditions. Its number of rows, and the responses that a simulator
+    named, stand under the empty name, which no condition has.
     """
 
     conditions: str
     parameters: tuple[str, ...]
 
     @classmethod
-    def of(cls, conditions: Mapping[str, Any], parameters: Iterable[str]) -> Case:
+    def of(
+        cls,
+        conditions: Mapping[str, Any],
+        parameters: Iterable[str],
+        rows: int | None = None,
+        responses: Sequence[str] = (),
+    ) -> Case:
         """The case of some conditions; floats are written so that they read back exactly.
 
         >>> Case.of({"load": 1.0, "bench": "A"}, ["y", "x"])
         Case(conditions='{"bench": "A", "load": 1.0}', parameters=('x', 'y'))
         """
-        plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in conditions.items()}
+        plain = {
+            k: v.tolist() if isinstance(v, (np.generic, np.ndarray)) else v
+            for k, v in conditions.items()
+        }
+        if rows is not None or responses:
+            plain[""] = {"rows": rows or 1, "responses": [*responses]}
         text = json.dumps(plain, sort_keys=True, ensure_ascii=False, default=repr)
         return cls(text, tuple(sorted(parameters)))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from aleator.simulators.cases import Cases
 from aleator.simulators.failure import NoOutcome, with_log
 from aleator.simulators.protocol import Simulator
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
+from aleator.simulators.units import Units
 from aleator.types import Array, Flags
 
 
@@ -23,6 +25,7 @@ class Messages:
     ids: Sequence[str]
     parameters: Sequence[str]
     cases: Cases
+    units: Units
 
     def first(self, tried: Runs) -> SimulatorError:
         """The first failure, for whoever needs every run."""
@@ -64,7 +67,7 @@ class Messages:
         """The first experiment has two outcomes at x (n,)."""
         return SimulatorError(
             f"simulator '{self.simulator.name}' returned {first:.8g} and then {again:.8g} for the "
-            f"same run: experiment '{self.ids[0]}' with {self._parameters(x)}",
+            f"same run: {self._unit(0)} with {self._parameters(x)}",
             "let it return the same outcome every time: fix the seed of its random numbers, keep "
             "no state from run to run, and leave measurement noise to [noise]",
         )
@@ -72,10 +75,11 @@ class Messages:
     def _not_finite(self, tried: Runs, row: int) -> SimulatorError:
         failed = _failed(tried)
         message = tried.failures[row].message.removeprefix("it ")
-        experiments = np.isin(self.cases.condition, tried.case[failed])
+        units = np.isin(self.cases.condition, tried.case[failed])
+        experiments = np.unique(self.units.experiment[units])
         return self._no_outcome(
             f" {message} for {self._run(tried, row)}: {np.sum(failed)} of "
-            f"{len(tried)} runs failed so, in {np.sum(experiments)} of {len(self.ids)} experiments",
+            f"{len(tried)} runs failed so, in {len(experiments)} of {len(self.ids)} experiments",
             f"{self._narrower(tried, row)}; or check the conditions of the experiment: "
             f"{self._conditions(tried, row)}",
             tried,
@@ -92,16 +96,22 @@ class Messages:
 
     def _run(self, runs: Runs, row: int) -> str:
         """A run by its experiment and its parameters."""
-        experiment = self.ids[self.cases.first[runs.case[row]]]
-        return f"experiment '{experiment}' with {self._parameters(runs.x[row])}"
+        unit = int(self.cases.first[runs.case[row]])
+        return f"{self._unit(unit)} with {self._parameters(runs.x[row])}"
+
+    def _unit(self, unit: int) -> str:
+        """A unit by its experiment, and by its row there where a run serves one of several."""
+        experiment = self.units.experiment[unit]
+        name = f"experiment '{self.ids[experiment]}'"
+        rows = int(np.sum(self.units.experiment == experiment))
+        return f"row {self.units.place[unit] + 1} of {rows} of {name}" if rows > 1 else name
 
     def _parameters(self, x: Array) -> str:
         return ", ".join(f"{name}={v:.6g}" for name, v in zip(self.parameters, x, strict=True))
 
     def _conditions(self, runs: Runs, row: int) -> str:
         return ", ".join(
-            f"{name}={v:.6g}" if isinstance(v, float) else f"{name}={v!r}"
-            for name, v in self.cases.values(int(runs.case[row])).items()
+            f"{name}={_shown(v)}" for name, v in self.cases.values(int(runs.case[row])).items()
         )
 
     def _texts(self) -> str:
@@ -130,3 +140,11 @@ def _failed(runs: Runs) -> Flags:
 
 def _told(failure: Failure) -> str:
     return with_log(failure.message, failure.log or "")
+
+
+def _shown(value: Any) -> str:
+    """A condition; of a series the first and the last."""
+    if isinstance(value, np.ndarray):
+        first, *_, last = (_shown(one) for one in (value[0], *value.tolist()))
+        return f"{first}...{last}"
+    return f"{value:.6g}" if isinstance(value, float) else repr(value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from aleator.simulators.store import RunCache
+from aleator.simulators.run_cache import RunCache
 
 
 @contextmanager

@@ -15,12 +15,17 @@ ARRAY_BLOCK = 8192
 SINGLE_BLOCK = 256
 
 Columns = Mapping[str, NDArray[Any]]
+Returned = NDArray[np.float64] | Mapping[str, NDArray[np.float64]] | list[Any]
+"""What a call returned: an array, arrays by response, or the answers one by one."""
 
 
 class Simulator(Protocol):
-    """The user's deterministic model: conditions and parameters to one outcome a run.
+    """The user's deterministic model: conditions and parameters to the outcome of a run.
 
     A function is made one by FunctionSimulator; further kinds of simulator fill the same members.
+    Two more are optional. Where `series` is true one run serves a whole experiment: conditions that
+    vary within any experiment come as object arrays (R,) of arrays (m,). `responses` are the names
+    of what a run returns, in their order.
     """
 
     @property
@@ -37,8 +42,13 @@ class Simulator(Protocol):
         Raises SimulatorError if it cannot be called with these conditions and parameters.
         """
 
-    def __call__(self, conditions: Columns, parameters: Columns) -> NDArray[np.float64]:
-        """Run R times: arrays (R,) of conditions asked for and of parameters, outcomes (R,).
+    def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
+        """Run R times: arrays (R,) of conditions asked for and of parameters.
+
+        Returns outcomes (R,); or for several responses a mapping from their names to arrays (R,).
+        One with `responses` may return an array (R, W): of each run its rows one after the other,
+        and of each row the responses; NaN behind the end of shorter runs. Else a list of what each
+        run returned: a number, an array (m,), or a mapping from responses to such.
 
         May raise anything; RunStopped hands over the runs that completed before.
         """
@@ -48,33 +58,40 @@ class Simulator(Protocol):
 
 
 class RunStopped(Exception):
-    """A simulator that runs one at a time stopped: `completed` (k,) are the outcomes before.
+    """A simulator that runs one at a time stopped: `completed` are the k outcomes before.
 
     Its `__cause__` is what stopped run number k (from 0).
     """
 
-    def __init__(self, completed: NDArray[np.float64]) -> None:
+    def __init__(self, completed: NDArray[np.float64] | list[Any]) -> None:
         super().__init__(f"stopped after {len(completed)} runs")
         self.completed = completed
 
 
 def one_by_one(
-    run: Callable[[dict[str, Any]], float], conditions: Columns, parameters: Columns
-) -> NDArray[np.float64]:
-    """Outcomes (R,) of `run`, called with the values of one run by name, one after the other.
+    run: Callable[[dict[str, Any]], Any], conditions: Columns, parameters: Columns
+) -> NDArray[np.float64] | list[Any]:
+    """Outcomes of `run`, called with the values of one run by name, one after the other.
 
-    Raises RunStopped, with the outcomes before, whatever `run` raises.
+    An array (R,) where all are numbers, else a list. Raises RunStopped, with the outcomes before,
+    whatever `run` raises.
 
     >>> one_by_one(lambda cells: cells["a"] * cells["x"], {"a": np.ones(2)}, {"x": np.arange(2.0)})
     array([0., 1.])
     """
     columns = {**conditions, **parameters}
-    outcomes: list[float] = []
+    outcomes: list[Any] = []
     try:
         for cells in zip(*(column.tolist() for column in columns.values()), strict=True):
             outcome = run(dict(zip(columns, cells, strict=True)))
             # One by one: an exception finds in the list what completed before it.
             outcomes.append(outcome)
     except BaseException as cause:
-        raise RunStopped(np.array(outcomes, dtype=np.float64)) from cause
-    return np.array(outcomes, dtype=np.float64)
+        raise RunStopped(_packed(outcomes)) from cause
+    return _packed(outcomes)
+
+
+def _packed(outcomes: list[Any]) -> NDArray[np.float64] | list[Any]:
+    if all(isinstance(outcome, float) for outcome in outcomes):
+        return np.array(outcomes, dtype=np.float64)
+    return outcomes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import replace
@@ -14,17 +14,22 @@ from numpy.typing import ArrayLike
 from aleator.errors import SimulatorError
 from aleator.progress import Progress, Silent
 from aleator.simulators.cases import Cases
+from aleator.simulators.form import Form
 from aleator.simulators.function import as_simulator
+from aleator.simulators.memory import Memory
 from aleator.simulators.messages import Messages
 from aleator.simulators.protocol import Simulator
+from aleator.simulators.run_cache import RunCache
 from aleator.simulators.run_progress import RunProgress
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
-from aleator.simulators.store import RunCache, Store
+from aleator.simulators.store import Store
+from aleator.simulators.units import Units
 from aleator.simulators.workers.dispatcher import Dispatcher, made_here
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
     from aleator.observations.experiments import Conditions, Experiments
+    from aleator.observations.transform import Transform
 
 REPEATABLE = 1e-6
 """Relative difference of two outcomes of the same run that is no cause for concern."""
@@ -59,11 +64,13 @@ def as_runner(
 class Runner:
     """`run(index (R,), x (R, n)) -> outcome (R,)`: runs of a simulator on experiments.
 
-    `parameters` names the n columns of x. The outcome is what the likelihood sees: after the
-    transform of the experiments. A run is a case (see `cases`: experiments under equal conditions
-    are one) and an x, every bit of it; the runner remembers it, and makes none twice. With a
-    `store` it takes runs from there, and commits every new one as soon as it is known, one that
-    failed with its message.
+    `parameters` names the n columns of x. What one run serves is a unit: a row of the table, or a
+    whole experiment where the simulator makes series. It returns W values, of which column
+    `column[k]` of unit `unit[k]` is observation k of M. Outcomes are what the likelihood sees:
+    after the transforms. A run is a case (see `cases`: units under equal conditions are one) and an
+    x, every bit of it; the runner remembers it, and makes none twice. With a `store` it takes runs
+    from there, and commits every new one as soon as it is known, one that failed with its message.
+    `varying` names conditions that a series gets as arrays even if the table has them constant.
 
     Runs are made here, one batch after the other, or by the workers of an `executor` (any
     concurrent.futures.Executor); outcomes do not depend on it. One that fails is tried again
@@ -99,52 +106,88 @@ class Runner:
         executor: Executor | None = None,
         retries: int = 0,
         max_failed: float = MAX_FAILED,
+        varying: Collection[str] = (),
     ) -> None:
         _check(retries, max_failed)
         self.simulator = as_simulator(simulator)
         self.ids, self.parameters = experiments.ids, tuple(parameters)
-        self.transform = experiments.transform
         self.progress = progress or Silent()
         self.executor, self.retries, self.max_failed = executor, retries, max_failed
         table = experiments.conditions
         asked = self.simulator.asks([*map(str, table.columns)], self.parameters)
-        self.cases = Cases.of({name: table[name].to_numpy() for name in asked}, len(self.ids))
+        self._served = served = Units.of(experiments, getattr(self.simulator, "series", False))
+        columns = served.columns(table, asked, varying)
+        self.cases = Cases.of(columns, len(served), served.rows if served.series else None)
         self.cache = (
-            None if store is None else RunCache(store, self.simulator, self.cases, self.parameters)
+            None
+            if store is None
+            else RunCache(store, self.simulator, self.cases, self.parameters, served)
         )
-        self.fresh = 0
-        self._outcomes: dict[bytes, float] = {}
-        self._failures: dict[bytes, Failure] = {}
-        self._messages = Messages(self.simulator, self.ids, self.parameters, self.cases)
+        self.fresh = self.direct = 0
+        self._form = Form.of(served, self.cases, self.ids)
+        self._memory = Memory(len(self.parameters), served.width)
+        self._messages = Messages(self.simulator, self.ids, self.parameters, self.cases, served)
+
+    @property
+    def units(self) -> int:
+        """U, the number of units: rows of the table, or experiments of a series."""
+        return len(self._served)
+
+    @property
+    def unit(self) -> Indices:
+        """(M,) the unit whose run makes each observation."""
+        return self._served.unit
+
+    @property
+    def column(self) -> Indices:
+        """(M,) which of the W values of that run each observation is."""
+        return self._served.column
+
+    @property
+    def experiment(self) -> Indices:
+        """(U,) the experiment that each unit belongs to."""
+        return self._served.experiment
+
+    @property
+    def transform(self) -> Transform:
+        """That of the one response, or of the first."""
+        return self._served.transforms[0]
+
+    @property
+    def varying(self) -> tuple[str, ...]:
+        """The conditions that a series is given as arrays."""
+        columns = self.cases.columns.items()
+        series = (name for name, cells in columns if any(np.ndim(cell) for cell in cells[:1]))
+        return tuple(series) if self._served.series else ()
 
     @property
     def runs(self) -> int:
         """The number of different runs that were needed so far."""
-        return len(self._outcomes) + len(self._failures)
+        return len(self._memory) + self.direct
 
     @property
     def completed(self) -> Runs:
         """Every run that has an outcome, in the order in which they became known."""
-        return self._known([*self._outcomes])
+        return self._memory.known([*self._memory.places])
 
     @property
     def failures(self) -> Runs:
         """Every run that was needed and has no outcome."""
-        return self._known([*self._failures])
+        return self._memory.known([*self._memory.failures])
 
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Array:
-        """Run experiment `index` (R,) with parameters `x` (R, n): outcomes (R,), transformed."""
+        """Run unit `index` (R,) with parameters `x` (R, n): outcomes (R,), transformed."""
         keys, distinct = self._keys(index, x)
         self._recall(distinct, failures=False)
-        missing = [key for key in distinct if key not in self._outcomes]
+        missing = [key for key in distinct if key not in self._memory.places]
         with closing(self._make(missing, len(distinct) - len(missing))) as batches:
             for made in batches:
                 if made.failures:
                     break
-        tried = self._known([key for key in missing if self._knows(key)])
+        tried = self._memory.known([key for key in missing if key in self._memory])
         if tried.failures:
             raise self._messages.first(tried)
-        return self.transform([self._outcomes[key] for key in keys])
+        return self._single(self._memory.values(keys))
 
     def attempt(self, index: ArrayLike, x: ArrayLike, most: float | None = None) -> Array:
         """Run as a call does, but a run that raises or is not finite is NaN and stops nothing.
@@ -152,18 +195,39 @@ class Runner:
         A run that is known, even as failed, is not repeated. Raises SimulatorError for a wrong
         shape, and NoOutcome where more than the share `most` (the runner's `max_failed`) failed.
         """
+        return self._single(self._attempted(index, x, most))
+
+    def values(self, unit: ArrayLike, x: ArrayLike, most: float | None = None) -> Array:
+        """All values (R, W) of runs of `unit` (R,) with parameters `x` (R, n), transformed.
+
+        As `attempt` does it: all values of a run that failed are NaN. So is what lies behind the
+        last row of a shorter series; a value that nobody measured is what the simulator returned.
+        """
+        return self._served.transformed(self._attempted(unit, x, most))
+
+    def _attempted(self, index: ArrayLike, x: ArrayLike, most: float | None) -> Array:
         keys, distinct = self._keys(index, x)
-        before, share = len(self._failures), self.max_failed if most is None else most
+        memory = self._memory
+        before, share = len(memory.failures), self.max_failed if most is None else most
         self._recall(distinct, failures=True)
-        missing = [key for key in distinct if not self._knows(key)]
+        missing = [key for key in distinct if key not in memory]
         with closing(self._make(missing, len(distinct) - len(missing))) as batches:
             for _ in batches:
                 if self._too_many(before, share):
                     break
         if self._too_many(before, share):
-            tried = self._known([key for key in distinct if self._knows(key)])
-            raise self._messages.too_many(tried, len(self._failures), self.runs)
-        return self.transform([self._outcomes.get(key, np.nan) for key in keys])
+            tried = memory.known([key for key in distinct if key in memory])
+            raise self._messages.too_many(tried, len(memory.failures), len(memory))
+        return memory.values(keys)
+
+    def _single(self, values: Array) -> Array:
+        """Transformed outcomes (R,) of runs with one value."""
+        if values.shape[1] != 1:
+            raise SimulatorError(
+                f"a run of simulator '{self.simulator.name}' returns {values.shape[1]} values",
+                "ask for `values`",
+            )
+        return self._served.transformed(values)[:, 0]
 
     def require_repeatable(self, x: ArrayLike) -> None:
         """Run the first experiment at x (n,) twice, and once only if that run is known.
@@ -180,7 +244,7 @@ class Runner:
             return
         for _ in range(1 + self.retries):
             (made,) = self._made(Runs.asked(self.cases.condition[at], point))
-            again = float(self.transform(made.outcome)[0])
+            again = float(self._served.transformed(made.outcome)[0, 0])
             if abs(first - again) <= REPEATABLE * max(abs(first), abs(again)):
                 return
         raise self._messages.not_repeatable(point[0], first, again)
@@ -191,31 +255,19 @@ class Runner:
         keys = Runs.asked(case, np.asarray(x, dtype=np.float64)).keys()
         return keys, [*dict.fromkeys(keys)]
 
-    def _asked(self, keys: Sequence[bytes]) -> Runs:
-        return Runs.of_keys(keys, len(self.parameters))
-
-    def _knows(self, key: bytes) -> bool:
-        return key in self._outcomes or key in self._failures
-
-    def _known(self, keys: Sequence[bytes]) -> Runs:
-        """What is known of some runs."""
-        outcome = np.array([self._outcomes.get(key, np.nan) for key in keys], dtype=np.float64)
-        failures = {k: self._failures[key] for k, key in enumerate(keys) if key in self._failures}
-        return replace(self._asked(keys), outcome=outcome, failures=failures)
-
     def _recall(self, keys: Sequence[bytes], failures: bool) -> None:
         """Remember what the store knows of some runs; `failures` too, unless retries are left."""
         if self.cache is None:
             return
-        known = self._knows if failures else self._outcomes.__contains__
-        unknown = [key for key in keys if not known(key)]
-        found = self._judged(self.cache.find(self._asked(unknown)))
+        known = self._memory if failures else self._memory.places
+        unknown = [key for key in keys if key not in known]
+        found = self._judged(self.cache.find(self._memory.asked(unknown)))
         settled = {
             k: failure
             for k, failure in found.failures.items()
             if failures and (failure.attempts > self.retries or failure.kind == NOT_FINITE)
         }
-        self._remember(unknown, replace(found, failures=settled))
+        self._memory.keep(unknown, replace(found, failures=settled))
 
     def _make(self, keys: Sequence[bytes], known: int) -> Generator[Runs, None, None]:
         """Make runs and remember them; those that are not tried again are yielded.
@@ -224,13 +276,13 @@ class Runner:
         """
         progress = RunProgress(self.progress, len(keys), known)
         for left in reversed(range(1 + self.retries)):
-            with closing(self._made(self._asked(keys), progress)) as batches:
+            with closing(self._made(self._memory.asked(keys), progress)) as batches:
                 for made in batches:
                     received = self._received(made)
                     progress.count(len(received), len(received.failures))
                     if not left:
                         yield received
-            keys = [key for key in keys if key in self._failures]
+            keys = [key for key in keys if key in self._memory.failures]
             if not keys:
                 return
             progress.retry(len(keys))
@@ -240,9 +292,9 @@ class Runner:
     ) -> Generator[Runs, None, None]:
         """The runs as they are made; after Ctrl-C those that were at work are waited for."""
         if self.executor is None:
-            yield from made_here(self.simulator, self.cases, self.parameters, asked)
+            yield from made_here(self.simulator, self.cases, self.parameters, self._form, asked)
             return
-        workers = Dispatcher(self.simulator, self.cases, self.parameters, self.executor)
+        workers = Dispatcher(self.simulator, self.cases, self.parameters, self._form, self.executor)
         try:
             yield from workers.make(asked, progress.stopping if progress else lambda _: None)
         except GeneratorExit:
@@ -256,34 +308,32 @@ class Runner:
             self.cache.add(made)
         judged = self._judged(made)
         self.fresh += len(judged) - len(judged.failures)
-        self._remember(judged.keys(), judged)
+        self._memory.keep(judged.keys(), judged)
         return judged
 
     def _judged(self, runs: Runs) -> Runs:
-        """Runs whose outcome the transform cannot take have failed."""
-        lost = np.isfinite(runs.outcome) & ~np.isfinite(self.transform(runs.outcome))
+        """Runs have failed that lack a value which is measured, or that the transform cannot take.
+
+        A store may have such runs: another study does not measure it, or does not transform it.
+        """
+        form = self._form.some(runs.case)
+        lost = form.missing(self._served.transformed(runs.outcome)) & ~runs.empty[:, None]
         if not np.any(lost):
             return runs
-        faults = {
-            k: Failure(f"it returned {v:g}: {self.transform.fault(v)}", kind=NOT_FINITE)
-            for k, v in zip(np.flatnonzero(lost).tolist(), runs.outcome[lost], strict=True)
-        }
-        outcome = np.where(lost, np.nan, runs.outcome)
-        return replace(runs, outcome=outcome, failures={**runs.failures, **faults})
-
-    def _remember(self, keys: Sequence[bytes], runs: Runs) -> None:
-        if not np.all(np.isfinite(runs.outcome)):
-            good = np.flatnonzero(np.isfinite(runs.outcome)).tolist()
-            self._failures |= {keys[k]: failure for k, failure in runs.failures.items()}
-            keys, runs = [keys[k] for k in good], replace(runs, outcome=runs.outcome[good])
-        self._outcomes.update(zip(keys, runs.outcome.tolist(), strict=True))
-        for key in self._failures.keys() & keys:
-            del self._failures[key]
+        outcome, failures = runs.outcome.copy(), dict(runs.failures)
+        for run in np.unique(np.nonzero(lost)[0]).tolist():
+            column = int(np.argmax(lost[run]))
+            value = runs.outcome[run, column]
+            why = self._served.transforms[column % len(self._served.transforms)].fault(value)
+            fault = form.fault(run, column, value) + (f": {why}" if why else "")
+            failures[run] = Failure(fault, kind=NOT_FINITE)
+            outcome[run] = np.nan
+        return replace(runs, outcome=outcome, failures=failures)
 
     def _too_many(self, before: int, most: float) -> bool:
         """Whether there are failures more than `before`, and all are too large a share of runs."""
-        failed = len(self._failures)
-        return failed > before and failed >= FEW and failed > most * self.runs
+        failed = len(self._memory.failures)
+        return failed > before and failed >= FEW and failed > most * len(self._memory)
 
 
 def _check(retries: int, max_failed: float) -> None:

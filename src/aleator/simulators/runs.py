@@ -41,13 +41,14 @@ class Failure:
 class Runs:
     """R runs: `case` (R,) of the conditions, `x` (R, n), and once they are made what came of them.
 
-    `outcome` (R,) is in the simulator's unit, NaN where there is none or none yet. `failures` says
-    by row why there is none. `seconds` (R,) is what each run took on `host`. Where fewer runs were
+    `outcome` (R, W) are the values of each run in the simulator's units, all NaN where there are
+    none or none yet. `failures` says by run why there are none. `seconds` (R,) is what each run
+    took on `host`; `named` says whether the simulator named its responses. Where fewer runs were
     made than were asked for, `stopped` is the interruption, or None if the time was up.
 
     >>> asked = Runs.asked(np.array([0, 2]), np.array([[0.5], [0.7]]))
-    >>> len(asked), asked.outcome
-    (2, array([nan, nan]))
+    >>> len(asked), asked.outcome.tolist()
+    (2, [[nan], [nan]])
     """
 
     case: Indices
@@ -57,24 +58,25 @@ class Runs:
     failures: Mapping[int, Failure] = field(default_factory=dict)
     host: str = field(default_factory=platform.node)
     stopped: BaseException | None = None
+    named: bool = False
 
     def __len__(self) -> int:
         return len(self.case)
 
     @classmethod
-    def asked(cls, case: Indices, x: Array) -> Self:
-        """Runs that are to be made."""
-        return cls(case, x, np.full(len(case), np.nan), np.zeros(len(case)))
+    def asked(cls, case: Indices, x: Array, width: int = 1) -> Self:
+        """Runs that are to be made, of `width` values each."""
+        return cls(case, x, np.full((len(case), width), np.nan), np.zeros(len(case)))
 
     @classmethod
-    def of_keys(cls, keys: Sequence[bytes], parameters: int) -> Self:
+    def of_keys(cls, keys: Sequence[bytes], parameters: int, width: int = 1) -> Self:
         """Runs that are to be made, by their keys.
 
         >>> Runs.of_keys(Runs.asked(np.array([3]), np.array([[0.5]])).keys(), 1).case
         array([3])
         """
         rows = np.frombuffer(b"".join(keys)).reshape(-1, 1 + parameters)
-        return cls.asked(rows[:, 0].astype(np.intp), rows[:, 1:])
+        return cls.asked(rows[:, 0].astype(np.intp), rows[:, 1:], width)
 
     def keys(self) -> list[bytes]:
         """What tells one run from another: the case and every bit of the parameters, R texts."""
@@ -84,7 +86,7 @@ class Runs:
 
     def some(self, rows: slice | Indices | Flags) -> Self:
         """Some of the runs, to be made."""
-        return type(self).asked(self.case[rows], self.x[rows])
+        return type(self).asked(self.case[rows], self.x[rows], self.outcome.shape[1])
 
     def halves(self) -> list[Self]:
         """The first half and the second, to be made; one of a single run."""
@@ -107,7 +109,13 @@ class Runs:
                 for row, failure in part.failures.items()
             },
             stopped=parts[-1].stopped,
+            named=any(part.named for part in parts),
         )
+
+    @property
+    def empty(self) -> Flags:
+        """(R,) which runs have no value: those that failed, and those that are not made."""
+        return np.all(np.isnan(self.outcome), axis=1)  # type: ignore[no-any-return]
 
     @property
     def region(self) -> Array:

@@ -9,23 +9,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
-
 from aleator.simulators import store_file
-from aleator.simulators.cases import Cases
 from aleator.simulators.identity import Case, Identity
-from aleator.simulators.protocol import Simulator
-from aleator.simulators.runs import Failure, Runs
 
 SYNCED_AFTER = 1.0
 """Seconds of the simulator's work after which a commit waits for the disk."""
-_TOGETHER = 8192
-"""Runs that are sought in one query: what it takes in memory stays small."""
 
 # A cross join is done in the order in which it is written.
 _NUMBERED = (
@@ -70,6 +63,7 @@ class Store:
     format or cannot be read, and for a full disk; the file is then left as it is.
 
     >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
     >>> model, case = Identity("3f2a", "spring"), Case.of({"load": 2.0}, ["k"])
     >>> x = np.array([4.0]).tobytes()
     >>> with TemporaryDirectory() as folder, Store(f"{folder}/runs.sqlite") as store:
@@ -105,8 +99,8 @@ class Store:
 
     def find(
         self, fingerprint: str, cases: Sequence[Case], keys: Iterable[tuple[int, bytes]]
-    ) -> list[tuple[int, float | None, str | None, int]]:
-        """Those runs that are there: place in `keys`, outcome, failure, attempts.
+    ) -> list[tuple[int, float | bytes | None, str | None, int]]:
+        """Those runs that are there: place in `keys`, outcome (see `add`), failure, attempts.
 
         A key is the position of the run's case and its x. Cost: some 3 microseconds a run that is
         there, next to none where its case is not.
@@ -131,8 +125,8 @@ class Store:
         """Commit runs; the number of those that the store did not have.
 
         A row is: position of the case, x, outcome, failure, log, seconds, host, time, attempt; one
-        of outcome and failure is None. A run with an outcome is never changed. One that failed is
-        replaced if `again`, which counts the attempt.
+        of outcome and failure is None. Several values are the bytes of their float64. A run with an
+        outcome is never changed. One that failed is replaced if `again`, which counts the attempt.
         """
         conflict = _AGAIN if again else "DO NOTHING"
         self._unsynced += sum(row[5] or 0.0 for row in rows)
@@ -210,65 +204,3 @@ class Store:
         for name in names:
             run("INSERT INTO hosts (name) VALUES (?) ON CONFLICT DO NOTHING", (name,))
         return {name: number for number, name in run("SELECT id, name FROM hosts")}
-
-
-class RunCache:
-    """The runs of one simulator under the cases of one table, in a store.
-
-    `parameters` names the columns of x. `at_start` is what the store held of the simulator, `added`
-    counts the runs that were new to it.
-    """
-
-    def __init__(
-        self, store: Store, simulator: Simulator, cases: Cases, parameters: Sequence[str]
-    ) -> None:
-        self.store, self.identity = store, Identity.of(simulator)
-        self._order = sorted(range(len(parameters)), key=lambda k: parameters[k])
-        self._cases = [Case.of(cases.values(k), parameters) for k in range(len(cases))]
-        self.at_start = store.counts(self.identity)
-        self.added = 0
-
-    def find(self, asked: Runs) -> Runs:
-        """The same runs with outcomes and failures where the store has them."""
-        outcome, failures = asked.outcome.copy(), dict[int, Failure]()
-        for start in range(0, len(asked), _TOGETHER):
-            rows = slice(start, start + _TOGETHER)
-            cases, keys = self._keys(asked.some(rows))
-            for place, value, message, attempts in self.store.find(
-                self.identity.fingerprint, cases, keys
-            ):
-                if message is None:
-                    outcome[start + place] = value
-                else:
-                    failures[start + place] = Failure(message, attempts=attempts)
-        return replace(asked, outcome=outcome, failures=failures)
-
-    def add(self, made: Runs) -> None:
-        """Commit runs as they were made."""
-        if not self.store.writable or not len(made):
-            return
-        now = time.time()
-        cases, keys = self._keys(made)
-        rows: list[tuple[Any, ...]] = [
-            (case, x, value, None, None, seconds, made.host, now, 1)
-            for (case, x), value, seconds in zip(
-                keys, made.outcome.tolist(), made.seconds.tolist(), strict=True
-            )
-        ]
-        for k, failure in made.failures.items():
-            rows[k] = (*rows[k][:2], None, failure.message, failure.log, *rows[k][5:])
-        try:
-            self.added += self.store.add(self.identity, cases, rows)
-        except KeyboardInterrupt:
-            # Ctrl-C came while they were written, and took the transaction back.
-            self.added += self.store.add(self.identity, cases, rows)
-            raise
-
-    def _keys(self, runs: Runs) -> tuple[list[Case], list[tuple[int, bytes]]]:
-        """The different cases of some runs; of each run the position of its case there, and x."""
-        chosen, position = np.unique(runs.case, return_inverse=True)
-        size = 8 * len(self._order)
-        whole = np.ascontiguousarray(runs.x[:, self._order], dtype="<f8").tobytes()
-        x = [whole[k * size : (k + 1) * size] for k in range(len(runs))]
-        cases = [self._cases[k] for k in chosen.tolist()]
-        return cases, [*zip(position.tolist(), x, strict=True)]

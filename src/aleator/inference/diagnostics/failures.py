@@ -36,7 +36,7 @@ def failure_report(runner: Runner) -> FailureReport | None:
     return FailureReport(
         len(failed),
         runner.runs,
-        tuple(runner.ids[k] for k in runner.cases.first[np.unique(failed.case)]),
+        tuple(runner.ids[k] for k in np.unique(runner.experiment[runner.cases.first[failed.case]])),
         {
             name: (float(low), float(high))
             for name, (low, high) in zip(runner.parameters, failed.region, strict=True)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError, nearest
 from aleator.simulators.command.child import STDIN, Limits, log, run
@@ -19,7 +18,7 @@ from aleator.simulators.command.outputs import Output, OutputFile
 from aleator.simulators.command.placeholders import Text, Value, Values
 from aleator.simulators.command.program import STUDY, Program
 from aleator.simulators.failure import RunFailed
-from aleator.simulators.protocol import Columns, one_by_one
+from aleator.simulators.protocol import Columns, Returned, one_by_one
 
 # The placeholder for the name of the input file, where there is exactly one.
 INPUT = "input"
@@ -155,7 +154,7 @@ class CommandSimulator:
             except RunFailed as failure:
                 raise RunFailed(failure.message, log(folder)) from failure.__cause__
 
-    def __call__(self, conditions: Columns, parameters: Columns) -> NDArray[np.float64]:
+    def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
         """Run R times, one after the other; raises RunStopped with the outcomes before."""
         return one_by_one(lambda cells: self.run_one(cells, {}), conditions, parameters)
 

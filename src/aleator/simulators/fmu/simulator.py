@@ -12,9 +12,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from aleator.errors import SimulatorError
 from aleator.simulators.failure import RunFailed
 from aleator.simulators.fmu.binding import Binding, Value, settable, start_value
@@ -25,7 +22,7 @@ from aleator.simulators.fmu.reduction import Reduction
 from aleator.simulators.fmu.session import Setup, Trajectory
 from aleator.simulators.fmu.settings import Course, Operation
 from aleator.simulators.fmu.signals import Signal, assembled, checked_input
-from aleator.simulators.protocol import SINGLE_BLOCK, Columns, one_by_one
+from aleator.simulators.protocol import SINGLE_BLOCK, Columns, Returned, one_by_one
 
 DEFAULT_COURSE = Course()
 DEFAULT_OPERATION = Operation()
@@ -95,7 +92,7 @@ class FMUSimulator:
         """
         return self._binding.asks(conditions, parameters)
 
-    def __call__(self, conditions: Columns, parameters: Columns) -> NDArray[np.float64]:
+    def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
         """Run R times, one after the other; raises RunStopped."""
         return one_by_one(lambda cells: self.run_one(cells, {}), conditions, parameters)
 

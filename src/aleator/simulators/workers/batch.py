@@ -11,6 +11,7 @@ import numpy as np
 
 from aleator.errors import SimulatorError
 from aleator.simulators.failure import describe
+from aleator.simulators.form import Form, is_named
 from aleator.simulators.protocol import Columns, RunStopped, Simulator
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.types import Array
@@ -20,22 +21,28 @@ _ALONE = 0.02
 
 
 def make(
-    simulator: Simulator, conditions: Columns, parameters: Sequence[str], asked: Runs, budget: float
+    simulator: Simulator,
+    conditions: Columns,
+    parameters: Sequence[str],
+    form: Form,
+    asked: Runs,
+    budget: float,
 ) -> Runs:
     """Make a batch of runs (the first of them), and begin nothing more once it took `budget` s.
 
     `conditions` are those of the runs asked for, columns (R,) by name; `parameters` names the
-    columns of x. An exception is the failure of one run, found by halves where the simulator takes
-    many at once. Raises SimulatorError for what no other parameters would mend: a wrong shape or
-    type, and a simulator that raises for many runs but for none of them alone.
+    columns of x; `form` is what the runs are to return. An exception is the failure of one run,
+    found by halves where the simulator takes many at once. Raises SimulatorError for what no other
+    parameters would mend: a wrong shape or type, and a simulator that raises for many runs but for
+    none of them alone.
 
     >>> from aleator.simulators.function import FunctionSimulator
     >>> def inverse(x):
     ...     return 1.0 / x
     >>> asked = Runs.asked(np.zeros(3, int), np.array([[2.0], [0.0], [4.0]]))
-    >>> made = make(FunctionSimulator(inverse), {}, ["x"], asked, 1.0)
-    >>> made.outcome, [*made.failures]
-    (array([0.5 ,  nan, 0.25]), [1])
+    >>> made = make(FunctionSimulator(inverse), {}, ["x"], Form(), asked, 1.0)
+    >>> made.outcome.tolist(), [*made.failures]
+    ([[0.5], [nan], [0.25]], [1])
     """
     columns = conditions, {name: asked.x[:, k].copy() for k, name in enumerate(parameters)}
     alone = getattr(simulator, "vectorized", True) is False
@@ -44,7 +51,7 @@ def make(
     done = 0
     while done < len(asked):
         rows = slice(done, min(done + size, len(asked)))
-        part = _attempted(simulator, *_cut(columns, rows), asked.some(rows))
+        part = _attempted(simulator, *_cut(columns, rows), form.some(rows), asked.some(rows))
         parts.append(part)
         done += len(part)
         if part.stopped or time.perf_counter() - began >= budget:
@@ -56,10 +63,24 @@ def make(
 
 
 def make_packed(
-    parcel: bytes, conditions: Columns, parameters: Sequence[str], asked: Runs, budget: float
+    parcel: bytes,
+    conditions: Columns,
+    parameters: Sequence[str],
+    form: Form,
+    asked: Runs,
+    budget: float,
 ) -> Runs:
-    """`make` in another process: `parcel` is the simulator, pickled; unpacked once a process."""
-    return make(_unpacked(parcel), conditions, parameters, asked, budget)
+    """`make` in another process: `parcel` is the simulator, pickled; unpacked once a process.
+
+    Ctrl-C is answered where the runs were asked for. A KeyboardInterrupt here is the simulator's
+    own, and the failure of the run that raised it.
+    """
+    made = make(_unpacked(parcel), conditions, parameters, form, asked, budget)
+    if made.stopped is None:
+        return made
+    culprit = slice(len(made), len(made) + 1)
+    failed = replace(asked.some(culprit), failures={0: Failure.of(made.stopped)})
+    return Runs.joined([replace(made, stopped=None), failed])
 
 
 @lru_cache(maxsize=2)
@@ -70,61 +91,64 @@ def _unpacked(parcel: bytes) -> Simulator:
     return simulator
 
 
-def _attempted(simulator: Simulator, conditions: Columns, parameters: Columns, asked: Runs) -> Runs:
+def _attempted(
+    simulator: Simulator, conditions: Columns, parameters: Columns, form: Form, asked: Runs
+) -> Runs:
     """One call; of one that raised what completed and the run at fault."""
     count, began = len(asked), time.perf_counter()
     try:
-        outcome = _checked(simulator, simulator(conditions, parameters), count)
+        returned = simulator(conditions, parameters)
+        values = form.shaped(simulator, returned, count)
     except SimulatorError:
         raise
     except RunStopped as stop:
-        return _before(stop, asked, time.perf_counter() - began)
+        return _before(simulator, stop, form, asked, time.perf_counter() - began)
     except KeyboardInterrupt as stop:
-        return _made(asked, np.empty(0), 0.0, stopped=stop)
-    except (Exception, SystemExit) as error:
+        return replace(asked.some(slice(0)), stopped=stop)
+    except BaseException as error:
         if count == 1:
-            return _made(asked, np.empty(0), time.perf_counter() - began, error)
-        return _halves(simulator, conditions, parameters, asked, error)
-    return _made(asked, outcome, time.perf_counter() - began)
+            return _failed(asked, time.perf_counter() - began, error)
+        return _halves(simulator, conditions, parameters, form, asked, error)
+    return _made(asked, values, form, time.perf_counter() - began, is_named(simulator, returned))
 
 
-def _before(stop: RunStopped, asked: Runs, seconds: float) -> Runs:
+def _before(simulator: Simulator, stop: RunStopped, form: Form, asked: Runs, took: float) -> Runs:
     """What a simulator that runs one at a time did until it stopped."""
-    cause = stop.__cause__
-    if isinstance(cause, (Exception, SystemExit)):
-        return _made(asked, stop.completed, seconds, cause)
-    return _made(asked, stop.completed, seconds, stopped=cause or stop)
+    done, cause = len(stop.completed), stop.__cause__ or stop
+    values = form.some(slice(done)).shaped(simulator, stop.completed, done)
+    each = took / (done + 1)
+    named = done > 0 and is_named(simulator, stop.completed)
+    made = _made(asked.some(slice(done)), values, form, each * done, named)
+    if isinstance(cause, KeyboardInterrupt):
+        return replace(made, stopped=cause)
+    return Runs.joined([made, _failed(asked.some(slice(done, done + 1)), each, cause)])
 
 
-def _made(
-    asked: Runs,
-    outcome: Array,
-    seconds: float,
-    error: BaseException | None = None,
-    stopped: BaseException | None = None,
-) -> Runs:
-    """The first of the runs, with their outcomes; the run after these raised `error`, if any."""
-    failures = {
-        row: Failure(f"it returned {outcome[row]:g}", kind=NOT_FINITE)
-        for row in np.flatnonzero(~np.isfinite(outcome)).tolist()
-    }
-    if error is not None:
-        failures[len(outcome)] = Failure.of(error)
-        outcome = np.append(outcome, np.nan)
-    count = len(outcome)
-    return replace(
-        asked.some(slice(count)),
-        outcome=outcome,
-        seconds=np.full(count, seconds / max(count, 1)),
-        failures=failures,
-        stopped=stopped,
-    )
+def _made(asked: Runs, values: Array, form: Form, seconds: float, named: bool) -> Runs:
+    """Runs that returned these values (R, W); one without a value that is wanted has failed."""
+    missing = form.missing(values)
+    failures = {}
+    if np.any(missing):
+        values = values.copy()
+        for run in np.unique(np.nonzero(missing)[0]).tolist():
+            column = int(np.argmax(missing[run]))
+            fault = form.fault(run, column, values[run, column])
+            failures[run] = Failure(fault, kind=NOT_FINITE)
+            values[run] = np.nan
+    each = np.full(len(values), seconds / max(len(values), 1))
+    return replace(asked, outcome=values, seconds=each, failures=failures, named=named)
+
+
+def _failed(asked: Runs, seconds: float, error: BaseException) -> Runs:
+    """The one run asked for, which raised."""
+    return replace(asked, seconds=np.array([seconds]), failures={0: Failure.of(error)})
 
 
 def _halves(
     simulator: Simulator,
     conditions: Columns,
     parameters: Columns,
+    form: Form,
     asked: Runs,
     error: BaseException,
 ) -> Runs:
@@ -132,7 +156,7 @@ def _halves(
     parts: list[Runs] = []
     for rows in (slice(None, middle), slice(middle, None)):
         columns = _cut((conditions, parameters), rows)
-        parts.append(_attempted(simulator, *columns, asked.some(rows)))
+        parts.append(_attempted(simulator, *columns, form.some(rows), asked.some(rows)))
         if parts[-1].stopped:
             break
     whole = Runs.joined(parts)
@@ -148,22 +172,3 @@ def _halves(
 def _cut(columns: tuple[Columns, Columns], rows: slice) -> tuple[Columns, Columns]:
     first, second = ({name: c[rows] for name, c in part.items()} for part in columns)
     return first, second
-
-
-def _checked(simulator: Simulator, returned: object, count: int) -> Array:
-    shape = np.shape(np.asanyarray(returned))
-    if shape != (count,):
-        kind = type(returned).__name__
-        got = f"{kind} of shape {shape}" if shape else f"a single {kind}"
-        raise SimulatorError(
-            f"simulator '{simulator.name}' returned {'None' if returned is None else got} "
-            f"for {count} runs, expected an array of shape ({count},)",
-            "set vectorized = false if it computes one run at a time (as float() and the "
-            "functions of math do); else let it return one number a run",
-        )
-    if np.asarray(returned).dtype.kind not in "fiu":
-        raise SimulatorError(
-            f"simulator '{simulator.name}' returned {np.asarray(returned).dtype} values",
-            "let it return real numbers",
-        )
-    return np.asarray(returned, dtype=np.float64)

@@ -14,6 +14,7 @@ from dataclasses import replace
 from aleator.errors import AleatorError, SimulatorError
 from aleator.simulators.cases import Cases
 from aleator.simulators.failure import WorkerLost, describe
+from aleator.simulators.form import Form
 from aleator.simulators.protocol import Simulator
 from aleator.simulators.runs import Failure, Runs
 from aleator.simulators.workers.batch import make, make_packed
@@ -31,21 +32,24 @@ LISTENING = 0.2
 
 
 def made_here(
-    simulator: Simulator, cases: Cases, parameters: Sequence[str], asked: Runs
+    simulator: Simulator, cases: Cases, parameters: Sequence[str], form: Form, asked: Runs
 ) -> Iterator[Runs]:
     """Make runs in this process; they are yielded as they are done, in their order.
+
+    `form` says of each case what a run of it returns.
 
     >>> import numpy as np
     >>> from aleator.simulators.function import FunctionSimulator
     >>> half = FunctionSimulator(lambda x: x / 2, vectorized=True)
     >>> asked = Runs.asked(np.zeros(2, int), np.array([[1.0], [4.0]]))
-    >>> [made.outcome for made in made_here(half, Cases.of({}, 1), ["x"], asked)]
-    [array([0.5, 2. ])]
+    >>> whole = made_here(half, Cases.of({}, 1), ["x"], Form(), asked)
+    >>> [made.outcome.tolist() for made in whole]
+    [[[0.5], [2.0]]]
     """
     most, done = max(simulator.block, MOST_HERE), 0
     while done < len(asked):
         batch = asked.some(slice(done, done + most))
-        made = make(simulator, cases.at(batch.case), parameters, batch, HERE)
+        made = make(simulator, cases.at(batch.case), parameters, form.some(batch.case), batch, HERE)
         yield made
         if made.stopped:
             raise made.stopped
@@ -66,9 +70,15 @@ class Dispatcher:
     """
 
     def __init__(
-        self, simulator: Simulator, cases: Cases, parameters: Sequence[str], executor: Executor
+        self,
+        simulator: Simulator,
+        cases: Cases,
+        parameters: Sequence[str],
+        form: Form,
+        executor: Executor,
     ) -> None:
         self._simulator, self._cases, self._parameters = simulator, cases, tuple(parameters)
+        self._form = form
         self._executor = executor
         self._parcel = _packed(simulator)
         self._running: dict[Future[Runs], Runs] = {}
@@ -135,8 +145,8 @@ class Dispatcher:
 
     def _submit(self, batch: Runs) -> None:
         future = self._executor.submit(
-            make_packed, self._parcel, self._cases.at(batch.case), self._parameters, batch,
-            2.0 * BATCH,
+            make_packed, self._parcel, self._cases.at(batch.case), self._parameters,
+            self._form.some(batch.case), batch, 2.0 * BATCH,
         )  # fmt: skip
         self._running[future] = batch
 

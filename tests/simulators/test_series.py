@@ -1,0 +1,203 @@
+"""One run serves a whole experiment, and a run may return several values."""
+
+# Arguments that a test's simulator does not use still say what it is given.
+# ruff: noqa: ARG001, ARG005
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aleator.errors import SimulatorError
+from aleator.observations.transform import Transform
+from aleator.simulators import FunctionSimulator, ProcessPool, Runner, Store
+from aleator.simulators.records import stored_runs
+
+# Rows of two experiments that are not adjacent, with a row less in the second.
+ROWS = pd.DataFrame(
+    {"load": [2.0, 3.0, 2.0, 3.0, 2.0], "time": [0.5, 1.0, 1.0, 2.0, 1.5], "note": [*"abcde"]}
+)
+
+
+@dataclass
+class Table:
+    """What a runner needs of a table of experiments."""
+
+    conditions: pd.DataFrame
+    experiment: Any
+    ids: tuple[str, ...]
+    observations: Any
+
+
+def table(
+    observed: Sequence[tuple[int, int]],
+    names: Sequence[str] = ("",),
+    transforms: Sequence[Transform] = (),
+    rows: pd.DataFrame = ROWS,
+    experiment: Sequence[int] = (0, 1, 0, 1, 0),
+) -> Any:
+    """A table with observations of (row, response)."""
+    ids = tuple(f"E{k}" for k in range(max(experiment) + 1))
+    responses = tuple(
+        SimpleNamespace(name=name, transform=transform)
+        for name, transform in zip(names, transforms or [Transform.NONE] * len(names), strict=True)
+    )
+    row, response = np.array(observed, dtype=np.intp).T
+    measured = SimpleNamespace(row=row, response=response, responses=responses)
+    return Table(rows, np.array(experiment), ids, measured)
+
+
+EVERY = [(k, 0) for k in range(5)]
+BOTH = [(k, r) for k in range(5) for r in (0, 1)]
+
+
+def course(load: float, time: Any, x: float) -> Any:
+    return load * x * time
+
+
+def test_a_row_is_a_unit_of_a_function_that_is_called_row_by_row() -> None:
+    run = Runner(course, table(EVERY), ["x"])
+    assert (run.units, run.unit.tolist(), run.column.tolist()) == (5, [0, 1, 2, 3, 4], [0] * 5)
+    values = run.values(np.arange(5), np.full((5, 1), 2.0))
+    np.testing.assert_array_equal(values[:, 0], 2.0 * ROWS["load"] * ROWS["time"])
+
+
+def test_an_experiment_is_a_unit_of_a_series() -> None:
+    calls = list[Any]()
+
+    def told(load: float, time: Any, x: float) -> Any:
+        calls.append((load, time.tolist(), x))
+        return course(load, time, x)
+
+    run = Runner(FunctionSimulator(told, series=True), table(EVERY), ["x"])
+    assert (run.units, run.varying) == (2, ("time",))
+    assert run.unit.tolist() == [0, 1, 0, 1, 0]
+    assert run.column.tolist() == [0, 0, 1, 1, 2]
+    values = run.values([0, 1, 0], [[2.0], [2.0], [2.0]])
+    assert calls == [(2.0, [0.5, 1.0, 1.5], 2.0), (3.0, [1.0, 2.0], 2.0)]
+    np.testing.assert_array_equal(values, [[2, 4, 6], [6, 12, np.nan], [2, 4, 6]])
+    measured = values[[0, 1]][run.unit, run.column]
+    np.testing.assert_array_equal(measured, 2.0 * ROWS["load"] * ROWS["time"])
+    assert run.runs == run.fresh == 2
+
+
+@pytest.mark.parametrize("kind", ["rows", "vectorized", "series"])
+def test_several_responses_come_as_a_mapping_whatever_its_order(kind: str) -> None:
+    def both(load: Any, time: Any, x: Any) -> dict[str, Any]:
+        return {"unseen": 0.0, "speed": load * x + 0 * time, "way": load * x * time}
+
+    simulator = FunctionSimulator(both, kind == "vectorized", series=kind == "series")
+    transforms = (Transform.NONE, Transform.LOG)
+    run = Runner(simulator, table(BOTH, ("way", "speed"), transforms), ["x"])
+    values = run.values(np.arange(run.units), np.full((run.units, 1), 2.0))
+    measured = values[run.unit, run.column].reshape(5, 2)
+    np.testing.assert_array_equal(measured[:, 0], 2.0 * ROWS["load"] * ROWS["time"])
+    np.testing.assert_array_equal(measured[:, 1], np.log(2.0 * ROWS["load"]))
+
+
+def test_one_number_of_a_series_stands_for_all_rows() -> None:
+    def both(load: float, time: Any, x: float) -> dict[str, Any]:
+        return {"way": load * x * time, "speed": load * x}
+
+    run = Runner(FunctionSimulator(both, series=True), table(BOTH, ("way", "speed")), ["x"])
+    values = run.values([1], [[1.0]])
+    np.testing.assert_array_equal(values, [[3, 3, 6, 3, np.nan, np.nan]])
+    flat = Runner(FunctionSimulator(lambda load, x: load * x, series=True), table(EVERY), ["x"])
+    np.testing.assert_array_equal(flat.values([1], [[1.0]]), [[3, 3, np.nan]])
+
+
+def test_only_what_is_measured_must_be_finite() -> None:
+    def late(load: float, time: Any, x: float) -> dict[str, Any]:
+        return {"way": np.where(time > 1.0, np.nan, time), "speed": x}
+
+    observed = [(0, 0), (1, 0), (2, 0), (3, 1), (4, 1)]
+    simulator = FunctionSimulator(late, series=True)
+    run = Runner(simulator, table(observed, ("way", "speed")), ["x"])
+    values = run.values([0, 1], [[7.0], [7.0]])
+    np.testing.assert_array_equal(values[run.unit, run.column], [0.5, 1.0, 1.0, 7.0, 7.0])
+    strict = Runner(simulator, table(BOTH, ("way", "speed")), ["x"])
+    assert np.all(np.isnan(strict.values([0], [[7.0]])))
+    (failure,) = strict.failures.failures.values()
+    assert failure.message == "it returned nan for way in row 3 of 3"
+
+
+@pytest.mark.parametrize("executor", [False, True], ids=["here", "workers"])
+@pytest.mark.parametrize("kind", ["vectorized", "series"])
+def test_a_store_has_vectors(tmp_path: Path, kind: str, executor: bool) -> None:
+    def both(load: Any, time: Any, x: Any) -> dict[str, Any]:
+        return {"way": load * x * time, "speed": load * x + 0.0 * time}
+
+    simulator = FunctionSimulator(both, kind == "vectorized", series=kind == "series")
+    asked = table(BOTH, ("way", "speed"))
+    found = []
+    for _ in range(2):
+        with Store(tmp_path / "runs.sqlite") as store:
+            if executor:
+                with ProcessPool(1) as pool:
+                    run = Runner(simulator, asked, ["x"], store=store, executor=pool)
+                    found.append(run.values(np.arange(run.units), np.ones((run.units, 1))))
+            else:
+                run = Runner(simulator, asked, ["x"], store=store)
+                found.append(run.values(np.arange(run.units), np.ones((run.units, 1))))
+            kept = [*stored_runs(store)]
+    np.testing.assert_array_equal(*found)
+    assert (run.fresh, run.runs) == (0, run.units) == (0, len(kept))
+
+
+def test_another_response_is_another_run(tmp_path: Path) -> None:
+    def both(load: float, time: float, x: float) -> dict[str, float]:
+        return {"way": load * x * time, "speed": load * x}
+
+    with Store(tmp_path / "runs.sqlite") as store:
+        for name, expected in (("way", 1.0), ("speed", 2.0)) * 2:
+            run = Runner(both, table(EVERY, (name,)), ["x"], store=store)
+            assert run([0], [[1.0]]).tolist() == [expected]
+
+
+@pytest.mark.parametrize(
+    ("function", "names", "words"),
+    [
+        (lambda load, time, x: time[:1], ("",), r"1 values for experiment 'E0', which has 3 rows"),
+        (lambda load, time, x: {"wy": time}, ("way",), "no 'way' (did you mean 'wy'?)"),
+        (lambda load, time, x: {"way": time}, ("way", "speed"), "no 'speed'"),
+        (lambda load, time, x: time, ("way", "speed"), "has the responses way, speed"),
+    ],
+)
+def test_what_does_not_fit_the_table_is_told(
+    function: Callable[..., Any], names: Sequence[str], words: str
+) -> None:
+    observed = [(k, r) for k in range(5) for r in range(len(names))]
+    run = Runner(FunctionSimulator(function, series=True), table(observed, names), ["x"])
+    with pytest.raises(SimulatorError) as told:
+        run.values([0], [[1.0]])
+    assert words in str(told.value)
+
+
+def test_a_failure_is_told_with_experiment_and_row() -> None:
+    def brittle(load: float, time: float, x: float) -> float:
+        if time == 2.0:
+            raise ValueError("too late")
+        return x
+
+    run = Runner(brittle, table(EVERY), ["x"])
+    with pytest.raises(SimulatorError, match="row 2 of 2 of experiment 'E1' with x=1"):
+        run(np.arange(5), np.ones((5, 1)))
+
+
+def test_equal_experiments_are_one_case_unless_they_differ_in_length() -> None:
+    rows = pd.DataFrame({"load": [1.0] * 5, "time": [1.0, 2.0, 1.0, 2.0, 1.0]})
+    three = (0, 0, 1, 1, 2)
+    simulator = FunctionSimulator(course, series=True)
+    run = Runner(simulator, table(EVERY, rows=rows, experiment=three), ["x"])
+    assert run.cases.condition.tolist() == [0, 0, 1]
+    run.values([0, 1, 2], np.ones((3, 1)))
+    assert run.runs == 2
+
+
+def test_a_series_is_not_vectorized_too() -> None:
+    with pytest.raises(SimulatorError, match="series"):
+        FunctionSimulator(course, vectorized=True, series=True)
