@@ -2,10 +2,8 @@
 
 # Arguments that a test's simulator does not use still say what it is given.
 # ruff: noqa: ARG001, ARG005
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +11,8 @@ import pandas as pd
 import pytest
 
 from aleator.errors import SimulatorError
-from aleator.observations.transform import Transform
+from aleator.observations.experiments import Experiments
+from aleator.observations.responses import Observations, responses_of
 from aleator.simulators import FunctionSimulator, ProcessPool, Runner, Store
 from aleator.simulators.records import stored_runs
 
@@ -23,34 +22,22 @@ ROWS = pd.DataFrame(
 )
 
 
-@dataclass
-class Table:
-    """What a runner needs of a table of experiments."""
-
-    conditions: pd.DataFrame
-    experiment: Any
-    ids: tuple[str, ...]
-    observations: Any
-
-
 def table(
     observed: Sequence[tuple[int, int]],
-    names: Sequence[str] = ("",),
-    transforms: Sequence[Transform] = (),
+    names: Sequence[str] = ("way",),
+    transform: Mapping[str, str] | str = "none",
     rows: pd.DataFrame = ROWS,
     experiment: Sequence[int] = (0, 1, 0, 1, 0),
-) -> Any:
+) -> Experiments:
     """A table with observations of (row, response)."""
     ids = tuple(f"E{k}" for k in range(max(experiment) + 1))
-    responses = tuple(
-        SimpleNamespace(name=name, transform=transform)
-        for name, transform in zip(names, transforms or [Transform.NONE] * len(names), strict=True)
-    )
-    row, response = np.array(observed, dtype=np.intp).T
-    measured = SimpleNamespace(row=row, response=response, responses=responses)
-    return Table(rows, np.array(experiment), ids, measured)
+    row, response = np.array(sorted(observed, key=lambda pair: experiment[pair[0]])).T
+    of, values = np.array(experiment), np.zeros(len(row))
+    seen = Observations(of[row], row, response, values, values, responses_of(names, transform))
+    return Experiments(ids, rows, seen, experiment=of)
 
 
+SORTED = ROWS.iloc[[0, 2, 4, 1, 3]]
 EVERY = [(k, 0) for k in range(5)]
 BOTH = [(k, r) for k in range(5) for r in (0, 1)]
 
@@ -61,7 +48,7 @@ def course(load: float, time: Any, x: float) -> Any:
 
 def test_a_row_is_a_unit_of_a_function_that_is_called_row_by_row() -> None:
     run = Runner(course, table(EVERY), ["x"])
-    assert (run.units, run.unit.tolist(), run.column.tolist()) == (5, [0, 1, 2, 3, 4], [0] * 5)
+    assert (run.units, run.unit.tolist(), run.column.tolist()) == (5, [0, 2, 4, 1, 3], [0] * 5)
     values = run.values(np.arange(5), np.full((5, 1), 2.0))
     np.testing.assert_array_equal(values[:, 0], 2.0 * ROWS["load"] * ROWS["time"])
 
@@ -75,13 +62,13 @@ def test_an_experiment_is_a_unit_of_a_series() -> None:
 
     run = Runner(FunctionSimulator(told, series=True), table(EVERY), ["x"])
     assert (run.units, run.varying) == (2, ("time",))
-    assert run.unit.tolist() == [0, 1, 0, 1, 0]
-    assert run.column.tolist() == [0, 0, 1, 1, 2]
+    assert run.unit.tolist() == [0, 0, 0, 1, 1]
+    assert run.column.tolist() == [0, 1, 2, 0, 1]
     values = run.values([0, 1, 0], [[2.0], [2.0], [2.0]])
     assert calls == [(2.0, [0.5, 1.0, 1.5], 2.0), (3.0, [1.0, 2.0], 2.0)]
     np.testing.assert_array_equal(values, [[2, 4, 6], [6, 12, np.nan], [2, 4, 6]])
     measured = values[[0, 1]][run.unit, run.column]
-    np.testing.assert_array_equal(measured, 2.0 * ROWS["load"] * ROWS["time"])
+    np.testing.assert_array_equal(measured, 2.0 * SORTED["load"] * SORTED["time"])
     assert run.runs == run.fresh == 2
 
 
@@ -91,12 +78,11 @@ def test_several_responses_come_as_a_mapping_whatever_its_order(kind: str) -> No
         return {"unseen": 0.0, "speed": load * x + 0 * time, "way": load * x * time}
 
     simulator = FunctionSimulator(both, kind == "vectorized", series=kind == "series")
-    transforms = (Transform.NONE, Transform.LOG)
-    run = Runner(simulator, table(BOTH, ("way", "speed"), transforms), ["x"])
+    run = Runner(simulator, table(BOTH, ("way", "speed"), {"speed": "log"}), ["x"])
     values = run.values(np.arange(run.units), np.full((run.units, 1), 2.0))
     measured = values[run.unit, run.column].reshape(5, 2)
-    np.testing.assert_array_equal(measured[:, 0], 2.0 * ROWS["load"] * ROWS["time"])
-    np.testing.assert_array_equal(measured[:, 1], np.log(2.0 * ROWS["load"]))
+    np.testing.assert_array_equal(measured[:, 0], 2.0 * SORTED["load"] * SORTED["time"])
+    np.testing.assert_array_equal(measured[:, 1], np.log(2.0 * SORTED["load"]))
 
 
 def test_one_number_of_a_series_stands_for_all_rows() -> None:
@@ -118,7 +104,7 @@ def test_only_what_is_measured_must_be_finite() -> None:
     simulator = FunctionSimulator(late, series=True)
     run = Runner(simulator, table(observed, ("way", "speed")), ["x"])
     values = run.values([0, 1], [[7.0], [7.0]])
-    np.testing.assert_array_equal(values[run.unit, run.column], [0.5, 1.0, 1.0, 7.0, 7.0])
+    np.testing.assert_array_equal(values[run.unit, run.column], [0.5, 1.0, 7.0, 1.0, 7.0])
     strict = Runner(simulator, table(BOTH, ("way", "speed")), ["x"])
     assert np.all(np.isnan(strict.values([0], [[7.0]])))
     (failure,) = strict.failures.failures.values()
@@ -161,7 +147,11 @@ def test_another_response_is_another_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("function", "names", "words"),
     [
-        (lambda load, time, x: time[:1], ("",), r"1 values for experiment 'E0', which has 3 rows"),
+        (
+            lambda load, time, x: time[:1],
+            ("way",),
+            r"1 values for experiment 'E0', which has 3 rows",
+        ),
         (lambda load, time, x: {"wy": time}, ("way",), "no 'way' (did you mean 'wy'?)"),
         (lambda load, time, x: {"way": time}, ("way", "speed"), "no 'speed'"),
         (lambda load, time, x: time, ("way", "speed"), "has the responses way, speed"),
@@ -201,3 +191,24 @@ def test_equal_experiments_are_one_case_unless_they_differ_in_length() -> None:
 def test_a_series_is_not_vectorized_too() -> None:
     with pytest.raises(SimulatorError, match="series"):
         FunctionSimulator(course, vectorized=True, series=True)
+
+
+def test_straight_runs_are_the_same_but_not_remembered() -> None:
+    for kind in ({"vectorized": True}, {}, {"series": True}):
+        asked = np.arange(2 if "series" in kind else 5)
+        simulator = FunctionSimulator(course, **kind)
+        run = Runner(simulator, table(EVERY), ["x"])
+        x = np.linspace(0.5, 1.0, len(asked))[:, None]
+        np.testing.assert_array_equal(run.straight(asked, x), run.values(asked, x))
+        assert (run.runs, len(run.completed)) == (2 * len(asked), len(asked))
+
+
+def test_a_straight_run_may_be_infinite_and_one_that_raises_is_nan() -> None:
+    def life(load: float, time: float, x: float) -> float:
+        if x > 2.0:
+            raise ValueError("too stiff")
+        return time if x < 1.0 else np.inf
+
+    run = Runner(life, table(EVERY), ["x"])
+    values = run.straight([0, 1, 2, 3], [[0.5], [1.5], [2.5], [0.5]])
+    np.testing.assert_array_equal(values[:, 0], [0.5, np.inf, np.nan, 2.0])

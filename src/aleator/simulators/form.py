@@ -40,7 +40,7 @@ class Form:
         observed[cases.condition[units.unit], units.column] = True
         experiments = np.array(ids, dtype=object)[units.experiment[cases.first]]
         return cls(
-            units.responses,
+            units.names,
             units.width,
             units.rows[cases.first] if units.series else None,
             None if np.all(observed) else observed,
@@ -128,14 +128,12 @@ class Form:
 
     def _of(self, simulator: Simulator, answer: Mapping[str, Any]) -> list[Any]:
         """The parts of an answer in the order of the responses."""
-        if self.responses == ("",) and len(answer) == 1:
-            return [*answer.values()]
         for name in self.responses:
             if name not in answer:
                 raise SimulatorError(
                     f"simulator '{simulator.name}' returned no "
-                    + (f"'{name}'{nearest(name, [*answer])}" if name else "single response")
-                    + f"; it returned {', '.join(map(str, answer)) or 'nothing'}",
+                    f"'{name}'{nearest(name, [*answer])}; it returned "
+                    + (", ".join(map(str, answer)) or "nothing"),
                     "let it return what the table measures, by the names of the responses",
                 )
         return [answer[name] for name in self.responses]

@@ -46,7 +46,7 @@ class RunCache:
             named: [
                 Case.of(
                     cases.values(k), parameters, int(rows[k]) if units.series else None,
-                    units.responses if named else (),
+                    units.names if named else (),
                 )
                 for k in range(len(cases))
             ]

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from aleator.errors import SimulatorError
 from aleator.progress import Progress, Silent
 from aleator.simulators.cases import Cases
+from aleator.simulators.direct import straight
 from aleator.simulators.form import Form
 from aleator.simulators.function import as_simulator
 from aleator.simulators.memory import Memory
@@ -79,8 +80,8 @@ class Runner:
 
     `runs` counts the different runs that were needed, those of the store included, so that an
     identification resumed tells the same number as one that was not interrupted. `fresh` counts
-    those that were made here and have an outcome. `completed` are all runs with an outcome,
-    `failures` those without. Memory: some 150 bytes a run.
+    those that were made here and have an outcome, `direct` those of `straight`. `completed` are all
+    runs with an outcome, `failures` those without. Memory: some 150 bytes a run.
 
     Raises SimulatorError at once if the simulator does not take these conditions and parameters;
     in a run for an exception, an outcome that is not a finite number, or a wrong shape; StoreError
@@ -151,7 +152,7 @@ class Runner:
     @property
     def transform(self) -> Transform:
         """That of the one response, or of the first."""
-        return self._served.transforms[0]
+        return self._served.responses[0].transform
 
     @property
     def varying(self) -> tuple[str, ...]:
@@ -204,6 +205,20 @@ class Runner:
         last row of a shorter series; a value that nobody measured is what the simulator returned.
         """
         return self._served.transformed(self._attempted(unit, x, most))
+
+    def straight(self, unit: ArrayLike, x: ArrayLike) -> Array:
+        """Values (R, W) as `values` has them, made here, neither remembered nor stored.
+
+        For functions that are cheaper than remembering. `runs` counts all of them. A run that
+        raises is NaN; an infinity stays one: a life beyond every limit, say.
+        """
+        case = self.cases.condition[np.asarray(unit, dtype=np.intp)]
+        columns = np.asarray(x, dtype=np.float64).T.copy()
+        parameters = dict(zip(self.parameters, columns, strict=True))
+        self.direct += len(case)
+        return self._served.transformed(
+            straight(self.simulator, self.cases.at(case), parameters, self._form.some(case))
+        )
 
     def _attempted(self, index: ArrayLike, x: ArrayLike, most: float | None) -> Array:
         keys, distinct = self._keys(index, x)
@@ -324,7 +339,7 @@ class Runner:
         for run in np.unique(np.nonzero(lost)[0]).tolist():
             column = int(np.argmax(lost[run]))
             value = runs.outcome[run, column]
-            why = self._served.transforms[column % len(self._served.transforms)].fault(value)
+            why = self._served.responses[column % len(form.responses)].transform.fault(value)
             fault = form.fault(run, column, value) + (f": {why}" if why else "")
             failures[run] = Failure(fault, kind=NOT_FINITE)
             outcome[run] = np.nan

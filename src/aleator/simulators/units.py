@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.observations.responses import Response
 from aleator.observations.transform import Transform
-from aleator.types import Array, Flags, Indices
+from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,8 +30,7 @@ class Units:
     """
 
     series: bool
-    responses: tuple[str, ...]
-    transforms: tuple[Transform, ...]
+    responses: tuple[Response, ...]
     experiment: Indices
     rows: Indices
     place: Indices
@@ -44,7 +43,7 @@ class Units:
 
     @classmethod
     def of(cls, table: Experiments | Conditions, series: bool = False) -> Units:
-        """The units of a table; of one without observations every value is wanted.
+        """The units of a table, whose `series` come by one run each or row by row.
 
         >>> import pandas as pd
         >>> from aleator.observations.experiments import Conditions
@@ -52,36 +51,31 @@ class Units:
         >>> len(units), units.width, units.unit.tolist(), units.column.tolist()
         (2, 1, [0, 1], [0, 0])
         """
-        count = len(table.conditions)
-        experiment = np.asarray(getattr(table, "experiment", np.arange(count)), dtype=np.intp)
+        count, experiment, seen = len(table.conditions), table.experiment, table.observations
         order = np.argsort(experiment, kind="stable")
         sizes = np.bincount(experiment, minlength=len(table.ids))
         position = np.empty(count, dtype=np.intp)
         position[order] = np.arange(count) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        names, transforms = _responses(table)
-        row, response = _observed(table, count, len(names))
         if series:
             return cls(
-                True, names, transforms, np.arange(len(sizes)), sizes.astype(np.intp),
-                np.zeros(len(sizes), np.intp), order, experiment[row],
-                position[row] * len(names) + response,
+                True, seen.responses, np.arange(len(sizes)), sizes.astype(np.intp),
+                np.zeros(len(sizes), np.intp), order, experiment[seen.row],
+                position[seen.row] * len(seen.responses) + seen.response,
             )  # fmt: skip
         return cls(
-            False, names, transforms, experiment, np.ones(count, np.intp), position,
-            np.arange(count), row, response,
+            False, seen.responses, experiment, np.ones(count, np.intp), position,
+            np.arange(count), seen.row, seen.response,
         )  # fmt: skip
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the responses."""
+        return tuple(response.name for response in self.responses)
 
     @property
     def width(self) -> int:
         """W, the most values of a run."""
         return int(self.rows.max(initial=1)) * len(self.responses)
-
-    @cached_property
-    def observed(self) -> Flags:
-        """(U, W) whether a value is measured; the others may be what they like."""
-        observed = np.zeros((len(self), self.width), dtype=np.bool_)
-        observed[self.unit, self.column] = True
-        return observed
 
     def columns(
         self, frame: pd.DataFrame, names: Sequence[str], varying: Collection[str] = ()
@@ -106,11 +100,11 @@ class Units:
 
     def transformed(self, values: Array) -> Array:
         """Values (R, W) in the simulator's units as the likelihood sees them."""
-        if all(transform is Transform.NONE for transform in self.transforms):
+        if all(response.transform is Transform.NONE for response in self.responses):
             return values
-        seen = values.copy()
-        for k, transform in enumerate(self.transforms):
-            seen[:, k :: len(self.transforms)] = transform(values[:, k :: len(self.transforms)])
+        seen, size = values.copy(), len(self.responses)
+        for k, response in enumerate(self.responses):
+            seen[:, k::size] = response.transform(values[:, k::size])
         return seen
 
 
@@ -119,24 +113,3 @@ def _cut(column: NDArray[Any], starts: Indices, ends: Indices) -> NDArray[Any]:
     for k, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
         cells[k] = column[start:end]
     return cells
-
-
-def _responses(
-    table: Experiments | Conditions,
-) -> tuple[tuple[str, ...], tuple[Transform, ...]]:
-    """Names and transforms of the responses; a table without outcomes has one without a name."""
-    observations = getattr(table, "observations", None)
-    known = getattr(observations, "responses", None) or getattr(table, "responses", None)
-    if known:
-        return tuple(one.name for one in known), tuple(one.transform for one in known)
-    return (str(getattr(table, "outcome_name", "")),), (table.transform,)
-
-
-def _observed(
-    table: Experiments | Conditions, rows: int, responses: int
-) -> tuple[Indices, Indices]:
-    """Row and response (M,) of each observation."""
-    observations = getattr(table, "observations", None)
-    if observations is None:
-        return np.repeat(np.arange(rows), responses), np.tile(np.arange(responses), rows)
-    return observations.row, observations.response
