@@ -21,13 +21,15 @@ DEFAULT_ID = "id"
 class Rows(NamedTuple):
     """R rows of a table: the ids (N,) of the experiments, and what stands in each row.
 
-    `experiment` (R,) is the experiment of each row; `conditions` and `table` have R rows.
+    `experiment` (R,) is the experiment of each row; `conditions` and `table` have R rows, `places`
+    (R,) say where each stands.
     """
 
     ids: tuple[str, ...]
     experiment: Indices
     conditions: pd.DataFrame
     table: pd.DataFrame
+    places: Sequence[str]
 
 
 def rows_of(
@@ -65,8 +67,9 @@ def rows_of(
     }
     whole = {name: conditions[name] if name in conditions else _any(table, name) for name in kept}
     return Rows(
-        ids, experiment, pd.DataFrame(conditions, index=index), pd.DataFrame(whole, index=index)
-    )
+        ids, experiment, pd.DataFrame(conditions, index=index),
+        pd.DataFrame(whole, index=index), table.rows,
+    )  # fmt: skip
 
 
 def _ids(table: Table, column: str | None) -> tuple[tuple[str, ...], Indices]:

@@ -28,7 +28,8 @@ class Conditions:
 
     `ids` (N,) are distinct texts; `conditions` has R rows and a named column for each condition:
     float64 where every cell is a number, else objects. `table` has R rows and every column but the
-    ids; `experiment` (R,) is the experiment of each row, arange(N) where each row is one.
+    ids; `experiment` (R,) is the experiment of each row, arange(N) where each row is one,
+    and `places` (R,) say where each stands.
     `responses` are those of the identification; `transform` is short for one response that has it.
 
     Raises ExperimentsError if the sizes differ or an id appears twice.
@@ -42,6 +43,7 @@ class Conditions:
     conditions: pd.DataFrame
     table: pd.DataFrame
     experiment: Indices
+    places: Sequence[str]
     responses: tuple[Response, ...]
 
     def __init__(
@@ -53,11 +55,13 @@ class Conditions:
         responses: Sequence[Response] = (),
         table: pd.DataFrame | None = None,
         experiment: Indices | None = None,
+        places: Sequence[str] | None = None,
     ) -> None:
         experiment = np.arange(len(ids)) if experiment is None else np.array(experiment, np.intp)
         check_sizes(ids, conditions, experiment)
         values = {
             "ids": ids, "conditions": conditions, "experiment": experiment,
+            "places": [f"experiment '{ids[k]}'" for k in experiment] if places is None else places,
             "table": conditions if table is None else table,
             "responses": tuple(responses) or (Response(OUTCOME, Transform.named(transform)),),
         }  # fmt: skip
@@ -125,7 +129,7 @@ class Conditions:
     def _of(cls, rows: Rows, transform: Transform, responses: Sequence[Response]) -> Conditions:
         return cls(
             rows.ids, rows.conditions, transform, responses=responses,
-            table=rows.table, experiment=rows.experiment,
+            table=rows.table, experiment=rows.experiment, places=rows.places,
         )  # fmt: skip
 
 

@@ -32,7 +32,8 @@ class Experiments:
     `ids` (N,) are distinct texts. `conditions` has R rows and a named column for each condition:
     float64 where every cell is a number, else objects. `table` has R rows too, and every column
     but the ids and outcomes. `experiment` (R,) is the experiment of each row: rows of
-    one experiment share one draw of the parameters. `observations` are what was measured.
+    one experiment share one draw of the parameters. `places` (R,) say where each row stands.
+    `observations` are what was measured.
 
     Experiments(ids, conditions, outcomes, outcome_name, transform) is a table with one row and one
     outcome an experiment; the outcomes (N,) are those after the `transform`.
@@ -54,6 +55,7 @@ class Experiments:
     conditions: pd.DataFrame
     table: pd.DataFrame
     experiment: Indices
+    places: Sequence[str]
     observations: Observations
 
     def __init__(
@@ -66,6 +68,7 @@ class Experiments:
         *,
         table: pd.DataFrame | None = None,
         experiment: Indices | None = None,
+        places: Sequence[str] | None = None,
     ) -> None:
         experiment = np.arange(len(ids)) if experiment is None else np.array(experiment, np.intp)
         table = conditions if table is None else table
@@ -75,6 +78,7 @@ class Experiments:
         values = {
             "ids": ids, "conditions": conditions, "table": table, "experiment": experiment,
             "observations": outcomes,
+            "places": [f"experiment '{ids[k]}'" for k in experiment] if places is None else places,
         }  # fmt: skip
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -192,7 +196,7 @@ class Experiments:
         rows: Rows = rows_of(table, id, names, outcomes.taken, beside)
         return cls(
             rows.ids, rows.conditions, outcomes.read(table, rows.experiment),
-            table=rows.table, experiment=rows.experiment,
+            table=rows.table, experiment=rows.experiment, places=rows.places,
         )  # fmt: skip
 
 

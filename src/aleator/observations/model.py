@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol, runtime_checkable
 
+from aleator.laws import Hyperparameter
 from aleator.types import Array
 
 
@@ -45,3 +47,43 @@ class ObservationModel(Protocol):
 
     def moments(self, order: int) -> Array:
         """E[((y - eta)/scale)^m] for m from 0 to `order`, (order + 1,); NaN where there is none."""
+
+
+@runtime_checkable
+class Bounded(Protocol):
+    """An observation model that computes probabilities of bounds itself, exact in both tails.
+
+    That of a model without it is the difference of its `cdf`, which loses the upper tail.
+    """
+
+    def log_probability(self, lower: Array, upper: Array, eta: Array, scale: Array) -> Observed:
+        """log P(lower < y < upper | eta, scale), d/d eta and d/d scale; ends may be infinite."""
+
+
+@runtime_checkable
+class Shaped(Protocol):
+    """An observation model with hyperparameters of its own beside the scale.
+
+    Where none of them is free `shapes` is empty, and the model is used as it is.
+    """
+
+    @property
+    def shapes(self) -> tuple[Hyperparameter, ...]:
+        """The free shapes, named without a prefix."""
+
+    def at(self, values: Sequence[float]) -> ObservationModel:
+        """The model with these values of its `shapes`."""
+
+    def by_shapes(
+        self, values: Sequence[float], lower: Array, upper: Array, eta: Array, scale: Array
+    ) -> tuple[Array, ...]:
+        """The derivative by each of the `shapes` at these values.
+
+        It is that of the log density where lower and upper are equal, and of the log probability
+        between them where they are not.
+        """
+
+
+def shapes_of(model: ObservationModel) -> tuple[Hyperparameter, ...]:
+    """The free shapes of a model; a model that has none need not say so."""
+    return model.shapes if isinstance(model, Shaped) else ()

@@ -65,6 +65,11 @@ class Table:
         """The place of a cell in words: file, row, column."""
         return f"{self.source}: {self.places[row]}, column '{column}'"
 
+    @property
+    def rows(self) -> Sequence[str]:
+        """The place of each row in words: file, row."""
+        return _Rows(self.source, self.places)
+
     def is_number(self, column: str) -> NDArray[np.bool_]:
         """Which of the N cells of a column are, or look like, finite numbers, bool (N,)."""
         cells = self.columns[column]
@@ -117,6 +122,19 @@ class Table:
             if fault:
                 raise ExperimentsError(f"{self.where(row, column)}: {fault}", _remedy(cell))
         return numbers
+
+
+class _Rows(Sequence[str]):
+    """The places of rows with their source, worded when they are asked for."""
+
+    def __init__(self, source: str, places: Sequence[str]) -> None:
+        self.source, self.places = source, places
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def __getitem__(self, row: int) -> str:  # type: ignore[override]
+        return f"{self.source}: {self.places[row]}"
 
 
 def _number(cell: object, decimal: str) -> tuple[float, str]:
