@@ -150,10 +150,15 @@ class FunctionSimulator:
         with np.errstate(all="ignore"):  # what is not finite is reported with its experiment
             if self.vectorized:
                 return self.function(**conditions, **parameters)  # type: ignore[no-any-return]
-            part = _array if self.series else _scalar
-            return one_by_one(
-                lambda cells: _answer(self.function(**cells), part), conditions, parameters
-            )
+            return one_by_one(self._series if self.series else self._row, conditions, parameters)
+
+    def _row(self, cells: dict[str, Any]) -> Any:
+        return _answer(self.function(**cells), _scalar)
+
+    def _series(self, cells: dict[str, Any]) -> Any:
+        # copies: a function that changes its arguments must not change the next run's
+        own = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in cells.items()}
+        return _answer(self.function(**own), _array)
 
     def fingerprint(self) -> str:
         """A hash that changes with the source of the function and of the modules beside it.

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from aleator.errors import SimulatorError
 from aleator.progress import Progress, Silent
 from aleator.simulators.cases import Cases
-from aleator.simulators.direct import straight
+from aleator.simulators.direct import Direct
 from aleator.simulators.form import Form
 from aleator.simulators.function import as_simulator
 from aleator.simulators.memory import Memory
@@ -80,8 +80,8 @@ class Runner:
 
     `runs` counts the different runs that were needed, those of the store included, so that an
     identification resumed tells the same number as one that was not interrupted. `fresh` counts
-    those that were made here and have an outcome, `direct` those of `straight`. `completed` are all
-    runs with an outcome, `failures` those without. Memory: some 150 bytes a run.
+    those that were made here and have an outcome. `completed` are all runs with an outcome,
+    `failures` those without. Memory: some 150 bytes a run.
 
     Raises SimulatorError at once if the simulator does not take these conditions and parameters;
     in a run for an exception, an outcome that is not a finite number, or a wrong shape; StoreError
@@ -124,8 +124,9 @@ class Runner:
             if store is None
             else RunCache(store, self.simulator, self.cases, self.parameters, served)
         )
-        self.fresh = self.direct = 0
+        self.fresh = 0
         self._form = Form.of(served, self.cases, self.ids)
+        self._direct = Direct(self.simulator, self.cases, self.parameters, self._form)
         self._memory = Memory(len(self.parameters), served.width)
         self._messages = Messages(self.simulator, self.ids, self.parameters, self.cases, served)
 
@@ -164,7 +165,7 @@ class Runner:
     @property
     def runs(self) -> int:
         """The number of different runs that were needed so far."""
-        return len(self._memory) + self.direct
+        return len(self._memory) + self._direct.count
 
     @property
     def completed(self) -> Runs:
@@ -213,12 +214,15 @@ class Runner:
         raises is NaN; an infinity stays one: a life beyond every limit, say.
         """
         case = self.cases.condition[np.asarray(unit, dtype=np.intp)]
-        columns = np.asarray(x, dtype=np.float64).T.copy()
-        parameters = dict(zip(self.parameters, columns, strict=True))
-        self.direct += len(case)
-        return self._served.transformed(
-            straight(self.simulator, self.cases.at(case), parameters, self._form.some(case))
-        )
+        return self._served.transformed(self._direct(case, np.asarray(x, dtype=np.float64)))
+
+    def takes_arrays(self, region: Array) -> bool:
+        """Whether `straight` makes many runs in one call, found at 16 points of `region` (n, 2).
+
+        So it is for a vectorized function, and for a function of numbers that is found to do the
+        same with arrays (see `elementwise`); from then on `straight` gives it arrays.
+        """
+        return self._direct.find_arrays(region)
 
     def _attempted(self, index: ArrayLike, x: ArrayLike, most: float | None) -> Array:
         keys, distinct = self._keys(index, x)

@@ -51,9 +51,10 @@ def function(
     vectorized: bool = False,
     version: str = "",
     block: Annotated[int, Field(ge=1)] | None = None,
+    series: bool = False,
 ) -> FunctionSimulator:
     """A Python function."""
-    return FunctionSimulator.named(function, folder, vectorized, version, block)
+    return FunctionSimulator.named(function, folder, vectorized, version, block, series)
 
 
 # Of each way to find a program's outcome: the library's choice, and the keys beside the way's own.

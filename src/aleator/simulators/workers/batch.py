@@ -115,7 +115,8 @@ def _attempted(
 def _before(simulator: Simulator, stop: RunStopped, form: Form, asked: Runs, took: float) -> Runs:
     """What a simulator that runs one at a time did until it stopped."""
     done, cause = len(stop.completed), stop.__cause__ or stop
-    values = form.some(slice(done)).shaped(simulator, stop.completed, done)
+    form = form.some(slice(done))
+    values = form.shaped(simulator, stop.completed, done)
     each = took / (done + 1)
     named = done > 0 and is_named(simulator, stop.completed)
     made = _made(asked.some(slice(done)), values, form, each * done, named)
