@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -21,15 +22,15 @@ DEFAULT_ID = "id"
 class Rows(NamedTuple):
     """R rows of a table: the ids (N,) of the experiments, and what stands in each row.
 
-    `experiment` (R,) is the experiment of each row; `conditions` and `table` have R rows, `places`
-    (R,) say where each stands.
+    `experiment` (R,) is the experiment of each row; `conditions` and `table` have R rows. `source`
+    is the table that all of this is from; it knows the experiments now.
     """
 
     ids: tuple[str, ...]
     experiment: Indices
     conditions: pd.DataFrame
     table: pd.DataFrame
-    places: Sequence[str]
+    source: Table
 
 
 def rows_of(
@@ -54,6 +55,8 @@ def rows_of(
     elif DEFAULT_ID in table.columns and DEFAULT_ID not in taken:
         id = DEFAULT_ID
     ids, experiment = _ids(table, id)
+    if id is not None:
+        table = replace(table, owners=[ids[k] for k in experiment])
     chosen = names is not None
     kept = [name for name in table.columns if name != id and name not in taken]
     if names is None:
@@ -68,7 +71,7 @@ def rows_of(
     whole = {name: conditions[name] if name in conditions else _any(table, name) for name in kept}
     return Rows(
         ids, experiment, pd.DataFrame(conditions, index=index),
-        pd.DataFrame(whole, index=index), table.rows,
+        pd.DataFrame(whole, index=index), table,
     )  # fmt: skip
 
 

@@ -129,7 +129,7 @@ class Conditions:
     def _of(cls, rows: Rows, transform: Transform, responses: Sequence[Response]) -> Conditions:
         return cls(
             rows.ids, rows.conditions, transform, responses=responses,
-            table=rows.table, experiment=rows.experiment, places=rows.places,
+            table=rows.table, experiment=rows.experiment, places=rows.source.rows,
         )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from aleator.observations import tables
 from aleator.observations.columns import Rows, rows_of
 from aleator.observations.conditions import Conditions as Conditions
 from aleator.observations.conditions import check_sizes
-from aleator.observations.reading import Outcomes
+from aleator.observations.reading import Censored, Outcomes
 from aleator.observations.responses import Observations
 from aleator.observations.tables import Table
 from aleator.observations.transform import Transform
@@ -136,6 +136,7 @@ class Experiments:
         conditions: Sequence[str] | None = None,
         transform: str | Mapping[str, str] = Transform.NONE,
         response: str | None = None,
+        censored: Censored = None,
         beside: Collection[str] = (),
     ) -> Experiments:
         """Take the `outcome`, the `id` and the `conditions` from the columns of a data frame.
@@ -144,18 +145,20 @@ class Experiments:
         from 1; rows with the same id are one experiment. `outcome` is the measured column, or
         several: each is then a response, and a cell may be blank. With `response`, the column of
         that name says which response each value of the one outcome is. `transform` "log" takes the
-        logarithm of outcomes that are positive; {response: transform} gives each its own.
+        logarithm of outcomes that are positive; {response: transform} gives each its own. So does
+        {response: Censoring(...)} as `censored`, by which only bounds of some outcomes are known.
         `conditions` default to every other column but those `beside`.
 
         Raises ExperimentsError with row and column for: a missing column, a blank, a text, NaN or
-        an infinity where a number is needed, a blank id, the logarithm of an outcome <= 0.
+        an infinity where a number is needed, a blank id, the logarithm of an outcome <= 0, a
+        censored value without a bound.
 
         >>> import pandas as pd
         >>> frame = pd.DataFrame({"id": ["a", "b"], "load": [1, 2], "time": [0.8, 0.9]})
         >>> Experiments.from_frame(frame, outcome="time").conditions.columns.tolist()
         ['load']
         """
-        outcomes = Outcomes(_names(outcome), response, transform)
+        outcomes = Outcomes(_names(outcome), response, transform, censored)
         return cls._from_table(tables.from_frame(frame), outcomes, id, conditions, beside)
 
     @classmethod
@@ -168,6 +171,7 @@ class Experiments:
         conditions: Sequence[str] | None = None,
         transform: str | Mapping[str, str] = Transform.NONE,
         response: str | None = None,
+        censored: Censored = None,
         beside: Collection[str] = (),
         delimiter: str = ",",
         decimal: str = ".",
@@ -179,7 +183,7 @@ class Experiments:
         Raises ExperimentsError as `from_frame` does, with the row as a spreadsheet counts it (the
         header is row 1), and for a file that is absent, empty, no text, or differently delimited.
         """
-        outcomes = Outcomes(_names(outcome), response, transform)
+        outcomes = Outcomes(_names(outcome), response, transform, censored)
         table = tables.read(path, delimiter, decimal)
         return cls._from_table(table, outcomes, id, conditions, beside)
 
@@ -195,8 +199,8 @@ class Experiments:
         outcomes.require(table, names)
         rows: Rows = rows_of(table, id, names, outcomes.taken, beside)
         return cls(
-            rows.ids, rows.conditions, outcomes.read(table, rows.experiment),
-            table=rows.table, experiment=rows.experiment, places=rows.places,
+            rows.ids, rows.conditions, outcomes.read(rows.source, rows.experiment),
+            table=rows.table, experiment=rows.experiment, places=rows.source.rows,
         )  # fmt: skip
 
 

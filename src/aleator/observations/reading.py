@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from aleator.errors import ExperimentsError
-from aleator.observations.responses import Observations, Response, responses_of
+from aleator.observations.censoring import Censoring, Values
+from aleator.observations.responses import Observations, Response, require_known, responses_of
 from aleator.observations.tables import Table
 from aleator.types import Array, Indices
 
-
-class Values(NamedTuple):
-    """Values of one column in the original unit: the row (m,) of each, and its two ends (m,)."""
-
-    row: Indices
-    lower: Array
-    upper: Array
+Censored = Censoring | Mapping[str, Censoring] | None
+"""How values are censored: all, or those of each response, or none."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +22,8 @@ class Outcomes:
     """Which columns of a table hold what was measured.
 
     Wide: each of the `columns` is a response of its name. Long: there is one column of values, and
-    the column `response` says which response each is. `transform` is one for all responses, or one
-    for each that has one.
+    the column `response` says which response each is. `transform` and `censored` are one for all
+    responses, or one for each that has one.
 
     Raises ExperimentsError for columns that cannot be read so.
 
@@ -41,6 +36,7 @@ class Outcomes:
     columns: tuple[str, ...]
     response: str | None = None
     transform: str | Mapping[str, str] = "none"
+    censored: Censored = None
 
     def __post_init__(self) -> None:
         if not self.columns or len({*self.columns}) != len(self.columns):
@@ -53,11 +49,18 @@ class Outcomes:
                 f"{len(self.columns)} columns of values",
                 "name one outcome, or leave out the response",
             )
+        if isinstance(self.censored, Censoring) and len(self.columns) > 1:
+            raise ExperimentsError(
+                f"censored: which of the responses {', '.join(self.columns)} is meant is not said",
+                f"say it for each that is censored: censored = {{{self.columns[0]} = {{...}}}}",
+            )
 
     @property
     def taken(self) -> tuple[str, ...]:
         """The columns that hold what was measured, and are no conditions."""
-        return (*self.columns, *([] if self.response is None else [self.response]))
+        censored = self.censored if isinstance(self.censored, Mapping) else {"": self.censored}
+        said = [name for one in censored.values() if one is not None for name in one.columns]
+        return (*self.columns, *([] if self.response is None else [self.response]), *said)
 
     def require(self, table: Table, conditions: Sequence[str] | None) -> None:
         """Raise ExperimentsError for a column that is not there, or that is a condition too."""
@@ -65,20 +68,25 @@ class Outcomes:
             table.require(name, "the outcome")
         if self.response is not None:
             table.require(self.response, "the response")
-        for name in self.taken if conditions is not None else ():
-            if name in (conditions or ()):
-                raise ExperimentsError(
-                    f"{table.source}: '{name}' is both the outcome and a condition",
-                    "leave it out of the conditions: a simulator must not know what was measured",
-                )
+        both = [name for name in self.taken if name in (conditions or ())]
+        if both:
+            raise ExperimentsError(
+                f"{table.source}: '{both[0]}' is both of the outcome and a condition",
+                "leave it out of the conditions: a simulator must not know what was measured",
+            )
 
     def read(self, table: Table, experiment: Indices) -> Observations:
         """The observations of a table whose rows are of the experiments (R,)."""
-        parts = self._long(table) if self.response else self._wide(table)
-        responses = responses_of([*parts], self.transform)
+        rows = self._long(table) if self.response else dict.fromkeys(self.columns, None)
+        responses = responses_of([*rows], self.transform)
+        if isinstance(self.censored, Mapping):
+            require_known(self.censored, [*rows], "censored")
+        every = np.arange(len(table))
+        found = [self._values(table, r, every if of is None else of) for r, of in rows.items()]
+        self._require_values(table, found)
         seen = [
-            _transformed(table, values, self._column(name), response)
-            for (name, values), response in zip(parts.items(), responses, strict=True)
+            _transformed(table, values, self._columns(response.name), response)
+            for values, response in zip(found, responses, strict=True)
         ]
         row, lower, upper = (np.concatenate([part[k] for part in seen]) for k in range(3))
         which = np.repeat(np.arange(len(seen)), [len(part.row) for part in seen])
@@ -86,26 +94,8 @@ class Outcomes:
         row, which = row[order], which[order]
         return Observations(experiment[row], row, which, lower[order], upper[order], responses)
 
-    def _column(self, response: str) -> str:
-        return response if self.response is None else self.columns[0]
-
-    def _wide(self, table: Table) -> dict[str, Values]:
-        """The values of each column; with several columns a cell may be blank, a row may not."""
-        if len(self.columns) == 1:
-            values = table.numbers(self.columns[0])
-            return {self.columns[0]: Values(np.arange(len(table)), values, values)}
-        found = {name: table.numbers_or_blank(name) for name in self.columns}
-        nothing = np.flatnonzero(np.all([np.isnan(values) for values in found.values()], axis=0))
-        if nothing.size:
-            place = f"{table.source}: {table.places[int(nothing[0])]}"
-            raise ExperimentsError(
-                f"{place}: no outcome: {', '.join(self.columns)} are all blank",
-                "write what was measured there, or delete the row",
-            )
-        return {name: _given(values) for name, values in found.items()}
-
-    def _long(self, table: Table) -> dict[str, Values]:
-        """The values of each word of the column of responses, in order of appearance."""
+    def _long(self, table: Table) -> dict[str, Indices]:
+        """The rows of each word of the column of responses, in order of appearance."""
         assert self.response is not None
         words = table.texts(self.response)
         if "" in words:
@@ -113,26 +103,53 @@ class Outcomes:
                 f"{table.where(words.index(''), self.response)}: the response is blank",
                 "write which response the value of this row is",
             )
-        values = table.numbers(self.columns[0])
-        names, of = list(dict.fromkeys(words)), np.array(words)
-        rows = {name: np.flatnonzero(of == name) for name in names}
-        return {name: Values(row, values[row], values[row]) for name, row in rows.items()}
+        of = np.array(words)
+        return {name: np.flatnonzero(of == name) for name in dict.fromkeys(words)}
+
+    def _values(self, table: Table, response: str, rows: Indices) -> Values:
+        column, censoring = self._columns(response)[0], self._censoring(response)
+        if censoring is not None:
+            return censoring.read(table, column, rows)
+        values = table.numbers_or_blank(column)[rows]
+        given = ~np.isnan(values)
+        return Values(rows[given], values[given], values[given])
+
+    def _require_values(self, table: Table, found: Sequence[Values]) -> None:
+        """Raise ExperimentsError for a row without any value."""
+        given = np.zeros(len(table), dtype=bool)
+        for values in found:
+            given[values.row] = True
+        if not np.all(given):
+            row = int(np.flatnonzero(~given)[0])
+            raise ExperimentsError(
+                f"{table.where(row, self.columns[0])}: the cell is blank, a number is needed"
+                + (f" there or in {', '.join(self.columns[1:])}" if len(self.columns) > 1 else ""),
+                "write what was measured there, or delete the row",
+            )
+
+    def _censoring(self, response: str) -> Censoring | None:
+        censored = self.censored
+        return censored.get(response) if isinstance(censored, Mapping) else censored
+
+    def _columns(self, response: str) -> tuple[str, str]:
+        """The columns of the lower and of the upper ends of a response."""
+        column = response if self.response is None else self.columns[0]
+        censoring = self._censoring(response)
+        return column, (censoring.upper if censoring else None) or column
 
 
-def _given(values: Array) -> Values:
-    row = np.flatnonzero(~np.isnan(values))
-    return Values(row, values[row], values[row])
-
-
-def _transformed(table: Table, values: Values, column: str, response: Response) -> Values:
+def _transformed(
+    table: Table, values: Values, columns: tuple[str, str], response: Response
+) -> Values:
     """The values as the likelihood sees them; raises ExperimentsError where it cannot."""
-    ends = [response.transform(end) for end in (values.lower, values.upper)]
-    for raw, end in zip((values.lower, values.upper), ends, strict=True):
-        lost = np.flatnonzero(np.isfinite(raw) & ~np.isfinite(end))
+    ends: list[Array] = []
+    for raw, column in zip((values.lower, values.upper), columns, strict=True):
+        ends.append(np.where(np.isinf(raw), raw, response.transform(raw)))
+        lost = np.flatnonzero(np.isfinite(raw) & ~np.isfinite(ends[-1]))
         if lost.size:
             k = int(lost[0])
             raise ExperimentsError(
                 f"{table.where(int(values.row[k]), column)}: {response.transform.fault(raw[k])}",
                 f'correct the outcome, or leave out transform = "{response.transform}"',
             )
-    return Values(values.row, *ends)
+    return Values(values.row, ends[0], ends[1])

@@ -35,7 +35,8 @@ class Table:
     """Columns of cells, each cell a text or a Python value, with the place of each row.
 
     `source` names the file or the frame, `columns` has one list of N cells a name, `places` (N,)
-    says where each row stands, `decimal` is the decimal sign of the numbers in the text.
+    says where each row stands, `decimal` is the decimal sign of the numbers in the text. `owners`
+    (N,) are the ids of the rows' experiments, as far as they are known already.
 
     >>> table = Table("a.csv", {"ratio": ["0.95", "0.9"]}, ("row 2", "row 3"))
     >>> table.numbers("ratio").tolist()
@@ -46,6 +47,7 @@ class Table:
     columns: Mapping[str, Sequence[object] | NDArray[Any]]
     places: Sequence[str]
     decimal: str = "."
+    owners: Sequence[str] = ()
 
     def __len__(self) -> int:
         return len(self.places)
@@ -62,8 +64,9 @@ class Table:
             )
 
     def where(self, row: int, column: str) -> str:
-        """The place of a cell in words: file, row, column."""
-        return f"{self.source}: {self.places[row]}, column '{column}'"
+        """The place of a cell in words: file, row, column, experiment."""
+        of = f" of experiment '{self.owners[row]}'" if self.owners else ""
+        return f"{self.source}: {self.places[row]}, column '{column}'{of}"
 
     @property
     def rows(self) -> Sequence[str]:
