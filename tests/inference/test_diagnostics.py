@@ -53,7 +53,7 @@ def test_a_density_that_is_off_is_told_with_the_size_of_what_it_costs() -> None:
     (off_density,) = told(found, "density")
     assert off_density.concerns[0] == "noise.sd"  # the largest first
     assert "u.sd" in off_density.concerns
-    assert "0.88" in off_density.message
+    assert "0.87" in off_density.message
     assert "convolution" in off_density.remedy
 
 

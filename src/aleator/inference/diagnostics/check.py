@@ -28,10 +28,15 @@ def score_steps(
 ) -> Array:
     """Steps (K,) at which the check differences the log-likelihood; zero where there is no error.
 
-    A quarter of a standard error, within the limits.
+    A quarter of the standard error that each estimate would have if all others were known, within
+    the limits. Where estimates are correlated the standard error itself is many times that, and a
+    difference over it is far from a derivative.
     """
     room = [min(a - h.lower, h.upper - a) for a, h in zip(alpha, hyperparameters, strict=True)]
-    step = 0.25 * np.nan_to_num(inference.standard_error)
+    step = np.zeros(alpha.size)
+    if inference.positive:
+        inside = np.isin(inference.identified, inference.free)
+        step[inference.free] = 0.25 / np.sqrt(np.diag(inference.information)[inside])
     return np.asarray(np.clip(step, 0.0, np.maximum(room, 0.0)))
 
 
