@@ -17,7 +17,7 @@ from benchmarks.row import Row, seconds_row
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 CLUTCH = EXAMPLES / "wet_clutch" / "study.toml"
-STUDIES = {"wet clutch": CLUTCH, "concrete fatigue": EXAMPLES / "concrete_fatigue" / "study.toml"}
+STUDIES = {"wet clutch": CLUTCH, "fatigue limit": EXAMPLES / "fatigue_limit" / "study.toml"}
 
 CHECK = "verification"
 """The stage of the check on the simulator."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from problems import Problem
@@ -10,6 +11,7 @@ from scipy import optimize
 
 from aleator import GradientMultistart, Identification, MaximumEntropy, MonteCarlo, identify
 from aleator.densities import Density
+from aleator.study import load_study
 from aleator.types import Array
 
 
@@ -33,6 +35,22 @@ def identified(
         search=GradientMultistart(starts),
         verification=MonteCarlo(samples),
         **more,  # type: ignore[arg-type]
+    )
+
+
+def of_study(path: Path, verification: MonteCarlo) -> Identification:
+    """A study file through the Python API, with another check; nothing is stored."""
+    study = load_study(path)
+    return identify(
+        study.runner(),
+        study.experiments,
+        study.inputs,
+        noise=study.noise,
+        propagation=study.propagation,
+        density=study.density,
+        search=study.search,
+        verification=verification,
+        seed=study.seed,
     )
 
 

@@ -41,10 +41,10 @@ class Experiments:
     Raises ExperimentsError if the sizes differ, an id appears twice or an outcome is not finite.
 
     >>> import pandas as pd
-    >>> frame = pd.DataFrame({"ratio": [0.95, 0.9], "kilocycles": [0.037, 0.2]})
+    >>> frame = pd.DataFrame({"ratio": [0.95, 0.8], "kilocycles": [6.0, 25.0]})
     >>> experiments = Experiments.from_frame(frame, outcome="kilocycles", transform="log")
     >>> experiments.ids, experiments.outcomes.round(3).tolist()
-    (('1', '2'), [-3.297, -1.609])
+    (('1', '2'), [1.792, 3.219])
     >>> frame = pd.DataFrame({"id": ["a", "a", "b"], "time": [1, 2, 1], "length": [1.1, 1.3, 1.0]})
     >>> series = Experiments.from_frame(frame, outcome="length")
     >>> series.ids, series.experiment.tolist(), series.simple

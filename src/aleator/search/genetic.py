@@ -32,8 +32,9 @@ class GeneticAlgorithm(TaskSearch):
 
     Cost: population x generations evaluations without score. It fails where the maximum is a
     narrow ridge: without polish and guesses, 2,500 evaluations ended 0.03 and 0.11 (two seeds)
-    below the best known log-likelihood of the wet clutch, and 1.6 below that of concrete fatigue.
-    Raises InputsError for a population below 4 or no generations, AleatorError without pymoo.
+    below the best known log-likelihood of the wet clutch, and 2.4 below that of a random fatigue
+    limit. Raises InputsError for a population below 4 or no generations, AleatorError without
+    pymoo.
 
     >>> GeneticAlgorithm().name
     'genetic(50)'

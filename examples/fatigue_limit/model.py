@@ -1,4 +1,4 @@
-"""The random fatigue-limit model of concrete: how many cycles one specimen endures."""
+"""The random fatigue-limit model: how many cycles one specimen endures."""
 
 import numpy as np
 
