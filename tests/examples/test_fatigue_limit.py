@@ -47,6 +47,7 @@ def found() -> Identification:
     return of_study(STUDY / "study.toml", MonteCarlo())
 
 
+@pytest.mark.slow
 def test_the_answer_is_the_exact_maximum_of_the_likelihood(
     found: Identification, answer: tuple[Array, float, Array]
 ) -> None:
@@ -59,6 +60,7 @@ def test_the_answer_is_the_exact_maximum_of_the_likelihood(
     assert found.accepted
 
 
+@pytest.mark.slow
 def test_the_truth_lies_within_two_standard_errors(found: Identification) -> None:
     for name, value in TRUTH.items():
         estimate, error = found.alpha[name].estimate, found.alpha[name].standard_error
@@ -66,6 +68,7 @@ def test_the_truth_lies_within_two_standard_errors(found: Identification) -> Non
         assert abs(estimate - value) < 2.0 * error, name
 
 
+@pytest.mark.slow
 def test_the_check_on_the_simulator_confirms_it(found: Identification) -> None:
     verified = found.log_likelihood.verified
     error = found.log_likelihood.verified_standard_error
@@ -77,12 +80,14 @@ def test_the_check_on_the_simulator_confirms_it(found: Identification) -> None:
     assert "density" not in {warning.about for warning in found.warnings}
 
 
+@pytest.mark.slow
 def test_it_takes_few_runs(found: Identification) -> None:
     assert found.runs_by_stage["response surface"] < 1000
     assert found.surface is not None
     assert found.surface["worst_error"] < 0.01
 
 
+@pytest.mark.slow
 def test_a_gaussian_density_misses_the_maximum(answer: tuple[Array, float, Array]) -> None:
     missed = of_study(STUDY / "study_gaussian.toml", MonteCarlo(0))
     assert missed.log_likelihood.estimated < answer[1] - 1.0
