@@ -131,7 +131,8 @@ def test_the_intercept_far_from_all_experiments_may_be_where_any_line_has_it() -
     steepest = np.array([2.0 - 290.0 * 0.5, 0.5, 1.0])
     np.testing.assert_allclose(values(inputs, steepest)[[0, -1]], [2.0, 12.0])
     # the search looks at the value at the mean of the covariate
-    assert intercept.beside == (("k.mean[kelvin]", pytest.approx(300.0)),)
+    assert intercept.beside is not None
+    assert intercept.beside.terms == (("k.mean[kelvin]", pytest.approx(300.0)),)
 
 
 def test_a_formula_without_intercept_has_limits_too() -> None:

@@ -17,6 +17,8 @@ from aleator.polynomials.gauss import gauss_with_gradient
 from aleator.polynomials.recurrence import jacobi_recurrence, recurrence_with_gradient
 from aleator.types import Array
 
+NARROWEST = 1e-3
+"""Share of its upper limit that stands for an sd of zero: quantiles keep their digits."""
 WIDEST = 0.99
 """Largest sd over that of the law which has all its mass on the two ends of the box."""
 
@@ -68,7 +70,7 @@ class Beta(ByMeanAndSd):
             )
         widest = min(math.sqrt((m - lower) * (upper - m)) for m in (mean.lower, mean.upper))
         limits = (min(1e-3 * width, 0.1 * widest), 0.95 * widest)
-        sd = resolve("sd", self.sd, limits, positive=True)
+        sd = resolve("sd", self.sd, limits, positive=True, least=NARROWEST)
         if sd.upper > WIDEST * widest:
             raise InputsError(
                 f"sd: no beta law on ({lower:g}, {upper:g}) has mean {mean.lower:g} to "

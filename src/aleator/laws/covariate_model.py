@@ -12,7 +12,7 @@ import numpy as np
 
 from aleator.errors import InputsError, nearest
 from aleator.laws.design import Design, Table
-from aleator.laws.hyperparameter import By, Hyperparameter, Specification, resolve
+from aleator.laws.hyperparameter import Beside, By, Hyperparameter, Specification, resolve
 from aleator.types import Array, Indices
 
 
@@ -113,7 +113,7 @@ def coefficients(own: Hyperparameter, design: Design) -> list[Hyperparameter]:
     value within the limits is left out for which zero is among the covariates. Where zero is not
     between the smallest and the largest of a covariate, the intercept is the value far from all
     experiments: its limits are wider by as much, and the search looks at the value at the mean of
-    the covariate (`Hyperparameter.beside`).
+    the covariate (see `Beside`).
     """
     assert own.by is not None
     _require_terms(own, own.by, design.names)
@@ -127,12 +127,13 @@ def coefficients(own: Hyperparameter, design: Design) -> list[Hyperparameter]:
     far = ~base & ((low > 0.0) | (high < 0.0)) & base.any()
     middle = design.matrix.mean(axis=0)
     beyond = float(np.abs(middle[far]) @ steepest[far])
-    beside = tuple((_name(own, design.names[j]), float(middle[j])) for j in np.flatnonzero(far))
+    terms = tuple((_name(own, design.names[j]), float(middle[j])) for j in np.flatnonzero(far))
+    beside = Beside(terms, own.lower, own.upper) if terms else None
     found = []
     for name, is_base, steep in zip(design.names, base, steepest, strict=True):
         limits = (own.lower - beyond, own.upper + beyond) if is_base else (-steep, steep)
         wanted = own.by.terms.get(name)
-        log = bool(is_base and own.log and limits[0] > 0.0)
+        log = bool(is_base and own.log and beside is None)
         h = _coefficient(_name(own, name), wanted, limits, own.start if is_base else 0.0, log=log)
         found.append(replace(h, beside=beside) if is_base and wanted is None else h)
     return found

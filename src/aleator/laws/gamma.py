@@ -24,6 +24,8 @@ from aleator.types import Array
 
 LARGEST_VARIATION = 5.0**0.5
 """sd over distance from the end that the box takes account of: shape 0.2."""
+NARROWEST = 1e-3
+"""Share of its upper limit that stands for an sd of zero: quantiles keep their digits."""
 FAR = 1e-15
 """Probability left beyond the box."""
 
@@ -59,7 +61,7 @@ class Gamma(ByMeanAndSd):
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """`mean` and `sd` of the law."""
-        return require_above(self.lower, location_and_scale(self.mean, self.sd))
+        return require_above(self.lower, location_and_scale(self.mean, self.sd, NARROWEST))
 
     @cached_property
     def box(self) -> tuple[float, float]:

@@ -66,14 +66,32 @@ Specification = float | Free
 """A hyperparameter as the user states it: a number fixes it, `Free` identifies it."""
 
 
+ZERO = 1e-6
+"""A scale's lower limit below this share of the upper one stands for zero."""
+FURTHEST = 1e-3
+"""Share of the upper limit from which a scale that may be zero is searched."""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Other hyperparameters, by name with a factor each, and limits of the sum of all.
+
+    The likelihood knows the sum v + sum_j factor_j v_j better than v alone: that of an intercept
+    and a slope at the mean of the covariate, where zero is far from all experiments.
+    """
+
+    terms: tuple[tuple[str, float], ...]
+    lower: float
+    upper: float
+
+
 @dataclass(frozen=True)
 class Hyperparameter:
     """One hyperparameter, resolved: its bounds, its start, and whether it is identified.
 
     `log` tells the search to look at it on a logarithmic scale, as for a standard deviation.
     `by` is the formula of covariates that it stands for, until a table gives its coefficients.
-    `beside` are other hyperparameters, by name with a factor each: the search looks at the sum of
-    all, because the likelihood knows it better than this one alone.
+    The search looks at it together with what stands `beside` it.
     """
 
     name: str
@@ -83,12 +101,16 @@ class Hyperparameter:
     free: bool
     log: bool = False
     by: By | None = None
-    beside: tuple[tuple[str, float], ...] = ()
+    beside: Beside | None = None
+
+    @property
+    def reaches_zero(self) -> bool:
+        """Whether it is a scale whose lower limit stands for zero."""
+        return self.log and self.lower <= ZERO * self.upper
 
     def named(self, prefix: str) -> Hyperparameter:
         """The same hyperparameter as ``prefix.name``."""
-        beside = tuple((f"{prefix}.{name}", factor) for name, factor in self.beside)
-        return replace(self, name=f"{prefix}.{self.name}", beside=beside)
+        return replace(self, name=f"{prefix}.{self.name}")
 
 
 def resolve(
@@ -97,9 +119,12 @@ def resolve(
     default: tuple[float | None, float | None],
     *,
     positive: bool = False,
+    least: float | None = None,
 ) -> Hyperparameter:
     """Fill a specification's gaps from the law's default limits, and check it.
 
+    A positive one may have zero as its lower limit where `least` is given: the share of the upper
+    limit that stands for it, because at zero itself there is no density.
     Raises InputsError where a limit is missing, not finite, out of order, or not positive although
     it must be, and where the start lies outside the limits.
     """
@@ -123,13 +148,16 @@ def resolve(
             f"give {name} a lower and an upper limit, or give its parameter a finite box",
         )
     _require(lower < upper, f"{name}: lower {lower} >= upper {upper}", "swap or widen the limits")
+    if positive and least is not None and lower == 0.0:
+        lower = least * upper
     if positive:
         _require(
             lower > 0.0,
             f"{name}: lower {lower} is not above zero",
             "give a small positive lower limit, such as a thousandth of the upper one",
         )
-    middle = math.sqrt(lower * upper) if positive else 0.5 * (lower + upper)
+    nearest_zero = max(lower, FURTHEST * upper) if lower <= ZERO * upper else lower
+    middle = math.sqrt(nearest_zero * upper) if positive else 0.5 * (lower + upper)
     start = middle if specification.start is None else float(specification.start)
     _require(
         lower <= start <= upper,
@@ -141,16 +169,17 @@ def resolve(
 
 
 def location_and_scale(
-    mean: Specification, sd: Specification
+    mean: Specification, sd: Specification, least: float = ZERO
 ) -> tuple[Hyperparameter, Hyperparameter]:
     """`mean` and `sd` of a law without a box: the mean needs limits of its own.
 
-    An sd limit left open becomes a thousandth and a half of the width of the mean's limits.
+    An sd limit left open becomes a thousandth and a half of the width of the mean's limits; a
+    lower limit of zero the share `least` of the upper one.
     """
     center = resolve("mean", mean, (None, None))
     width = center.upper - center.lower
     limits = (1e-3 * width, 0.5 * width) if width > 0.0 else (None, None)
-    return center, resolve("sd", sd, limits, positive=True)
+    return center, resolve("sd", sd, limits, positive=True, least=least)
 
 
 def require_above(

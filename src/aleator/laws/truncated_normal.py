@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from aleator.errors import InputsError
-from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, about, resolve
+from aleator.laws.hyperparameter import OPEN, ZERO, Hyperparameter, Specification, about, resolve
 from aleator.laws.image import normal_log_density
 from aleator.laws.law import MeanSd, Rule, Standard
 from aleator.polynomials.gauss import gauss, gauss_hermite, gauss_legendre
@@ -76,7 +76,7 @@ class TruncatedNormal:
         finite = math.isfinite(width)
         mean = resolve("mean", self.mean, (lower, upper) if finite else (None, None))
         limits = (1e-3 * width, 0.5 * width) if finite else (None, None)
-        return mean, resolve("sd", self.sd, limits, positive=True)
+        return mean, resolve("sd", self.sd, limits, positive=True, least=ZERO)
 
     @property
     def box(self) -> tuple[float, float]:

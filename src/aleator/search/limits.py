@@ -42,7 +42,7 @@ def outsized(width: Array, size: Array) -> NDArray[np.bool_]:
 
 def _spans(h: Hyperparameter) -> float:
     if h.log:
-        return h.upper / h.lower
+        return 1.0 if h.reaches_zero else h.upper / h.lower
     sizes = [abs(v) for v in (h.lower, h.upper, h.start) if v != 0.0]
     smallest, largest = min(sizes), max(sizes)
     # one size all round says nothing of the value's own size
