@@ -101,7 +101,7 @@ def test_wide_limits_are_those_of_many_orders() -> None:
         }
     )
     names = wide_limits(inputs.hyperparameters)
-    assert names == ("far.value", "started.value", "near.sd")
+    assert names == ("far.value", "started.value")
 
 
 def saturating(z: np.ndarray, v: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -21,14 +21,15 @@ def wide_limits(hyperparameters: Sequence[Hyperparameter]) -> tuple[str, ...]:
     """Names of the free hyperparameters whose limits span six orders of magnitude or more.
 
     Measured against the smallest of limits and start that is not zero; where these are all of one
-    size, as for -1e9 to 1e9, against 1. For a hyperparameter on a logarithmic scale, upper/lower.
+    size, as for -1e9 to 1e9, against 1. A scale is never one: it is seen by its logarithm, and by
+    its square near zero.
 
     >>> far = Hyperparameter("b.value", -1e9, 1e9, 0.0, free=True)
     >>> near = Hyperparameter("v.mean", 1e9, 3e11, 2e11, free=True)
     >>> wide_limits([far, near])
     ('b.value',)
     """
-    return tuple(h.name for h in hyperparameters if h.free and _spans(h) >= WIDE)
+    return tuple(h.name for h in hyperparameters if h.free and not h.log and _spans(h) >= WIDE)
 
 
 def outsized(width: Array, size: Array) -> NDArray[np.bool_]:
@@ -41,8 +42,6 @@ def outsized(width: Array, size: Array) -> NDArray[np.bool_]:
 
 
 def _spans(h: Hyperparameter) -> float:
-    if h.log:
-        return 1.0 if h.reaches_zero else h.upper / h.lower
     sizes = [abs(v) for v in (h.lower, h.upper, h.start) if v != 0.0]
     smallest, largest = min(sizes), max(sizes)
     # one size all round says nothing of the value's own size
