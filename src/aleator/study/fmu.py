@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
 from aleator.simulators.fmu import Crossing, Extreme, Final, Hook, Reduction, Signal, read_signal
 from aleator.simulators.fmu.description import Description
@@ -59,12 +59,42 @@ class OutcomeSection(Section):
         return Crossing(signal, self.value, self.direction, self.after, cubic)
 
 
-def _function(value: Any) -> Any:
-    return {"function": value} if isinstance(value, str) else value
+def _written(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    return {"function" if ":" in value else "variable": value}
 
 
-Outcome = Annotated[OutcomeSection, BeforeValidator(_function)]
-"""`outcome = {...}` or `outcome = "module.py:function"`."""
+def _several(value: Any) -> str:
+    """A table without any key of an outcome names responses; so does a table of tables."""
+    if not isinstance(value, Mapping) or not value:
+        return "one"
+    tables = all(isinstance(each, (Mapping, OutcomeSection)) for each in value.values())
+    return "several" if tables or not {*value} & {*OutcomeSection.model_fields} else "one"
+
+
+_Outcome = Annotated[OutcomeSection, BeforeValidator(_written)]
+Outcome = Annotated[
+    Annotated[_Outcome, Tag("one")] | Annotated[dict[str, _Outcome], Tag("several")],
+    Discriminator(_several),
+]
+"""`outcome = "variable"`, `"module.py:function"` or `{...}`; of several by response."""
+
+
+def reductions(
+    outcome: OutcomeSection | Mapping[str, OutcomeSection], folder: Path
+) -> Reduction | dict[str, Reduction]:
+    """The library's choice of each outcome; `folder` is the study's."""
+    if isinstance(outcome, OutcomeSection):
+        return outcome.build(folder)
+    return {response: each.build(folder) for response, each in outcome.items()}
+
+
+Time = Annotated[
+    Annotated[float, Tag("number")] | Annotated[str, Tag("condition")],
+    Discriminator(lambda value: "condition" if isinstance(value, str) else "number"),
+]
+"""A time in s, or the name of the condition that has it."""
 
 
 def _named(value: Any) -> Any:

@@ -28,7 +28,7 @@ from aleator.simulators.command import (
 )
 from aleator.simulators.fmu import Course, FMUSimulator, Operation
 from aleator.simulators.fmu.description import read_description
-from aleator.study.fmu import Inputs, Outcome, signals
+from aleator.study.fmu import Inputs, Outcome, Time, reductions, signals
 from aleator.study.keys import Section, fault
 from aleator.study.kinds import Kinds
 
@@ -170,8 +170,8 @@ def fmu(
     fmu: Path,
     outcome: Outcome,
     folder: Path,
-    start_time: float | None = None,
-    stop_time: float | None = None,
+    start_time: Time | None = None,
+    stop_time: Time | None = None,
     step: float | None = None,
     kind: Literal["co_simulation", "model_exchange"] | None = None,
     tolerance: float | None = None,
@@ -183,17 +183,26 @@ def fmu(
     timeout: float | None = None,
     isolated: bool = True,
     version: str = "",
+    series: bool = False,
+    time: str | None = None,
 ) -> FMUSimulator:
     """A Functional Mock-up Unit."""
+    if time is not None and not series:
+        raise StudyError(
+            f'time = "{time}" without series',
+            f'write series = true, if one run serves a whole experiment; or stop_time = "{time}"',
+        )
     return FMUSimulator(
         fmu,
-        outcome.build(folder),
+        reductions(outcome, folder),
         course=Course(start_time, stop_time, step, kind, tolerance),
         variables=variables or {},
         constants=constants or {},
         inputs=signals(inputs or {}, folder, read_description(fmu)),
         operation=Operation(reuse, recycle, timeout, isolated),
         version=version,
+        series=series,
+        time=time or "time",
     )
 
 

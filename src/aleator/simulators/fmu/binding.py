@@ -18,7 +18,8 @@ Value = float | int | bool | str
 class Binding:
     """`names` maps conditions and parameters to variables; others have the variable's own name.
 
-    `taken` are the variables that have a value otherwise: constants, and inputs over time.
+    `taken` are the variables that have a value otherwise: constants, and inputs over time. `times`
+    are the conditions that say when a run begins or ends.
 
     Raises SimulatorError for variables that do not exist, cannot be set, or are given twice.
     """
@@ -26,6 +27,7 @@ class Binding:
     fmu: Description
     names: Mapping[str, str]
     taken: tuple[str, ...] = ()
+    times: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, variable in self.names.items():
@@ -43,7 +45,10 @@ class Binding:
         return self.fmu.variables[self.names.get(name, name)]
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """The conditions that are variables of the FMU. Raises SimulatorError, see Simulator."""
+        """The conditions that are variables of the FMU. Raises SimulatorError, see Simulator.
+
+        One that is also a time is a variable only if a value can be given to that.
+        """
         for name in self.names:
             if name not in (*conditions, *parameters):
                 raise SimulatorError(
@@ -54,9 +59,7 @@ class Binding:
                 )
         for name in parameters:
             self._check_parameter(name)
-        asked = tuple(
-            name for name in conditions if name in self.names or name in self.fmu.variables
-        )
+        asked = tuple(name for name in conditions if self._is_variable(name))
         for name in asked:
             if name in parameters:
                 raise SimulatorError(
@@ -71,6 +74,7 @@ class Binding:
         return {
             self.names.get(name, name): start_value(self.variable(name), cell, f"{name} = {cell!r}")
             for name, cell in cells.items()
+            if self._is_variable(name)
         }
 
     def told(self, names: Sequence[str]) -> str:
@@ -88,6 +92,10 @@ class Binding:
             other = "" if variable.name == name else f" = {variable.name}"
             words.append(f"{name}{other}{f' [{variable.unit}]' if variable.unit else ''}")
         return ", ".join(words)
+
+    def _is_variable(self, name: str) -> bool:
+        variable = self.fmu.variables.get(self.names.get(name, name))
+        return variable is not None and (name not in self.times or variable.settable)
 
     def _check_parameter(self, name: str) -> None:
         variable = self.names.get(name, name)
@@ -124,12 +132,17 @@ def settable(variable: Variable, what: str) -> Variable:
         why = "is an array"
     elif variable.variability == "constant":
         why = "is constant"
+    elif variable.causality == "independent":
+        why = "is the time of the simulation"
+    elif variable.initial == "approx":
+        why = "is calculated by the FMU, from a value that is only a guess"
     else:
         why = "is calculated by the FMU"
     raise SimulatorError(
         f"{what}: a value is given to the FMU's variable {variable}, which {why}",
-        "name a parameter or an input of the FMU; a condition that is none is left out by "
-        "naming the others in [experiments] conditions",
+        "name a parameter, an input or a start value (initial = exact) of the FMU; a time of the "
+        "experiment is named by stop_time, or in a series by time; a condition that is none of "
+        "these is left out by naming the others in [experiments] conditions",
     )
 
 

@@ -16,7 +16,7 @@ from typing import Any
 from aleator.simulators.failure import RunFailed
 from aleator.simulators.fmu import session
 from aleator.simulators.fmu.inside import unusable
-from aleator.simulators.fmu.session import Failed, Setup, Trajectory, Values
+from aleator.simulators.fmu.session import Failed, Job, Setup, Trajectory
 
 START_LIMIT = 300.0  #: s that an FMU may take to be instantiated, as some ask for a license first
 LOG_TAIL = 4000  #: bytes of what the FMU printed that a failure shows
@@ -54,8 +54,8 @@ class Child:
             raise unusable(setup["fmu"], getattr(error, "message", str(error)), log) from None
         assert answer == ("ready",)
 
-    def run(self, values: Values, timeout: float | None, logging: bool = False) -> Trajectory:
-        """The trajectory from these start values; raises RunFailed, or Hung.
+    def run(self, job: Job, timeout: float | None, logging: bool = False) -> Trajectory:
+        """The trajectory of a run; raises RunFailed, or Hung.
 
         Afterwards `alive` is false if the process had to be killed, ended by itself, or must not be
         used any more.
@@ -63,7 +63,7 @@ class Child:
         before = self._printed.seek(0, 2)
         self.runs += 1
         try:
-            answer = self._ask((dict(values), logging), timeout)
+            answer = self._ask((job, logging), timeout)
         except TimeoutError as error:
             log = self._tail(before)
             self.kill()

@@ -51,7 +51,7 @@ class Variable:
         """Whether a value can be given to it before the FMU is initialized."""
         if self.variability == "constant" or not self.scalar:
             return False
-        started = self.causality == "local" and self.initial in ("exact", "approx")
+        started = self.causality in ("local", "output") and self.initial == "exact"
         return self.causality in ("parameter", "input") or started
 
     @property

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from aleator.errors import SimulatorError
 from aleator.simulators.failure import RunFailed
-from aleator.simulators.fmu.session import Failed, Session, Setup, Trajectory, Values
+from aleator.simulators.fmu.session import Failed, Job, Session, Setup, Trajectory
 
 
 class Inside:
@@ -24,12 +24,12 @@ class Inside:
             log = getattr(error, "log", "")
             raise unusable(setup["fmu"], getattr(error, "message", str(error)), log) from None
 
-    def run(self, values: Values, timeout: float | None, logging: bool = False) -> Trajectory:
-        """The trajectory from these start values; raises RunFailed. There is no time limit."""
+    def run(self, job: Job, timeout: float | None, logging: bool = False) -> Trajectory:
+        """The trajectory of a run; raises RunFailed. There is no time limit."""
         assert timeout is None
         self.runs += 1
         try:
-            trajectory = self._session.run(values, logging)
+            trajectory = self._session.run(job, logging)
         except Failed as failure:
             raise RunFailed(failure.message, failure.log) from None
         self.note = self._session.note

@@ -13,14 +13,13 @@ import shutil
 import signal
 import sys
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 Trajectory = dict[str, NDArray[Any]]
-Values = Mapping[str, float | int | bool | str]
 
 LOGGED = 50  #: messages of the FMU that are kept, the last ones
 STALLED = 1000  #: events without any advance of time after which a run is given up
@@ -42,13 +41,23 @@ class Setup(TypedDict):
     fmu: str
     folder: str
     interface: str
+    tolerance: float | None
+    outputs: list[str]
+    reset: bool
+
+
+class Job(TypedDict):
+    """One run: start values by variable, its times in s, and inputs over time as FMPy has them.
+
+    A communication point is placed at every time that `signals` has twice, if the FMU takes steps
+    of any length.
+    """
+
+    values: dict[str, float | int | bool | str]
     start_time: float
     stop_time: float
     step: float
-    tolerance: float | None
-    outputs: list[str]
     signals: NDArray[Any] | None
-    reset: bool
 
 
 class Failed(Exception):
@@ -81,14 +90,14 @@ class Session:
         self._description = fmpy.read_model_description(setup["folder"], validate=False)
         self._instance: Any = self._created()
 
-    def run(self, values: Values, logging: bool = False) -> Trajectory:
-        """Start values by name to "time" and the outputs, each (T,). Raises Failed."""
+    def run(self, job: Job, logging: bool = False) -> Trajectory:
+        """A run to "time" and the outputs, each (T,). Raises Failed."""
         self._log.clear()
         if logging:
             self._discard()
         self._logging = logging
         try:
-            return self._reused(dict(values))
+            return self._reused(job)
         except Failed as failure:
             self._discard(free=not failure.fatal)
             raise
@@ -102,20 +111,20 @@ class Session:
         self._discard()
         shutil.rmtree(self.setup["folder"], ignore_errors=True)
 
-    def _reused(self, values: dict[str, Any]) -> Trajectory:
+    def _reused(self, job: Job) -> Trajectory:
         if self._used is None or not self._reset:
-            return self._anew(values)
-        compare, other = not self._trusted, values != self._used
+            return self._anew(job)
+        compare, other = not self._trusted, job["values"] != self._used
         try:
             self._instance.reset()
-            trajectory = self._simulated(values)
+            trajectory = self._simulated(job)
         except Exception as error:
             if not compare:
                 raise self._failed(error) from error
             trajectory = {}
         if not compare:
             return trajectory
-        anew = self._anew(values)
+        anew = self._anew(job)
         same = _same(trajectory, anew)
         self._trusted = same and other  # equal runs would hide what the last one left behind
         if not same:
@@ -126,12 +135,12 @@ class Session:
             )
         return anew
 
-    def _anew(self, values: dict[str, Any]) -> Trajectory:
+    def _anew(self, job: Job) -> Trajectory:
         if self._instance is None or self._used is not None:
             self._discard()
             self._instance = self._created()
         try:
-            return self._simulated(values)
+            return self._simulated(job)
         except Exception as error:
             raise self._failed(error) from error
 
@@ -159,22 +168,22 @@ class Session:
             self._instance.freeInstance()
         self._instance = self._used = None
 
-    def _simulated(self, values: dict[str, Any]) -> Trajectory:
+    def _simulated(self, job: Job) -> Trajectory:
         import fmpy
 
-        self._used = values
+        self._used = job["values"]
         setup = self.setup
-        inputs = self._inputs(values)
+        inputs = self._inputs(job)
         watch = _Watch(1 if setup["interface"] == "CoSimulation" else STALLED)
         if setup["interface"] == "ModelExchange":
             watch.guard(self._instance, self._description, inputs)
         result = fmpy.simulate_fmu(
             setup["folder"],
-            start_time=setup["start_time"],
-            stop_time=setup["stop_time"],
-            output_interval=setup["step"],
+            start_time=job["start_time"],
+            stop_time=job["stop_time"],
+            output_interval=job["step"],
             relative_tolerance=setup["tolerance"],
-            start_values=values,
+            start_values=job["values"],
             input=inputs,
             output=setup["outputs"],
             step_finished=watch.finished,
@@ -183,20 +192,21 @@ class Session:
         )
         watch.raise_lost()
         trajectory = {name: np.array(result[name]) for name in result.dtype.names}
-        last, end = float(trajectory["time"][-1]), setup["stop_time"]
+        last, end = float(trajectory["time"][-1]), job["stop_time"]
         if not math.isclose(last, end, rel_tol=1e-6):
             raise RuntimeError(f"it stopped at time {last:g} s instead of {end:g} s")
         return trajectory
 
-    def _inputs(self, values: Values) -> NDArray[Any] | None:
+    def _inputs(self, job: Job) -> NDArray[Any] | None:
         """The signals with a constant column for every other input, as FMPy wants all or none."""
-        signals = self.setup["signals"]
+        signals = job["signals"]
         if signals is None:
             return None
         held = {
-            variable.name: values.get(variable.name, variable.start or 0)
+            variable.name: job["values"].get(variable.name, _started(variable))
             for variable in self._description.modelVariables
-            if variable.causality == "input" and variable.type != "String"
+            if variable.causality == "input" and not variable.shape
+            if variable.type not in ("String", "Binary", "Clock")
             if variable.name not in (signals.dtype.names or ())
         }
         kinds = [(name, np.asarray(value).dtype) for name, value in held.items()]
@@ -287,6 +297,14 @@ class _Watch:
         return timed
 
 
+def _started(variable: Any) -> float | int | bool:
+    """The value that an input has of itself."""
+    text = str(variable.start or 0)
+    if variable.type == "Boolean":
+        return text.lower() in ("true", "1")
+    return float(text) if variable.type in ("Real", "Float64", "Float32") else int(text)
+
+
 def _same(one: Trajectory, other: Trajectory) -> bool:
     if one.keys() != other.keys():
         return False
@@ -298,7 +316,7 @@ def _same(one: Trajectory, other: Trajectory) -> bool:
 
 
 def serve() -> None:
-    """Read a Setup and then values from stdin, write a reply to each to stdout, until stdin ends.
+    """Read a Setup and then jobs from stdin, write a reply to each to stdout, until stdin ends.
 
     What the FMU itself prints goes to stderr.
     """
@@ -323,9 +341,9 @@ def serve() -> None:
     try:
         reply("ready")
         while True:
-            values, logging = pickle.load(requests)
+            job, logging = pickle.load(requests)
             try:
-                reply("done", session.run(values, logging), session.note)
+                reply("done", session.run(job, logging), session.note)
             except Failed as failure:
                 reply("failed", failure.message, failure.log, failure.fatal)
     except (EOFError, BrokenPipeError):

@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
 
 from aleator.errors import SimulatorError
+from aleator.simulators.failure import RunFailed
 from aleator.simulators.fmu.description import DEFAULT_POINTS, Description, Kind
+from aleator.types import Array
+
+SHORTEST = 1e-3  #: s of a run that is asked for its start alone: an FMU wants to stop after that
 
 
 @dataclass(frozen=True)
 class Course:
-    """Times in s; None leaves it to the FMU's own default experiment.
+    """Times in s, or the conditions that have them; None leaves it to the FMU's own experiment.
 
     `step` is the communication step of a co-simulation, and the distance at which a model exchange
     is recorded (its solver, CVode, chooses its own steps for `tolerance`).
 
-    >>> Course(stop_time=5.0, step=0.01)
-    Course(start_time=None, stop_time=5.0, step=0.01, kind=None, tolerance=None)
+    >>> Course(stop_time="duration", step=0.01)
+    Course(start_time=None, stop_time='duration', step=0.01, kind=None, tolerance=None)
     """
 
-    start_time: float | None = None
-    stop_time: float | None = None
+    start_time: float | str | None = None
+    stop_time: float | str | None = None
     step: float | None = None
     kind: Kind | None = None
     tolerance: float | None = None
@@ -42,49 +49,138 @@ class Course:
                 f"the FMU {fmu.file.name} does not say how long it is to be simulated",
                 "write stop_time = ... (s)",
             )
-        if not stop > start:
-            raise SimulatorError(
-                f"the stop time {stop:g} s is not after the start time {start:g} s",
-                "correct stop_time or start_time",
-            )
-        steps = (self.step, fmu.step, (stop - start) / DEFAULT_POINTS)
-        step = next(step for step in steps if step is not None)
+        step = self.step if self.step is not None else fmu.step
+        if not isinstance(start, str) and not isinstance(stop, str):
+            if not stop > start:
+                raise SimulatorError(
+                    f"the stop time {stop:g} s is not after the start time {start:g} s",
+                    "correct stop_time or start_time",
+                )
+            step = step if step is not None else (stop - start) / DEFAULT_POINTS
         tolerance = self.tolerance if self.tolerance is not None else fmu.tolerance
-        settled = Settled(kind, start, stop, step, tolerance)
+        whole = kind == "co_simulation" and fmu.fixed_step
+        settled = Settled(kind, start, stop, step, tolerance, whole)
         settled.check(fmu)
         return settled
 
 
 @dataclass(frozen=True)
 class Settled:
-    """A course in which nothing is left open but, in a co-simulation, the tolerance."""
+    """A course in which nothing is left open but, in a co-simulation, the tolerance.
+
+    A time that is a text is the condition that has it; a stop time may have several in a run, at
+    which the FMU is sampled. Without a step it is a 500th of each run. `whole` says that steps have
+    one length.
+    """
 
     kind: Kind
-    start_time: float
-    stop_time: float
-    step: float
+    start_time: float | str
+    stop_time: float | str
+    step: float | None
     tolerance: float | None
+    whole: bool = field(default=False, repr=False)
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The conditions that have a time."""
+        return tuple(t for t in (self.start_time, self.stop_time) if isinstance(t, str))
+
+    def __str__(self) -> str:
+        """How it is run, in words.
+
+        >>> print(Settled("co_simulation", 0.0, "duration", 0.1, None))
+        from 0 to 'duration' s in steps of 0.1 s
+        """
+        start, stop = (
+            repr(time) if isinstance(time, str) else f"{time:g}"
+            for time in (self.start_time, self.stop_time)
+        )
+        step = f"{DEFAULT_POINTS} steps" if self.step is None else f"steps of {self.step:g} s"
+        return f"from {start} to {stop} s in {step}"
 
     def check(self, fmu: Description) -> None:
         """Raise SimulatorError for a step or a tolerance that cannot be."""
-        length = self.stop_time - self.start_time
-        if not 0.0 < self.step <= length:
-            raise SimulatorError(
-                f"the step {self.step:g} s is not between 0 and the {length:g} s of a run",
-                "correct step",
-            )
+        if self.step is not None and not 0.0 < self.step < math.inf:
+            raise SimulatorError(f"the step {self.step:g} s is not positive", "correct step")
         if self.tolerance is not None and not 0.0 < self.tolerance < 1.0:
             raise SimulatorError(
                 f"the tolerance {self.tolerance:g} is not between 0 and 1", "correct tolerance"
             )
+        if isinstance(self.start_time, str) or isinstance(self.stop_time, str):
+            return
+        assert self.step is not None
+        length = self.stop_time - self.start_time
+        if self.step > length:
+            raise SimulatorError(
+                f"the step {self.step:g} s is not between 0 and the {length:g} s of a run",
+                "correct step",
+            )
         steps = length / self.step
-        whole = math.isclose(steps, round(steps), rel_tol=1e-9)
-        if self.kind == "co_simulation" and fmu.fixed_step and not whole:
+        if self.whole and not math.isclose(steps, round(steps), rel_tol=1e-9):
             raise SimulatorError(
                 f"the FMU {fmu.file.name} takes steps of one length only, and {length:g} s are "
                 f"{steps:g} steps of {self.step:g} s",
                 f"choose step = {length / math.ceil(steps):g}, or another stop_time",
             )
+
+    def span(self, cells: Mapping[str, Any]) -> Span:
+        """The times of a run with these conditions.
+
+        Raises RunFailed for a time that is not a finite number, or before the start.
+
+        >>> Settled("co_simulation", 0.0, "time", 0.5, None).span({"time": [0.7, 0.5, 0.7]})
+        Span(start=0.0, stop=0.7, step=0.5, times=array([0.7, 0.5, 0.7]), points=array([]))
+        """
+        (start,) = _instants(self.start_time, cells)
+        times = _instants(self.stop_time, cells)
+        if np.min(times) < start:
+            where = f" ('{self.stop_time}')" if isinstance(self.stop_time, str) else ""
+            raise RunFailed(
+                f"the time {np.min(times):g} s{where} is before the start at {start:g} s"
+            )
+        stop = float(np.max(times))
+        if stop == start:
+            stop += self.step or SHORTEST
+        step = self.step or (stop - start) / DEFAULT_POINTS
+        if self.whole:
+            return Span(start, _whole_steps(start, stop, step), step, times)
+        regular = start + step * np.round((times - start) / step)
+        between = ~np.isclose(regular, times, rtol=1e-9, atol=0.0) & (times < stop)
+        return Span(start, stop, step, times, np.unique(times[between]))
+
+
+@dataclass(frozen=True, eq=False)
+class Span:
+    """A run from `start` to `stop` that is asked for what was at each of `times` (m,), in s.
+
+    Its communication points are `step` apart; others are at `points`, sorted.
+    """
+
+    start: float
+    stop: float
+    step: float
+    times: Array
+    points: Array = field(default_factory=lambda: np.empty(0))
+
+
+def _whole_steps(start: float, stop: float, step: float) -> float:
+    """The end of the last whole step that is needed to reach `stop`."""
+    steps = (stop - start) / step
+    if math.isclose(steps, round(steps), rel_tol=1e-9):
+        return stop
+    return start + step * math.ceil(steps)
+
+
+def _instants(time: float | str, cells: Mapping[str, Any]) -> Array:
+    """The times (m,) of one number, or of a condition. Raises RunFailed."""
+    cell = cells[time] if isinstance(time, str) else time
+    try:
+        times = np.atleast_1d(np.asarray(cell, dtype=np.float64))
+    except (TypeError, ValueError):
+        raise RunFailed(f"the time {time} = {cell!r} is not a number") from None
+    if not np.all(np.isfinite(times)):
+        raise RunFailed(f"the time {time} = {cell!r} is not finite")
+    return times
 
 
 @dataclass(frozen=True)

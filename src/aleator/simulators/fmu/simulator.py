@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import hashlib
-import math
-import os
-import tempfile
-import threading
-import weakref
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from aleator.errors import SimulatorError
+import numpy as np
+
+from aleator.errors import SimulatorError, nearest
 from aleator.simulators.failure import RunFailed
 from aleator.simulators.fmu.binding import Binding, Value, settable, start_value
-from aleator.simulators.fmu.child import Child, Hung
-from aleator.simulators.fmu.description import INTERFACES, read_description
-from aleator.simulators.fmu.inside import Inside
+from aleator.simulators.fmu.description import read_description
+from aleator.simulators.fmu.engine import Engine
 from aleator.simulators.fmu.reduction import Reduction
-from aleator.simulators.fmu.session import Setup, Trajectory
-from aleator.simulators.fmu.settings import Course, Operation
+from aleator.simulators.fmu.sampling import require_constant, sampled
+from aleator.simulators.fmu.session import Job, Trajectory
+from aleator.simulators.fmu.settings import Course, Operation, Span
 from aleator.simulators.fmu.signals import Signal, assembled, checked_input
 from aleator.simulators.protocol import SINGLE_BLOCK, Columns, Returned, one_by_one
+from aleator.types import Array
 
 DEFAULT_COURSE = Course()
 DEFAULT_OPERATION = Operation()
@@ -32,10 +31,16 @@ class FMUSimulator:
     """A Functional Mock-up Unit (FMI 2.0 or 3.0) run through FMPy; fills `Simulator`.
 
     Conditions and parameters are set before initialization, the FMU is simulated as `course` says,
-    and `outcome` makes one number of its trajectory. `variables` maps conditions and parameters to
-    the FMU's variables; what it does not name has the variable's own name, and conditions that are
-    no variables are not asked for. `constants` are start values by variable, `inputs` signals by
-    variable. `version` is a text that the user changes when something that the FMU reads changes.
+    and `outcome` makes one number of its trajectory; or one of each response, if it is a mapping.
+    A start or stop time may be the name of a condition. `variables` maps conditions and parameters
+    to the FMU's variables; what it does not name has the variable's own name, and conditions that
+    are neither variables nor times are not asked for. `constants` are start values by variable,
+    `inputs` signals by variable. `version` is a text that the user changes when something that the
+    FMU reads changes.
+
+    With `series` one run serves a whole experiment: it ends at the largest of its times, which the
+    condition `time` has, and gives the outcome at each of them, of what happened until then. Other
+    conditions must not vary within an experiment.
 
     The FMU runs in a process of its own, started at the first run and ended by `close`, or with
     this process. The simulator can be pickled; each copy starts its own process.
@@ -51,7 +56,7 @@ class FMUSimulator:
     def __init__(
         self,
         file: str | Path,
-        outcome: Reduction,
+        outcome: Reduction | Mapping[str, Reduction],
         *,
         course: Course = DEFAULT_COURSE,
         variables: Mapping[str, str] | None = None,
@@ -59,12 +64,16 @@ class FMUSimulator:
         inputs: Mapping[str, Signal] | None = None,
         operation: Operation = DEFAULT_OPERATION,
         version: str = "",
+        series: bool = False,
+        time: str = "time",
     ) -> None:
         self.file = Path(file).resolve()
         self.name = Path(file).name
         self.fmu = read_description(self.file)
-        self.course = course.of(self.fmu)
-        self.outcome = outcome
+        self.series = series
+        self.course = (_of_series(course, time) if series else course).of(self.fmu)
+        self.outcomes = dict(outcome) if isinstance(outcome, Mapping) else {"": outcome}
+        self.responses = tuple(name for name in self.outcomes if name)
         self.operation = operation
         self.version = version
         self.constants = self._constants(constants or {})
@@ -77,56 +86,79 @@ class FMUSimulator:
                 f"the FMU's variable '{both[0]}' is a constant and an input over time",
                 "keep one of the two",
             )
+        self._inputs = dict(signals)
         self._signals = assembled(signals, self.fmu)
-        self._binding = Binding(self.fmu, dict(variables or {}), (*self.constants, *signals))
-        self._records = outcome.needs(self.fmu)
-        self._notes: dict[str, None] = {}
-        self._engine: Child | Inside | None
-        self._idle()
+        times = self.course.conditions
+        taken = (*self.constants, *signals)
+        self._binding = Binding(self.fmu, dict(variables or {}), taken, times)
+        needed = [name for each in self.outcomes.values() for name in each.needs(self.fmu)]
+        self._records = tuple(dict.fromkeys(needed))
+        self._engine = Engine(self.file, self.course, self._records, operation)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """The conditions that are variables of the FMU, in the order of `conditions`.
+        """The conditions that are times or variables of the FMU, in the order of `conditions`.
 
-        Raises SimulatorError for a parameter that the FMU does not have, and for a condition or
-        parameter that cannot be set: an output, a constant, what the FMU calculates.
+        Raises SimulatorError for a parameter that the FMU does not have, for a condition or
+        parameter that cannot be set (a constant, what the FMU calculates), and for a time that is
+        none of the conditions.
         """
-        return self._binding.asks(conditions, parameters)
+        times = self.course.conditions
+        for name in times:
+            if name not in conditions:
+                raise SimulatorError(
+                    f"the condition '{name}' that has a time of the simulation does not "
+                    f"exist{nearest(name, conditions)}",
+                    f"conditions: {', '.join(conditions) or 'none'}",
+                )
+        bound = self._binding.asks(conditions, parameters)
+        return tuple(name for name in conditions if name in times or name in bound)
 
     def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
-        """Run R times, one after the other; raises RunStopped."""
-        return one_by_one(lambda cells: self.run_one(cells, {}), conditions, parameters)
+        """Run R times, one after the other; an array (R,), or a list of what each run gives.
+
+        A run of a series gives an array (m,), of several responses a mapping from their names; a
+        condition that varies within any experiment is then a column of arrays. Raises RunStopped,
+        and SimulatorError for a condition that must not vary.
+        """
+        if self.series:
+            require_constant(conditions, str(self.course.stop_time))
+        return one_by_one(self._answer, conditions, parameters)
 
     def run_one(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> float:
-        """The outcome of one run.
+        """The outcome of a run that has but one.
 
         Raises RunFailed, with what the FMU logged, for an error inside the FMU, a trajectory that
         ends early, an outcome that does not exist or is not finite, a crash, and after a timeout.
         """
-        outcome = self.outcome(self.trajectory(conditions, parameters))
-        if not math.isfinite(outcome):
-            raise RunFailed(f"the outcome is {outcome:g}")
-        return outcome
+        outcomes = self.sample(conditions, parameters)
+        if outcomes.size > 1:
+            raise SimulatorError(f"a run has {outcomes.size} outcomes", "take them by sample")
+        return float(outcomes[0, 0])
+
+    def sample(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> Array:
+        """The outcomes (m, q) of one run: q responses at m times, one without `series`.
+
+        What does not exist at a time is NaN. Raises RunFailed as `run_one` does.
+        """
+        cells = {**conditions, **parameters}
+        span = self.course.span(cells)
+        trajectory = self._trajectory(cells, span)
+        return sampled([*self.outcomes.values()], trajectory, span.times)
 
     def trajectory(
         self, conditions: Mapping[str, Any], parameters: Mapping[str, float]
     ) -> Trajectory:
-        """Time and every variable that the outcome needs, (T,) each, of one run."""
+        """Time and every variable that the outcomes need, (T,) each, of one run."""
         cells = {**conditions, **parameters}
-        values = {**self.constants, **self._binding.values(cells)}
-        with self._lock:
-            try:
-                return self._run(values)
-            except RunFailed as failure:
-                if failure.log or isinstance(failure, Hung):
-                    raise
-                raise RunFailed(failure.message, self._logged(values)) from None
+        return self._trajectory(cells, self.course.span(cells))
 
     def fingerprint(self) -> str:
         """A hash of the FMU's bytes, every setting, the outcome's source, and `version`."""
         digest = self._digest()
         settings = (self.course, dict(self._binding.names), self.constants, self.version)
-        digest.update(repr(settings).encode())
-        digest.update(self.outcome.fingerprint().encode())
+        digest.update(repr(settings).encode() + (b"series" if self.series else b""))
+        for name, outcome in self.outcomes.items():
+            digest.update(name.encode() + outcome.fingerprint().encode())
         if self._signals is not None:
             digest.update(repr(self._signals.dtype).encode() + self._signals.tobytes())
         return digest.hexdigest()
@@ -134,7 +166,7 @@ class FMUSimulator:
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know of how the runs went: a reset that was given up."""
-        return tuple(self._notes)
+        return self._engine.notes
 
     def bindings(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
         """How it is run, which variables are set and recorded, with units, and what is not passed.
@@ -142,13 +174,12 @@ class FMUSimulator:
         Raises SimulatorError as `asks` does.
         """
         asked = self.asks(conditions, parameters)
-        course = self.course
-        kind = "co-simulation" if course.kind == "co_simulation" else "model exchange"
-        span = f"{course.start_time:g} to {course.stop_time:g} s in steps of {course.step:g} s"
+        kind = "co-simulation" if self.course.kind == "co_simulation" else "model exchange"
         recorded = (self.fmu.variables[name] for name in self._records)
         units = (f"{v.name} [{v.unit}]" if v.unit else v.name for v in recorded)
-        lines = [f"FMI {self.fmu.version}, {kind} from {span}, recorded: {', '.join(units)}"]
-        for what, names in (("conditions", asked), ("parameters", parameters)):
+        lines = [f"FMI {self.fmu.version}, {kind} {self.course}, recorded: {', '.join(units)}"]
+        bound = self._binding.asks(conditions, parameters)
+        for what, names in (("conditions", bound), ("parameters", parameters)):
             lines.append(f"{what}: {self._binding.told(names) or 'none'}")
         if left := [name for name in conditions if name not in asked]:
             lines.append(f"no variables of the FMU, hence not passed: {', '.join(left)}")
@@ -161,13 +192,10 @@ class FMUSimulator:
 
     def close(self) -> None:
         """End the FMU's process; a later run starts another."""
-        self._finalizer()
-        self._engine = None
+        self._engine.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        open_only = ("_engine", "_lock", "_finalizer", "_pid")
-        kept = {key: value for key, value in self.__dict__.items() if key not in open_only}
-        return {**kept, "sent": self._digest().hexdigest()}
+        return {**self.__dict__, "sent": self._digest().hexdigest()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         sent = state.pop("sent")
@@ -178,57 +206,28 @@ class FMUSimulator:
                 "started, or not there",
                 "let both have the same files, and start the study again",
             )
-        self._idle()
 
     def _digest(self) -> hashlib._Hash:
         return hashlib.sha256(self.file.read_bytes())
 
-    def _idle(self) -> None:
-        self._engine = None
-        self._lock = threading.RLock()
-        self._finalizer: Any = lambda: None
-        self._pid = os.getpid()
+    def _answer(self, cells: Mapping[str, Any]) -> Any:
+        """What one run returns: of each response a number, or an array (m,) of a series."""
+        outcomes = self.sample(cells, {})
+        several = self.series and np.ndim(cells[str(self.course.stop_time)]) > 0
+        parts = [*outcomes.T] if several else outcomes[0].tolist()
+        return dict(zip(self.responses, parts, strict=True)) if self.responses else parts[0]
 
-    def _opened(self) -> Child | Inside:
-        if self._pid != os.getpid():  # forked: the engine belongs to the process that opened it
-            self._idle()
-        engine = self._engine
-        if engine is not None and engine.alive and engine.runs < self.operation.recycle:
-            return engine
-        self.close()
-        engine = (Child if self.operation.isolated else Inside)(self._setup())
-        self._finalizer = weakref.finalize(self, engine.close)
-        self._engine = engine
-        return engine
-
-    def _run(self, values: dict[str, Value], logging: bool = False) -> Trajectory:
-        engine = self._opened()
-        trajectory = engine.run(values, self.operation.timeout, logging)
-        if engine.note:
-            self._notes[engine.note] = None
-        return trajectory
-
-    def _logged(self, values: dict[str, Value]) -> str:
-        """What the FMU logs in a run that failed silently: it is repeated with its log on."""
-        try:
-            self._run(values, logging=True)
-        except RunFailed as failure:
-            return failure.log
-        return ""
-
-    def _setup(self) -> Setup:
-        return Setup(
-            fmu=str(self.file),
-            folder=tempfile.mkdtemp(prefix="aleator_fmu_"),
-            interface=INTERFACES[self.course.kind],
-            start_time=self.course.start_time,
-            stop_time=self.course.stop_time,
-            step=self.course.step,
-            tolerance=self.course.tolerance,
-            outputs=[*self._records],
-            signals=self._signals,
-            reset=self.operation.reuse == "reset",
+    def _trajectory(self, cells: Mapping[str, Any], span: Span) -> Trajectory:
+        job = Job(
+            values={**self.constants, **self._binding.values(cells)},
+            start_time=span.start,
+            stop_time=span.stop,
+            step=span.step,
+            signals=assembled(self._inputs, self.fmu, span.points)
+            if len(span.points)
+            else self._signals,
         )
+        return self._engine.run(job)
 
     def _constants(self, given: Mapping[str, Value]) -> dict[str, Value]:
         constants: dict[str, Value] = {}
@@ -240,3 +239,13 @@ class FMUSimulator:
             except RunFailed as failure:
                 raise SimulatorError(f"constants: {failure.message}", "correct it") from None
         return constants
+
+
+def _of_series(course: Course, time: str) -> Course:
+    """A course that is asked for the times of an experiment. Raises SimulatorError."""
+    if course.stop_time is not None:
+        raise SimulatorError(
+            "a stop time is given, but a series ends at the largest time of its experiment",
+            "delete stop_time",
+        )
+    return replace(course, stop_time=time)
