@@ -55,6 +55,17 @@ def compiled(version: int, folder: Path, step_sizes: bool = True) -> Path:
     return target
 
 
+def rewritten(fmu: Path, target: Path, old: str, new: str) -> Path:
+    """The FMU with another model description or other names of its files."""
+    with zipfile.ZipFile(fmu) as archive, zipfile.ZipFile(target, "w") as copy:
+        for name in archive.namelist():
+            content = archive.read(name)
+            if name.endswith(".xml"):
+                content = content.replace(old.encode(), new.encode())
+            copy.writestr(name.replace(old, new), content)
+    return target
+
+
 def python_fmu(source: Path, folder: Path, *modules: Path) -> Path:
     """A Python file with an Fmi2Slave, and modules that it imports, as an FMU."""
     from pythonfmu.builder import FmuBuilder

@@ -1,6 +1,6 @@
 /* A body that cools: T' = -k (T - ambient), T(0) = T0. One state, one event indicator (T - level).
 
-   The solution for a constant ambient is T = ambient + (T0 - ambient) exp(-k t), and a co-simulation
+   A start value of T, if its description lets it have one, is that of T0. The solution for a constant ambient is T = ambient + (T0 - ambient) exp(-k t), and a co-simulation
    step uses it. `trap` chooses one of the faults that simulators have. */
 
 #include <math.h>

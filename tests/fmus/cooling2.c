@@ -45,7 +45,7 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                        const fmi2Real value[]) {
-    for (size_t k = 0; k < n; k++) ((Body *)c)->real[vr[k]] = value[k];
+    for (size_t k = 0; k < n; k++) ((Body *)c)->real[vr[k] == T ? T0 : vr[k]] = value[k];
     return fmi2OK;
 }
 

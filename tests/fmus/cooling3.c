@@ -63,7 +63,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
                           const fmi3Float64 value[], size_t m) {
     (void)m;
-    for (size_t k = 0; k < n; k++) ((Body *)c)->real[vr[k]] = value[k];
+    for (size_t k = 0; k < n; k++) ((Body *)c)->real[vr[k] == T ? T0 : vr[k]] = value[k];
     return fmi3OK;
 }
 

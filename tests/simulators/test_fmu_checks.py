@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from fmus.build import compiled
+from fmus.build import compiled, rewritten
 
 from aleator.errors import AleatorError, SimulatorError, StudyError
 from aleator.observations.experiments import Conditions
@@ -36,17 +36,6 @@ RAMP = Signal(np.array([0.0, 2.0]), np.array([300.0, 400.0]))
 @pytest.fixture(scope="module")
 def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return compiled(2, tmp_path_factory.mktemp("fmus"))
-
-
-def rewritten(fmu: Path, target: Path, old: str, new: str) -> Path:
-    """The FMU with another model description or other names of its files."""
-    with zipfile.ZipFile(fmu) as archive, zipfile.ZipFile(target, "w") as copy:
-        for name in archive.namelist():
-            content = archive.read(name)
-            if name.endswith(".xml"):
-                content = content.replace(old.encode(), new.encode())
-            copy.writestr(name.replace(old, new), content)
-    return target
 
 
 # ------------------------------------------------------------------------------ the file

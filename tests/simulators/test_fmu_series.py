@@ -1,0 +1,345 @@
+"""One run of an FMU serves a whole experiment; start values and times come from conditions."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from fmus.build import compiled, python_fmu, rewritten
+
+from aleator.errors import SimulatorError, StudyError
+from aleator.simulators import RunFailed
+from aleator.simulators.fmu import (
+    Course,
+    Crossing,
+    Extreme,
+    Final,
+    FMUSimulator,
+    Operation,
+    Signal,
+)
+from aleator.study import load_study
+
+HERE = Operation(isolated=False)
+KINDS = ("co_simulation", "model_exchange")
+K = {"k": "surface.k"}
+TIMES = np.array([1.234, 0.0, 0.1, 0.777, 0.1, 3.3])  # neither sorted nor on the steps of 0.1 s
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    source = Path(__file__).parents[1] / "fmus" / "ball.py"
+    return python_fmu(source, tmp_path_factory.mktemp("ball"))
+
+
+@pytest.fixture(scope="module")
+def started(fmus: dict[int, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """The bodies that cool, with the temperature a state whose start value is exact."""
+    folder = tmp_path_factory.mktemp("started")
+    second = (
+        'initial="calculated" description="temperature of the body">'
+        '<Real declaredType="Temperature"/>',
+        'initial="exact"><Real declaredType="Temperature" start="400"/>',
+    )
+    third = ('initial="calculated" unit="K"/>', 'initial="exact" start="400" unit="K"/>')
+    return {
+        2: rewritten(fmus[2], folder / "started2.fmu", *second),
+        3: rewritten(fmus[3], folder / "started3.fmu", *third),
+    }
+
+
+def cooled(k: float, times: np.ndarray, hot: float = 400.0) -> np.ndarray:
+    return 300.0 + (hot - 300.0) * np.exp(-k * times)
+
+
+def flown(times: np.ndarray, h: float, v: float, g: float, e: float) -> np.ndarray:
+    """Heights and speeds (m, 2) of a ball, flight by flight, long before it lies still."""
+    found = []
+    for left in times.tolist():
+        above, speed = h, v
+        while (landing := (speed + np.sqrt(speed**2 + 2.0 * g * above)) / g) < left:
+            left, above, speed = left - landing, 0.0, -e * (speed - g * landing)
+        found.append((above + speed * left - g * left**2 / 2.0, speed - g * left))
+    return np.array(found)
+
+
+# ------------------------------------------------------------------------ start values and times
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_state_with_an_exact_start_value_is_set(
+    started: dict[int, Path], version: int, kind: str
+) -> None:
+    course = Course(kind=kind, stop_time="duration")
+    simulator = FMUSimulator(
+        started[version], Final("T"), course=course, variables=K, operation=HERE
+    )
+    asked = simulator.asks(["T", "duration", "bench"], ["k"])
+    assert asked == ("T", "duration")
+    conditions = {"T": np.array([500.0, 350.0]), "duration": np.array([1.234, 0.3])}
+    found = simulator(conditions, {"k": np.array([0.5, 2.0])})
+    expected = [cooled(0.5, 1.234, 500.0), cooled(2.0, 0.3, 350.0)]
+    assert found == pytest.approx(expected, abs=1e-9 if kind == "co_simulation" else 1e-4)
+    simulator.close()
+
+
+def test_a_ball_flies_its_parabola_from_the_height_and_speed_of_its_experiment(ball: Path) -> None:
+    simulator = FMUSimulator(
+        ball, {"height": Final("h"), "speed": Final("v")}, course=Course(stop_time="time", step=0.1)
+    )
+    assert simulator.asks(["time", "h", "v"], ["g", "e"]) == ("time", "h", "v")
+    assert simulator.responses == ("height", "speed")
+    times = np.array([0.314, 1.7, 0.0])
+    conditions = {"time": times, "h": np.array([1.0, 2.0, 3.0]), "v": np.array([0.5, -0.5, 1.0])}
+    found = simulator(conditions, {"g": np.full(3, 9.81), "e": np.full(3, 0.7)})
+    for row, (t, h, v) in enumerate(zip(*conditions.values(), strict=True)):
+        assert found[row] == pytest.approx(flown(np.array([t]), h, v, 9.81, 0.7)[0], abs=1e-9)
+    simulator.close()
+
+
+def test_a_start_time_comes_from_a_condition(fmus: dict[int, Path]) -> None:
+    course = Course(start_time="begin", stop_time=2.0, step=0.1)
+    simulator = FMUSimulator(fmus[2], Final("T"), course=course, operation=HERE)
+    found = simulator({"begin": np.array([0.0, 1.5])}, {"surface.k": np.array([1.0, 1.0])})
+    assert found == pytest.approx(cooled(1.0, np.array([2.0, 0.5])))
+    simulator.close()
+
+
+def test_a_variable_that_is_only_guessed_or_the_time_is_no_start_value(
+    fmus: dict[int, Path], tmp_path: Path
+) -> None:
+    guessed = rewritten(
+        fmus[3], tmp_path / "guessed.fmu", 'initial="calculated"', 'initial="approx"'
+    )
+    simulator = FMUSimulator(guessed, Final("T"), variables=K)
+    for name, message in (("T", "guess"), ("time", "is the time of the simulation")):
+        with pytest.raises(SimulatorError, match=message):
+            simulator.asks([name], ["k"])
+
+
+# ---------------------------------------------------------------------------------------- series
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_series_is_the_closed_form_at_its_times(
+    fmus: dict[int, Path], version: int, kind: str
+) -> None:
+    simulator = FMUSimulator(
+        fmus[version],
+        Final("T"),
+        course=Course(kind=kind),
+        variables={**K, "hot": "T0"},
+        operation=HERE,
+        series=True,
+    )
+    assert simulator.asks(["hot", "time"], ["k"]) == ("hot", "time")
+    error = 1e-9 if kind == "co_simulation" else 1e-4
+    for k, hot in ((0.5, 400.0), (2.0, 500.0), (0.5, 400.0)):
+        found = simulator.sample({"time": TIMES, "hot": hot}, {"k": k})
+        assert found[:, 0] == pytest.approx(cooled(k, TIMES, hot), abs=error)
+    assert simulator.notes == ()
+    simulator.close()
+
+
+def test_a_series_of_two_responses_has_them_row_by_row(ball: Path) -> None:
+    outcomes = {"height": Final("h"), "speed": Final("v")}
+    series = FMUSimulator(ball, outcomes, course=Course(step=0.1), series=True)
+    conditions = {"time": _arrays(TIMES, TIMES[:2]), "h": np.array([1.0, 2.0])}
+    parameters = {"g": np.array([9.81, 1.62]), "e": np.array([0.9, 0.8])}
+    found = series(conditions, parameters)
+    assert found.shape == (2, 2 * len(TIMES))
+    assert found[0].reshape(-1, 2) == pytest.approx(flown(TIMES, 1.0, 0.0, 9.81, 0.9), abs=1e-9)
+    assert found[1, :4].reshape(-1, 2) == pytest.approx(
+        flown(TIMES[:2], 2.0, 0.0, 1.62, 0.8), abs=1e-9
+    )
+    assert np.all(np.isnan(found[1, 4:]))
+    series.close()
+
+
+def _arrays(*parts: np.ndarray) -> np.ndarray:
+    column = np.empty(len(parts), dtype=object)
+    column[:] = parts
+    return column
+
+
+@pytest.mark.parametrize("outcome", [Final("T"), Extreme("-der(T)"), Crossing("T", 350.0)])
+def test_a_row_of_a_series_is_the_run_that_ends_there(
+    fmus: dict[int, Path], outcome: Final | Extreme | Crossing
+) -> None:
+    times = np.array([1.9, 0.85, 0.8])
+    parameters = {"k": 1.0}
+    series, single = (
+        FMUSimulator(fmus[2], outcome, variables=K, operation=HERE, **how)  # type: ignore[arg-type]
+        for how in ({"series": True}, {"course": Course(stop_time="time")})
+    )
+    found = series.sample({"time": times}, parameters)[:, 0]
+    assert found == pytest.approx(
+        [single.run_one({"time": t}, parameters) for t in times.tolist()], rel=1e-9
+    )
+    series.close()
+    single.close()
+
+
+def test_an_fmu_with_steps_of_one_length_is_interpolated(tmp_path: Path) -> None:
+    fixed = compiled(2, tmp_path, step_sizes=False)
+    errors = []
+    for step in (0.1, 0.05):
+        simulator = FMUSimulator(
+            fixed, Final("T"), course=Course(step=step), operation=HERE, series=True
+        )
+        found = simulator.sample({"time": TIMES}, {})[:, 0]
+        on_steps = np.isin(TIMES, [0.0, 0.1, 3.3])
+        assert found[on_steps] == pytest.approx(cooled(1.0, TIMES[on_steps]), abs=1e-9)
+        # Of a straight line: an eighth of the step squared, times the second derivative.
+        errors.append(np.max(np.abs(found - cooled(1.0, TIMES))))
+        assert errors[-1] <= step**2 / 8.0 * 100.0
+        simulator.close()
+    assert errors[1] > 0.0
+
+
+RAMP = Signal(np.array([0.0, 2.0]), np.array([300.0, 400.0]))
+JUMP = Signal(np.array([0.0, 0.777, 0.777, 5.0]), np.array([300.0, 300.0, 350.0, 350.0]))
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_series_sees_inputs_over_time(fmus: dict[int, Path], version: int) -> None:
+    """T' = -k (T - ambient), for a ramp of the ambient that ends at 2 s, and for a jump."""
+    k, times = 2.0, np.array([1.9, 0.777, 0.333])
+
+    def sampled(signal: Signal) -> np.ndarray:
+        simulator = FMUSimulator(
+            fmus[version],
+            Final("T"),
+            course=Course(kind="model_exchange", step=0.2),
+            variables=K,
+            inputs={"ambient": signal},
+            operation=HERE,
+            series=True,
+        )
+        found = simulator.sample({"time": times}, {"k": k})[:, 0]
+        simulator.close()
+        return found
+
+    ramped = 300.0 + 50.0 * (times - 1.0 / k) + (100.0 + 50.0 / k) * np.exp(-k * times)
+    assert sampled(RAMP) == pytest.approx(ramped, abs=2e-4)
+    later = 350.0 + (cooled(k, np.array(0.777)) - 350.0) * np.exp(-k * (times - 0.777))
+    jumped = np.where(times > 0.777, later, cooled(k, times))
+    assert sampled(JUMP) == pytest.approx(jumped, abs=2e-4)
+
+
+def test_what_does_not_exist_yet_is_not_a_number(fmus: dict[int, Path]) -> None:
+    """The body passes 350 K at ln(2) s."""
+    simulator = FMUSimulator(fmus[2], Crossing("T", 350.0), operation=HERE, series=True)
+    found = simulator.sample({"time": np.array([0.5, 1.0])}, {})[:, 0]
+    assert np.isnan(found[0])
+    assert found[1] == pytest.approx(np.log(2.0), abs=1e-5)
+    with pytest.raises(RunFailed, match=r"does not cross 350 by time 0\.5 s"):
+        simulator.sample({"time": np.array([0.5, 0.25])}, {})
+    simulator.close()
+
+
+def test_a_series_travels_and_its_fingerprint_tells_it(fmus: dict[int, Path]) -> None:
+    series = FMUSimulator(fmus[2], Final("T"), variables=K, series=True)
+    conditions, parameters = {"time": _arrays(TIMES)}, {"k": np.ones(1)}
+    copy = pickle.loads(pickle.dumps(series))
+    assert np.array_equal(copy(conditions, parameters), series(conditions, parameters))
+    others = [
+        FMUSimulator(fmus[2], Final("T"), variables=K, course=Course(stop_time="time")),
+        FMUSimulator(fmus[2], Final("T"), variables=K, series=True, time="t"),
+        FMUSimulator(fmus[2], {"T": Final("T")}, variables=K, series=True),
+    ]
+    assert len({each.fingerprint() for each in (series, *others)}) == 4
+    assert copy.fingerprint() == series.fingerprint()
+    copy.close()
+    series.close()
+
+
+# ------------------------------------------------------------------------------------- bad input
+
+
+def test_times_that_cannot_be_are_failed_runs(fmus: dict[int, Path]) -> None:
+    simulator = FMUSimulator(fmus[2], Final("T"), operation=HERE, series=True)
+    for times, message in (
+        ([1.0, -0.5], r"the time -0\.5 s .*before the start at 0 s"),
+        ([1.0, np.nan], "'?time'? = .* is not finite"),
+        (["noon", 1.0], "time = .* is not a number"),
+    ):
+        with pytest.raises(RunFailed, match=message):
+            simulator.sample({"time": np.array(times)}, {})
+
+
+def test_a_condition_that_varies_beside_the_time_is_refused(fmus: dict[int, Path]) -> None:
+    simulator = FMUSimulator(fmus[2], Final("T"), variables=K, operation=HERE, series=True)
+    conditions = {"time": _arrays(TIMES[:2]), "ambient": _arrays(np.array([300.0, 310.0]))}
+    with pytest.raises(SimulatorError, match=r"(?s)'ambient' varies .*inputs"):
+        simulator(conditions, {"k": np.ones(1)})
+
+
+def test_a_time_that_is_no_condition_or_given_twice_is_refused(fmus: dict[int, Path]) -> None:
+    for how in ({"series": True, "time": "tim"}, {"course": Course(stop_time="tim")}):
+        simulator = FMUSimulator(fmus[2], Final("T"), variables=K, **how)  # type: ignore[arg-type]
+        with pytest.raises(SimulatorError, match=r"'tim' .*'time'"):
+            simulator.asks(["time"], ["k"])
+    with pytest.raises(SimulatorError, match="delete stop_time"):
+        FMUSimulator(fmus[2], Final("T"), course=Course(stop_time=2.0), series=True)
+
+
+# ------------------------------------------------------------------------------------ study.toml
+
+STUDY = """
+[experiments]
+file = "table.csv"
+outcome = "cooled"
+[simulator]
+fmu = "cooling2.fmu"
+variables = {{k = "surface.k"}}
+{keys}
+[parameters.k]
+law = "truncated_normal"
+box = [0.5, 2.0]
+"""
+
+
+def study(fmu: Path, keys: str) -> Path:
+    table = {"time": [0.5, 1.25], "cooled": [350.0, 330.0]}
+    pd.DataFrame(table).to_csv(fmu.parent / "table.csv", index=False)
+    path = fmu.parent / "study.toml"
+    path.write_text(STUDY.format(keys=keys), encoding="utf-8")
+    return path
+
+
+def test_a_study_takes_times_from_its_table(fmus: dict[int, Path]) -> None:
+    loaded = load_study(study(fmus[2], 'outcome = "T"\nstop_time = "time"\nisolated = false'))
+    found = loaded.runner()([0, 1], [[1.0], [2.0]])
+    assert found == pytest.approx([cooled(1.0, np.array(0.5)), cooled(2.0, np.array(1.25))])
+
+
+def test_a_study_names_a_series_and_its_responses(fmus: dict[int, Path]) -> None:
+    """A response may be called as a key is, if its outcome is a table."""
+    outcome = 'outcome = {warmth = "T - ambient", value = {variable = "T", reduce = "maximum"}}'
+    for text, responses in ((outcome, ("warmth", "value")), ('outcome = "T"', ())):
+        if responses:
+            text = text.replace('"T - ambient"', '{variable = "T - ambient"}')
+        simulator = load_study(study(fmus[2], f'{text}\nseries = true\ntime = "time"')).simulator
+        assert isinstance(simulator, FMUSimulator)
+        assert simulator.series
+        assert simulator.responses == responses
+        assert simulator.course.conditions == ("time",)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ('outcome = "T"\ntime = "time"', "(?s)without series.*stop_time"),
+        ('outcome = "T"\nseries = true\nstop_time = 2.0', "delete stop_time"),
+        ('outcome = "T"\nseries = true\ntime = "tim"', "'tim'.*'time'"),
+        ('outcome = {warmth = "T", late = "Tt"}', r"'Tt'.*'T'"),
+        ('outcome = {warmth = {variable = "T", reduce = "last"}}', '"last"'),
+    ],
+)
+def test_a_study_with_a_mistake_is_refused(fmus: dict[int, Path], keys: str, message: str) -> None:
+    with pytest.raises((StudyError, SimulatorError), match=message):
+        load_study(study(fmus[2], keys))
