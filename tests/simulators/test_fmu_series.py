@@ -9,7 +9,8 @@ import pytest
 from fmus.build import compiled, python_fmu, rewritten
 
 from aleator.errors import SimulatorError, StudyError
-from aleator.simulators import RunFailed
+from aleator.observations.experiments import Experiments
+from aleator.simulators import RunFailed, Runner
 from aleator.simulators.fmu import (
     Course,
     Crossing,
@@ -94,8 +95,10 @@ def test_a_ball_flies_its_parabola_from_the_height_and_speed_of_its_experiment(b
     times = np.array([0.314, 1.7, 0.0])
     conditions = {"time": times, "h": np.array([1.0, 2.0, 3.0]), "v": np.array([0.5, -0.5, 1.0])}
     found = simulator(conditions, {"g": np.full(3, 9.81), "e": np.full(3, 0.7)})
+    assert [*found[0]] == ["height", "speed"]
     for row, (t, h, v) in enumerate(zip(*conditions.values(), strict=True)):
-        assert found[row] == pytest.approx(flown(np.array([t]), h, v, 9.81, 0.7)[0], abs=1e-9)
+        expected = flown(np.array([t]), h, v, 9.81, 0.7)[0]
+        assert [*found[row].values()] == pytest.approx(expected, abs=1e-9)
     simulator.close()
 
 
@@ -144,19 +147,28 @@ def test_a_series_is_the_closed_form_at_its_times(
     simulator.close()
 
 
-def test_a_series_of_two_responses_has_them_row_by_row(ball: Path) -> None:
-    outcomes = {"height": Final("h"), "speed": Final("v")}
-    series = FMUSimulator(ball, outcomes, course=Course(step=0.1), series=True)
-    conditions = {"time": _arrays(TIMES, TIMES[:2]), "h": np.array([1.0, 2.0])}
-    parameters = {"g": np.array([9.81, 1.62]), "e": np.array([0.9, 0.8])}
-    found = series(conditions, parameters)
-    assert found.shape == (2, 2 * len(TIMES))
-    assert found[0].reshape(-1, 2) == pytest.approx(flown(TIMES, 1.0, 0.0, 9.81, 0.9), abs=1e-9)
-    assert found[1, :4].reshape(-1, 2) == pytest.approx(
-        flown(TIMES[:2], 2.0, 0.0, 1.62, 0.8), abs=1e-9
+def test_a_runner_takes_a_series_of_two_responses(ball: Path) -> None:
+    """Two experiments of six and of two rows, in any order."""
+    outcomes = {"speed": Final("v"), "height": Final("h")}
+    simulator = FMUSimulator(ball, outcomes, course=Course(step=0.1), series=True)
+    table = pd.DataFrame(
+        {
+            "id": [*"aabaaaba"],
+            "time": [*TIMES[:2], 0.5, *TIMES[2:5], 0.2, TIMES[5]],
+            "h": [1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 2.0, 1.0],
+            "height": 0.0,
+            "speed": 0.0,
+        }
     )
-    assert np.all(np.isnan(found[1, 4:]))
-    series.close()
+    experiments = Experiments.from_frame(table, outcome=["height", "speed"], id="id")
+    run = Runner(simulator, experiments, ["g", "e"])
+    values = run.values([0, 1], [[9.81, 0.9], [1.62, 0.8]])
+    assert values.shape == (2, 12)
+    assert values[0].reshape(-1, 2) == pytest.approx(flown(TIMES, 1.0, 0.0, 9.81, 0.9), abs=1e-9)
+    late = flown(np.array([0.5, 0.2]), 2.0, 0.0, 1.62, 0.8)
+    assert values[1, :4].reshape(-1, 2) == pytest.approx(late, abs=1e-9)
+    assert np.all(np.isnan(values[1, 4:]))
+    simulator.close()
 
 
 def _arrays(*parts: np.ndarray) -> np.ndarray:
