@@ -128,10 +128,11 @@ class Settled:
 
         Raises RunFailed for a time that is not a finite number, or before the start.
 
-        >>> Settled("co_simulation", 0.0, "time", 0.5, None).span({"time": [0.7, 0.5, 0.7]})
-        Span(start=0.0, stop=0.7, step=0.5, times=array([0.7, 0.5, 0.7]), points=array([]))
+        >>> span = Settled("co_simulation", 0.0, "time", 0.5, None).span({"time": [1.7, 0.5, 0.7]})
+        >>> span.start, span.stop, span.step, span.points.tolist()
+        (0.0, 1.7, 0.5, [0.7])
         """
-        (start,) = _instants(self.start_time, cells)
+        (start,) = _instants(self.start_time, cells).tolist()
         times = _instants(self.stop_time, cells)
         if np.min(times) < start:
             where = f" ('{self.stop_time}')" if isinstance(self.stop_time, str) else ""
