@@ -85,9 +85,11 @@ def variables(formula: str) -> tuple[str, ...]:
 
 def named(columns: ModelMatrix) -> tuple[str, ...]:
     """Names of coefficients as they are read aloud: ``supplier=b`` for C(supplier)[T.b]."""
-    return tuple(
-        LEVEL.sub(lambda m: f"{m[1] or m[2]}={m[3]}", str(name)) for name in columns.columns
-    )
+
+    def aloud(level: re.Match[str]) -> str:
+        return f"{level[1] or level[2]}={level[3].removesuffix('.0')}"
+
+    return tuple(LEVEL.sub(aloud, str(name)) for name in columns.columns)
 
 
 def require_complete(formula: str, covariates: Table) -> None:
