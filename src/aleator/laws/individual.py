@@ -19,11 +19,13 @@ class Individual:
     """Parameters x (B, J, n) of B experiments at J standard normal variates xi (B, J, s) of each.
 
     x = T(xi | alpha): every law is the image of a variate theta, and theta = L xi ties correlated
-    parameters (see `Inputs`). It is smooth in alpha with xi held, whatever the support of a law.
+    parameters (see `Inputs`); `theta` is (B, J, s). It is smooth in alpha with xi held, whatever
+    the support of a law.
     """
 
     inputs: Inputs
     xi: Array
+    theta: Array
     x: Array
     own: tuple[Standard, ...]
     mixing: Array
@@ -45,7 +47,7 @@ class Individual:
             )
         )
         x = np.stack([part.x for part in own], axis=-1)
-        return cls(inputs, xi, x, own, mixing, slope, alpha, experiments)
+        return cls(inputs, xi, theta, x, own, mixing, slope, alpha, experiments)
 
     def by_variates(self) -> Array:
         """dx/dxi (B, J, n, s)."""

@@ -52,7 +52,8 @@ class AdaptiveSurfaces:
     `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed; `box` (n, 2) is where the
     surfaces are wanted; `conditions` (N, d) are what experiments may share a surface by, or None.
     `where` (J, n) are the points at which the errors were judged last, or None for all of the box;
-    `noise_sd` is that of the noise that their scatter includes. `past` (PATIENCE, N) are the
+    `noise_sd` is that of the noise that their scatter includes. `scale` (N,) takes the place of the
+    scatter where there is one. `past` (PATIENCE, N) are the
     relative errors before the last rounds of each experiment: one that no longer falls is given up.
 
     Raises InputsError where `max_runs` is less than the first round, or the user asks for a shared
@@ -70,6 +71,7 @@ class AdaptiveSurfaces:
         self.choice = choice
         self.where = None if choice.tolerance else _points_of(box)
         self.noise_sd = 0.0
+        self.scale: Array | None = None
         self.past = np.full((PATIENCE, experiments), np.inf)
         self.emulator = _first_emulator(run, box, experiments, choice, conditions)
         self._complete()
@@ -115,7 +117,11 @@ class AdaptiveSurfaces:
     def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
         """Estimate the errors at points (J, n) of a law, or over the box."""
         self.where, self.noise_sd = where, noise_sd
-        self.emulator.judge(where, noise_sd)
+        self._judge_again()
+
+    def against(self, scale: Array) -> None:
+        """Compare errors with a scale (N,) from now on, and not with the outcome's scatter."""
+        self.scale = scale
 
     def wanting(self, level: float) -> Flags:
         """Whose error is above `level` of its scatter, where more runs may help."""
@@ -170,6 +176,8 @@ class AdaptiveSurfaces:
 
     def _judge_again(self) -> None:
         self.emulator.judge(self.where, self.noise_sd)
+        if self.scale is not None:
+            self.emulator.scatter = self.scale
 
 
 def surfaces_of(runner: Runner, region: Array, choice: ResponseSurface) -> AdaptiveSurfaces:

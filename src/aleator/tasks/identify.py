@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from typing import Any
 
@@ -23,6 +23,7 @@ from aleator.progress import Progress, Silent
 from aleator.search import Search
 from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
+from aleator.tasks import individual
 from aleator.tasks.answer import Answer, Question, answered
 from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH
 from aleator.tasks.baselines import baselines_of, start_point
@@ -40,7 +41,7 @@ def identify(
     *,
     outcome: str | None = None,
     vectorized: bool = False,
-    noise: Noise | None = None,
+    noise: Noise | Mapping[str, Noise] | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | NodeDensity | None = None,
     search: Search = DEFAULT_SEARCH,
@@ -74,10 +75,20 @@ def identify(
     """
     table = _experiments(experiments, outcome)
     runner = as_runner(simulator, table, inputs.names, vectorized, executor)
+    ledger = Ledger(runner, progress or Silent())
+    if individual.wanted(table, noise):
+        if not isinstance(propagation, ResponseSurface):
+            raise InputsError(
+                "collocation takes one exact outcome an experiment",
+                "leave the propagation out, or choose response surfaces",
+            )
+        return individual.identified(
+            runner, table, inputs, noise, propagation, search, seed, ledger
+        )
+    assert noise is None or isinstance(noise, Noise)
     model = Model.of(inputs, noise, propagation, density)
     _check_count(table, model)
     question = Question(runner, table.outcomes, table.ids, model, search, seed)
-    ledger = Ledger(runner, progress or Silent())
     with diagnostics.boxes_proposed(runner, inputs):
         with ledger.stage("repeated run"):
             runner.require_repeatable(np.clip(start_point(inputs), *inputs.box.T))

@@ -1,6 +1,19 @@
 """The likelihood as an integral over each experiment's own parameters, at nodes adapted to it."""
 
+from aleator.likelihood.individual.layout import Layout
 from aleator.likelihood.individual.likelihood import IndividualLikelihood
+from aleator.likelihood.individual.moments import IndividualParameters, individual_parameters
+from aleator.likelihood.individual.on_surfaces import OnSurfaces
+from aleator.likelihood.individual.predictor import Direct, Predictor
 from aleator.likelihood.individual.rule import GaussHermite
 
-__all__ = ["GaussHermite", "IndividualLikelihood"]
+__all__ = [
+    "Direct",
+    "GaussHermite",
+    "IndividualLikelihood",
+    "IndividualParameters",
+    "Layout",
+    "OnSurfaces",
+    "Predictor",
+    "individual_parameters",
+]

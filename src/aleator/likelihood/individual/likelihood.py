@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aleator.densities import Status
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.individual import Individual
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual.layout import Block, Layout
 from aleator.likelihood.individual.modes import Modes, modes
-from aleator.likelihood.individual.predictor import Predictor, rows_of
+from aleator.likelihood.individual.predictor import Predictor
 from aleator.likelihood.individual.rule import GaussHermite
 from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.value import LogLikelihood
-from aleator.types import Array, Indices
+from aleator.types import Array
 
-BLOCK = 2_000_000
-"""Simulated values that are held at once."""
 AROUND = (-2.0, -1.0, 1.0, 2.0)
 """Where modes are sought along each variate, besides about the last one."""
 
@@ -45,14 +44,13 @@ class IndividualLikelihood:
     quadrature at `nodes` that are adapted to each experiment (Pinheiro and Bates, 1995) and held:
     called, it is smooth in alpha with an exact score (Fisher's identity). `adapted` returns the
     same with nodes adapted to another alpha; nothing changes in place. Nodes that are held far
-    from where they were adapted integrate poorly. `experiment` (M,) is sorted.
+    from where they were adapted integrate poorly.
     """
 
     inputs: Inputs
     errors: MeasurementErrors
     predictor: Predictor
-    experiment: Indices
-    count: int
+    layout: Layout
     rule: GaussHermite
     nodes: Nodes
 
@@ -62,49 +60,57 @@ class IndividualLikelihood:
         inputs: Inputs,
         errors: MeasurementErrors,
         predictor: Predictor,
-        experiment: Indices,
-        count: int,
+        layout: Layout,
         rule: GaussHermite,
     ) -> IndividualLikelihood:
-        """The likelihood of `count` experiments with nodes of the law itself."""
-        mode = np.zeros((count, inputs.scattering))
+        """The likelihood with the nodes of the law itself."""
+        mode = np.zeros((layout.count, inputs.scattering))
         nodes = _placed(Modes(mode, _units(mode)), rule)
-        return cls(inputs, errors, predictor, experiment, count, rule, nodes)
+        return cls(inputs, errors, predictor, layout, rule, nodes)
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """All hyperparameters in the order of alpha: the inputs', then the errors'."""
         return (*self.inputs.hyperparameters, *self.errors.hyperparameters)
 
+    @property
+    def count(self) -> int:
+        """N, the number of experiments."""
+        return self.layout.count
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """The experiments in blocks that fit into memory with their nodes."""
+        return self.layout.blocks(self.nodes.xi.shape[1])
+
     def __call__(self, alpha: Array) -> LogLikelihood:
         """Value and score (N, K) at alpha (K,), nodes held."""
         each, scores = np.empty(self.count), np.empty((self.count, alpha.size))
-        for part in self._blocks():
-            found = self._at(alpha, part, self.nodes.xi[part])
-            total = found.sums + self.nodes.log_weight[part]
-            each[part], share = _mean_of(total)
+        for block in self.blocks:
+            part = block.experiments
+            found = self.at(alpha, block, self.nodes.xi[part])
+            each[part], share = mean_of(found.sums + self.nodes.log_weight[part])
             scores[part] = found.scores(share)
-        status = np.where(np.isfinite(each), Status.SOLVED, Status.OUTSIDE_SUPPORT)
-        return LogLikelihood(each, scores, status.astype(np.int64))
+        return LogLikelihood(each, scores, _status(each))
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The value at alpha without its score, nodes held."""
         each = np.empty(self.count)
-        for part in self._blocks():
-            individual = self.inputs.individual(
-                alpha[: self.inputs.size], self.nodes.xi[part], part
-            )
-            terms = self._terms(alpha, part, self.predictor.values(part, individual.x))
-            total = _summed(terms.value, self._starts(part)) + self.nodes.log_weight[part]
-            each[part] = _mean_of(total)[0]
-        status = np.where(np.isfinite(each), Status.SOLVED, Status.OUTSIDE_SUPPORT)
-        return LogLikelihood(each, None, status.astype(np.int64))
+        for block in self.blocks:
+            part = block.experiments
+            sums = self._sums(alpha, block, self.nodes.xi[part])
+            each[part] = mean_of(sums + self.nodes.log_weight[part])[0]
+        return LogLikelihood(each, None, _status(each))
+
+    def values(self, alphas: Array) -> Array:
+        """The totals (A,) at alphas (A, K), nodes held."""
+        return np.array([self.evaluate(alpha).total for alpha in np.asarray(alphas)])
 
     def adapted(self, alpha: Array) -> IndividualLikelihood:
         """The same with nodes adapted to alpha: about each mode, as wide as its curvature says."""
         if not self.inputs.scattering:
             return self
-        found = Modes.joined([self._modes(alpha, part) for part in self._blocks()])
+        found = Modes.joined([self._modes(alpha, block) for block in self.blocks])
         return replace(self, nodes=_placed(found, self.rule))
 
     def by(self, rule: GaussHermite) -> IndividualLikelihood:
@@ -117,57 +123,45 @@ class IndividualLikelihood:
         """What a search climbs."""
         return Following(self)
 
-    def _modes(self, alpha: Array, part: slice) -> Modes:
-        start = self._best_start(alpha, part)
-        return modes(lambda z: self._curved(alpha, part, z), start)
+    def at(self, alpha: Array, block: Block, xi: Array) -> Evaluated:
+        """Some experiments at variates xi (B, J, s) of their own, with slopes."""
+        individual = self._individual(alpha, block, xi)
+        eta, slopes = self.predictor.with_slopes(block, individual.x)
+        return Evaluated(individual, eta, slopes, self._terms(alpha, block, eta), block)
 
-    def _best_start(self, alpha: Array, part: slice) -> Array:
+    def _sums(self, alpha: Array, block: Block, xi: Array) -> Array:
+        """sum_k log p(y_k | eta_k) (B, J) at variates xi (B, J, s)."""
+        eta = self.predictor.values(block, self._individual(alpha, block, xi).x)
+        return block.summed(self._terms(alpha, block, eta).value)
+
+    def _individual(self, alpha: Array, block: Block, xi: Array) -> Individual:
+        return self.inputs.individual(alpha[: self.inputs.size], xi, block.experiments)
+
+    def _terms(self, alpha: Array, block: Block, eta: Array) -> Terms:
+        return self.errors.terms(alpha[self.inputs.size :], eta, block.rows)
+
+    def _modes(self, alpha: Array, block: Block) -> Modes:
+        return modes(lambda z: self._curved(alpha, block, z), self._best_start(alpha, block))
+
+    def _best_start(self, alpha: Array, block: Block) -> Array:
         """Of the last modes and of points all about, the most likely of each experiment."""
-        s = self.inputs.scattering
-        last = self.nodes.mode[part]
-        axes = [reach * np.eye(s) for reach in AROUND]
-        around = np.concatenate([np.zeros((1, s)), *axes])
+        s, last = self.inputs.scattering, self.nodes.mode[block.experiments]
+        around = np.concatenate([np.zeros((1, s)), *(reach * np.eye(s) for reach in AROUND)])
         trial = np.concatenate([last[:, None], np.tile(around, (len(last), 1, 1))], axis=1)
-        individual = self.inputs.individual(alpha[: self.inputs.size], trial, part)
-        terms = self._terms(alpha, part, self.predictor.values(part, individual.x))
-        value = _summed(terms.value, self._starts(part)) - 0.5 * np.sum(trial**2, axis=2)
+        value = self._sums(alpha, block, trial) - 0.5 * np.sum(trial**2, axis=2)
         return np.asarray(trial[np.arange(len(last)), np.argmax(value, axis=1)])
 
-    def _curved(self, alpha: Array, part: slice, z: Array) -> tuple[Array, Array, Array]:
-        found = self._at(alpha, part, z[:, None])
+    def _curved(self, alpha: Array, block: Block, z: Array) -> tuple[Array, Array, Array]:
+        """The log-density of variates z (B, s) given the observations; Gauss-Newton curvature."""
+        found = self.at(alpha, block, z[:, None])
         by_xi = found.individual.by_variates()[:, 0]
-        starts = self._starts(part)
-        rows = rows_of(self.experiment, part)
-        owner = self.experiment[rows] - part.start
-        # (m, s): slopes of each observation by the variates
-        slopes = np.einsum("nm,mns->ms", found.slopes[:, :, 0], by_xi[owner])
-        curvature = self.errors.curvature(alpha[self.inputs.size :], found.eta, rows)[:, 0]
+        slopes = np.einsum("nm,mns->ms", found.slopes[:, :, 0], by_xi[block.owner])
+        of_errors = alpha[self.inputs.size :]
+        curvature = self.errors.curvature(of_errors, found.eta, block.rows)
         value = found.sums[:, 0] - 0.5 * np.sum(z**2, axis=1)
-        gradient = _summed(found.terms.d_eta * slopes, starts) - z
-        outer = curvature[:, None, None] * slopes[:, :, None] * slopes[:, None, :]
-        return value, gradient, _summed(outer, starts) + np.eye(z.shape[1])
-
-    def _at(self, alpha: Array, part: slice, xi: Array) -> _Evaluated:
-        individual = self.inputs.individual(alpha[: self.inputs.size], xi, part)
-        eta, slopes = self.predictor.with_slopes(part, individual.x)
-        return _Evaluated(
-            individual, eta, slopes, self._terms(alpha, part, eta), self._starts(part),
-            self.experiment[rows_of(self.experiment, part)] - part.start,
-        )  # fmt: skip
-
-    def _terms(self, alpha: Array, part: slice, eta: Array) -> Terms:
-        return self.errors.terms(alpha[self.inputs.size :], eta, rows_of(self.experiment, part))
-
-    def _starts(self, part: slice) -> Indices:
-        rows = rows_of(self.experiment, part)
-        within = self.experiment[rows] - part.start
-        return np.searchsorted(within, np.arange(part.stop - part.start))
-
-    def _blocks(self) -> Iterator[slice]:
-        widest = int(np.bincount(self.experiment, minlength=self.count).max())
-        nodes = self.nodes.xi.shape[1]
-        step = max(1, BLOCK // (widest * nodes))
-        return (slice(a, min(a + step, self.count)) for a in range(0, self.count, step))
+        gradient = block.summed(found.terms.d_eta * slopes) - z
+        outer = curvature[:, :, None] * slopes[:, :, None] * slopes[:, None, :]
+        return value, gradient, block.summed(outer) + np.eye(z.shape[1])
 
 
 @dataclass(frozen=True)
@@ -190,31 +184,30 @@ class Following:
 
 
 @dataclass(frozen=True, eq=False)
-class _Evaluated:
+class Evaluated:
     """A block of experiments at their nodes, with all that scores are made of."""
 
     individual: Individual
     eta: Array
     slopes: Array
     terms: Terms
-    starts: Indices
-    owner: Indices
+    block: Block
 
     @property
     def sums(self) -> Array:
         """sum_k log p(y_k | eta_k), (B, J)."""
-        return _summed(self.terms.value, self.starts)
+        return self.block.summed(self.terms.value)
 
     def scores(self, share: Array) -> Array:
         """The scores (B, K) where node j has this share (B, J) of the likelihood."""
         gradient = np.zeros(self.individual.x.shape)
         for i, slope in enumerate(self.slopes):
             if np.any(slope):
-                gradient[..., i] = share * _summed(self.terms.d_eta * slope, self.starts)
+                gradient[..., i] = share * self.block.summed(self.terms.d_eta * slope)
         law = self.individual.score(np.where(share[..., None] > 0.0, gradient, 0.0))
         errors = np.zeros((len(share), len(self.terms.d_values)))
         for p, (rows, derivative) in enumerate(self.terms.d_values):
-            owner = self.owner[rows]
+            owner = self.block.owner[rows]
             each = np.sum(share[owner] * derivative, axis=1)
             errors[:, p] = np.bincount(owner, each, minlength=len(share))
         return np.concatenate([law, errors], axis=1)
@@ -240,7 +233,7 @@ def _placed(found: Modes, rule: GaussHermite) -> Nodes:
     return Nodes(xi, log_w + log_det[:, None] + spread, z, information)
 
 
-def _mean_of(total: Array) -> tuple[Array, Array]:
+def mean_of(total: Array) -> tuple[Array, Array]:
     """log sum_j exp(total_j) (B,), and the share (B, J) of each."""
     top = total.max(axis=1, keepdims=True)
     safe = np.where(np.isfinite(top), top, 0.0)
@@ -250,6 +243,6 @@ def _mean_of(total: Array) -> tuple[Array, Array]:
         return (safe + np.log(whole))[:, 0], np.where(whole > 0.0, part / whole, 0.0)
 
 
-def _summed(values: Array, starts: Indices) -> Array:
-    """Sums (B, ...) over the observations (m, ...) of each experiment; every one has some."""
-    return np.add.reduceat(values, starts, axis=0)
+def _status(each: Array) -> NDArray[np.int64]:
+    status = np.where(np.isfinite(each), Status.SOLVED, Status.OUTSIDE_SUPPORT)
+    return status.astype(np.int64)

@@ -24,7 +24,9 @@ from aleator.tasks.results.values import (
     QUANTILES,
     Estimate,
     ExperimentReport,
+    IndividualReport,
     LogLikelihoodReport,
+    ObservationReport,
     ParameterCorrelation,
 )
 
@@ -66,7 +68,7 @@ class Identification:
     propagation: str
     accepted: bool
     warnings: tuple[Diagnostic, ...]
-    experiments: tuple[ExperimentReport, ...]
+    experiments: tuple[ExperimentReport, ...] | tuple[IndividualReport, ...]
     correlation_names: tuple[str, ...]
     correlation: tuple[tuple[float, ...], ...]
     search: Mapping[str, Any]
@@ -80,6 +82,8 @@ class Identification:
     versions: Mapping[str, str] = field(default_factory=dict)
     parameter_correlations: tuple[ParameterCorrelation, ...] = ()
     density_distances: tuple[DensityDistance, ...] = ()
+    observations: tuple[ObservationReport, ...] = ()
+    shrinkage: Mapping[str, float] = field(default_factory=dict)
     outcome: str = "outcome"
     transform: Transform = Transform.NONE
     session: Session = field(default=NO_SESSION, compare=False)
@@ -184,7 +188,9 @@ class Identification:
             "search": dict(self.search),
             "surface": None if self.surface is None else dict(self.surface),
             "baselines": dict(self.baselines),
-            "experiments": [{**vars(e), "quantiles": dict(e.quantiles)} for e in self.experiments],
+            "experiments": [_experiment(e) for e in self.experiments],
+            "observations": [dict(vars(o)) for o in self.observations],
+            "shrinkage": dict(self.shrinkage),
             "seed": self.seed,
             "versions": dict(self.versions),
             "seconds": dict(self.seconds),
@@ -194,6 +200,10 @@ class Identification:
 def _estimate(value: Estimate) -> dict[str, Any]:
     interval = None if value.interval is None else list(value.interval)
     return {**vars(value), "interval": interval}
+
+
+def _experiment(report: ExperimentReport | IndividualReport) -> dict[str, Any]:
+    return {k: dict(v) if isinstance(v, Mapping) else v for k, v in vars(report).items()}
 
 
 def _failures(report: FailureReport) -> dict[str, Any]:

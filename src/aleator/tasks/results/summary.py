@@ -71,7 +71,7 @@ def assemble(
         table.conditions,
     )
     return Identification(
-        alpha=_estimates(alpha, hyperparameters, inference, profile),
+        alpha=estimates_of(alpha, hyperparameters, inference, profile),
         log_likelihood=_log_likelihood(honest, checked),
         density=problem.model.density.name,
         propagation=problem.name,
@@ -80,7 +80,7 @@ def assemble(
         experiments=experiment_reports(problem, alpha, ids, surface_error, checked),
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
-        search=_search(found, inference, hyperparameters),
+        search=search_of(found, inference, hyperparameters),
         surface=diagnostics.surface_report(problem),
         baselines=_baselines(*baselines, problem.model.inputs.names, hyperparameters),
         runs=sum(runs_by_stage.values()),
@@ -88,12 +88,12 @@ def assemble(
         failures=failures,
         seconds={**seconds, "total": sum(seconds.values())},
         seed=seed,
-        versions=_versions(),
+        versions=versions(),
         density_distances=density_distances(problem, alpha),
         outcome=table.outcome_name,
         transform=table.transform,
         session=Session(problem.model, simulator, problem.likelihood),
-        parameter_correlations=_parameter_correlations(
+        parameter_correlations=parameter_correlations_of(
             problem.model.inputs, alpha, hyperparameters, inference
         ),
     )
@@ -144,12 +144,13 @@ def experiment_reports(
     )
 
 
-def _estimates(
+def estimates_of(
     alpha: Array,
     hyperparameters: Sequence[Hyperparameter],
     inference: Inference,
     profile: Profile,
 ) -> dict[str, Estimate]:
+    """Every hyperparameter with its uncertainty, by name."""
     estimates = {}
     for k, h in enumerate(hyperparameters):
         known = bool(np.isfinite(inference.standard_error[k]))
@@ -166,7 +167,7 @@ def _estimates(
     return estimates
 
 
-def _parameter_correlations(
+def parameter_correlations_of(
     inputs: Inputs, alpha: Array, hyperparameters: Sequence[Hyperparameter], inference: Inference
 ) -> tuple[ParameterCorrelation, ...]:
     """Every correlation of two parameters that is not zero by assumption."""
@@ -193,9 +194,10 @@ def _parameter_correlations(
     return tuple(found)
 
 
-def _search(
+def search_of(
     found: SearchResult, inference: Inference, hyperparameters: Sequence[Hyperparameter]
 ) -> dict[str, Any]:
+    """What the search did, and the optima that it met."""
     return {
         "method": found.method,
         "starts": len(found.ascents),
@@ -237,7 +239,8 @@ def _named(alpha: Array, hyperparameters: Sequence[Hyperparameter]) -> dict[str,
     return {h.name: float(value) for h, value in zip(hyperparameters, alpha, strict=True)}
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """What the numbers were computed with."""
     return {
         "aleator": metadata.version("aleator"),
         "python": platform.python_version(),

@@ -83,6 +83,39 @@ class ExperimentReport:
     verified: bool | None = None
 
 
+@dataclass(frozen=True)
+class IndividualReport:
+    """What is known of one experiment with several observations.
+
+    `log_density` is the logarithm of the density of all its observations together. `mode`, `mean`
+    and `sd` are those of its parameters given its observations (the individual law), by name.
+    """
+
+    id: str
+    observations: int
+    log_density: float
+    mode: Mapping[str, float]
+    mean: Mapping[str, float]
+    sd: Mapping[str, float]
+    status: str
+
+
+@dataclass(frozen=True)
+class ObservationReport:
+    """One measured value, and what was predicted for it under its experiment's individual law.
+
+    `lower` and `upper` are equal where it was measured exactly, else the bounds that are known;
+    values are those that the likelihood sees. `row` counts the rows of the table from 1.
+    """
+
+    id: str
+    row: int
+    response: str
+    lower: float | None
+    upper: float | None
+    predicted: float
+
+
 def in_order(
     alpha: Mapping[str, float | Estimate], hyperparameters: Sequence[Hyperparameter]
 ) -> Array:

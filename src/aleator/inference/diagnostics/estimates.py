@@ -1,0 +1,96 @@
+"""What the maximum itself tells: too few experiments, a search that did not arrive, limits met."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.inference.information import Inference
+from aleator.inference.profile import Profile
+from aleator.laws import Hyperparameter
+from aleator.search import wide_limits
+
+LARGEST_EDM = 1e-3
+"""Distance to the maximum, in log-likelihood, that still counts as arrived."""
+FEW_EXPERIMENTS = 5
+"""Experiments for each free hyperparameter below which normal theory is not to be trusted."""
+
+
+def count_warnings(experiments: int, inference: Inference) -> list[Diagnostic]:
+    """Whether normal theory can be trusted at this number of experiments."""
+    free = inference.identified.size
+    if experiments >= FEW_EXPERIMENTS * free:
+        return []
+    return [
+        Diagnostic(
+            "experiments",
+            f"{experiments} experiments for {free} free hyperparameters: standard errors and "
+            "intervals are right for many experiments only, and estimated standard deviations tend "
+            "to be too small, by about the ratio of hyperparameters to experiments",
+            f"fix some, or add experiments ({2 * FEW_EXPERIMENTS} for each is a start)",
+        )
+    ]
+
+
+def search_refusals(
+    inference: Inference, hyperparameters: Sequence[Hyperparameter]
+) -> list[Diagnostic]:
+    """Whether the answer is a maximum, and the search arrived there."""
+    warnings = []
+    wide = wide_limits(hyperparameters)
+    narrow = f"; narrow the limits of {', '.join(wide)}, many orders of magnitude wide"
+    also = narrow if wide else ""
+    if not inference.positive:
+        warnings.append(
+            Diagnostic(
+                "search",
+                "the information matrix at the answer is not positive definite: it is no maximum, "
+                "or a hyperparameter has no effect",
+                f"fix a hyperparameter, or search from more starts{also}",
+            )
+        )
+    elif not inference.edm < LARGEST_EDM:
+        warnings.append(
+            Diagnostic(
+                "search",
+                "the search did not arrive: the maximum is an estimated "
+                f"{inference.edm:.2g} higher in log-likelihood",
+                f"allow more evaluations a start, search from more starts, or polish{also}",
+            )
+        )
+    return warnings
+
+
+def bound_warnings(
+    hyperparameters: Sequence[Hyperparameter], inference: Inference, profile: Profile
+) -> list[Diagnostic]:
+    """Estimates and intervals that end on a limit."""
+    warnings = [
+        Diagnostic(
+            "bounds",
+            f"{h.name} ends on its {side} limit {h.lower if side == 'lower' else h.upper:.6g}; "
+            "it has no standard error, and those of the others hold with it fixed there",
+            "widen the limit if it is not physical, or fix the hyperparameter",
+            (h.name,),
+        )
+        for h, side in zip(hyperparameters, inference.at_bound, strict=True)
+        if side is not None
+    ]
+    cut = [
+        h.name
+        for h, side, (low, high) in zip(
+            hyperparameters, inference.at_bound, profile.intervals, strict=True
+        )
+        if side is None and (low == h.lower or high == h.upper)
+    ]
+    if cut:
+        warnings.append(
+            Diagnostic(
+                "bounds",
+                f"the 95 % interval of {', '.join(cut)} ends on a limit: the experiments do not "
+                "rule out values beyond it",
+                "widen the limit if it is not physical",
+                tuple(cut),
+            )
+        )
+    return warnings

@@ -1,0 +1,76 @@
+"""Which observations belong to which experiment, and which runs give their values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from aleator.types import Array, Indices
+
+BLOCK = 2_000_000
+"""Simulated values that are held at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Some experiments one after the other: B of them, with m observations.
+
+    `owner` (m,) is the experiment of each observation, counted from the first of the block, and
+    `starts` (B,) where the observations of each begin. `units` (V,) are what has to be run for
+    them, `unit_owner` (V,) whose they are, and `place`, `column` (m,) say which value of which of
+    these units an observation is.
+    """
+
+    experiments: slice
+    rows: slice
+    owner: Indices
+    starts: Indices
+    units: Indices
+    unit_owner: Indices
+    place: Indices
+    column: Indices
+
+    def __len__(self) -> int:
+        return self.starts.size
+
+    def summed(self, values: Array) -> Array:
+        """Sums (B, ...) over the observations (m, ...) of each experiment."""
+        return np.add.reduceat(values, self.starts, axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """N experiments (`count`) and their M observations, sorted by experiment.
+
+    Each experiment has at least one. `experiment` (M,) is that of each observation, `unit` (M,)
+    what a run has to be made for to give its value, and `column` (M,) which of the values of that
+    run it is.
+    """
+
+    count: int
+    experiment: Indices
+    unit: Indices
+    column: Indices
+    _blocks: dict[int, tuple[Block, ...]] = field(default_factory=dict, repr=False)
+
+    def blocks(self, nodes: int) -> tuple[Block, ...]:
+        """All experiments in blocks that fit into memory at so many nodes; made once for each."""
+        widest = int(np.bincount(self.experiment, minlength=self.count).max())
+        step = min(max(1, BLOCK // (widest * nodes)), self.count)
+        if step not in self._blocks:
+            ends = range(0, self.count, step)
+            self._blocks[step] = tuple(self._block(a, min(a + step, self.count)) for a in ends)
+        return self._blocks[step]
+
+    def _block(self, first: int, last: int) -> Block:
+        begin, end = np.searchsorted(self.experiment, [first, last])
+        rows = slice(int(begin), int(end))
+        owner = self.experiment[rows] - first
+        units, place = np.unique(self.unit[rows], return_inverse=True)
+        unit_owner = np.empty(units.size, dtype=np.intp)
+        unit_owner[place] = owner
+        return Block(
+            slice(first, last), rows, owner, np.searchsorted(owner, np.arange(last - first)),
+            units, unit_owner, place, self.column[rows],
+        )  # fmt: skip

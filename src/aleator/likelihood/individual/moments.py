@@ -1,0 +1,52 @@
+"""What an experiment's own observations leave open of its parameters: its individual law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.likelihood.individual.likelihood import IndividualLikelihood, mean_of
+from aleator.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class IndividualParameters:
+    """The individual laws p(x | y_l, alpha): mode, mean and sd of the parameters, (N, n) each.
+
+    The mode is that of the standard normal variates, as parameters. `predicted` (M,) is the mean
+    simulated value of each observation under its individual law. `shrinkage` (n,) is
+    1 - var_l(E[theta_l | y_l]) with theta the variate of each parameter, which has variance one: 0
+    where the observations alone say what each x is, 1 where only the law does (Savic and Karlsson,
+    2009); NaN for a constant.
+    """
+
+    mode: Array
+    mean: Array
+    sd: Array
+    predicted: Array
+    shrinkage: Array
+
+
+def individual_parameters(likelihood: IndividualLikelihood, alpha: Array) -> IndividualParameters:
+    """The individual laws at alpha (K,), where the likelihood's nodes are adapted."""
+    inputs, count = likelihood.inputs, likelihood.count
+    n = len(inputs.names)
+    mode, mean, sd = (np.empty((count, n)) for _ in range(3))
+    variate = np.empty((count, inputs.scattering))
+    predicted = np.empty(likelihood.layout.experiment.size)
+    for block in likelihood.blocks:
+        part, owner = block.experiments, block.owner
+        found = likelihood.at(alpha, block, likelihood.nodes.xi[part])
+        share = mean_of(found.sums + likelihood.nodes.log_weight[part])[1]
+        x = found.individual.x
+        mean[part] = np.einsum("lj,ljn->ln", share, x)
+        sd[part] = np.sqrt(np.einsum("lj,ljn->ln", share, (x - mean[part, None]) ** 2))
+        variate[part] = np.einsum("lj,ljs->ls", share, found.individual.theta)
+        known = np.where(share[owner] > 0.0, found.eta, 0.0)
+        predicted[block.rows] = np.sum(share[owner] * known, axis=1)
+        at_mode = likelihood.nodes.mode[part][:, None]
+        mode[part] = inputs.individual(alpha[: inputs.size], at_mode, part).x[:, 0]
+    shrinkage = np.full(n, np.nan)
+    shrinkage[list(inputs.scattered)] = 1.0 - np.var(variate, axis=0)
+    return IndividualParameters(mode, mean, sd, predicted, shrinkage)

@@ -1,0 +1,74 @@
+"""Simulated values by response surfaces, each experiment at parameters of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from aleator.likelihood.individual.layout import Block
+from aleator.surrogates import Surface
+from aleator.surrogates.basis import products_with_gradient
+from aleator.surrogates.points import in_unit_box
+from aleator.surrogates.responses import moving_parameters
+from aleator.types import Array, Indices
+
+LARGEST = 4_000_000
+"""Numbers of one block of basis functions that are held at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class OnSurfaces:
+    """The values of surfaces known on a region (n, 2); beyond it those of its nearest point.
+
+    `of` (M,) is the surface of each observation; the surfaces are in the parameters whose region
+    has a width. Cost O(M J T) for T terms.
+    """
+
+    surface: Surface
+    region: Array
+    of: Indices
+
+    def values(self, block: Block, x: Array) -> Array:
+        """The polynomials at the experiments' points."""
+        return self._evaluated(block, x, slopes=False)[0]
+
+    def with_slopes(self, block: Block, x: Array) -> tuple[Array, Array]:
+        """The polynomials and their gradients; a coordinate beyond the region has none."""
+        return self._evaluated(block, x, slopes=True)
+
+    def _evaluated(self, block: Block, x: Array, slopes: bool) -> tuple[Array, Array]:
+        inside = np.clip(x, self.region[:, 0], self.region[:, 1])
+        z = in_unit_box(self.surface.box, inside[..., self._moving])
+        experiments, nodes, n = z.shape
+        flat = z.reshape(-1, n)
+        basis = products_with_gradient(self.surface.indices, flat)
+        basis = basis.reshape(len(basis), 1 + n, experiments, nodes)
+        terms = self._terms[self.of[block.rows]]
+        found = np.empty((1 + n if slopes else 1, len(terms), nodes))
+        step = max(1, LARGEST // (len(basis) * nodes))
+        for first in range(0, len(terms), step):
+            rows = slice(first, first + step)
+            own = basis[:, : len(found), block.owner[rows]]
+            found[:, rows] = np.einsum("mp,pdmj->dmj", terms[rows], own, optimize=False)
+        if not slopes:
+            return found[0], found[:0]
+        slope = np.zeros((x.shape[2], len(terms), nodes))
+        half = 0.5 * np.diff(self.surface.box, axis=1)[:, 0]
+        for k, i in enumerate(self._moving):
+            known = (inside[..., i] == x[..., i])[block.owner]
+            slope[i] = np.where(known, found[1 + k] / half[k], 0.0)
+        return found[0], slope
+
+    @cached_property
+    def _moving(self) -> Indices:
+        return moving_parameters(self.region)
+
+    @cached_property
+    def _terms(self) -> Array:
+        """Coefficients (U, P) of all surfaces."""
+        whole = np.zeros((len(self.surface.error), len(self.surface.indices)))
+        for group in self.surface.groups:
+            whole[group.members, : group.size] = group.coefficients
+        return whole

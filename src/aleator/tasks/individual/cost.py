@@ -1,0 +1,44 @@
+"""Whether a simulator is so cheap that surfaces of it would only cost time."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from aleator.laws.inputs import Inputs
+from aleator.simulators import Runner
+from aleator.types import Array, Indices
+
+SLOW = 2e-3
+"""Seconds of a run from where on a simulator is not cheap, however few runs are needed."""
+LONGEST = 60.0
+"""Seconds that the simulator may take in an identification without surfaces."""
+EVALUATIONS = 400
+"""Evaluations of the likelihood that an identification takes, about."""
+NODES = 9
+"""Nodes a variate that an identification comes to, about; of more than three variates fewer."""
+SAMPLE = 8
+
+
+def cheap(runner: Runner, inputs: Inputs, x: Array) -> bool:
+    """Whether all evaluations on the simulator itself would take less than a minute.
+
+    Judged by a run of the first unit at x (n,), and where that is fast by eight runs of every unit
+    at once: what they take decides, so that a study near the border may go either way.
+    """
+    seconds = _timed(runner, np.zeros(1, dtype=np.intp), x)
+    if seconds > SLOW:
+        return False
+    every = np.repeat(np.arange(runner.units), SAMPLE)
+    seconds = _timed(runner, every, x) / SAMPLE
+    moving = int(np.sum(inputs.box[:, 1] > inputs.box[:, 0]))
+    nodes = NODES ** min(inputs.scattering, 3)
+    return bool(seconds * nodes * (2 * moving + 1) * EVALUATIONS < LONGEST)
+
+
+def _timed(runner: Runner, units: Indices, x: Array) -> float:
+    points = np.tile(x, (len(units), 1))
+    began = time.perf_counter()
+    runner.straight(units, points)
+    return time.perf_counter() - began

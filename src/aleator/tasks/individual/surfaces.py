@@ -1,0 +1,234 @@
+"""Surfaces of slow simulators, made exact where the experiments' laws lie and against the noise.
+
+Search on coarse surfaces, look where the laws are and how large the noise is, run there, climb, and
+so on until neither alpha nor the log-likelihood moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aleator.inference.information import Inference, infer
+from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces, Predictor
+from aleator.likelihood.problem import told
+from aleator.search import SearchResult
+from aleator.simulators import Runner
+from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
+from aleator.surrogates.responses import Run, moving_parameters
+from aleator.tasks.individual.population import (
+    FAR,
+    LIKELY,
+    draws,
+    first_region,
+    held_region,
+    hull,
+    padded,
+    within,
+)
+from aleator.tasks.individual.settle import Settled, settled
+from aleator.tasks.ledger import Ledger
+from aleator.tasks.likely import likely_alphas
+from aleator.types import Array, Flags, Indices
+
+SURFACE = "response surface"
+"""What the rounds are called in the account of runs and seconds."""
+COARSE = 0.1
+"""Estimated error over the outcome's scatter on the region, of the first surfaces."""
+LOOSE = 0.2
+"""Estimated error over the noise that the first refinement asks for; halved each round."""
+TIGHT = 0.05
+"""... that it must come to before the answer may be calm."""
+FINEST = 1e-3
+ROUNDS = 16
+STILL = 0.1
+"""A step of alpha, in the metric of the information, that is none."""
+CHANGE = 0.05
+"""A change of the log-likelihood that is none; a thousandth an experiment if that is more."""
+WIDER = 1.2
+"""Runs are placed so much farther out than the laws say."""
+SHRINK = 0.6
+"""A region is narrowed only if that makes it smaller than this share of itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sites:
+    """The distinct values that surfaces are made of: `case` and `column` (U,) of each.
+
+    `unit` (U,) is a unit of each case, and `of` (M,) the site of each observation.
+    """
+
+    unit: Indices
+    column: Indices
+    of: Indices
+
+    @classmethod
+    def seen(cls, runner: Runner) -> Sites:
+        """Those of a runner's observations."""
+        case = runner.cases.condition[runner.unit]
+        pairs = np.stack([case, runner.column], axis=1)
+        distinct, of = np.unique(pairs, axis=0, return_inverse=True)
+        return cls(runner.cases.first[distinct[:, 0]], distinct[:, 1], of.ravel())
+
+    def __len__(self) -> int:
+        return self.unit.size
+
+    def run(self, runner: Runner, region: Array) -> Run:
+        """`run(index (R,), x (R, moving)) -> (R,)` of the sites, NaN where a run fails."""
+        moving, known = moving_parameters(region), region[:, 0]
+
+        def run(index: Indices, x: Array) -> Array:
+            full = np.tile(known, (len(x), 1))
+            full[:, moving] = x
+            return np.asarray(
+                runner.values(self.unit[index], full)[np.arange(len(x)), self.column[index]]
+            )
+
+        return run
+
+    def together(self, members: Flags) -> Flags:
+        """With all sites of the units of some: the same runs give them their values."""
+        return np.isin(self.unit, self.unit[members])
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaced:
+    """An answer on surfaces, with these and the region that they know."""
+
+    settled: Settled
+    found: SearchResult
+    surfaces: AdaptiveSurfaces
+    region: Array
+    sites: Sites
+
+
+@dataclass(frozen=True, eq=False)
+class ByResponseSurfaces:
+    """How a search on surfaces goes on from one answer to a better one.
+
+    `likelihood` makes one of a predictor, and `search` is the user's from guesses.
+    """
+
+    runner: Runner
+    likelihood: Callable[[Predictor], IndividualLikelihood]
+    choice: ResponseSurface
+    search: Callable[[IndividualLikelihood, Sequence[Array]], SearchResult]
+    ledger: Ledger
+
+    def answer(self, inputs: Inputs, hyperparameters: Sequence[Hyperparameter]) -> Surfaced:
+        """The answer that further runs do not move, and that a full search does not better."""
+        surfaced = self._first(inputs, hyperparameters)
+        while True:
+            surfaced = self._refined(surfaced)
+            likelihood, before = surfaced.settled.likelihood, surfaced.settled
+            found = self.search(likelihood, [before.alpha])
+            again = settled(likelihood, found.alpha)
+            if again.value < before.value + CHANGE:
+                return replace(surfaced, found=found)
+            surfaced = replace(surfaced, settled=again, found=found)
+
+    def _first(self, inputs: Inputs, hyperparameters: Sequence[Hyperparameter]) -> Surfaced:
+        sites = Sites.seen(self.runner)
+        region = first_region(inputs, hyperparameters, len(self.runner.ids))
+        with self.ledger.stage(SURFACE):
+            run = sites.run(self.runner, region)
+            box = region[moving_parameters(region)]
+            surfaces = AdaptiveSurfaces(run, box, len(sites), self.choice)
+            surfaces.refine(surfaces.everywhere(), COARSE, told(self.ledger.progress))
+        likelihood = self.likelihood(OnSurfaces(surfaces.surface(), region, sites.of))
+        found = self.search(likelihood, [])
+        return Surfaced(settled(likelihood, found.alpha), found, surfaces, region, sites)
+
+    def _refined(self, surfaced: Surfaced) -> Surfaced:
+        """Run where the laws are, and climb, until nothing moves."""
+        level = LOOSE
+        for _ in range(ROUNDS):
+            inference = _infer(surfaced.settled)
+            with self.ledger.stage(SURFACE):
+                moved = self._sharpened(surfaced, inference, level)
+            likelihood = self.likelihood(
+                OnSurfaces(moved.surfaces.surface(), moved.region, moved.sites.of)
+            )
+            with self.ledger.stage("search"):
+                after = settled(likelihood, surfaced.settled.alpha)
+            calm = _calm(surfaced.settled, after, inference)
+            surfaced = replace(moved, settled=after)
+            if calm and level <= TIGHT:
+                break
+            level = max(0.5 * level, FINEST)
+        return surfaced
+
+    def _sharpened(self, surfaced: Surfaced, inference: Inference, level: float) -> Surfaced:
+        """Runs for all sites whose error is above `level` of the noise, where the laws lie."""
+        likelihood, alpha = surfaced.settled.likelihood, surfaced.settled.alpha
+        inputs, surfaces = likelihood.inputs, surfaced.surfaces
+        likely = likely_alphas(alpha, inference, likelihood.hyperparameters)
+        region = _next_region(surfaced, likely)
+        moving = moving_parameters(region)
+        if region is not surfaced.region:
+            surfaces.move(region[moving])
+        where = np.clip(draws(inputs, [alpha], likelihood.count), *region.T)[:, moving]
+        fresh = np.clip(draws(inputs, [*likely], likelihood.count, WIDER), *region.T)[:, moving]
+        surfaces.against(_noise(surfaced))
+        surfaces.judge(where)
+        for _ in range(ROUNDS):
+            members = surfaced.sites.together(surfaces.wanting(level))
+            if not members.any():
+                break
+            surfaces.sharpen(members, fresh)
+        return replace(surfaced, region=region)
+
+
+def _next_region(surfaced: Surfaced, likely: Array) -> Array:
+    """One that holds the laws of all that alpha may be, if that is better than the present one."""
+    likelihood, alpha = surfaced.settled.likelihood, surfaced.settled.alpha
+    inputs, region = likelihood.inputs, surfaced.region
+    certain = held_region(inputs, [alpha], likelihood.count, FAR)
+    possible = held_region(inputs, [*likely], likelihood.count, LIKELY)
+    wanted = within(inputs.box, padded(hull(certain, possible), inputs.box))
+    moving = moving_parameters(region)
+    width = np.diff(region, axis=1)[moving, 0]
+    slack = 0.02 * np.diff(region, axis=1)[:, 0]
+    beyond = (certain[:, 0] < region[:, 0] - slack) | (certain[:, 1] > region[:, 1] + slack)
+    beyond &= np.diff(inputs.box, axis=1)[:, 0] > 0.0
+    if np.any(beyond & ~_at_ends(region, inputs.box, certain)):
+        reach = np.diff(region, axis=1) * np.array([-1.0, 1.0])
+        return np.clip(wanted, region[:, :1] + reach[:, :1], region[:, 1:] + reach[:, 1:])
+    share = np.prod(np.diff(wanted, axis=1)[moving, 0] / width)
+    return wanted if share < SHRINK else region
+
+
+def _at_ends(region: Array, box: Array, certain: Array) -> Flags:
+    """Which parameters reach out of the region only where the box ends too."""
+    low = (certain[:, 0] >= region[:, 0]) | (region[:, 0] <= box[:, 0])
+    high = (certain[:, 1] <= region[:, 1]) | (region[:, 1] >= box[:, 1])
+    return np.asarray(low & high)
+
+
+def _noise(surfaced: Surfaced) -> Array:
+    """The smallest scale (U,) of the measurement error at each site."""
+    likelihood, alpha = surfaced.settled.likelihood, surfaced.settled.alpha
+    least = np.full(len(surfaced.sites), np.inf)
+    of_errors = alpha[likelihood.inputs.size :]
+    for block in likelihood.blocks:
+        xi = likelihood.nodes.mode[block.experiments][:, None]
+        eta = likelihood.at(alpha, block, xi).eta
+        scale = likelihood.errors.scale(of_errors, eta, block.rows)[:, 0]
+        np.minimum.at(least, surfaced.sites.of[block.rows], scale)
+    return least
+
+
+def _infer(answer: Settled) -> Inference:
+    return infer(answer.likelihood, answer.alpha, answer.likelihood.hyperparameters)
+
+
+def _calm(before: Settled, after: Settled, inference: Inference) -> bool:
+    """Whether neither alpha nor the log-likelihood has moved."""
+    step = (after.alpha - before.alpha)[inference.identified]
+    length = float(step @ inference.information @ step)
+    change = abs(after.value - before.value)
+    return length < STILL**2 and change < max(CHANGE, 1e-3 * after.likelihood.count)
