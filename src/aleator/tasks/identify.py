@@ -76,7 +76,7 @@ def identify(
     table = _experiments(experiments, outcome)
     runner = as_runner(simulator, table, inputs.names, vectorized, executor)
     ledger = Ledger(runner, progress or Silent())
-    if individual.wanted(table, noise):
+    if individual.wanted(table, inputs, noise):
         if not isinstance(propagation, ResponseSurface):
             raise InputsError(
                 "collocation takes one exact outcome an experiment",
