@@ -47,6 +47,29 @@ def deadly(load, x):
         os.kill(os.getpid(), signal.SIGKILL)
     return load * x
 
+class Abort(BaseException):
+    pass
+
+def aborting(load, x):
+    if x > 0.9:
+        raise Abort("out of license")
+    return load * x
+
+def interrupting(load, x):
+    if x > 0.9:
+        raise KeyboardInterrupt
+    return load * x
+
+def many_interrupting(load, x):
+    if np.any(x > 0.9):
+        raise KeyboardInterrupt
+    return load * x
+
+def leaving(load, x):
+    if x > 0.9:
+        raise SystemExit(3)
+    return load * x
+
 def slow(load, x):
     pathlib.Path(__file__).with_name(f"at{x:.3f}").touch()
     time.sleep(0.2)
@@ -100,6 +123,30 @@ def test_a_function_that_no_file_holds_is_sent_whole(pool: ProcessPool) -> None:
     factor = 3.0
     run = Runner(lambda load, x: factor * load * x, TABLE, ["x"], executor=pool)
     np.testing.assert_allclose(run(INDEX, X), 3.0 * (INDEX + 1) * X[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("aborting", "Abort: out of license"),
+        ("leaving", "SystemExit: 3"),
+        ("interrupting", "it raised KeyboardInterrupt"),
+        ("many_interrupting", "it raised KeyboardInterrupt"),
+    ],
+)
+def test_whatever_a_run_raises_in_a_worker_is_its_own_failure(
+    pool: ProcessPool, model: Path, name: str, words: str
+) -> None:
+    run = Runner(named(model, name, name.startswith("many")), TABLE, ["x"], executor=pool)
+    outcome = run.attempt(INDEX, X, most=1.0)
+    np.testing.assert_array_equal(np.isnan(outcome), X[:, 0] > 0.9)
+    assert all(words in message for message in messages(run.failures))
+
+
+def test_an_exception_of_any_kind_is_a_failure_here_too(model: Path) -> None:
+    run = Runner(named(model, "aborting"), TABLE, ["x"])
+    with pytest.raises(SimulatorError, match="Abort: out of license"):
+        run(INDEX, X)
 
 
 def test_failed_runs_are_told_by_workers_as_they_are_here(pool: ProcessPool, model: Path) -> None:

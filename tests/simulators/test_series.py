@@ -3,6 +3,7 @@
 # Arguments that a test's simulator does not use still say what it is given.
 # ruff: noqa: ARG001, ARG005
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 from aleator.errors import SimulatorError
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Observations, responses_of
-from aleator.simulators import FunctionSimulator, ProcessPool, Runner, Store
+from aleator.simulators import FunctionSimulator, ProcessPool, Runner, Store, exchange
 from aleator.simulators.records import stored_runs
 
 # Rows of two experiments that are not adjacent, with a row less in the second.
@@ -132,6 +133,34 @@ def test_a_store_has_vectors(tmp_path: Path, kind: str, executor: bool) -> None:
             kept = [*stored_runs(store)]
     np.testing.assert_array_equal(*found)
     assert (run.fresh, run.runs) == (0, run.units) == (0, len(kept))
+
+
+@pytest.mark.parametrize("kind", [{}, {"series": True}], ids=["rows", "series"])
+@pytest.mark.parametrize("several", [False, True])
+def test_vectors_travel_by_a_table_and_back(tmp_path: Path, kind: Any, several: bool) -> None:
+    def both(load: float, time: Any, x: float) -> Any:
+        way = load * x * time
+        return {"way": way, "speed": np.where(time > 0.7, load * x, np.nan)[()]} if several else way
+
+    # the speed is not measured where there is none
+    observed = [pair for pair in BOTH if pair != (0, 1)] if several else EVERY
+    asked = table(observed, ("way", "speed") if several else ("way",))
+    simulator = FunctionSimulator(both, **kind)
+    with Store(tmp_path / "a.sqlite") as store:
+        run = Runner(simulator, asked, ["x"], store=store)
+        units, x = np.arange(run.units), np.ones((run.units, 1))
+        first = run.values(units, x)
+        assert exchange.write(stored_runs(store), tmp_path / "runs.csv") == run.units
+        before = [replace(kept, number=0, time=0.0) for kept in stored_runs(store)]
+    with Store(tmp_path / "b.sqlite") as store:
+        assert exchange.read(store, tmp_path / "runs.csv").added == run.units
+        again = exchange.read(store, tmp_path / "runs.csv")
+        assert (again.added, again.present) == (0, run.units)
+        after = [replace(kept, number=0, time=0.0) for kept in stored_runs(store)]
+        resumed = Runner(simulator, asked, ["x"], store=store)
+        np.testing.assert_array_equal(resumed.values(units, x), first)
+        assert resumed.fresh == 0
+    assert str(after) == str(before)  # NaN is not equal to itself
 
 
 def test_another_response_is_another_run(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def runs(found: Sequence[StoredRun], more: int) -> RenderableType:
         (
             str(run.number),
             moment(run.time),
-            "failed" if run.outcome is None else f"{run.outcome:.6g}",
+            "failed" if run.outcome is None else _outcome(run.outcome),
             _told(run),
         )
         for run in found
@@ -72,13 +72,29 @@ def one(run: StoredRun) -> RenderableType:
         ("fingerprint", simulator.fingerprint),
         *((f"condition {name}", _value(value)) for name, value in run.conditions.items()),
         *((f"parameter {name}", repr(value)) for name, value in run.parameters.items()),
-        ("outcome", "none" if run.outcome is None else repr(run.outcome)),
+        *_outcomes(run),
         ("failure", run.failure or "none"),
         ("seconds", "-" if run.seconds is None else f"{run.seconds:.3g}"),
         ("when", f"{moment(run.time)}, attempt {run.attempt}, on {run.host or 'an unknown host'}"),
     ]
     table = Rows((("run", "left"), (str(run.number), "fold")), rows)
     return Group(table, *([Text("Its log:"), Text(run.log)] if run.log else []))
+
+
+def _outcome(outcome: float | tuple[float, ...]) -> str:
+    """A number, or the first of several values and how many there are."""
+    if isinstance(outcome, float):
+        return f"{outcome:.6g}"
+    return f"{outcome[0]:.6g}, ... ({len(outcome)} values)"
+
+
+def _outcomes(run: StoredRun) -> list[tuple[str, str]]:
+    """A line for the outcome, or one for each response with its values row by row."""
+    if not isinstance(run.outcome, tuple):
+        return [("outcome", "none" if run.outcome is None else repr(run.outcome))]
+    names = [f"outcome {name}" for name in run.responses] or ["outcome"]
+    parts = (run.outcome[k :: len(names)] for k in range(len(names)))
+    return [(name, ", ".join(map(repr, p))) for name, p in zip(names, parts, strict=True)]
 
 
 def moment(seconds: float) -> str:
@@ -93,7 +109,14 @@ def _told(run: StoredRun) -> str:
 
 
 def _values(values: dict[str, Any]) -> str:
-    return ", ".join(f"{name}={_value(value)}" for name, value in values.items())
+    return ", ".join(f"{name}={_short(value)}" for name, value in values.items())
+
+
+def _short(value: Any) -> str:
+    """A value, or the first and the last of a series."""
+    if isinstance(value, list) and len(value) > 1:
+        return f"{_value(value[0])}...{_value(value[-1])}"
+    return _value(value)
 
 
 def _value(value: Any) -> str:

@@ -57,28 +57,36 @@ def in_one_call(
     Raises what the function raises, and TypeError for what is neither an array of the rows nor a
     number.
     """
-    count = len(next(iter(parameters.values())))
-    sizes = np.ones(count, dtype=np.intp) if form.rows is None else form.rows
-    run = np.repeat(np.arange(count), sizes)
-    place = np.arange(len(run)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    rows = {name: _of_rows(column, run) for name, column in {**conditions, **parameters}.items()}
+    columns = {**conditions, **parameters}
+    count, size = len(next(iter(parameters.values()))), len(form.responses)
+    if form.rows is None:
+        parts = _parts(simulator, columns, form, count)
+        return np.stack(np.broadcast_arrays(np.empty(count), *parts)[1:], axis=1)
+    run = np.repeat(np.arange(count), form.rows)
+    place = np.arange(len(run)) - np.repeat(np.cumsum(form.rows) - form.rows, form.rows)
+    rows = {name: _of_rows(column, run) for name, column in columns.items()}
+    values = np.full((count, form.width), np.nan)
+    for k, part in enumerate(_parts(simulator, rows, form, len(run))):
+        values[run, place * size + k] = part
+    return values
+
+
+def _parts(simulator: FunctionSimulator, columns: Columns, form: Form, count: int) -> list[Array]:
+    """What the function returned for each response: an array (count,), or a number."""
     with np.errstate(all="ignore"):
-        returned = simulator.function(**rows)
+        returned = simulator.function(**columns)
     named = isinstance(returned, Mapping)
     parts = [returned[name] for name in form.responses] if named else [returned]
     if len(parts) != len(form.responses):
         raise TypeError("it named no responses")
-    values = np.full((count, form.width), np.nan)
-    for k, part in enumerate(parts):
-        values[run, place * len(parts) + k] = _numbers(part, len(run))
-    return values
+    return [_numbers(part, count) for part in parts]
 
 
 def _of_rows(column: NDArray[Any], run: NDArray[np.intp]) -> NDArray[Any]:
     """A column of runs as one of rows."""
     if column.dtype == object and len(column) and isinstance(column[0], np.ndarray):
         return np.concatenate([*column])
-    return column if len(column) == len(run) else column[run]
+    return column[run]
 
 
 def _numbers(part: Any, rows: int) -> Array:

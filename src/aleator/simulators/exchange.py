@@ -3,7 +3,8 @@
 A row a run; its columns are `condition.NAME`, `parameter.NAME`, `outcome`, `failure`, `log`,
 `seconds`, `host`, `time`, `attempt`, and `fingerprint`, `simulator`, `description`, `version`.
 A condition that is a number is written as one. A text is written as it is, in quotes if it looks
-like a number; a blank cell is a condition that the simulator does not ask for.
+like a number; a blank cell is a condition that the simulator does not ask for. What a series has
+several of, conditions and outcomes, is a list; `rows` and `responses` then say what of.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 _CONDITION, _PARAMETER = "condition.", "parameter."
 _OWN = ("fingerprint", "simulator", "description", "version")
+_FORM = ("rows", "responses")
 _REST = ("outcome", "failure", "log", "seconds", "host", "time", "attempt")
 
 
@@ -70,7 +72,8 @@ def _cells(run: StoredRun) -> dict[str, Any]:
         "version": run.simulator.version,
         **{f"{_CONDITION}{name}": as_cell(value) for name, value in run.conditions.items()},
         **{f"{_PARAMETER}{name}": value for name, value in run.parameters.items()},
-        "outcome": run.outcome,
+        **_form(run),
+        "outcome": json.dumps(run.outcome) if isinstance(run.outcome, tuple) else run.outcome,
         "failure": run.failure,
         "log": run.log,
         "seconds": run.seconds,
@@ -78,6 +81,12 @@ def _cells(run: StoredRun) -> dict[str, Any]:
         "time": datetime.fromtimestamp(run.time, UTC).isoformat(),
         "attempt": run.attempt,
     }
+
+
+def _form(run: StoredRun) -> dict[str, Any]:
+    if run.rows is None:
+        return {}
+    return {"rows": run.rows, "responses": json.dumps(run.responses, ensure_ascii=False)}
 
 
 def as_cell(value: Any) -> Any:
@@ -152,7 +161,8 @@ def read(store: Store, path: Path, simulator: Identity | None = None) -> Importe
     of_simulator: dict[Identity, dict[Case, list[StoredRun]]] = {}
     for run in _parsed(path, simulator):
         of_case = of_simulator.setdefault(run.simulator, {})
-        of_case.setdefault(Case.of(run.conditions, run.parameters), []).append(run)
+        case = Case.of(run.conditions, run.parameters, run.rows, run.responses)
+        of_case.setdefault(case, []).append(run)
     total = added = different = 0
     for identity, of_case in of_simulator.items():
         placed = [
@@ -161,7 +171,7 @@ def read(store: Store, path: Path, simulator: Identity | None = None) -> Importe
             for run in runs
         ]
         there = store.find(identity.fingerprint, [*of_case], (key[:2] for key in placed))
-        different += sum(outcome != placed[place][2].outcome for place, outcome, *_ in there)
+        different += sum(outcome != placed[place][2].made[0] for place, outcome, *_ in there)
         rows = [(k, x, *run.made) for k, x, run in placed]
         added += store.add(identity, [*of_case], rows, again=False)
         total += len(rows)
@@ -196,7 +206,7 @@ def _check_columns(path: Path, columns: list[str], simulator: Identity | None) -
     strange = [
         name
         for name in columns
-        if not name.startswith((_CONDITION, _PARAMETER)) and name not in (*_OWN, *_REST)
+        if not name.startswith((_CONDITION, _PARAMETER)) and name not in (*_OWN, *_FORM, *_REST)
     ]
     if strange:
         raise StoreError(
@@ -231,7 +241,7 @@ def _run(cells: dict[str, str | None], simulator: Identity | None) -> StoredRun:
         if name.startswith(_PARAMETER) and cell
     }
     if given.get("outcome"):
-        outcome, failure = _number("outcome", given["outcome"]), None
+        outcome, failure = _outcome(given["outcome"]), None
         if given.get("failure"):
             raise ValueError("it has an outcome and a failure")
     else:
@@ -251,6 +261,8 @@ def _run(cells: dict[str, str | None], simulator: Identity | None) -> StoredRun:
         host=given.get("host", ""),
         time=datetime.fromisoformat(when).timestamp() if when else time.time(),
         attempt=int(given.get("attempt") or 1),
+        rows=int(given["rows"]) if given.get("rows") else None,
+        responses=tuple(json.loads(given["responses"])) if given.get("responses") else (),
     )
 
 
@@ -261,6 +273,16 @@ def _identity(given: dict[str, str], simulator: Identity | None) -> Identity:
             raise ValueError("its fingerprint is blank")
         return simulator
     return Identity(fingerprint, *(given.get(name, "") for name in _OWN[1:]))
+
+
+def _outcome(cell: str) -> float | tuple[float, ...]:
+    """A number, or the values of a series: those that nobody measured need not be finite."""
+    if not cell.startswith("["):
+        return _number("outcome", cell)
+    values = json.loads(cell)
+    if not all(isinstance(value, (int, float)) for value in values):
+        raise ValueError("column 'outcome': the list is not one of numbers")
+    return tuple(map(float, values))
 
 
 def _number(name: str, cell: str) -> float:

@@ -31,25 +31,33 @@ class Holding:
 
 @dataclass(frozen=True)
 class StoredRun:
-    """One run as the store has it; `number` names it there, `time` is in seconds since 1970."""
+    """One run as the store has it; `number` names it there, `time` is in seconds since 1970.
+
+    `outcome` is a number; or several values, row by row and of each row the `responses`, if the
+    simulator named them. `rows` is how many rows a series has, None where a run is one row.
+    """
 
     number: int
     simulator: Identity
     conditions: dict[str, Any]
     parameters: dict[str, float]
-    outcome: float | None
+    outcome: float | tuple[float, ...] | None
     failure: str | None
     log: str | None
     seconds: float | None
     host: str
     time: float
     attempt: int
+    rows: int | None = None
+    responses: tuple[str, ...] = ()
 
     @property
     def made(self) -> tuple[Any, ...]:
         """What came of it, in the order of `Store.add`."""
+        outcome = self.outcome
         return (
-            self.outcome, self.failure, self.log, self.seconds, self.host, self.time, self.attempt,
+            np.array(outcome, "<f8").tobytes() if isinstance(outcome, tuple) else outcome,
+            self.failure, self.log, self.seconds, self.host, self.time, self.attempt,
         )  # fmt: skip
 
 
@@ -112,12 +120,19 @@ _identity = lru_cache(maxsize=64)(Identity)
 
 def _stored_run(row: Sequence[Any]) -> StoredRun:
     names, x = _read(row[6]), np.frombuffer(row[7], dtype="<f8").tolist()
+    conditions = dict(_read(row[5]))
+    form = conditions.pop("", {})
+    outcome = row[8]
+    if isinstance(outcome, bytes):
+        outcome = tuple(np.frombuffer(outcome, dtype="<f8").tolist())
     return StoredRun(
         row[0],
         _identity(*row[1:5]),
-        dict(_read(row[5])),
+        conditions,
         dict(zip(names, x, strict=True)),
-        *row[8:],
+        outcome,
+        *row[9:],
+        *[form.get("rows"), tuple(form.get("responses", ()))],
     )
 
 

@@ -6,13 +6,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from aleator.errors import SimulatorError
-from aleator.simulators.failure import describe
+from aleator.simulators.failure import RunFailed, describe
 from aleator.simulators.form import Form, is_named
-from aleator.simulators.protocol import Columns, RunStopped, Simulator
+from aleator.simulators.protocol import Columns, Returned, RunStopped, Simulator
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.types import Array
 
@@ -75,12 +76,28 @@ def make_packed(
     Ctrl-C is answered where the runs were asked for. A KeyboardInterrupt here is the simulator's
     own, and the failure of the run that raised it.
     """
-    made = make(_unpacked(parcel), conditions, parameters, form, asked, budget)
-    if made.stopped is None:
-        return made
-    culprit = slice(len(made), len(made) + 1)
-    failed = replace(asked.some(culprit), failures={0: Failure.of(made.stopped)})
-    return Runs.joined([replace(made, stopped=None), failed])
+    simulator: Any = _Deaf(_unpacked(parcel))
+    return make(simulator, conditions, parameters, form, asked, budget)
+
+
+class _Deaf:
+    """A simulator that raises RunFailed for KeyboardInterrupt."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self._simulator = simulator
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._simulator, name)
+
+    def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
+        try:
+            return self._simulator(conditions, parameters)
+        except KeyboardInterrupt as own:
+            raise RunFailed("it raised KeyboardInterrupt") from own
+        except RunStopped as stop:
+            if isinstance(stop.__cause__, KeyboardInterrupt):
+                raise stop from RunFailed("it raised KeyboardInterrupt")
+            raise
 
 
 @lru_cache(maxsize=2)

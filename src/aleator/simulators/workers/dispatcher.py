@@ -173,7 +173,9 @@ class Dispatcher:
                 continue
             except AleatorError:
                 raise
-            except Exception as error:
+            except BaseException as error:
+                if future.exception() is not error:  # Ctrl-C here, and not the worker's trouble
+                    raise
                 raise SimulatorError(
                     f"simulator '{self._simulator.name}' cannot run on a worker: {describe(error)}",
                     "let the workers have the same Python, packages and files as this process",
