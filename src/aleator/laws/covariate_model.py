@@ -83,6 +83,19 @@ class CovariateModel:
         count = len(range(*experiments.indices(self.count)))
         return np.stack([np.broadcast_to(value, count) for value in found])[:, :, None]
 
+    def about(self, wanted: Array) -> Array:
+        """The alpha whose values (H,) are nearest to the wanted ones in all experiments."""
+        found = np.array([h.start for h in self.hyperparameters])
+        for entry, value in zip(self.entries, wanted, strict=True):
+            if entry.design is None:
+                found[entry.places] = value
+            else:
+                matrix = entry.design.matrix
+                found[entry.places] = np.linalg.lstsq(matrix, np.full(len(matrix), value))[0]
+        return np.clip(
+            found, [h.lower for h in self.hyperparameters], [h.upper for h in self.hyperparameters]
+        )
+
     def score(self, alpha: Array, by_values: Array, experiments: slice) -> Array:
         """Derivatives (B, K) by alpha from those by the hyperparameters' values (B, H)."""
         return np.concatenate(

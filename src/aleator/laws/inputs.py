@@ -282,6 +282,15 @@ class Inputs:
             )
         return tuple(alpha[part] for part in self.slices)
 
+    def about(self, x: Array) -> Array:
+        """The alpha (K,) of laws about the point x (n,), all else at its start."""
+        alpha = np.array([h.start for h in self.hyperparameters])
+        wanted = [law.filling(value) for law, value in zip(self.laws.values(), x, strict=True)]
+        own = np.concatenate(wanted)
+        model = self.covariate_model
+        alpha[: self.partials.start] = own if model is None else model.about(own)
+        return alpha
+
     def individual(self, alpha: Array, xi: Array, experiments: slice) -> Individual:
         """Parameters of some experiments at standard normal variates xi (B, J, s) of their own."""
         return Individual.of(self, alpha, xi, experiments)

@@ -67,8 +67,7 @@ def guesses(likelihood: IndividualLikelihood, fit: PooledFit) -> list[Array]:
     hyperparameters = likelihood.hyperparameters
     around = np.array([h.start for h in hyperparameters])
     inputs = likelihood.inputs
-    for law, part, value in zip(inputs.laws.values(), inputs.slices, fit.x, strict=True):
-        around[part] = law.filling(value)
+    around[: inputs.size] = inputs.about(fit.x)
     lower = np.array([h.lower for h in hyperparameters])
     upper = np.array([h.upper for h in hyperparameters])
     for k in range(inputs.size, around.size):
