@@ -16,18 +16,13 @@ from pathlib import Path
 import pytest
 
 import aleator
+from aleator.study.experiments import ExperimentsSection
 from aleator.study.keys import Section
 from aleator.study.kinds import Kinds
 from aleator.study.laws import LAWS
+from aleator.study.noise import OBSERVATIONS
 from aleator.study.propagation import PROPAGATIONS, RULES
-from aleator.study.sections import (
-    DENSITIES,
-    OBSERVATIONS,
-    SEARCHES,
-    ExperimentsSection,
-    StudyFile,
-    VerificationSection,
-)
+from aleator.study.sections import DENSITIES, SEARCHES, StudyFile, VerificationSection
 from aleator.study.simulators import SIMULATORS
 
 ROOT = Path(__file__).parents[1]

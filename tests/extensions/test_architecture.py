@@ -14,8 +14,9 @@ import pytest
 from aleator import Convolution, Free, Inputs, MonteCarlo, Noise, Normal, identify
 from aleator.likelihood.likelihood import Continued
 from aleator.study.laws import LAWS
+from aleator.study.noise import OBSERVATIONS
 from aleator.study.propagation import PROPAGATIONS, RULES
-from aleator.study.sections import DENSITIES, OBSERVATIONS, SEARCHES
+from aleator.study.sections import DENSITIES, SEARCHES
 from aleator.study.simulators import SIMULATORS
 
 ROOT = Path(__file__).parents[2]

@@ -62,7 +62,7 @@ def predict(
             table,
             value.inputs,
             alpha,
-            noise=value.noise,
+            noise=value.one_noise,
             propagation=value.propagation,
             density=value.density,
             progress=progress,

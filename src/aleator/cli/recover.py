@@ -71,7 +71,7 @@ def recover(
             value.experiments,
             value.inputs,
             alpha,
-            noise=value.noise,
+            noise=value.one_noise,
             propagation=value.propagation,
             density=value.density,
             search=value.search,

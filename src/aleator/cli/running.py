@@ -111,7 +111,7 @@ def identified(study: Study, runner: Runner, progress: Progress) -> Identificati
         runner,
         study.experiments,
         study.inputs,
-        noise=study.noise,
+        noise=study.one_noise,
         propagation=study.propagation,
         density=study.density,
         search=study.search,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,10 +31,11 @@ from aleator.observations.noise import Noise
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
 from aleator.simulators.fmu import FMUSimulator
-from aleator.study.keys import specification
+from aleator.study.experiments import ExperimentsSection
 from aleator.study.kinds import Choice
 from aleator.study.messages import study_error
-from aleator.study.sections import ExperimentsSection, NoiseSection, StudyFile, pairs
+from aleator.study.noise import columns_of, scales_of
+from aleator.study.sections import StudyFile, pairs
 from aleator.study.simulators import RunsSection
 from aleator.surrogates import ResponseSurface
 
@@ -57,7 +58,7 @@ class Study:
     experiments: Experiments
     simulator: Simulator
     inputs: Inputs
-    noise: Noise | None
+    noise: Noise | Mapping[str, Noise] | None
     propagation: ResponseSurface | Collocation
     density: Density | NodeDensity | None
     search: Search
@@ -69,8 +70,22 @@ class Study:
 
     @property
     def model(self) -> Model:
-        """The choices that, with a simulator and a table, make a likelihood."""
-        return Model.of(self.inputs, self.noise, self.propagation, self.density)
+        """The choices that, with a simulator and a table, make a likelihood.
+
+        Raises InputsError as `one_noise` does.
+        """
+        return Model.of(self.inputs, self.one_noise, self.propagation, self.density)
+
+    @property
+    def one_noise(self) -> Noise | None:
+        """The noise of the only response. Raises InputsError where several have their own."""
+        if isinstance(self.noise, Mapping):
+            raise InputsError(
+                f"{self.file}: the responses {', '.join(self.noise)} have a noise each, and this "
+                "command knows one outcome only",
+                "name one outcome, and write its noise as [noise]",
+            )
+        return self.noise
 
     def overridden(
         self, seed: int | None = None, starts: int | None = None, verified: bool = True
@@ -124,7 +139,8 @@ class Study:
         """Read a table of new conditions, written as the study's table is; it has no outcomes.
 
         Conditions that the simulator does not ask for may be missing; what was a number in the
-        study's table must be one here. Raises ExperimentsError as Experiments.from_csv does.
+        study's table must be one here. Rows with the same id are one new experiment. Raises
+        ExperimentsError as Experiments.from_csv does.
         """
         tried = self.experiments.conditions
         asked = self.simulator.asks([*map(str, tried.columns)], self.inputs.names)
@@ -133,7 +149,7 @@ class Study:
             id=self.table.id,
             conditions=asked,
             numbers=[name for name in asked if tried[name].dtype != object],
-            transform=self.experiments.transform,
+            responses=self.experiments.observations.responses,
             delimiter=self.table.delimiter,
             decimal=self.table.decimal,
         )
@@ -176,16 +192,24 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     def built(key: str, choice: Choice[T]) -> T:
         return made(key, lambda: choice.build(folder))
 
-    def noise(choice: Choice[ObservationModel] | None) -> Noise | None:
-        if choice is None:
-            return None
-        assert isinstance(choice.keys, NoiseSection)
-        kind, sd = built("noise", choice), specification(choice.keys.sd)
-        made("noise.kind", lambda: require_filled(kind, ObservationModel, choice.kind))
-        return made("noise.sd", lambda: Noise(sd, kind))
+    def noise(key: str, choice: Choice[ObservationModel]) -> Noise:
+        kind = built(key, choice)
+        made(f"{key}.kind", lambda: require_filled(kind, ObservationModel, choice.kind))
+        sd, relative = scales_of(choice)
+        if sd is not None:
+            made(f"{key}.sd", lambda: Noise(sd))
+        if relative is not None:
+            made(f"{key}.relative", lambda: Noise(relative=relative))
+        return made(key, lambda: Noise(sd, kind, relative))
 
     table, runs = file.experiments, file.simulator.keys
     assert isinstance(runs, RunsSection)
+    made("experiments.censored", table.censoring)
+    errors: Noise | dict[str, Noise] | None = None
+    if isinstance(file.noise, Mapping):
+        errors = {name: noise(f"noise.{name}", choice) for name, choice in file.noise.items()}
+    elif file.noise is not None:
+        errors = noise("noise", file.noise)
     laws = {name: built(f"parameters.{name}", law) for name, law in file.parameters.items()}
     inputs = made("parameters", lambda: Inputs(laws))
     if file.correlation:
@@ -195,18 +219,10 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         sha256=sha256,
         title=file.title,
         seed=file.seed,
-        experiments=Experiments.from_csv(
-            folder / table.file,
-            outcome=table.outcome,
-            id=table.id,
-            conditions=table.conditions,
-            transform=table.transform,
-            delimiter=table.delimiter,
-            decimal=table.decimal,
-        ),
+        experiments=table.read(folder, columns_of(errors)),
         simulator=built(f"simulator.{file.simulator.kind}", file.simulator),
         inputs=inputs,
-        noise=noise(file.noise),
+        noise=errors,
         propagation=built("propagation", file.propagation),
         density=built("density", file.density),
         search=built("search", file.search),

@@ -19,9 +19,6 @@ from aleator.densities import (
 from aleator.inference.verification import MonteCarlo
 from aleator.laws import Law, Specification
 from aleator.likelihood.propagation import Collocation
-from aleator.observations.model import ObservationModel
-from aleator.observations.normal import NormalError
-from aleator.observations.transform import Transform
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -30,9 +27,11 @@ from aleator.search import (
     Search,
 )
 from aleator.simulators import Simulator
+from aleator.study.experiments import ExperimentsSection
 from aleator.study.keys import Section, Spec, fault, specification
 from aleator.study.kinds import Choice, Kinds
 from aleator.study.laws import LAWS
+from aleator.study.noise import NoiseChoice
 from aleator.study.propagation import PROPAGATIONS
 from aleator.study.simulators import SIMULATORS
 from aleator.surrogates import ResponseSurface
@@ -58,32 +57,9 @@ def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
     return {(a, b): specification(s) for a, others in section.items() for b, s in others.items()}
 
 
-class ExperimentsSection(Section):
-    """`[experiments]`: the table, and what its columns are."""
-
-    file: str
-    outcome: str
-    id: str | None = None
-    conditions: list[str] | None = None
-    transform: Annotated[Transform, Field(strict=False)] = Transform.NONE
-    delimiter: str = ","
-    decimal: str = "."
-
-
 def automatic() -> None:
     """The density that the noise, the surfaces and the answer ask for."""
 
-
-class NoiseSection(Section):
-    """Keys of every kind of noise."""
-
-    sd: Spec
-
-
-OBSERVATIONS: Kinds[ObservationModel] = Kinds(
-    "aleator.observations", "kind", {"normal": NormalError}, "normal", NoiseSection
-)
-"""`[noise] kind = "..."`: how a measured outcome is distributed about the simulated one."""
 
 DENSITIES: Kinds[Density | NodeDensity | None] = Kinds(
     "aleator.densities",
@@ -135,7 +111,7 @@ class StudyFile(Section):
         dict[str, Annotated[Choice[Law], PlainValidator(LAWS.read)]], Field(min_length=1)
     ]
     correlation: CorrelationSection = Field(default_factory=dict)
-    noise: Annotated[Choice[ObservationModel], PlainValidator(OBSERVATIONS.read)] | None = None
+    noise: NoiseChoice | None = None
     propagation: Annotated[
         Choice[ResponseSurface | Collocation], PlainValidator(PROPAGATIONS.read)
     ] = PROPAGATIONS.read({})

@@ -1,0 +1,108 @@
+"""`[experiments]` of study.toml: the table, and what its columns are."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+
+from aleator.observations.censoring import Censoring
+from aleator.observations.experiments import Experiments
+from aleator.observations.reading import Censored
+from aleator.observations.transform import Transform
+from aleator.study.keys import Section, fault, missing
+
+TransformName = Annotated[Transform, Field(strict=False)]
+
+
+def _words(value: Any) -> Any:
+    """A word or a number in place of a list of them."""
+    return value if isinstance(value, list) else [value]
+
+
+Words = Annotated[list[str | int], BeforeValidator(_words)]
+
+
+class CensoringSection(Section):
+    """`censored = {column = "status", right = ["Runout"]}`: of which values there are bounds."""
+
+    column: str | None = None
+    right: Words = Field(default_factory=list)
+    left: Words = Field(default_factory=list)
+    upper: str | None = None
+    measured: Words = Field(default_factory=list)
+
+    def build(self) -> Censoring:
+        """The library's choice."""
+        return Censoring(**self.given())
+
+
+def _of_each(value: Any) -> str:
+    """Whether a table is of responses, and not of the keys of one."""
+    keys = {*CensoringSection.model_fields}
+    return "each" if isinstance(value, Mapping) and value and not {*value} & keys else "one"
+
+
+def _is_table(value: Any) -> str:
+    return "each" if isinstance(value, Mapping) else "one"
+
+
+class ExperimentsSection(Section):
+    """`[experiments]`: the table, and what its columns are."""
+
+    file: str
+    outcome: str | None = None
+    outcomes: list[str] | None = None
+    response: str | None = None
+    id: str | None = None
+    conditions: list[str] | None = None
+    transform: Annotated[
+        Annotated[TransformName, Tag("one")] | Annotated[dict[str, TransformName], Tag("each")],
+        Discriminator(_is_table),
+    ] = Transform.NONE
+    censored: (
+        Annotated[
+            Annotated[CensoringSection, Tag("one")]
+            | Annotated[dict[str, CensoringSection], Tag("each")],
+            Discriminator(_of_each),
+        ]
+        | None
+    ) = None
+    delimiter: str = ","
+    decimal: str = "."
+
+    @model_validator(mode="after")
+    def _one_of_the_two(self) -> Self:
+        if self.outcome is None and not self.outcomes:
+            raise missing("outcome", 'add outcome = "COLUMN", or outcomes = ["COLUMN", "COLUMN"]')
+        if self.outcome is not None and self.outcomes is not None:
+            raise fault("outcome is given too", "keep one of the two", "outcomes")
+        return self
+
+    def read(self, folder: Path, beside: Collection[str] = ()) -> Experiments:
+        """The table; columns `beside` are no conditions unless they are named.
+
+        Raises ExperimentsError as Experiments.from_csv does.
+        """
+        return Experiments.from_csv(
+            folder / self.file,
+            outcome=self.outcome or self.outcomes or (),
+            response=self.response,
+            id=self.id,
+            conditions=self.conditions,
+            transform=self.transform,
+            censored=self.censoring(),
+            beside=beside,
+            delimiter=self.delimiter,
+            decimal=self.decimal,
+        )
+
+    def censoring(self) -> Censored:
+        """The library's choices; raises ExperimentsError for keys that say nothing together."""
+        if isinstance(self.censored, CensoringSection):
+            return self.censored.build()
+        if self.censored is None:
+            return None
+        return {name: one.build() for name, one in self.censored.items()}
