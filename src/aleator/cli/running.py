@@ -111,7 +111,7 @@ def identified(study: Study, runner: Runner, progress: Progress) -> Identificati
         runner,
         study.experiments,
         study.inputs,
-        noise=study.one_noise,
+        noise=study.noise,
         propagation=study.propagation,
         density=study.density,
         search=study.search,
