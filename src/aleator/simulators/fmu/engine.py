@@ -9,6 +9,8 @@ import weakref
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from aleator.simulators.failure import RunFailed
 from aleator.simulators.fmu.child import Child, Hung
 from aleator.simulators.fmu.description import INTERFACES
@@ -24,11 +26,17 @@ class Engine:
     """
 
     def __init__(
-        self, file: Path, course: Settled, records: tuple[str, ...], operation: Operation
+        self,
+        file: Path,
+        course: Settled,
+        records: tuple[str, ...],
+        signals: NDArray[Any] | None,
+        operation: Operation,
     ) -> None:
         self._file = file
         self._course = course
         self._records = records
+        self._signals = signals
         self._operation = operation
         self._notes: dict[str, None] = {}
         self._process: Child | Inside | None
@@ -102,5 +110,6 @@ class Engine:
             interface=INTERFACES[self._course.kind],
             tolerance=self._course.tolerance,
             outputs=[*self._records],
+            signals=self._signals,
             reset=self._operation.reuse == "reset",
         )

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Trajectory = dict[str, NDArray[Any]]
+Values = dict[str, float | int | bool | str]
 
 LOGGED = 50  #: messages of the FMU that are kept, the last ones
 STALLED = 1000  #: events without any advance of time after which a run is given up
@@ -43,21 +44,22 @@ class Setup(TypedDict):
     interface: str
     tolerance: float | None
     outputs: list[str]
+    signals: NDArray[Any] | None
     reset: bool
 
 
 class Job(TypedDict):
-    """One run: start values by variable, its times in s, and inputs over time as FMPy has them.
+    """One run: start values by variable, and its times in s.
 
-    A communication point is placed at every time that `signals` has twice, if the FMU takes steps
-    of any length.
+    Communication points are `step` apart; unless there are `points`, the times of all after the
+    start.
     """
 
-    values: dict[str, float | int | bool | str]
+    values: Values
     start_time: float
     stop_time: float
     step: float
-    signals: NDArray[Any] | None
+    points: NDArray[np.float64]
 
 
 class Failed(Exception):
@@ -173,7 +175,7 @@ class Session:
 
         self._used = job["values"]
         setup = self.setup
-        inputs = self._inputs(job)
+        inputs = self._inputs(job["values"])
         watch = _Watch(1 if setup["interface"] == "CoSimulation" else STALLED)
         if setup["interface"] == "ModelExchange":
             watch.guard(self._instance, self._description, inputs)
@@ -181,7 +183,7 @@ class Session:
             setup["folder"],
             start_time=job["start_time"],
             stop_time=job["stop_time"],
-            output_interval=job["step"],
+            output_interval=_Points(job) if len(job["points"]) else job["step"],
             relative_tolerance=setup["tolerance"],
             start_values=job["values"],
             input=inputs,
@@ -195,15 +197,16 @@ class Session:
         last, end = float(trajectory["time"][-1]), job["stop_time"]
         if not math.isclose(last, end, rel_tol=1e-6):
             raise RuntimeError(f"it stopped at time {last:g} s instead of {end:g} s")
+        _require_points(trajectory["time"], job["points"])
         return trajectory
 
-    def _inputs(self, job: Job) -> NDArray[Any] | None:
+    def _inputs(self, values: Values) -> NDArray[Any] | None:
         """The signals with a constant column for every other input, as FMPy wants all or none."""
-        signals = job["signals"]
+        signals = self.setup["signals"]
         if signals is None:
             return None
         held = {
-            variable.name: job["values"].get(variable.name, _started(variable))
+            variable.name: values.get(variable.name, _started(variable))
             for variable in self._description.modelVariables
             if variable.causality == "input" and not variable.shape
             if variable.type not in ("String", "Binary", "Clock")
@@ -231,6 +234,28 @@ class Session:
         line = f"[{label}] {(text or b'').decode(errors='replace')}"
         if not self._log or self._log[-1] != line:  # a solver asks for the same again and again
             self._log.append(line)
+
+
+class _Points:
+    """Communication points at any times, in the place of the one distance that FMPy knows.
+
+    FMPy finds the next point as `start + number * distance`, number from 1.
+    """
+
+    def __init__(self, job: Job) -> None:
+        self._distances = (job["points"] - job["start_time"]).tolist()
+
+    def __rmul__(self, number: int) -> float:
+        return float(self._distances[number - 1])
+
+
+def _require_points(time: NDArray[np.float64], points: NDArray[np.float64]) -> None:
+    """Raise RuntimeError if the run has no sample at one of the points."""
+    margin = 2e-9 * np.abs(points)
+    sample = np.searchsorted(time, points - margin).clip(max=len(time) - 1)
+    missed = points[np.abs(time[sample] - points) > margin]
+    if len(missed):
+        raise RuntimeError(f"it did not stop at time {missed[0]:g} s, as it was asked to")
 
 
 class _Watch:

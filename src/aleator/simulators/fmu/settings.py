@@ -14,6 +14,7 @@ from aleator.simulators.failure import RunFailed
 from aleator.simulators.fmu.description import DEFAULT_POINTS, Description, Kind
 from aleator.types import Array
 
+CLOSE = 1e-9  #: relative difference of times that FMPy takes for equal
 SHORTEST = 1e-3  #: s of a run that is asked for its start alone: an FMU wants to stop after that
 
 
@@ -116,7 +117,7 @@ class Settled:
                 "correct step",
             )
         steps = length / self.step
-        if self.whole and not math.isclose(steps, round(steps), rel_tol=1e-9):
+        if self.whole and not math.isclose(steps, round(steps), rel_tol=CLOSE):
             raise SimulatorError(
                 f"the FMU {fmu.file.name} takes steps of one length only, and {length:g} s are "
                 f"{steps:g} steps of {self.step:g} s",
@@ -130,7 +131,7 @@ class Settled:
 
         >>> span = Settled("co_simulation", 0.0, "time", 0.5, None).span({"time": [1.7, 0.5, 0.7]})
         >>> span.start, span.stop, span.step, span.points.tolist()
-        (0.0, 1.7, 0.5, [0.7])
+        (0.0, 1.7, 0.5, [0.5, 0.7, 1.0, 1.5, 1.7])
         """
         (start,) = _instants(self.start_time, cells).tolist()
         times = _instants(self.stop_time, cells)
@@ -145,16 +146,15 @@ class Settled:
         step = self.step or (stop - start) / DEFAULT_POINTS
         if self.whole:
             return Span(start, _whole_steps(start, stop, step), step, times)
-        regular = start + step * np.round((times - start) / step)
-        between = ~np.isclose(regular, times, rtol=1e-9, atol=0.0) & (times < stop)
-        return Span(start, stop, step, times, np.unique(times[between]))
+        return Span(start, stop, step, times, _points(start, stop, step, times))
 
 
 @dataclass(frozen=True, eq=False)
 class Span:
     """A run from `start` to `stop` that is asked for what was at each of `times` (m,), in s.
 
-    Its communication points are `step` apart; others are at `points`, sorted.
+    Its communication points are `step` apart; or, where that does not meet all times, `points` (P,)
+    after the start, in their order.
     """
 
     start: float
@@ -164,10 +164,22 @@ class Span:
     points: Array = field(default_factory=lambda: np.empty(0))
 
 
+def _points(start: float, stop: float, step: float, times: Array) -> Array:
+    """Communication points after every step, at every time, and at the end; none if steps do."""
+    regular = start + step * np.round((times - start) / step)
+    between = times[~np.isclose(regular, times, rtol=CLOSE, atol=0.0)]
+    if np.all(between == stop):
+        return np.empty(0)
+    steps = start + step * np.arange(1, math.ceil((stop - start) / step))
+    points = np.unique(np.concatenate([between, steps, [stop]]))
+    apart = np.append(~np.isclose(points[1:], points[:-1], rtol=CLOSE, atol=0.0), True)
+    return points[apart & (points > start)]
+
+
 def _whole_steps(start: float, stop: float, step: float) -> float:
     """The end of the last whole step that is needed to reach `stop`."""
     steps = (stop - start) / step
-    if math.isclose(steps, round(steps), rel_tol=1e-9):
+    if math.isclose(steps, round(steps), rel_tol=CLOSE):
         return stop
     return start + step * math.ceil(steps)
 

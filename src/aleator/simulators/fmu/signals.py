@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TIME = "time"
-NO_POINTS: Array = np.empty(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +86,11 @@ def checked_input(variable: Variable) -> Variable:
     return variable
 
 
-def assembled(
-    signals: Mapping[str, Signal], fmu: Description, points: Array = NO_POINTS
-) -> NDArray[Any] | None:
-    """Signals on their common times, a structured array (T,) as FMPy takes it; None of none.
-
-    Each of `points` (P,) comes twice, as a jump does: FMPy places a communication point there.
-    """
-    if not signals and not len(points):
+def assembled(signals: Mapping[str, Signal], fmu: Description) -> NDArray[Any] | None:
+    """Signals on their common times, a structured array (T,) as FMPy takes it; None of none."""
+    if not signals:
         return None
-    time = _union([*(signal.time for signal in signals.values()), np.repeat(points, 2)])
+    time = _union([signal.time for signal in signals.values()])
     table = np.empty(
         len(time), dtype=[(TIME, np.float64), *((name, _dtype(fmu, name)) for name in signals)]
     )

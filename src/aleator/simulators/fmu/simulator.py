@@ -86,14 +86,13 @@ class FMUSimulator:
                 f"the FMU's variable '{both[0]}' is a constant and an input over time",
                 "keep one of the two",
             )
-        self._inputs = dict(signals)
         self._signals = assembled(signals, self.fmu)
         times = self.course.conditions
         taken = (*self.constants, *signals)
         self._binding = Binding(self.fmu, dict(variables or {}), taken, times)
         needed = [name for each in self.outcomes.values() for name in each.needs(self.fmu)]
         self._records = tuple(dict.fromkeys(needed))
-        self._engine = Engine(self.file, self.course, self._records, operation)
+        self._engine = Engine(self.file, self.course, self._records, self._signals, operation)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
         """The conditions that are times or variables of the FMU, in the order of `conditions`.
@@ -223,9 +222,7 @@ class FMUSimulator:
             start_time=span.start,
             stop_time=span.stop,
             step=span.step,
-            signals=assembled(self._inputs, self.fmu, span.points)
-            if len(span.points)
-            else self._signals,
+            points=span.points,
         )
         return self._engine.run(job)
 
