@@ -110,6 +110,16 @@ def test_a_start_time_comes_from_a_condition(fmus: dict[int, Path]) -> None:
     simulator.close()
 
 
+def test_a_condition_may_be_a_time_and_a_variable(fmus: dict[int, Path]) -> None:
+    """A time that is a parameter of the FMU, as the length of a pulse is, is set there too."""
+    simulator = FMUSimulator(
+        fmus[2], Final("level - T"), course=Course(stop_time="level", step=0.1), operation=HERE
+    )
+    found = simulator.run_one({"level": 1.7}, {"surface.k": 1.0})
+    assert found == pytest.approx(1.7 - cooled(1.0, np.array(1.7)))
+    simulator.close()
+
+
 def test_a_variable_that_is_only_guessed_or_the_time_is_no_start_value(
     fmus: dict[int, Path], tmp_path: Path
 ) -> None:
@@ -168,6 +178,25 @@ def test_a_runner_takes_a_series_of_two_responses(ball: Path) -> None:
     late = flown(np.array([0.5, 0.2]), 2.0, 0.0, 1.62, 0.8)
     assert values[1, :4].reshape(-1, 2) == pytest.approx(late, abs=1e-9)
     assert np.all(np.isnan(values[1, 4:]))
+    simulator.close()
+
+
+def test_a_time_that_is_the_same_in_all_rows_serves_them_all(fmus: dict[int, Path]) -> None:
+    simulator = FMUSimulator(fmus[2], Final("T"), variables=K, operation=HERE, series=True)
+    table = pd.DataFrame({"id": [*"aab"], "time": [1.3, 1.3, 0.2], "T0": 400.0, "y": 0.0})
+    run = Runner(simulator, Experiments.from_frame(table, outcome="y", id="id"), ["k"])
+    values = run.values([0, 1], [[1.0], [2.0]])
+    assert values[0] == pytest.approx([cooled(1.0, np.array(1.3))] * 2)
+    assert values[1, 0] == pytest.approx(cooled(2.0, np.array(0.2)))
+    simulator.close()
+
+
+def test_times_closer_than_a_step_are_all_met(fmus: dict[int, Path]) -> None:
+    """Also those that differ by less than what is taken for equal."""
+    simulator = FMUSimulator(fmus[2], Final("T"), variables=K, operation=HERE, series=True)
+    times = np.array([1e-12, 0.5, 0.5 + 1e-13, 0.5 + 1e-7, 0.7 - 1e-12, 2.0, 2.0 - 1e-12])
+    found = simulator.sample({"time": times}, {"k": 1.0})[:, 0]
+    assert found == pytest.approx(cooled(1.0, times), abs=1e-8)
     simulator.close()
 
 
