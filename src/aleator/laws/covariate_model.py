@@ -92,9 +92,9 @@ class CovariateModel:
             else:
                 matrix = entry.design.matrix
                 found[entry.places] = np.linalg.lstsq(matrix, np.full(len(matrix), value))[0]
-        return np.clip(
-            found, [h.lower for h in self.hyperparameters], [h.upper for h in self.hyperparameters]
-        )
+        lower = np.array([h.lower for h in self.hyperparameters])
+        upper = np.array([h.upper for h in self.hyperparameters])
+        return np.asarray(np.clip(found, lower, upper))
 
     def score(self, alpha: Array, by_values: Array, experiments: slice) -> Array:
         """Derivatives (B, K) by alpha from those by the hyperparameters' values (B, H)."""

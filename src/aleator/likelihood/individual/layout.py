@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from aleator.types import Array, Indices
 
 BLOCK = 2_000_000
 """Simulated values that are held at once."""
+GROUP = 10
+"""Experiments next to each other that a sample of them takes together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,23 +47,35 @@ class Layout:
 
     Each experiment has at least one. `experiment` (M,) is that of each observation, `unit` (M,)
     what a run has to be made for to give its value, and `column` (M,) which of the values of that
-    run it is.
+    run it is. `chosen` are the only experiments that count, where there are any.
     """
 
     count: int
     experiment: Indices
     unit: Indices
     column: Indices
+    chosen: tuple[slice, ...] = ()
     _blocks: dict[int, tuple[Block, ...]] = field(default_factory=dict, repr=False)
 
     def blocks(self, nodes: int) -> tuple[Block, ...]:
-        """All experiments in blocks that fit into memory at so many nodes; made once for each."""
+        """The experiments in blocks that fit into memory at so many nodes; made once for each."""
         widest = int(np.bincount(self.experiment, minlength=self.count).max())
         step = min(max(1, BLOCK // (widest * nodes)), self.count)
         if step not in self._blocks:
-            ends = range(0, self.count, step)
-            self._blocks[step] = tuple(self._block(a, min(a + step, self.count)) for a in ends)
+            parts = self.chosen or (slice(0, self.count),)
+            self._blocks[step] = tuple(
+                self._block(first, min(first + step, part.stop))
+                for part in parts
+                for first in range(part.start, part.stop, step)
+            )
         return self._blocks[step]
+
+    def sampled(self, size: int) -> Layout:
+        """Only about so many of the experiments, in groups that are spread evenly over all."""
+        groups = max(1, size // GROUP)
+        starts = np.linspace(0, self.count - GROUP, groups).astype(int).tolist()
+        chosen = tuple(slice(first, first + GROUP) for first in dict.fromkeys(starts))
+        return replace(self, chosen=chosen, _blocks={})
 
     def _block(self, first: int, last: int) -> Block:
         begin, end = np.searchsorted(self.experiment, [first, last])

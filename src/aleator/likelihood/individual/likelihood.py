@@ -85,7 +85,7 @@ class IndividualLikelihood:
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """Value and score (N, K) at alpha (K,), nodes held."""
-        each, scores = np.empty(self.count), np.empty((self.count, alpha.size))
+        each, scores = np.zeros(self.count), np.zeros((self.count, alpha.size))
         for block in self.blocks:
             part = block.experiments
             found = self.at(alpha, block, self.nodes.xi[part])
@@ -95,7 +95,7 @@ class IndividualLikelihood:
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The value at alpha without its score, nodes held."""
-        each = np.empty(self.count)
+        each = np.zeros(self.count)
         for block in self.blocks:
             part = block.experiments
             sums = self._sums(alpha, block, self.nodes.xi[part])
@@ -110,8 +110,16 @@ class IndividualLikelihood:
         """The same with nodes adapted to alpha: about each mode, as wide as its curvature says."""
         if not self.inputs.scattering:
             return self
-        found = Modes.joined([self._modes(alpha, block) for block in self.blocks])
+        found = Modes(self.nodes.mode.copy(), self.nodes.information.copy())
+        for block in self.blocks:
+            own = self._modes(alpha, block)
+            found.z[block.experiments] = own.z
+            found.information[block.experiments] = own.information
         return replace(self, nodes=_placed(found, self.rule))
+
+    def sampled(self, size: int) -> IndividualLikelihood:
+        """That of about so many of the experiments, spread evenly; the others count as nothing."""
+        return replace(self, layout=self.layout.sampled(size))
 
     def by(self, rule: GaussHermite) -> IndividualLikelihood:
         """The same with other nodes about the same modes."""
@@ -164,23 +172,30 @@ class IndividualLikelihood:
         return value, gradient, block.summed(outer) + np.eye(z.shape[1])
 
 
-@dataclass(frozen=True)
 class Following:
-    """The objective of a search: nodes are adapted to every alpha that is asked for.
+    """The objective of one search: nodes are adapted to every alpha that is asked for.
 
-    Its score is exact but for the error of the quadrature; modes are sought from those of the
-    likelihood that it was made of, so that the value is a function of alpha alone.
+    Its score is exact but for the error of the quadrature. Modes are sought from the last ones,
+    which is the only thing that it remembers: where an experiment has one mode, the value is a
+    function of alpha alone.
     """
 
-    likelihood: IndividualLikelihood
+    def __init__(self, likelihood: IndividualLikelihood) -> None:
+        self._last = likelihood
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """Value and score at alpha (K,)."""
-        return self.likelihood.adapted(alpha)(alpha)
+        return self._adapted(alpha)(alpha)
 
     def values(self, alphas: Array) -> Array:
         """The totals (A,) at alphas (A, K)."""
-        return np.array([self.likelihood.adapted(a).evaluate(a).total for a in np.asarray(alphas)])
+        return np.array([self._adapted(a).evaluate(a).total for a in np.asarray(alphas)])
+
+    def _adapted(self, alpha: Array) -> IndividualLikelihood:
+        found = self._last.adapted(alpha)
+        if np.all(np.isfinite(found.nodes.mode)):
+            self._last = found
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from aleator.types import Array
 
-ARRIVED = 1e-8
+ARRIVED = 1e-6
 """A Newton step that gains less than this in log-density is the last."""
 STEPS = 30
 LEAST = 0.1
@@ -32,14 +31,6 @@ class Modes:
 
     z: Array
     information: Array
-
-    @classmethod
-    def joined(cls, parts: Sequence[Modes]) -> Modes:
-        """Those of all experiments, block after block."""
-        return cls(
-            np.concatenate([part.z for part in parts]),
-            np.concatenate([part.information for part in parts]),
-        )
 
 
 def modes(log_density: Curved, start: Array) -> Modes:

@@ -20,22 +20,28 @@ from aleator.likelihood.individual import (
 )
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Experiments
-from aleator.search import Search, SearchResult
+from aleator.search import Optimum, Search, SearchResult, WarmStart
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
 from aleator.tasks.baselines import start_point
 from aleator.tasks.individual.cost import cheap
 from aleator.tasks.individual.guess import PooledFit, guesses, pooled_fit
 from aleator.tasks.individual.infer import inferred
-from aleator.tasks.individual.settle import Settled, settled
+from aleator.tasks.individual.population import first_region
+from aleator.tasks.individual.settle import Settled, climbed, settled
 from aleator.tasks.individual.surfaces import ByResponseSurfaces
 from aleator.tasks.ledger import Ledger
 from aleator.types import Array
 
-FIRST = (1, 7, 5)
+FIRST = (1, 5, 3)
 """Gauss-Hermite nodes a variate that a search begins with, by the number of variates."""
 FEWEST = 3
 """... for more variates than that."""
+MANY = 400
+"""Experiments from where on the search is made on a sample of them."""
+SAMPLE = 300
+BEST = 3
+"""Optima of a sample that are climbed from with all experiments."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,19 +90,18 @@ class Answer:
 def answered(question: Question, ledger: Ledger) -> Answer:
     """Search with nodes that follow, settle, and see how sure the answer is."""
     searched = _Searched(question, ledger)
-    if cheap(question.runner, question.inputs, start_point(question.inputs)):
-        inputs = question.inputs
+    inputs, runner = question.inputs, question.runner
+    hyperparameters = (*inputs.hyperparameters, *question.errors.hyperparameters)
+    region = first_region(inputs, hyperparameters, len(question.table.ids))
+    if cheap(runner, inputs, start_point(inputs), region):
         moving = np.flatnonzero(inputs.box[:, 1] > inputs.box[:, 0])
-        likelihood = question.likelihood(Direct(question.runner, moving, inputs.box))
+        likelihood = question.likelihood(Direct(runner, moving, inputs.box))
         found = searched(likelihood, [])
         with ledger.stage("search"):
             end, surfaces = settled(likelihood, found.alpha), None
     else:
-        way = ByResponseSurfaces(
-            question.runner, question.likelihood, question.surfaces, searched, ledger
-        )
-        hyperparameters = (*question.inputs.hyperparameters, *question.errors.hyperparameters)
-        surfaced = way.answer(question.inputs, hyperparameters)
+        way = ByResponseSurfaces(runner, question.likelihood, question.surfaces, searched, ledger)
+        surfaced = way.answer(region)
         end, found, surfaces = surfaced.settled, surfaced.found, surfaced.surfaces
     found = replace(found, alpha=end.alpha, log_likelihood=end.value)
     with ledger.stage("inference"):
@@ -108,7 +113,10 @@ def answered(question: Question, ledger: Ledger) -> Answer:
 
 @dataclass(frozen=True, eq=False)
 class _Searched:
-    """The user's search, with the pooled fit on the same surfaces among its guesses."""
+    """The user's search, with the pooled fit on the same surfaces among its guesses.
+
+    Of many experiments it is made on a sample, and its best ends are climbed from with all.
+    """
 
     question: Question
     ledger: Ledger
@@ -117,11 +125,38 @@ class _Searched:
         question = self.question
         with self.ledger.stage("baselines"):
             fit = pooled_fit(likelihood, question.measured, start_point(question.inputs))
+        known = [*guess, *guesses(likelihood, fit)]
+        # what a search finds at other surfaces need not be sought everywhere again
+        search = WarmStart(guess[0]) if guess else question.search
+        few = likelihood.count <= MANY
+        objective = likelihood if few else likelihood.sampled(SAMPLE)
         with self.ledger.stage("search"):
-            return question.search.maximize(
-                likelihood,
+            found = search.maximize(
+                objective,
                 likelihood.hyperparameters,
                 seed=question.seed,
-                guesses=[*guess, *guesses(likelihood, fit)],
+                guesses=known,
                 progress=self.ledger.progress,
             )
+            return found if few else _with_all(likelihood, found)
+
+
+def _with_all(likelihood: IndividualLikelihood, found: SearchResult) -> SearchResult:
+    """The best optima of a sample as those of all experiments."""
+    optima = []
+    for optimum in found.optima[:BEST]:
+        held, alpha = climbed(likelihood, optimum.alpha)
+        optima.append(Optimum(alpha, held.evaluate(alpha).total, optimum.starts))
+    best, *others = sorted(optima, key=lambda o: -o.log_likelihood)
+    ascents = tuple(
+        replace(ascent, log_likelihood=best.log_likelihood)
+        for ascent in found.ascents
+        if ascent.converged
+    )
+    return replace(
+        found,
+        alpha=best.alpha,
+        log_likelihood=best.log_likelihood,
+        optima=(best, *others),
+        ascents=ascents or found.ascents,
+    )

@@ -21,15 +21,17 @@ NODES = 9
 SAMPLE = 8
 
 
-def cheap(runner: Runner, inputs: Inputs, x: Array) -> bool:
+def cheap(runner: Runner, inputs: Inputs, x: Array, region: Array) -> bool:
     """Whether all evaluations on the simulator itself would take less than a minute.
 
-    Judged by a run of the first unit at x (n,), and where that is fast by eight runs of every unit
-    at once: what they take decides, so that a study near the border may go either way.
+    `region` (n, 2) is where its laws may be. Judged by a run of the first unit at x (n,), and
+    where that is fast by eight runs of every unit at once: what they take decides, so that a study
+    near the border may go either way.
     """
     seconds = _timed(runner, np.zeros(1, dtype=np.intp), x)
     if seconds > SLOW:
         return False
+    runner.takes_arrays(region)
     every = np.repeat(np.arange(runner.units), SAMPLE)
     seconds = _timed(runner, every, x) / SAMPLE
     moving = int(np.sum(inputs.box[:, 1] > inputs.box[:, 0]))

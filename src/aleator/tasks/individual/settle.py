@@ -39,10 +39,8 @@ class Settled:
 
 def settled(likelihood: IndividualLikelihood, alpha: Array) -> Settled:
     """Climb with nodes held, adapt them, take more where they are too few, until nothing moves."""
-    hyperparameters = likelihood.hyperparameters
-    free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
     while True:
-        held, alpha = _climbed(likelihood, alpha, hyperparameters, free)
+        held, alpha = climbed(likelihood, alpha)
         finer = held.by(held.rule.finer)
         gap = finer.evaluate(alpha).total - held.evaluate(alpha).total
         enough = abs(gap) <= max(ENOUGH, 1e-5 * held.count)
@@ -51,12 +49,10 @@ def settled(likelihood: IndividualLikelihood, alpha: Array) -> Settled:
         likelihood = finer
 
 
-def _climbed(
-    likelihood: IndividualLikelihood,
-    alpha: Array,
-    hyperparameters: Sequence[Hyperparameter],
-    free: Indices,
-) -> tuple[IndividualLikelihood, Array]:
+def climbed(likelihood: IndividualLikelihood, alpha: Array) -> tuple[IndividualLikelihood, Array]:
+    """The nearest maximum, with nodes held while alpha moves and adapted where it comes to."""
+    hyperparameters = likelihood.hyperparameters
+    free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
     held = likelihood.adapted(alpha)
     information = None
     for _ in range(ROUNDS if free.size else 0):

@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.inference.information import Inference, infer
-from aleator.laws import Hyperparameter
-from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces, Predictor
 from aleator.likelihood.problem import told
 from aleator.search import SearchResult
@@ -24,7 +22,6 @@ from aleator.tasks.individual.population import (
     FAR,
     LIKELY,
     draws,
-    first_region,
     held_region,
     hull,
     padded,
@@ -119,9 +116,9 @@ class ByResponseSurfaces:
     search: Callable[[IndividualLikelihood, Sequence[Array]], SearchResult]
     ledger: Ledger
 
-    def answer(self, inputs: Inputs, hyperparameters: Sequence[Hyperparameter]) -> Surfaced:
-        """The answer that further runs do not move, and that a full search does not better."""
-        surfaced = self._first(inputs, hyperparameters)
+    def answer(self, region: Array) -> Surfaced:
+        """The answer that further runs do not move, begun on a region (n, 2)."""
+        surfaced = self._first(region)
         while True:
             surfaced = self._refined(surfaced)
             likelihood, before = surfaced.settled.likelihood, surfaced.settled
@@ -131,9 +128,8 @@ class ByResponseSurfaces:
                 return replace(surfaced, found=found)
             surfaced = replace(surfaced, settled=again, found=found)
 
-    def _first(self, inputs: Inputs, hyperparameters: Sequence[Hyperparameter]) -> Surfaced:
+    def _first(self, region: Array) -> Surfaced:
         sites = Sites.seen(self.runner)
-        region = first_region(inputs, hyperparameters, len(self.runner.ids))
         with self.ledger.stage(SURFACE):
             run = sites.run(self.runner, region)
             box = region[moving_parameters(region)]
