@@ -108,6 +108,11 @@ def _listed(value: Any) -> Any:
     return [value] if isinstance(value, str) else value
 
 
+def _has_sections(value: Any) -> bool:
+    """Whether it is a table of tables: an output for each response."""
+    return isinstance(value, dict) and any(isinstance(v, (dict, Section)) for v in value.values())
+
+
 def _file(value: Any) -> Any:
     return {"file": value} if isinstance(value, str) else value
 
@@ -115,6 +120,10 @@ def _file(value: Any) -> Any:
 _FEEDS: dict[str, Feed] = {"json": JsonFeed(), "csv": CsvFeed()}
 _Output = Annotated[OutputSection, BeforeValidator(_file)]
 _STDOUT = OutputSection()
+_Outputs = Annotated[
+    Annotated[_Output, Tag("one")] | Annotated[dict[str, OutputSection], Tag("responses")],
+    Discriminator(lambda value: "responses" if _has_sections(value) else "one"),
+]
 _Names = Annotated[Sequence[str], BeforeValidator(_listed)]
 _Command = Annotated[
     Annotated[str, Tag("text")] | Annotated[list[str], Tag("list")],
@@ -130,7 +139,7 @@ def command(
     delimiters: tuple[str, str] = ("{", "}"),
     stdin: str | None = None,
     environment: dict[str, str] | None = None,
-    output: _Output = _STDOUT,
+    output: _Outputs = _STDOUT,
     files: _Names = (),
     link: bool = False,
     shell: bool = False,
@@ -139,8 +148,17 @@ def command(
     keep: Literal["failed", "all", "none"] = "failed",
     version: str = "",
     allow_unused: bool = False,
+    series: bool = False,
+    rows: str = "rows.csv",
 ) -> CommandSimulator:
     """An external program, started once a run."""
+    outputs = output if isinstance(output, dict) else {"": output}
+    for key in ("match", "row"):
+        if series and any(key in one.model_fields_set for one in outputs.values()):
+            raise StudyError(
+                f"output: {key} has no meaning beside series = true: every row has a value",
+                "delete the key",
+            )
     if len(template) != len(input):
         raise StudyError(
             f"{len(template)} of template, {len(input)} of input",
@@ -150,7 +168,9 @@ def command(
     named = zip(input, template, strict=True)
     return CommandSimulator(
         command,
-        output=output.build(folder),
+        output={name: one.build(folder) for name, one in output.items()}
+        if isinstance(output, dict)
+        else output.build(folder),
         base=folder,
         inputs=tuple(InputFile(name, Template(folder / file, marks)) for name, file in named),
         stdin=None if stdin is None else _FEEDS.get(stdin) or Template(folder / stdin, marks),
@@ -162,6 +182,8 @@ def command(
         timeout=timeout,
         version=version,
         allow_unused=allow_unused,
+        series=series,
+        rows=rows,
         environment=environment or {},
     )
 

@@ -7,10 +7,10 @@ import io
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, cast
 
 from aleator.errors import SimulatorError, nearest
-from aleator.simulators.command.placeholders import BRACES, Delimiters, Text, Values
+from aleator.simulators.command.placeholders import BRACES, Columns, Delimiters, Text, Values
 
 
 class Feed(Protocol):
@@ -24,8 +24,11 @@ class Feed(Protocol):
     def where(self) -> str:
         """What messages call it."""
 
-    def write(self, values: Values) -> str:
-        """The text; raises RunFailed for a value that cannot be written."""
+    def write(self, values: Columns) -> str:
+        """The text; raises RunFailed for a value that cannot be written.
+
+        A feed that has `names` is given values, one without them lists too.
+        """
 
 
 @dataclass(frozen=True)
@@ -66,14 +69,14 @@ class Template:
         """The template by name."""
         return self.text.where
 
-    def write(self, values: Values) -> str:
+    def write(self, values: Columns) -> str:
         """The file with the values in place."""
-        return self.text.fill(values)
+        return self.text.fill(cast("Values", values))
 
 
 @dataclass(frozen=True)
 class JsonFeed:
-    """One object of all names and values, numbers with every digit.
+    """One object of all names and values, numbers with every digit; a series is a list.
 
     >>> JsonFeed().write({"load": 0.1, "bench": "A"})
     '{"load": 0.1, "bench": "A"}\\n'
@@ -85,17 +88,19 @@ class JsonFeed:
     def names(self) -> None:
         """All names."""
 
-    def write(self, values: Values) -> str:
+    def write(self, values: Columns) -> str:
         """A line of JSON."""
         return json.dumps(dict(values)) + "\n"
 
 
 @dataclass(frozen=True)
 class CsvFeed:
-    """A line of names and a line of values, numbers with every digit.
+    """A line of names and a line of values, numbers with every digit; of a series a line a row.
 
     >>> CsvFeed().write({"load": 0.1, "bench": "A, left"})
     'load,bench\\n0.1,"A, left"\\n'
+    >>> CsvFeed().write({"load": 0.1, "time": [1.0, 2.0]})
+    'load,time\\n0.1,1.0\\n0.1,2.0\\n'
     """
 
     where: ClassVar[str] = "the CSV input"
@@ -104,10 +109,14 @@ class CsvFeed:
     def names(self) -> None:
         """All names."""
 
-    def write(self, values: Values) -> str:
-        """Two lines of CSV."""
+    def write(self, values: Columns) -> str:
+        """The lines of CSV."""
+        rows = next((len(value) for value in values.values() if isinstance(value, list)), 1)
+        columns = (v if isinstance(v, list) else [v] * rows for v in values.values())
         text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([values.keys(), values.values()])
+        csv.writer(text, lineterminator="\n").writerows(
+            [values.keys(), *zip(*columns, strict=True)]
+        )
         return text.getvalue()
 
 

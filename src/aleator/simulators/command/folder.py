@@ -13,7 +13,7 @@ from enum import Enum
 from pathlib import Path
 
 from aleator.errors import SimulatorError, nearest
-from aleator.simulators.command.placeholders import Values
+from aleator.simulators.command.placeholders import Columns
 from aleator.simulators.failure import RunFailed
 
 FAILED, COMPLETED, TOLD = "failed_runs", "completed_runs", "aleator.run.json"
@@ -64,15 +64,15 @@ class Folder:
         return tuple(Path(os.path.abspath(self.base / name)) for name in self.files)
 
     @contextmanager
-    def made(self, values: Values, output: str | None) -> Iterator[Path]:
-        """A folder with the files, without the `output` that a copy may have brought.
+    def made(self, values: Columns, outputs: Sequence[str] = ()) -> Iterator[Path]:
+        """A folder with the files, without the `outputs` that a copy may have brought.
 
         A RunFailed that leaves the block tells where the folder is kept.
         """
         folder = Path(tempfile.mkdtemp(prefix="aleator_run_"))
         try:
             self._fill(folder)
-            if output is not None:
+            for output in outputs:
                 (folder / output).unlink(missing_ok=True)
             yield folder
             if self.keep is Keep.ALL:
@@ -93,7 +93,7 @@ class Folder:
             else:
                 copy(source, folder / source.name)
 
-    def _move(self, folder: Path, kind: str, values: Values, failure: RunFailed | None) -> str:
+    def _move(self, folder: Path, kind: str, values: Columns, failure: RunFailed | None) -> str:
         """Keep the folder beside the study, with what it was run with: where, for a message."""
         home = self.base / kind
         if failure is not None and _crowded(home):

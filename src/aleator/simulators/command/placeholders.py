@@ -11,6 +11,8 @@ from aleator.simulators.failure import RunFailed
 
 Value = float | str
 Values = Mapping[str, Value]
+Columns = Mapping[str, Value | list[Value]]
+"""Values of a run by name, with a list where one varies within an experiment."""
 
 
 @dataclass(frozen=True)

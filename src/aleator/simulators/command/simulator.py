@@ -4,29 +4,38 @@ from __future__ import annotations
 
 import hashlib
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from aleator.errors import SimulatorError, nearest
+from aleator.simulators import protocol
 from aleator.simulators.command.child import STDIN, Limits, log, run
-from aleator.simulators.command.feeds import Feed, InputFile
+from aleator.simulators.command.feeds import CsvFeed, Feed, InputFile, within
 from aleator.simulators.command.folder import Folder, Keep, contents
 from aleator.simulators.command.outputs import Output, OutputFile
-from aleator.simulators.command.placeholders import Text, Value, Values
+from aleator.simulators.command.placeholders import Columns, Text, Value, Values
 from aleator.simulators.command.program import STUDY, Program
 from aleator.simulators.failure import RunFailed
-from aleator.simulators.protocol import Columns, Returned, one_by_one
+from aleator.simulators.protocol import Returned, one_by_one
 
 # The placeholder for the name of the input file, where there is exactly one.
 INPUT = "input"
+# The placeholder for the name of the table that a series reads.
+ROWS = "rows"
 
 
 @dataclass(frozen=True)
 class CommandSimulator:
     """A program that is started once a run, in a private folder, and writes its outcome.
+
+    Of several responses `output` is a mapping from their names. With `series` a run is a whole
+    experiment: conditions that vary within any experiment are written as a table to the file `rows`
+    (CSV, `{rows}` is its name), constant ones fill placeholders, and each output is a whole column
+    in the order of the rows, or one number for all of them.
 
     `command`, `shell`, `environment`: see `Program`; placeholders are the names of conditions and
     parameters, `{study}` (the folder `base`) and `{input}` (the one input file). What the program
@@ -48,7 +57,7 @@ class CommandSimulator:
     """
 
     command: Sequence[str] | str
-    output: Output = field(default_factory=OutputFile)
+    output: Output | Mapping[str, Output] = field(default_factory=OutputFile)
     base: Path = Path(".")
     inputs: tuple[InputFile, ...] = ()
     stdin: Feed | None = None
@@ -61,6 +70,8 @@ class CommandSimulator:
     keep: Keep = Keep.FAILED
     version: str = ""
     allow_unused: bool = False
+    series: bool = False
+    rows: str = "rows.csv"
     program: Program = field(init=False, repr=False)
     folder: Folder = field(init=False, repr=False)
     # One run a call, so that progress is told after every run.
@@ -77,8 +88,10 @@ class CommandSimulator:
             )
         if not self.success_codes:
             raise SimulatorError("success_codes is empty: every run would fail", "write [0]")
+        within(self.rows, "the table of rows")
         taken = [path.name for path in folder.sources]
-        for name in (file.name for file in self.inputs):
+        written = [file.name for file in self.inputs]
+        for name in (*written, self.rows) if self.series else written:
             if name in taken:
                 raise SimulatorError(
                     f"'{name}' is written for every run, but is a file of the run already",
@@ -98,6 +111,8 @@ class CommandSimulator:
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
         """The conditions that have a placeholder, or all of them if JSON or CSV is written.
+
+        All of them for a series, too.
 
         Raises SimulatorError for a placeholder that is neither a condition nor a parameter, and
         for a parameter without one.
@@ -133,15 +148,24 @@ class CommandSimulator:
                     f"simulator '{self.name}': '{name}' is both a condition and a parameter",
                     "rename the column or the parameter, or name the conditions without it",
                 )
-        return tuple(name for name in conditions if everything or name in used)
+        return tuple(c for c in conditions if everything or self.series or c in used)
 
-    def run_one(self, conditions: Mapping[str, Value], parameters: Mapping[str, float]) -> float:
-        """One run; raises RunFailed, with the last of what the program printed."""
+    def run_one(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> Any:
+        """The outcome of one run: a number, or one for each response; of a series a list.
+
+        Raises RunFailed, with the last of what the program printed, and SimulatorError for a
+        placeholder of a condition that varies within the experiment.
+        """
         plain = _plain(conditions) | _plain(parameters)
+        varying = {name: value for name, value in plain.items() if isinstance(value, list)}
+        constant = {name: v for name, v in plain.items() if not isinstance(v, list)}
+        self._require_constant(varying)
         written = [file.name for file in self.inputs]
-        stale = self.output.file if self.output.file not in written else None
-        with self.folder.made(plain, stale) as folder:
-            values: Values = {**plain, **self._own_values()}
+        stale = {one.file for one in self._outputs().values() if one.file}
+        with self.folder.made(plain, sorted(stale.difference(written))) as folder:
+            values: Values = {**constant, **self._own_values()}
+            if self.series:
+                (folder / self.rows).write_text(CsvFeed().write(varying), encoding="utf-8")
             for file in self.inputs:
                 _write(folder / file.name, file.feed, plain, values)
             if self.stdin is not None:
@@ -150,11 +174,14 @@ class CommandSimulator:
             limits = Limits(self.success_codes, self.timeout)
             run(self.program.arguments(values), folder, settings, limits)
             try:
-                return self.output.read(folder)
+                found = {
+                    name: self._read(one, folder, varying) for name, one in self._outputs().items()
+                }
             except RunFailed as failure:
                 raise RunFailed(failure.message, log(folder)) from failure.__cause__
+        return found if isinstance(self.output, Mapping) else found[""]
 
-    def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
+    def __call__(self, conditions: protocol.Columns, parameters: protocol.Columns) -> Returned:
         """Run R times, one after the other; raises RunStopped with the outcomes before."""
         return one_by_one(lambda cells: self.run_one(cells, {}), conditions, parameters)
 
@@ -170,9 +197,12 @@ class CommandSimulator:
             self.inputs,
             self.stdin,
             self.shell,
-            self.output.fingerprint(),
+            self._outputs()[""].fingerprint()
+            if not isinstance(self.output, Mapping)
+            else sorted((name, one.fingerprint()) for name, one in self.output.items()),
             sorted(self.success_codes),
             self.version,
+            *(("series", self.rows) if self.series else ()),
         )
         digest = hashlib.sha256(repr(choices).encode("utf-8", "surrogateescape"))
         for path in [*self.program.files(), *contents(self.folder.sources)]:
@@ -180,6 +210,30 @@ class CommandSimulator:
                 content = hashlib.file_digest(file, "sha256").hexdigest()
             digest.update(f"{path.name} {content}\n".encode("utf-8", "surrogateescape"))
         return digest.hexdigest()
+
+    def _outputs(self) -> Mapping[str, Output]:
+        """The outputs by response; one alone has no name."""
+        return self.output if isinstance(self.output, Mapping) else {"": self.output}
+
+    def _read(self, output: Output, folder: Path, varying: Mapping[str, list[Value]]) -> Any:
+        if not self.series:
+            return output.read(folder)
+        found = output.series(folder)
+        rows = len(next(iter(varying.values()))) if varying else 1
+        if isinstance(found, list) and varying and len(found) != rows:
+            raise RunFailed(
+                f"it gave {len(found)} numbers for an experiment of {rows} rows"
+                + (f" in '{output.file}'" if output.file else "")
+            )
+        return np.array(found) if isinstance(found, list) else found
+
+    def _require_constant(self, varying: Collection[str]) -> None:
+        for name, where in self._used().items():
+            if name in varying:
+                raise SimulatorError(
+                    f"{where}: '{name}' varies within an experiment; a placeholder is one value",
+                    f"let the program read it from the table {self.rows}, whose name is {{rows}}",
+                )
 
     def _feeds(self) -> list[Feed]:
         return [*(file.feed for file in self.inputs), *([self.stdin] if self.stdin else [])]
@@ -195,19 +249,24 @@ class CommandSimulator:
     def _own(self) -> dict[str, str]:
         """Placeholders that are no condition and no parameter, and what they stand for."""
         one = {INPUT: "input file"} if len(self.inputs) == 1 else {}
-        return {STUDY: "folder of the study"} | one
+        rows = {ROWS: "table of the rows"} if self.series else {}
+        return {STUDY: "folder of the study"} | one | rows
 
     def _own_values(self) -> dict[str, str]:
         values = {STUDY: str(self.base.absolute())}
-        return values | ({INPUT: self.inputs[0].name} if len(self.inputs) == 1 else {})
+        one = {INPUT: self.inputs[0].name} if len(self.inputs) == 1 else {}
+        return values | one | ({ROWS: self.rows} if self.series else {})
 
 
-def _plain(values: Mapping[str, Value]) -> dict[str, Value]:
-    """Numbers as floats of Python, whose text has every digit, texts as they are."""
-    return {name: v if isinstance(v, str) else float(v) for name, v in values.items()}
+def _plain(values: Mapping[str, Any]) -> dict[str, Value | list[Value]]:
+    """Numbers as floats of Python, whose text has every digit, texts as they are; lists of them."""
+    return {
+        name: v if isinstance(v, str) else v.tolist() if np.ndim(v) else float(v)
+        for name, v in values.items()
+    }
 
 
-def _write(path: Path, feed: Feed, plain: Values, values: Values) -> None:
+def _write(path: Path, feed: Feed, plain: Columns, values: Values) -> None:
     text = feed.write(plain if feed.names is None else values)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.unlink(missing_ok=True)  # it may be a link to a file of the study, which stays as it is

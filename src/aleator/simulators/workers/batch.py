@@ -132,6 +132,8 @@ def _attempted(
 def _before(simulator: Simulator, stop: RunStopped, form: Form, asked: Runs, took: float) -> Runs:
     """What a simulator that runs one at a time did until it stopped."""
     done, cause = len(stop.completed), stop.__cause__ or stop
+    if isinstance(cause, SimulatorError):
+        raise cause
     form = form.some(slice(done))
     values = form.shaped(simulator, stop.completed, done)
     each = took / (done + 1)
