@@ -40,14 +40,17 @@ class Cases:
 
         Units with different numbers of `rows` (U,) are different cases.
         """
-        number: dict[tuple[Any, ...], int] = {}
-        parts = [_cells(column) for column in columns.values()]
-        parts += [] if rows is None else [rows.tolist()]
-        every = zip(*parts, strict=True) if parts else [()] * units
-        condition = np.array([number.setdefault(row, len(number)) for row in every], dtype=np.intp)
-        _, first = np.unique(condition, return_index=True)
+        code = np.zeros(units, dtype=np.intp)
+        for column in [*columns.values(), *([] if rows is None else [rows])]:
+            one = _numbered(column)
+            _, code = np.unique(code * (one.max(initial=0) + 1) + one, return_inverse=True)
+        _, first, code = np.unique(code, return_index=True, return_inverse=True)
+        # cases are numbered in the order of their first units
+        order = np.argsort(first)
+        condition = np.argsort(order)[code]
+        first = first[order]
         distinct = {name: column[first] for name, column in columns.items()}
-        return cls(distinct, first.astype(np.intp), condition)
+        return cls(distinct, first.astype(np.intp), condition.astype(np.intp))
 
     def at(self, case: Indices) -> dict[str, NDArray[Any]]:
         """The conditions of some runs, by name, whose cases are `case` (R,)."""
@@ -58,9 +61,10 @@ class Cases:
         return {name: column[case] for name, column in self.columns.items()}
 
 
-def _cells(column: NDArray[Any]) -> list[Any]:
-    """The entries of a column so that equal ones are one key."""
-    cells: list[Any] = column.tolist()
+def _numbered(column: NDArray[Any]) -> Indices:
+    """A number (U,) for each entry of a column, the same for equal ones."""
     if column.dtype != object:
-        return cells
-    return [tuple(cell.tolist()) if isinstance(cell, np.ndarray) else cell for cell in cells]
+        return np.unique(column, return_inverse=True)[1].astype(np.intp)
+    number: dict[Any, int] = {}
+    cells = (tuple(cell.tolist()) if isinstance(cell, np.ndarray) else cell for cell in column)
+    return np.array([number.setdefault(cell, len(number)) for cell in cells], dtype=np.intp)

@@ -40,25 +40,20 @@ class RunCache:
     ) -> None:
         self.store, self.identity = store, Identity.of(simulator)
         self._order = sorted(range(len(parameters)), key=lambda k: parameters[k])
-        rows = units.rows[cases.first]
-        self._sizes = rows * len(units.responses)
-        self._cases = {
-            named: [
-                Case.of(
-                    cases.values(k), parameters, int(rows[k]) if units.series else None,
-                    units.names if named else (),
-                )
-                for k in range(len(cases))
-            ]
-            for named in ((False, True) if len(units.responses) == 1 else (True,))
-        }  # fmt: skip
+        self._parameters, self._of, self._responses = tuple(parameters), cases, units.names
+        self._rows = units.rows[cases.first]
+        self._sizes = self._rows * len(units.responses)
+        self._series = units.series
+        # one response may have come without its name
+        self._ways = (False, True) if len(units.responses) == 1 else (True,)
+        self._cases: dict[tuple[bool, int], Case] = {}
         self.at_start = store.counts(self.identity)
         self.added = 0
 
     def find(self, asked: Runs) -> Runs:
         """The same runs with outcomes and failures where the store has them."""
         outcome, failures = asked.outcome.copy(), dict[int, Failure]()
-        for named in self._cases:
+        for named in self._ways:
             for start in range(0, len(asked), _TOGETHER):
                 rows = slice(start, start + _TOGETHER)
                 cases, keys = self._keys(asked.some(rows), named)
@@ -80,7 +75,7 @@ class RunCache:
         if not self.store.writable or not len(made):
             return
         now = time.time()
-        named = made.named or False not in self._cases
+        named = made.named or False not in self._ways
         cases, keys = self._keys(made, named)
         rows: list[tuple[Any, ...]] = [
             (case, x, value, None, None, seconds, made.host, now, 1)
@@ -111,5 +106,16 @@ class RunCache:
         size = 8 * len(self._order)
         whole = np.ascontiguousarray(runs.x[:, self._order], dtype="<f8").tobytes()
         x = [whole[k * size : (k + 1) * size] for k in range(len(runs))]
-        cases = [self._cases[named][k] for k in chosen.tolist()]
+        cases = [self._case(named, k) for k in chosen.tolist()]
         return cases, [*zip(position.tolist(), x, strict=True)]
+
+    def _case(self, named: bool, case: int) -> Case:
+        """A case as the store knows it, made when it is asked for first."""
+        if (named, case) not in self._cases:
+            self._cases[named, case] = Case.of(
+                self._of.values(case),
+                self._parameters,
+                int(self._rows[case]) if self._series else None,
+                self._responses if named else (),
+            )
+        return self._cases[named, case]
