@@ -7,7 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from fmus.build import compiled, python_fmu, rewritten
+from scipy.special import logsumexp
+from scipy.stats import norm
 
+from aleator import Free, Inputs, Noise, Normal, identify
 from aleator.errors import SimulatorError, StudyError
 from aleator.observations.experiments import Experiments
 from aleator.simulators import RunFailed, Runner
@@ -384,3 +387,30 @@ def test_a_study_names_a_series_and_its_responses(fmus: dict[int, Path]) -> None
 def test_a_study_with_a_mistake_is_refused(fmus: dict[int, Path], keys: str, message: str) -> None:
     with pytest.raises((StudyError, SimulatorError), match=message):
         load_study(study(fmus[2], keys))
+
+
+# --------------------------------------------------------------------------------- identification
+
+
+def test_a_law_is_identified_from_series(fmus: dict[int, Path]) -> None:
+    """Against an integral over k on a fine grid, of the closed form."""
+    rng = np.random.default_rng(3)
+    times = rng.uniform(0.2, 2.0, (6, 4)).round(3)
+    drawn = 1.0 + 0.2 * rng.standard_normal((6, 1))
+    measured = 300.0 + 100.0 * np.exp(-drawn * times) + rng.standard_normal((6, 4))
+    ids = np.repeat([f"body {k}" for k in range(6)], 4)
+    table = pd.DataFrame({"id": ids, "time": times.ravel(), "T": measured.ravel()})
+    simulator = FMUSimulator(fmus[2], Final("T"), variables=K, operation=HERE, series=True)
+    found = identify(
+        simulator,
+        Experiments.from_frame(table, outcome="T", id="id"),
+        Inputs({"k": Normal(Free(0.5, 2.0), Free(0.01, 1.0))}),
+        noise=Noise(1.0),
+    )
+    simulator.close()
+    mean, sd = (found.alpha[name].estimate for name in ("k.mean", "k.sd"))
+    k = np.linspace(mean - 8.0 * sd, mean + 8.0 * sd, 4001)
+    errors = measured[..., None] - 300.0 - 100.0 * np.exp(-times[..., None] * k)
+    log_density = np.sum(norm.logpdf(errors), axis=1) + norm.logpdf(k, mean, sd)
+    exact = np.sum(logsumexp(log_density, axis=1) + np.log(k[1] - k[0]))
+    assert found.log_likelihood.estimated == pytest.approx(exact, abs=0.01)

@@ -176,7 +176,9 @@ class FMUSimulator:
         kind = "co-simulation" if self.course.kind == "co_simulation" else "model exchange"
         recorded = (self.fmu.variables[name] for name in self._records)
         units = (f"{v.name} [{v.unit}]" if v.unit else v.name for v in recorded)
-        lines = [f"FMI {self.fmu.version}, {kind} {self.course}, recorded: {', '.join(units)}"]
+        served = ", one run for each experiment" if self.series else ""
+        how = f"{kind} {self.course}{served}"
+        lines = [f"FMI {self.fmu.version}, {how}, recorded: {', '.join(units)}"]
         bound = self._binding.asks(conditions, parameters)
         for what, names in (("conditions", bound), ("parameters", parameters)):
             lines.append(f"{what}: {self._binding.told(names) or 'none'}")
