@@ -10,6 +10,7 @@ import numpy as np
 from aleator.errors import SimulatorError
 from aleator.simulators.failure import RunFailed
 from aleator.simulators.fmu.reduction import Reduction, Trajectory
+from aleator.simulators.fmu.settings import Settled
 from aleator.simulators.protocol import Columns
 from aleator.types import Array
 
@@ -73,3 +74,10 @@ def require_constant(conditions: Columns, time: str) -> None:
                 "give it over time as an input (inputs), leave it out by naming the others in "
                 "[experiments] conditions, or leave out series: each row is then a run of its own",
             )
+
+
+def require_times(course: Settled, conditions: Columns) -> None:
+    """Raise SimulatorError if the times of any run cannot be: no parameters would mend them."""
+    names = course.conditions
+    for cells in zip(*(conditions[name].tolist() for name in names), strict=True):
+        course.span(dict(zip(names, cells, strict=True)))

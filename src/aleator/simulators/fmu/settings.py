@@ -10,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 
 from aleator.errors import SimulatorError
-from aleator.simulators.failure import RunFailed
 from aleator.simulators.fmu.description import DEFAULT_POINTS, Description, Kind
 from aleator.types import Array
 
@@ -127,7 +126,7 @@ class Settled:
     def span(self, cells: Mapping[str, Any]) -> Span:
         """The times of a run with these conditions.
 
-        Raises RunFailed for a time that is not a finite number, or before the start.
+        Raises SimulatorError for a time that is not a finite number, or before the start.
 
         >>> span = Settled("co_simulation", 0.0, "time", 0.5, None).span({"time": [1.7, 0.5, 0.7]})
         >>> span.start, span.stop, span.step, span.points.tolist()
@@ -137,8 +136,9 @@ class Settled:
         times = _instants(self.stop_time, cells)
         if np.min(times) < start:
             where = f" ('{self.stop_time}')" if isinstance(self.stop_time, str) else ""
-            raise RunFailed(
-                f"the time {np.min(times):g} s{where} is before the start at {start:g} s"
+            raise SimulatorError(
+                f"the time {np.min(times):g} s{where} is before the start at {start:g} s",
+                "correct the cell of the table, or start_time",
             )
         stop = float(np.max(times))
         if stop == start:
@@ -185,14 +185,17 @@ def _whole_steps(start: float, stop: float, step: float) -> float:
 
 
 def _instants(time: float | str, cells: Mapping[str, Any]) -> Array:
-    """The times (m,) of one number, or of a condition. Raises RunFailed."""
+    """The times (m,) of one number, or of a condition. Raises SimulatorError."""
     cell = cells[time] if isinstance(time, str) else time
     try:
         times = np.atleast_1d(np.asarray(cell, dtype=np.float64))
     except (TypeError, ValueError):
-        raise RunFailed(f"the time {time} = {cell!r} is not a number") from None
+        times = np.array([np.nan])
     if not np.all(np.isfinite(times)):
-        raise RunFailed(f"the time {time} = {cell!r} is not finite")
+        told = ", ".join(map(str, np.ravel(cell).tolist()))
+        raise SimulatorError(
+            f"a time ('{time}') is not a finite number: {told}", "correct the cells of the table"
+        )
     return times
 
 

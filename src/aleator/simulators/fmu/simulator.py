@@ -16,7 +16,7 @@ from aleator.simulators.fmu.binding import Binding, Value, settable, start_value
 from aleator.simulators.fmu.description import read_description
 from aleator.simulators.fmu.engine import Engine
 from aleator.simulators.fmu.reduction import Reduction
-from aleator.simulators.fmu.sampling import require_constant, sampled
+from aleator.simulators.fmu.sampling import require_constant, require_times, sampled
 from aleator.simulators.fmu.session import Job, Trajectory
 from aleator.simulators.fmu.settings import Course, Operation, Span
 from aleator.simulators.fmu.signals import Signal, assembled, checked_input
@@ -117,10 +117,11 @@ class FMUSimulator:
 
         A run of a series gives an array (m,), of several responses a mapping from their names; a
         condition that varies within any experiment is then a column of arrays. Raises RunStopped,
-        and SimulatorError for a condition that must not vary.
+        and SimulatorError for a condition that must not vary and a time that cannot be.
         """
         if self.series:
             require_constant(conditions, str(self.course.stop_time))
+        require_times(self.course, conditions)
         return one_by_one(self._answer, conditions, parameters)
 
     def run_one(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> float:
@@ -137,7 +138,8 @@ class FMUSimulator:
     def sample(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> Array:
         """The outcomes (m, q) of one run: q responses at m times, one without `series`.
 
-        What does not exist at a time is NaN. Raises RunFailed as `run_one` does.
+        What does not exist at a time is NaN. Raises RunFailed as `run_one` does, and SimulatorError
+        for a time that is not a finite number or before the start.
         """
         cells = {**conditions, **parameters}
         span = self.course.span(cells)
