@@ -28,9 +28,11 @@ if TYPE_CHECKING:
     from aleator.laws import Uniform as Uniform
     from aleator.laws.inputs import Inputs as Inputs
     from aleator.likelihood.propagation import Collocation as Collocation
+    from aleator.observations.censoring import Censoring as Censoring
     from aleator.observations.experiments import Conditions as Conditions
     from aleator.observations.experiments import Experiments as Experiments
     from aleator.observations.noise import Noise as Noise
+    from aleator.observations.student import StudentError as StudentError
     from aleator.polynomials.indices import Anisotropic as Anisotropic
     from aleator.polynomials.indices import Hyperbolic as Hyperbolic
     from aleator.polynomials.indices import TotalDegree as TotalDegree
@@ -68,7 +70,9 @@ _HOMES = {
     "tasks.screen": ["screen"],
     "tasks.box": ["feasible_box"],
     "observations.experiments": ["Experiments", "Conditions"],
+    "observations.censoring": ["Censoring"],
     "observations.noise": ["Noise"],
+    "observations.student": ["StudentError"],
     "simulators": ["Runner", "Store"],
     "simulators.command": ["CommandSimulator"],
     "simulators.fmu": ["FMUSimulator"],

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from aleator.observations.model import Bounded, ObservationModel, Observed
+from aleator.observations.model import ObservationModel, Observed, is_bounded
 from aleator.types import Array, Flags
 
 
 def observed(
-    model: ObservationModel, lower: Array, upper: Array, eta: Array, scale: Array
+    model: ObservationModel, lower: Array, upper: Array, eta: Array, scale: Array, exact: Flags
 ) -> Observed:
     """The log density of exact values (lower == upper), the log probability between bounds.
 
-    `lower` and `upper` (m, 1), eta (m, J), `scale` () or (m, 1) or (m, J).
+    `lower` and `upper` (m, 1), `eta` (m, J), `scale` () or (m, 1) or (m, J), `exact` (m,).
     """
-    exact = (lower == upper)[:, 0]
     if np.all(exact):
         return model.log_density(upper, eta, scale)
     if not np.any(exact):
@@ -23,7 +22,7 @@ def observed(
     scale = np.broadcast_to(scale, eta.shape)
     found = Observed(*(np.empty(eta.shape) for _ in range(3)))
     for which in (exact, ~exact):
-        part = observed(model, lower[which], upper[which], eta[which], scale[which])
+        part = observed(model, lower[which], upper[which], eta[which], scale[which], exact[which])
         for whole, values in zip(found, part, strict=True):
             whole[which] = values
     return found
@@ -38,7 +37,7 @@ def log_probability(
     """
     # Far enough to be the limit for every bound, near enough to be squared.
     eta = np.clip(eta, -1e140, 1e140)
-    if isinstance(model, Bounded):
+    if is_bounded(model):
         return model.log_probability(lower, upper, eta, scale)
     return _by_cdf(model, lower, upper, eta, scale)
 

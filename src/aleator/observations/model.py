@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, TypeGuard
 
 from aleator.laws import Hyperparameter
 from aleator.types import Array
@@ -49,9 +49,8 @@ class ObservationModel(Protocol):
         """E[((y - eta)/scale)^m] for m from 0 to `order`, (order + 1,); NaN where there is none."""
 
 
-@runtime_checkable
-class Bounded(Protocol):
-    """An observation model that computes probabilities of bounds itself, exact in both tails.
+class Bounded(ObservationModel, Protocol):
+    """An observation model that also computes probabilities of bounds itself, exact in both tails.
 
     That of a model without it is the difference of its `cdf`, which loses the upper tail.
     """
@@ -60,8 +59,17 @@ class Bounded(Protocol):
         """log P(lower < y < upper | eta, scale), d/d eta and d/d scale; ends may be infinite."""
 
 
-@runtime_checkable
-class Shaped(Protocol):
+class Curved(ObservationModel, Protocol):
+    """An observation model whose log density has a second derivative in closed form.
+
+    That of a model without it is a difference.
+    """
+
+    def curvature(self, y: Array, eta: Array, scale: Array) -> Array:
+        """-d2 log p(y | eta, scale)/d eta2, which may be negative."""
+
+
+class Shaped(ObservationModel, Protocol):
     """An observation model with hyperparameters of its own beside the scale.
 
     Where none of them is free `shapes` is empty, and the model is used as it is.
@@ -84,6 +92,17 @@ class Shaped(Protocol):
         """
 
 
-def shapes_of(model: ObservationModel) -> tuple[Hyperparameter, ...]:
-    """The free shapes of a model; a model that has none need not say so."""
-    return model.shapes if isinstance(model, Shaped) else ()
+# A look at one name: checks of a whole protocol cost more than what is asked in a hot path.
+def is_bounded(model: ObservationModel) -> TypeGuard[Bounded]:
+    """Whether a model computes probabilities of bounds itself."""
+    return hasattr(model, "log_probability")
+
+
+def is_curved(model: ObservationModel) -> TypeGuard[Curved]:
+    """Whether a model knows its second derivative."""
+    return hasattr(model, "curvature")
+
+
+def is_shaped(model: ObservationModel) -> TypeGuard[Shaped]:
+    """Whether a model has shapes that are free."""
+    return bool(getattr(model, "shapes", ()))

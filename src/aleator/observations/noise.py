@@ -7,7 +7,7 @@ from functools import cached_property
 
 from aleator.errors import InputsError, require_filled
 from aleator.laws import Hyperparameter, Specification, resolve
-from aleator.observations.model import ObservationModel, shapes_of
+from aleator.observations.model import ObservationModel, is_shaped
 from aleator.observations.normal import NormalError
 
 
@@ -58,7 +58,12 @@ class Noise:
     def simple(self) -> bool:
         """Whether one scale, known or free, is all that there is to the noise."""
         plain = self.sd is not None and not isinstance(self.sd, str)
-        return plain and self.relative is None and not shapes_of(self.kind)
+        return plain and self.relative is None and not self.shapes
+
+    @cached_property
+    def shapes(self) -> tuple[Hyperparameter, ...]:
+        """The free shapes of the kind, without a prefix."""
+        return self.kind.shapes if is_shaped(self.kind) else ()
 
     @property
     def column(self) -> str | None:
@@ -79,4 +84,4 @@ class Noise:
             found.append(resolve("sd", self.sd, (None, None), positive=True))
         if self.relative is not None:
             found.append(resolve("relative", self.relative, (None, None), positive=True))
-        return tuple(h.named("noise") for h in (*found, *shapes_of(self.kind)))
+        return tuple(h.named("noise") for h in (*found, *self.shapes))

@@ -72,6 +72,10 @@ class NormalError:
                     value[which], by_eta[which], by_scale[which] = found
             return Observed(value, sign * by_eta / scale, by_scale / scale)
 
+    def curvature(self, y: Array, eta: Array, scale: Array) -> Array:
+        """1/scale^2."""
+        return np.broadcast_to(scale**-2.0, np.broadcast_shapes(y.shape, eta.shape, scale.shape))
+
     def cdf(self, y: Array, eta: Array, scale: Array) -> Array:
         """Phi((y - eta)/scale)."""
         return np.asarray(special.ndtr((y - eta) / scale))

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from aleator.observations.bounds import observed
-from aleator.observations.model import ObservationModel, Shaped, shapes_of
+from aleator.observations.model import ObservationModel, Observed, is_curved, is_shaped
 from aleator.observations.noise import Noise
-from aleator.types import Array, Indices
+from aleator.types import Array, Flags, Indices
 
 FARTHEST = 1e140
 """An eta beyond which nothing changes, and whose square exists."""
@@ -59,7 +60,7 @@ class ResponseErrors:
     def model(self, values: Sequence[float]) -> ObservationModel:
         """The kind of the noise with the values of its shapes."""
         kind = self.noise.kind
-        return kind.at(values[self._scales :]) if isinstance(kind, Shaped) else kind
+        return kind.at(values[self._scales :]) if is_shaped(kind) else kind
 
     def terms(self, values: Sequence[float], eta: Array, own: slice) -> list[Array]:
         """log p (k, J), its derivative by eta, then that by each of the values.
@@ -67,43 +68,56 @@ class ResponseErrors:
         Where p is zero or eta is no number, log p is minus infinity and derivatives are zero.
         """
         with np.errstate(all="ignore"):
-            lower, upper, scale = self.lower[own], self.upper[own], self.scale(values, eta, own)
-            seen = observed(self.model(values), lower, upper, eta, scale.value)
+            scale, seen = self._seen(values, eta, own)
             by_scale = seen.d_scale
             found = [seen.value, seen.d_eta]
-            if scale.d_eta is not None:
-                found[1] = seen.d_eta + by_scale * scale.d_eta
             if self._free_sd:
                 found.append(by_scale if scale.d_sd is None else by_scale * scale.d_sd)
             if scale.d_relative is not None:
                 found.append(by_scale * scale.d_relative)
             kind = self.noise.kind
-            if isinstance(kind, Shaped) and kind.shapes:
-                shapes = values[self._scales :]
-                found += kind.by_shapes(shapes, lower, upper, eta, scale.value)
+            if is_shaped(kind):
+                shapes, ends = values[self._scales :], (self.lower[own], self.upper[own])
+                found += kind.by_shapes(shapes, *ends, eta, scale.value)
             return _finite(found)
 
     def curvature(self, values: Sequence[float], eta: Array, own: slice) -> Array:
-        """-d2 log p/d eta2 (k, J), floored at zero: 1/scale^2 of exact values with normal noise."""
+        """-d2 log p/d eta2 (k, J), floored at zero.
+
+        In closed form for exact values whose scale does not depend on eta, else a difference.
+        """
         with np.errstate(all="ignore"):
-            scale = self.scale(values, eta, own)
-            plain = self.noise.normal and scale.d_eta is None
-            if plain and np.all(self.lower[own] == self.upper[own]):
-                return np.broadcast_to(1.0 / scale.value**2, eta.shape)
+            scale, model = self.scale(values, eta, own), self.model(values)
+            if is_curved(model) and scale.d_eta is None and np.all(self._exact[own]):
+                # The floor takes the place of what is no number, too.
+                return np.fmax(model.curvature(self.upper[own], eta, scale.value), 0.0)
             step = STEP * scale.value
-            above, below = (self.terms(values, eta + h, own)[1] for h in (step, -step))
+            above, below = (self._seen(values, eta + h, own)[1].d_eta for h in (step, -step))
             bent = (below - above) / (2.0 * step)
             return np.where(np.isfinite(bent), np.maximum(bent, 0.0), 0.0)
 
-    @property
+    def _seen(self, values: Sequence[float], eta: Array, own: slice) -> tuple[Scale, Observed]:
+        """The scale, and log p with the whole derivative by eta and that by the scale."""
+        scale, lower, upper = self.scale(values, eta, own), self.lower[own], self.upper[own]
+        seen = observed(self.model(values), lower, upper, eta, scale.value, self._exact[own])
+        if scale.d_eta is not None:
+            seen = seen._replace(d_eta=seen.d_eta + seen.d_scale * scale.d_eta)
+        return scale, seen
+
+    @cached_property
+    def _exact(self) -> Flags:
+        """Which observations are known exactly, bool (m,)."""
+        return np.asarray((self.lower == self.upper)[:, 0])
+
+    @cached_property
     def _free_sd(self) -> bool:
         """Whether the sd is a hyperparameter, and not a column or left out."""
         return self.noise.sd is not None and self.noise.column is None
 
-    @property
+    @cached_property
     def _scales(self) -> int:
         """How many of the values are of the scale; the rest are shapes."""
-        return len(self.noise.hyperparameters) - len(shapes_of(self.noise.kind))
+        return len(self.noise.hyperparameters) - len(self.noise.shapes)
 
     def _sd(self, values: Sequence[float], own: slice) -> Array:
         if self.known is not None:

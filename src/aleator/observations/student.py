@@ -99,6 +99,11 @@ class StudentError:
             ends = (_log_density(df, a * a), _log_density(df, b * b))
             return from_ends(_log_between(df, a, b), *ends, a, b, scale)
 
+    def curvature(self, y: Array, eta: Array, scale: Array) -> Array:
+        """(df + 1)(df - u^2)/(df + u^2)^2/scale^2, negative where |u| > sqrt(df)."""
+        df, square = self._known, ((y - eta) / scale) ** 2
+        return (df + 1.0) * (df - square) / ((df + square) * scale) ** 2
+
     def by_shapes(
         self, values: Sequence[float], lower: Array, upper: Array, eta: Array, scale: Array
     ) -> tuple[Array, ...]:
