@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from aleator.simulators import Runner as Runner
     from aleator.simulators import Store as Store
     from aleator.simulators.command import CommandSimulator as CommandSimulator
+    from aleator.simulators.derived import derived as derived
     from aleator.simulators.fmu import FMUSimulator as FMUSimulator
     from aleator.surrogates import ResponseSurface as ResponseSurface
     from aleator.tasks.box import feasible_box as feasible_box
@@ -75,6 +76,7 @@ _HOMES = {
     "observations.student": ["StudentError"],
     "simulators": ["Runner", "Store"],
     "simulators.command": ["CommandSimulator"],
+    "simulators.derived": ["derived"],
     "simulators.fmu": ["FMUSimulator"],
     "laws": [
         "Normal", "TruncatedNormal", "Uniform", "Beta", "Gamma", "LogNormal", "ScipyLaw",

@@ -13,6 +13,7 @@ from fmus.build import compiled, rewritten
 from aleator.errors import AleatorError, SimulatorError, StudyError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import RunFailed, Runner
+from aleator.simulators.expression import parse
 from aleator.simulators.fmu import (
     Course,
     Crossing,
@@ -25,7 +26,6 @@ from aleator.simulators.fmu import (
     read_signal,
 )
 from aleator.simulators.fmu.description import read_description
-from aleator.simulators.fmu.expression import parse
 from aleator.study import load_study
 from aleator.study.fmu import signals
 

@@ -112,6 +112,11 @@ class FunctionSimulator:
         options = (self.vectorized, self.version, self.block, self.series)
         return _arrived, (expected, *origin, *options)
 
+    def takes(self, name: str) -> bool:
+        """Whether the function has an argument of this name, or takes any."""
+        required, optional, anything = self._arguments
+        return anything or name in required or name in optional
+
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
         """The conditions that the function has an argument for, in the order of `conditions`.
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError
+from aleator.simulators.expression import Expression, parse
 from aleator.simulators.failure import RunFailed
 from aleator.simulators.fmu.description import Description
-from aleator.simulators.fmu.expression import Expression, parse
 from aleator.simulators.function import FunctionSimulator
 from aleator.simulators.loading import load_function
 from aleator.types import Array
