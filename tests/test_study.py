@@ -159,7 +159,7 @@ BAD = {
     "unknown law": ('"constant"', '"constnt"', ["offset.law'", "'constant'"]),
     "no law": ('law = "constant"', "", ["'parameters.offset.law'"]),
     "key of a law": ("value = ", "vlue = ", ["'parameters.offset.vlue'", "mean 'value'"]),
-    "sd of zero": ("lower = 0.005", "lower = 0", ["parameters.stiffness", "sd", "0.0"]),
+    "sd below zero": ("lower = 0.005", "lower = -1", ["parameters.stiffness", "sd", "-1.0"]),
     "nan": ("lower = 0.6", "lower = nan", ["stiffness.mean.lower' = nan", "finite"]),
     "noise without bounds": (
         r"lower = 0.01, upper = 2.0",

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from aleator.laws import ScipyLaw as ScipyLaw
     from aleator.laws import TruncatedNormal as TruncatedNormal
     from aleator.laws import Uniform as Uniform
+    from aleator.laws.correlation import full as full
     from aleator.laws.inputs import Inputs as Inputs
     from aleator.likelihood.propagation import Collocation as Collocation
     from aleator.observations.censoring import Censoring as Censoring
@@ -82,6 +83,7 @@ _HOMES = {
         "Normal", "TruncatedNormal", "Uniform", "Beta", "Gamma", "LogNormal", "ScipyLaw",
         "By", "Constant", "Free",
     ],
+    "laws.correlation": ["full"],
     "laws.inputs": ["Inputs"],
     "surrogates": ["ResponseSurface"],
     "likelihood.propagation": ["Collocation"],

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from aleator.errors import InputsError, nearest
-from aleator.laws.hyperparameter import Hyperparameter, Specification, resolve
+from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
 from aleator.types import Array
 
 Pair = tuple[str, str]
@@ -119,6 +120,15 @@ def between(names: Sequence[str], pairs: Mapping[Pair, Specification]) -> Correl
                     place = (members.index(j), members.index(i))
                     entries.append((place, _hyperparameter(key, given, names, wanted[key])))
     return Correlation(members, tuple(e[0] for e in entries), tuple(e[1] for e in entries))
+
+
+def full(names: Sequence[str]) -> dict[Pair, Specification]:
+    """All pairs of these parameters, each to be identified: with normal laws a full covariance.
+
+    >>> list(full(["a", "b", "c"]))
+    [('a', 'b'), ('a', 'c'), ('b', 'c')]
+    """
+    return dict.fromkeys(combinations(names, 2), OPEN)
 
 
 def _checked(pair: Pair, names: Sequence[str]) -> tuple[int, int]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from aleator.errors import InputsError, nearest
 from aleator.laws.design import Design, Table
-from aleator.laws.hyperparameter import Beside, By, Hyperparameter, Specification, resolve
+from aleator.laws.hyperparameter import Beside, By, Hyperparameter, Specification, resolve, within
 from aleator.types import Array, Indices
 
 
@@ -92,9 +92,7 @@ class CovariateModel:
             else:
                 matrix = entry.design.matrix
                 found[entry.places] = np.linalg.lstsq(matrix, np.full(len(matrix), value))[0]
-        lower = np.array([h.lower for h in self.hyperparameters])
-        upper = np.array([h.upper for h in self.hyperparameters])
-        return np.asarray(np.clip(found, lower, upper))
+        return within(self.hyperparameters, found.tolist())
 
     def score(self, alpha: Array, by_values: Array, experiments: slice) -> Array:
         """Derivatives (B, K) by alpha from those by the hyperparameters' values (B, H)."""

@@ -74,13 +74,17 @@ class Design:
         return np.asarray(spanned & (np.abs(share - 1.0) < 1e-6))
 
 
-def variables(formula: str) -> tuple[str, ...]:
-    """The columns of the table that a formula names, in order.
+def variables(formula: str, owner: str = "") -> tuple[str, ...]:
+    """The columns of the table that a formula names, in order; messages name its owner.
 
     >>> variables("1 + log(temperature) + C(supplier)")
     ('supplier', 'temperature')
     """
-    return tuple(sorted(map(str, _parsed(formula).required_variables)))
+    try:
+        return tuple(sorted(map(str, _parsed(formula).required_variables)))
+    except InputsError as error:
+        of = f"{owner} = " if owner else ""
+        raise InputsError(f"{of}{error.problem}", error.remedy) from None
 
 
 def named(columns: ModelMatrix) -> tuple[str, ...]:

@@ -91,8 +91,8 @@ class Inputs:
 
     @property
     def covariates(self) -> tuple[str, ...]:
-        """The columns of the table that the laws follow."""
-        found = [variables(h.by.formula) for h in self._own if h.by is not None]
+        """The columns of the table that the laws follow; raises InputsError for no formula."""
+        found = [variables(h.by.formula, h.name) for h in self._own if h.by is not None]
         return tuple(dict.fromkeys(name for names in found for name in names))
 
     def resolved(self, covariates: Table) -> Inputs:

@@ -25,11 +25,13 @@ from aleator.inference.verification import MonteCarlo
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
+from aleator.observations.covariates import covariates
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.model import ObservationModel
 from aleator.observations.noise import Noise
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
+from aleator.simulators.derived import Derivation, Derived, derived
 from aleator.simulators.fmu import FMUSimulator
 from aleator.study.experiments import ExperimentsSection
 from aleator.study.kinds import Choice
@@ -124,10 +126,13 @@ class Study:
 
         Empty for what has nothing to tell.
         """
-        if not isinstance(self.simulator, FMUSimulator):
-            return ()
+        simulator, names = self.simulator, self.inputs.names
         tried = [*map(str, self.experiments.conditions.columns)]
-        return (*self.simulator.bindings(tried, self.inputs.names), *self.simulator.notes)
+        if isinstance(simulator, Derived):
+            names, simulator = simulator.passed(tried, names), simulator.inner
+        if not isinstance(simulator, FMUSimulator):
+            return ()
+        return (*simulator.bindings(tried, names), *simulator.notes)
 
     def close(self) -> None:
         """End the processes that the simulator holds; a later run starts them again."""
@@ -170,8 +175,19 @@ def load_study(path: str | Path) -> Study:
     except ValidationError as error:
         raise study_error(error, document, path) from None
     study = _build(file, path, hashlib.sha256(raw).hexdigest())
+    _check(study, file)
     _made(path, f"simulator.{file.simulator.kind}", study.runner)
     return study
+
+
+def _check(study: Study, file: StudyFile) -> None:
+    """Hold what names columns of the table against it."""
+    if study.inputs.regressed:
+        names = _made(study.file, "parameters", lambda: study.inputs.covariates)
+        table = covariates(study.experiments, names)
+        _made(study.file, "parameters", lambda: study.inputs.resolved(table))
+    known = (*map(str, study.experiments.conditions.columns), *study.inputs.names)
+    _made(study.file, "derived", lambda: Derivation.of(file.derived, known))
 
 
 def _made(path: Path, key: str, make: Callable[[], T]) -> T:
@@ -214,13 +230,16 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     inputs = made("parameters", lambda: Inputs(laws))
     if file.correlation:
         inputs = made("correlation", lambda: Inputs(laws, pairs(file.correlation)))
+    simulator = built(f"simulator.{file.simulator.kind}", file.simulator)
+    if file.derived:
+        simulator = made("derived", lambda: derived(simulator, file.derived))
     return Study(
         file=path,
         sha256=sha256,
         title=file.title,
         seed=file.seed,
         experiments=table.read(folder, columns_of(errors)),
-        simulator=built(f"simulator.{file.simulator.kind}", file.simulator),
+        simulator=simulator,
         inputs=inputs,
         noise=errors,
         propagation=built("propagation", file.propagation),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, PlainValidator
+from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag
 
 from aleator.densities import (
     Convolution,
@@ -18,6 +18,7 @@ from aleator.densities import (
 )
 from aleator.inference.verification import MonteCarlo
 from aleator.laws import Law, Specification
+from aleator.laws.correlation import full
 from aleator.likelihood.propagation import Collocation
 from aleator.search import (
     CMAES,
@@ -36,25 +37,50 @@ from aleator.study.propagation import PROPAGATIONS
 from aleator.study.simulators import SIMULATORS
 from aleator.surrogates import ResponseSurface
 
-
-def _paired(value: Any) -> Any:
-    if not isinstance(value, Mapping):
-        raise fault(f"{value!r} is not of a pair", "name both parameters: a.b = 0.5")
-    return value
+ALL = "all"
+"""The key of `[correlation]` that ties every pair of a list."""
 
 
-CorrelationSection = dict[str, Annotated[dict[str, Spec], BeforeValidator(_paired)]]
+def _paired(section: Any) -> Any:
+    for name, value in section.items() if isinstance(section, Mapping) else ():
+        if not isinstance(value, Mapping) and not (name == ALL and isinstance(value, list)):
+            raise fault(
+                f"{value!r} is not of a pair",
+                'name both parameters: a.b = 0.5; or all of many: all = ["a", "b"]',
+                name,
+            )
+    return section
+
+
+def _is_list(value: Any) -> str:
+    return "list" if isinstance(value, list) else "pair"
+
+
+Tied = Annotated[
+    Annotated[dict[str, Spec], Tag("pair")] | Annotated[list[str], Tag("list")],
+    Discriminator(_is_list),
+]
+CorrelationSection = Annotated[dict[str, Tied], BeforeValidator(_paired)]
 """`[correlation]`: `a.b = {lower = -0.9, upper = 0.9}` ties the parameters a and b."""
 
 
 def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
     """The correlations by pair of parameters, as the library takes them.
 
+    `all` ties every pair of a list; one with a key of its own is what that says.
+
     >>> from aleator.study.keys import FreeSection
     >>> pairs({"a": {"b": 0.5, "c": FreeSection()}})
     {('a', 'b'): 0.5, ('a', 'c'): Free(lower=None, upper=None, start=None)}
     """
-    return {(a, b): specification(s) for a, others in section.items() for b, s in others.items()}
+    own = {
+        (a, b): specification(s)
+        for a, others in section.items() if isinstance(others, dict)
+        for b, s in others.items()
+    }  # fmt: skip
+    tied = section.get(ALL)
+    rest = full(tied) if isinstance(tied, list) else {}
+    return own | {(a, b): s for (a, b), s in rest.items() if {(a, b), (b, a)}.isdisjoint(own)}
 
 
 def automatic() -> None:
@@ -111,6 +137,7 @@ class StudyFile(Section):
         dict[str, Annotated[Choice[Law], PlainValidator(LAWS.read)]], Field(min_length=1)
     ]
     correlation: CorrelationSection = Field(default_factory=dict)
+    derived: dict[str, str] = Field(default_factory=dict)
     noise: NoiseChoice | None = None
     propagation: Annotated[
         Choice[ResponseSurface | Collocation], PlainValidator(PROPAGATIONS.read)

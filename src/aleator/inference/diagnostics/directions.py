@@ -27,7 +27,7 @@ def weak_directions(
     return [
         *_uncertain(inference, alpha, hyperparameters),
         *(_correlated if inference.positive else _flat)(
-            inference, [hyperparameters[k].name for k in inference.free]
+            inference, [hyperparameters[k] for k in inference.free]
         ),
     ]
 
@@ -44,9 +44,10 @@ def _uncertain(
             )
 
 
-def _correlated(inference: Inference, names: Sequence[str]) -> Iterator[Diagnostic]:
+def _correlated(inference: Inference, free: Sequence[Hyperparameter]) -> Iterator[Diagnostic]:
     if inference.free.size < 2:
         return
+    names = [h.name for h in free]
     values, vectors = np.linalg.eigh(inference.correlation)
     for vector in vectors.T[values <= FLAT]:
         # the small eigenvalue is well determined; what moves along its large parts is not apart
@@ -57,11 +58,25 @@ def _correlated(inference: Inference, names: Sequence[str]) -> Iterator[Diagnost
             "likelihood hardly changes; well determined is only "
             f"{_combination(vector, parts, names)} (se: standard error)",
             *which,
+            remedy=_remedy([free[i] for i in parts]),
         )
 
 
-def _flat(inference: Inference, names: Sequence[str]) -> Iterator[Diagnostic]:
+def _remedy(which: Sequence[Hyperparameter]) -> str:
+    """An intercept far from all experiments is another matter than what they do not tell."""
+    terms = [name for h in which if h.beside for name, _ in h.beside.terms]
+    if not terms:
+        return REMEDY
+    covariate = terms[0].partition("[")[2].removesuffix("]")
+    return (
+        f"write center({covariate}) for {covariate} in the formula: the other coefficient is then "
+        "the value at the mean of the covariate, not at zero; nothing else changes"
+    )
+
+
+def _flat(inference: Inference, free: Sequence[Hyperparameter]) -> Iterator[Diagnostic]:
     """Directions along which the log-likelihood is flat: there is no covariance."""
+    names = [h.name for h in free]
     inside = np.isin(inference.identified, inference.free)
     information = inference.information[np.ix_(inside, inside)]
     scale = np.sqrt(np.abs(np.diag(information)))
@@ -85,8 +100,8 @@ def _flat(inference: Inference, names: Sequence[str]) -> Iterator[Diagnostic]:
         )
 
 
-def _weak(message: str, *names: str) -> Diagnostic:
-    return Diagnostic("identifiability", message, REMEDY, names)
+def _weak(message: str, *names: str, remedy: str = REMEDY) -> Diagnostic:
+    return Diagnostic("identifiability", message, remedy, names)
 
 
 def _large(vector: Array) -> list[int]:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-import numpy as np
-import pandas as pd
-
-from aleator.errors import ExperimentsError, InputsError
+from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
+from aleator.observations.covariates import covariates
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
@@ -53,28 +51,7 @@ def identified(
         )
     errors = MeasurementErrors.of(noise, table)
     if inputs.regressed:
-        inputs = inputs.resolved(_covariates(table, inputs.covariates))
+        inputs = inputs.resolved(covariates(table, inputs.covariates))
     question = Question(runner, table, inputs, errors, surfaces, search, seed)
     answer = answered(question, ledger)
     return assembled(question, answer, seconds=ledger.seconds, runs_by_stage=ledger.runs)
-
-
-def _covariates(table: Experiments, names: Sequence[str]) -> pd.DataFrame:
-    """The columns that laws follow, a row an experiment.
-
-    All columns that are alike in all rows of each experiment; raises ExperimentsError for a wanted
-    one that is not.
-    """
-    first = np.unique(table.experiment, return_index=True)[1]
-    of_experiments = table.table.iloc[first].set_axis([*table.ids], axis=0)
-    spread = table.table.groupby(table.experiment, sort=True).nunique(dropna=False)
-    for name in names:
-        if name in spread and (spread[name] > 1).any():
-            lost = int(np.flatnonzero(spread[name] > 1)[0])
-            raise ExperimentsError(
-                f"column '{name}' has several values in experiment '{table.ids[lost]}', and a law "
-                "of its parameters follows it",
-                "let laws follow only what is the same in all rows of an experiment; what varies "
-                "is a condition of the simulator",
-            )
-    return of_experiments
