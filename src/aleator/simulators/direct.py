@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from aleator.errors import SimulatorError
 from aleator.simulators.arrays import CHECKED, elementwise, in_one_call
-from aleator.simulators.cases import Cases
+from aleator.simulators.bound import Bound
 from aleator.simulators.form import Form
 from aleator.simulators.function import FunctionSimulator
-from aleator.simulators.protocol import ARRAY_BLOCK, Columns, RunStopped, Simulator
+from aleator.simulators.protocol import ARRAY_BLOCK, Columns, RunStopped
 from aleator.simulators.runs import Runs
 from aleator.simulators.workers.batch import make
 from aleator.types import Array, Indices
@@ -24,20 +23,18 @@ _PRIMES = np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0, 23.0, 29.0])
 class Direct:
     """Runs of cases, as they are asked for: `count` is how many were made.
 
-    `form` is what one run of each case returns. With `arrays` a function of numbers is called with
+    With `arrays` a function of numbers is called with
     arrays; `find_arrays` finds out whether it may be.
 
     >>> inverse = FunctionSimulator(lambda x: 1.0 / x, vectorized=True)
-    >>> direct = Direct(inverse, Cases.of({}, 1), ["x"], Form())
+    >>> from aleator.simulators.bound import Bound
+    >>> direct = Direct(Bound(inverse, Cases.of({}, 1), ("x",)))
     >>> direct(np.array([0, 0]), np.array([[2.0], [0.0]])).tolist()
     [[0.5], [inf]]
     """
 
-    def __init__(
-        self, simulator: Simulator, cases: Cases, parameters: Sequence[str], form: Form
-    ) -> None:
-        self._simulator, self._cases, self._parameters = simulator, cases, tuple(parameters)
-        self._form = form
+    def __init__(self, bound: Bound) -> None:
+        self._bound, self._simulator, self._form = bound, bound.simulator, bound.form
         self.count = 0
         self.arrays = False
 
@@ -64,7 +61,7 @@ class Direct:
         simulator = self._simulator
         if not isinstance(simulator, FunctionSimulator) or simulator.vectorized:
             return getattr(simulator, "vectorized", False) is True
-        case = np.linspace(0, len(self._cases) - 1, CHECKED).astype(np.intp)
+        case = np.linspace(0, len(self._bound.cases) - 1, CHECKED).astype(np.intp)
         steps = np.sqrt(np.resize(_PRIMES, len(region)))
         share = np.outer(np.arange(1, CHECKED + 1), steps) % 1.0
         points = region[:, 0] + share * (region[:, 1] - region[:, 0])
@@ -73,8 +70,7 @@ class Direct:
         return self.arrays
 
     def _columns(self, case: Indices, x: Array) -> tuple[Columns, Columns, Form]:
-        parameters = dict(zip(self._parameters, x.T.copy(), strict=True))
-        return self._cases.at(case), parameters, self._form.some(case)
+        return *self._bound.columns(case, x), self._form.some(case)
 
     def _block(self, conditions: Columns, parameters: Columns, form: Form) -> Array:
         simulator = self._simulator
@@ -99,7 +95,9 @@ class Direct:
         while left.size:
             some = {name: column[left] for name, column in conditions.items()}
             asked = Runs.asked(left, x[left], form.width)
-            made = make(self._simulator, some, self._parameters, anything.some(left), asked, np.inf)
+            made = make(
+                self._simulator, some, self._bound.parameters, anything.some(left), asked, np.inf
+            )
             if made.stopped:
                 raise made.stopped
             values[left[: len(made)]] = made.outcome

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from aleator.simulators.cases import Cases
+from aleator.simulators.bound import Bound
 from aleator.simulators.identity import Case, Identity
-from aleator.simulators.protocol import Simulator
 from aleator.simulators.runs import Failure, Runs
 from aleator.simulators.store import Store
 from aleator.simulators.units import Units
@@ -23,25 +21,19 @@ _TOGETHER = 8192
 class RunCache:
     """The runs of one simulator under the cases of one table, in a store.
 
-    `parameters` names the columns of x. `at_start` is what the store held of the simulator, `added`
+    `at_start` is what the store held of the simulator, `added`
     counts the runs that were new to it.
 
     What came with the names of its responses is kept under a case that has these names, so that a
     study of another response does not take it for its own.
     """
 
-    def __init__(
-        self,
-        store: Store,
-        simulator: Simulator,
-        cases: Cases,
-        parameters: Sequence[str],
-        units: Units,
-    ) -> None:
-        self.store, self.identity = store, Identity.of(simulator)
-        self._order = sorted(range(len(parameters)), key=lambda k: parameters[k])
-        self._parameters, self._of, self._responses = tuple(parameters), cases, units.names
-        self._rows = units.rows[cases.first]
+    def __init__(self, store: Store, bound: Bound, units: Units) -> None:
+        self.store, self.identity = store, Identity.of(bound.simulator)
+        self._bound, names = bound, bound.parameters
+        self._order = sorted(range(len(names)), key=lambda k: names[k])
+        self._responses = units.names
+        self._rows = units.rows[bound.cases.first]
         self._sizes = self._rows * len(units.responses)
         self._series = units.series
         # one response may have come without its name
@@ -113,8 +105,8 @@ class RunCache:
         """A case as the store knows it, made when it is asked for first."""
         if (named, case) not in self._cases:
             self._cases[named, case] = Case.of(
-                self._of.values(case),
-                self._parameters,
+                self._bound.cases.values(case),
+                self._bound.parameters,
                 int(self._rows[case]) if self._series else None,
                 self._responses if named else (),
             )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Generator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,19 +12,19 @@ from numpy.typing import ArrayLike
 
 from aleator.errors import SimulatorError
 from aleator.progress import Progress, Silent
+from aleator.simulators.bound import Bound
 from aleator.simulators.cases import Cases
 from aleator.simulators.direct import Direct
 from aleator.simulators.form import Form
 from aleator.simulators.function import as_simulator
-from aleator.simulators.memory import Memory
 from aleator.simulators.messages import Messages
 from aleator.simulators.protocol import Simulator
 from aleator.simulators.run_cache import RunCache
 from aleator.simulators.run_progress import RunProgress
-from aleator.simulators.runs import NOT_FINITE, Failure, Runs
+from aleator.simulators.runs import Runs
 from aleator.simulators.store import Store
 from aleator.simulators.units import Units
-from aleator.simulators.workers.dispatcher import Dispatcher, made_here
+from aleator.simulators.workshop import Workshop
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
@@ -119,15 +118,12 @@ class Runner:
         self._served = served = Units.of(experiments, getattr(self.simulator, "series", False))
         columns = served.columns(table, asked, varying)
         self.cases = Cases.of(columns, len(served), served.rows if served.series else None)
-        self.cache = (
-            None
-            if store is None
-            else RunCache(store, self.simulator, self.cases, self.parameters, served)
-        )
-        self.fresh = 0
-        self._form = Form.of(served, self.cases, self.ids)
-        self._direct = Direct(self.simulator, self.cases, self.parameters, self._form)
-        self._memory = Memory(len(self.parameters), served.width)
+        form = Form.of(served, self.cases, self.ids)
+        bound = Bound(self.simulator, self.cases, self.parameters, form)
+        self.cache = None if store is None else RunCache(store, bound, served)
+        self._workshop = Workshop(bound, served, self.cache, executor, retries)
+        self._memory = self._workshop.memory
+        self._direct = Direct(bound)
         self._messages = Messages(self.simulator, self.ids, self.parameters, self.cases, served)
 
     @property
@@ -168,6 +164,11 @@ class Runner:
         return len(self._memory) + self._direct.count
 
     @property
+    def fresh(self) -> int:
+        """The number of runs that were made here and have an outcome."""
+        return self._workshop.fresh
+
+    @property
     def completed(self) -> Runs:
         """Every run that has an outcome, in the order in which they became known."""
         return self._memory.known([*self._memory.places])
@@ -180,9 +181,9 @@ class Runner:
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Array:
         """Run unit `index` (R,) with parameters `x` (R, n): outcomes (R,), transformed."""
         keys, distinct = self._keys(index, x)
-        self._recall(distinct, failures=False)
+        self._workshop.recall(distinct, failures=False)
         missing = [key for key in distinct if key not in self._memory.places]
-        with closing(self._make(missing, len(distinct) - len(missing))) as batches:
+        with self._making(missing, len(distinct)) as batches:
             for made in batches:
                 if made.failures:
                     break
@@ -228,9 +229,9 @@ class Runner:
         keys, distinct = self._keys(index, x)
         memory = self._memory
         before, share = len(memory.failures), self.max_failed if most is None else most
-        self._recall(distinct, failures=True)
+        self._workshop.recall(distinct, failures=True)
         missing = [key for key in distinct if key not in memory]
-        with closing(self._make(missing, len(distinct) - len(missing))) as batches:
+        with self._making(missing, len(distinct)) as batches:
             for _ in batches:
                 if self._too_many(before, share):
                     break
@@ -258,15 +259,17 @@ class Runner:
         draws random numbers has neither a response surface nor runs that can be reused.
         """
         point, at = np.atleast_2d(np.asarray(x, dtype=np.float64)), np.zeros(1, np.intp)
-        first = float(self.attempt(at, point)[0])
-        if np.isnan(first):
+        first = self.values(at, point)[0]
+        if np.all(np.isnan(first)):
             return
         for _ in range(1 + self.retries):
-            (made,) = self._made(Runs.asked(self.cases.condition[at], point))
-            again = float(self._served.transformed(made.outcome)[0, 0])
-            if abs(first - again) <= REPEATABLE * max(abs(first), abs(again)):
+            (made,) = self._workshop.made(Runs.asked(self.cases.condition[at], point, len(first)))
+            again = self._served.transformed(made.outcome)[0]
+            same = np.isclose(first, again, rtol=REPEATABLE, atol=0.0, equal_nan=True)
+            if np.all(same):
                 return
-        raise self._messages.not_repeatable(point[0], first, again)
+        differs = int(np.argmin(same))
+        raise self._messages.not_repeatable(point[0], float(first[differs]), float(again[differs]))
 
     def _keys(self, index: ArrayLike, x: ArrayLike) -> tuple[list[bytes], list[bytes]]:
         """The key of each run, and the distinct ones in the order of their first appearance."""
@@ -274,80 +277,10 @@ class Runner:
         keys = Runs.asked(case, np.asarray(x, dtype=np.float64)).keys()
         return keys, [*dict.fromkeys(keys)]
 
-    def _recall(self, keys: Sequence[bytes], failures: bool) -> None:
-        """Remember what the store knows of some runs; `failures` too, unless retries are left."""
-        if self.cache is None:
-            return
-        known = self._memory if failures else self._memory.places
-        unknown = [key for key in keys if key not in known]
-        found = self._judged(self.cache.find(self._memory.asked(unknown)))
-        settled = {
-            k: failure
-            for k, failure in found.failures.items()
-            if failures and (failure.attempts > self.retries or failure.kind == NOT_FINITE)
-        }
-        self._memory.keep(unknown, replace(found, failures=settled))
-
-    def _make(self, keys: Sequence[bytes], known: int) -> Generator[Runs, None, None]:
-        """Make runs and remember them; those that are not tried again are yielded.
-
-        `known` runs more of the same call need not be made.
-        """
-        progress = RunProgress(self.progress, len(keys), known)
-        for left in reversed(range(1 + self.retries)):
-            with closing(self._made(self._memory.asked(keys), progress)) as batches:
-                for made in batches:
-                    received = self._received(made)
-                    progress.count(len(received), len(received.failures))
-                    if not left:
-                        yield received
-            keys = [key for key in keys if key in self._memory.failures]
-            if not keys:
-                return
-            progress.retry(len(keys))
-
-    def _made(
-        self, asked: Runs, progress: RunProgress | None = None
-    ) -> Generator[Runs, None, None]:
-        """The runs as they are made; after Ctrl-C those that were at work are waited for."""
-        if self.executor is None:
-            yield from made_here(self.simulator, self.cases, self.parameters, self._form, asked)
-            return
-        workers = Dispatcher(self.simulator, self.cases, self.parameters, self._form, self.executor)
-        try:
-            yield from workers.make(asked, progress.stopping if progress else lambda _: None)
-        except GeneratorExit:
-            for made in workers.rest():
-                self._received(made)
-            raise
-
-    def _received(self, made: Runs) -> Runs:
-        """Keep runs that were made, in the store and here; with the failures of the transform."""
-        if self.cache is not None:
-            self.cache.add(made)
-        judged = self._judged(made)
-        self.fresh += len(judged) - len(judged.failures)
-        self._memory.keep(judged.keys(), judged)
-        return judged
-
-    def _judged(self, runs: Runs) -> Runs:
-        """Runs have failed that lack a value which is measured, or that the transform cannot take.
-
-        A store may have such runs: another study does not measure it, or does not transform it.
-        """
-        form = self._form.some(runs.case)
-        lost = form.missing(self._served.transformed(runs.outcome)) & ~runs.empty[:, None]
-        if not np.any(lost):
-            return runs
-        outcome, failures = runs.outcome.copy(), dict(runs.failures)
-        for run in np.unique(np.nonzero(lost)[0]).tolist():
-            column = int(np.argmax(lost[run]))
-            value = runs.outcome[run, column]
-            why = self._served.responses[column % len(form.responses)].transform.fault(value)
-            fault = form.fault(run, column, value) + (f": {why}" if why else "")
-            failures[run] = Failure(fault, kind=NOT_FINITE)
-            outcome[run] = np.nan
-        return replace(runs, outcome=outcome, failures=failures)
+    def _making(self, missing: Sequence[bytes], asked: int) -> closing[Generator[Runs, None, None]]:
+        """The missing ones of so many runs as they are made."""
+        progress = RunProgress(self.progress, len(missing), asked - len(missing))
+        return closing(self._workshop.make(missing, progress))
 
     def _too_many(self, before: int, most: float) -> bool:
         """Whether there are failures more than `before`, and all are too large a share of runs."""

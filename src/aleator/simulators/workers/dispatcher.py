@@ -6,15 +6,14 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import replace
 
 from aleator.errors import AleatorError, SimulatorError
-from aleator.simulators.cases import Cases
+from aleator.simulators.bound import Bound
 from aleator.simulators.failure import WorkerLost, describe
-from aleator.simulators.form import Form
 from aleator.simulators.protocol import Simulator
 from aleator.simulators.runs import Failure, Runs
 from aleator.simulators.workers.batch import make, make_packed
@@ -31,25 +30,23 @@ LISTENING = 0.2
 """Seconds after which a note of Ctrl-C is looked for."""
 
 
-def made_here(
-    simulator: Simulator, cases: Cases, parameters: Sequence[str], form: Form, asked: Runs
-) -> Iterator[Runs]:
+def made_here(bound: Bound, asked: Runs) -> Iterator[Runs]:
     """Make runs in this process; they are yielded as they are done, in their order.
-
-    `form` says of each case what a run of it returns.
 
     >>> import numpy as np
     >>> from aleator.simulators.function import FunctionSimulator
     >>> half = FunctionSimulator(lambda x: x / 2, vectorized=True)
     >>> asked = Runs.asked(np.zeros(2, int), np.array([[1.0], [4.0]]))
-    >>> whole = made_here(half, Cases.of({}, 1), ["x"], Form(), asked)
-    >>> [made.outcome.tolist() for made in whole]
+    >>> from aleator.simulators.cases import Cases
+    >>> bound = Bound(half, Cases.of({}, 1), ("x",))
+    >>> [made.outcome.tolist() for made in made_here(bound, asked)]
     [[[0.5], [2.0]]]
     """
-    most, done = max(simulator.block, MOST_HERE), 0
+    most, done = max(bound.simulator.block, MOST_HERE), 0
     while done < len(asked):
         batch = asked.some(slice(done, done + most))
-        made = make(simulator, cases.at(batch.case), parameters, form.some(batch.case), batch, HERE)
+        some = bound.cases.at(batch.case), bound.parameters, bound.form.some(batch.case)
+        made = make(bound.simulator, *some, batch, HERE)
         yield made
         if made.stopped:
             raise made.stopped
@@ -69,18 +66,10 @@ class Dispatcher:
     there.
     """
 
-    def __init__(
-        self,
-        simulator: Simulator,
-        cases: Cases,
-        parameters: Sequence[str],
-        form: Form,
-        executor: Executor,
-    ) -> None:
-        self._simulator, self._cases, self._parameters = simulator, cases, tuple(parameters)
-        self._form = form
+    def __init__(self, bound: Bound, executor: Executor) -> None:
+        self._bound, self._simulator = bound, bound.simulator
         self._executor = executor
-        self._parcel = _packed(simulator)
+        self._parcel = _packed(bound.simulator)
         self._running: dict[Future[Runs], Runs] = {}
         self._waiting: deque[Runs] = deque()
         self._suspect: list[Runs] = []
@@ -144,10 +133,9 @@ class Dispatcher:
         return runs.some(slice(size))
 
     def _submit(self, batch: Runs) -> None:
-        future = self._executor.submit(
-            make_packed, self._parcel, self._cases.at(batch.case), self._parameters,
-            self._form.some(batch.case), batch, 2.0 * BATCH,
-        )  # fmt: skip
+        bound = self._bound
+        some = bound.cases.at(batch.case), bound.parameters, bound.form.some(batch.case)
+        future = self._executor.submit(make_packed, self._parcel, *some, batch, 2.0 * BATCH)
         self._running[future] = batch
 
     def _completed(self) -> Iterator[Runs]:
