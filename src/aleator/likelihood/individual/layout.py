@@ -8,7 +8,7 @@ import numpy as np
 
 from aleator.types import Array, Indices
 
-BLOCK = 2_000_000
+BLOCK = 400_000
 """Simulated values that are held at once."""
 GROUP = 10
 """Experiments next to each other that a sample of them takes together."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.individual import Individual
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual.layout import Block, Layout
-from aleator.likelihood.individual.modes import Modes, modes
+from aleator.likelihood.individual.modes import ARRIVED, NEAR, Modes, modes
 from aleator.likelihood.individual.predictor import Predictor
 from aleator.likelihood.individual.rule import GaussHermite
 from aleator.observations.errors import MeasurementErrors, Terms
@@ -106,13 +107,17 @@ class IndividualLikelihood:
         """The totals (A,) at alphas (A, K), nodes held."""
         return np.array([self.evaluate(alpha).total for alpha in np.asarray(alphas)])
 
-    def adapted(self, alpha: Array) -> IndividualLikelihood:
-        """The same with nodes adapted to alpha: about each mode, as wide as its curvature says."""
+    def adapted(self, alpha: Array, arrived: float = ARRIVED) -> IndividualLikelihood:
+        """The same with nodes adapted to alpha: about each mode, as wide as its curvature says.
+
+        Modes are found to `arrived` in log-density.
+        """
         if not self.inputs.scattering:
             return self
         found = Modes(self.nodes.mode.copy(), self.nodes.information.copy())
         for block in self.blocks:
-            own = self._modes(alpha, block)
+            start = self._best_start(alpha, block)
+            own = modes(partial(self._curved, alpha, block), start, arrived)
             found.z[block.experiments] = own.z
             found.information[block.experiments] = own.information
         return replace(self, nodes=_placed(found, self.rule))
@@ -147,9 +152,6 @@ class IndividualLikelihood:
 
     def _terms(self, alpha: Array, block: Block, eta: Array) -> Terms:
         return self.errors.terms(alpha[self.inputs.size :], eta, block.rows)
-
-    def _modes(self, alpha: Array, block: Block) -> Modes:
-        return modes(lambda z: self._curved(alpha, block, z), self._best_start(alpha, block))
 
     def _best_start(self, alpha: Array, block: Block) -> Array:
         """Of the last modes and of points all about, the most likely of each experiment."""
@@ -192,7 +194,7 @@ class Following:
         return np.array([self._adapted(a).evaluate(a).total for a in np.asarray(alphas)])
 
     def _adapted(self, alpha: Array) -> IndividualLikelihood:
-        found = self._last.adapted(alpha)
+        found = self._last.adapted(alpha, NEAR)
         if np.all(np.isfinite(found.nodes.mode)):
             self._last = found
         return found

@@ -11,6 +11,8 @@ from aleator.types import Array
 
 ARRIVED = 1e-6
 """A Newton step that gains less than this in log-density is the last."""
+NEAR = 1e-2
+"""... where nodes only have to lie about the mode, within a seventh of its width."""
 STEPS = 30
 LEAST = 0.1
 """Damping below this, over the information, is none."""
@@ -33,7 +35,7 @@ class Modes:
     information: Array
 
 
-def modes(log_density: Curved, start: Array) -> Modes:
+def modes(log_density: Curved, start: Array, arrived: float = ARRIVED) -> Modes:
     """Climb from start (B, s) by Gauss-Newton steps, all experiments in one batch.
 
     Levenberg's damping, raised where a step does not gain, lowered where it does. Ends, without an
@@ -48,7 +50,7 @@ def modes(log_density: Curved, start: Array) -> Modes:
         damped = information * (1.0 + damping[:, None, None] * unit)
         step = np.linalg.solve(damped, gradient[..., None])[..., 0]
         gain = 0.5 * np.sum(gradient * step, axis=1)
-        open_ = gain > ARRIVED
+        open_ = gain > arrived
         if not np.any(open_):
             break
         trial = np.clip(z + step * open_[:, None], -FARTHEST, FARTHEST)
