@@ -84,6 +84,17 @@ class Individual:
         return model.score(self.alpha, by_values, self.experiments)
 
 
+def variates_of(inputs: Inputs, alpha: Array, x: Array, experiments: slice) -> Array:
+    """The variates xi (B, s) whose image the parameters x (B, n) are; not finite beyond a law.
+
+    The inverse of `Individual.of`: xi = L^-1 theta with theta the normal scores of x.
+    """
+    laws, values = list(inputs.laws.values()), inputs.values(alpha, experiments)
+    theta = [laws[i].normal_score(values[i], x[:, i, None])[:, 0] for i in inputs.scattered]
+    mixing = _mixing(inputs, alpha)[0]
+    return np.asarray(np.linalg.solve(mixing, np.array(theta)).T)
+
+
 def _mixing(inputs: Inputs, alpha: Array) -> tuple[Array, Array]:
     """L (s, s) of theta = L xi over all scattering parameters, and dL/d partial (s, s, p)."""
     s, members = inputs.scattering, list(inputs.correlation.members)

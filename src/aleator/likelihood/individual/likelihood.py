@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from aleator.densities import Status
 from aleator.laws.hyperparameter import Hyperparameter
-from aleator.laws.individual import Individual
+from aleator.laws.individual import Individual, variates_of
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual.layout import Block, Layout
-from aleator.likelihood.individual.modes import ARRIVED, NEAR, Modes, modes
+from aleator.likelihood.individual.modes import ARRIVED, FARTHEST, NEAR, Modes, modes
 from aleator.likelihood.individual.predictor import Predictor
 from aleator.likelihood.individual.rule import GaussHermite
 from aleator.observations.errors import MeasurementErrors, Terms
@@ -28,6 +28,7 @@ AROUND = (-2.0, -1.0, 1.0, 2.0)
 class Nodes:
     """Standard normal variates xi (N, J, s) of each experiment, log weights (N, J), modes (N, s).
 
+    `x` (N, n) are the modes as parameters, under the alpha to which the nodes are adapted.
     int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j).
     """
 
@@ -35,6 +36,7 @@ class Nodes:
     log_weight: Array
     mode: Array
     information: Array
+    x: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,12 +117,14 @@ class IndividualLikelihood:
         if not self.inputs.scattering:
             return self
         found = Modes(self.nodes.mode.copy(), self.nodes.information.copy())
+        x = np.zeros((self.count, len(self.inputs.names)))
         for block in self.blocks:
             start = self._best_start(alpha, block)
             own = modes(partial(self._curved, alpha, block), start, arrived)
             found.z[block.experiments] = own.z
             found.information[block.experiments] = own.information
-        return replace(self, nodes=_placed(found, self.rule))
+            x[block.experiments] = self._individual(alpha, block, own.z[:, None]).x[:, 0]
+        return replace(self, nodes=replace(_placed(found, self.rule), x=x))
 
     def sampled(self, size: int) -> IndividualLikelihood:
         """That of about so many of the experiments, spread evenly; the others count as nothing."""
@@ -129,7 +133,8 @@ class IndividualLikelihood:
     def by(self, rule: GaussHermite) -> IndividualLikelihood:
         """The same with other nodes about the same modes."""
         found = Modes(self.nodes.mode, self.nodes.information)
-        return replace(self, rule=rule, nodes=_placed(found, rule))
+        nodes = replace(_placed(found, rule), x=self.nodes.x)
+        return replace(self, rule=rule, nodes=nodes)
 
     @property
     def continued(self) -> Following:
@@ -154,12 +159,27 @@ class IndividualLikelihood:
         return self.errors.terms(alpha[self.inputs.size :], eta, block.rows)
 
     def _best_start(self, alpha: Array, block: Block) -> Array:
-        """Of the last modes and of points all about, the most likely of each experiment."""
+        """Of the last modes, as variates and as parameters, and of points all about: the likeliest.
+
+        Where the observations tell more than the law, it is the parameters that stay.
+        """
         s, last = self.inputs.scattering, self.nodes.mode[block.experiments]
         around = np.concatenate([np.zeros((1, s)), *(reach * np.eye(s) for reach in AROUND)])
-        trial = np.concatenate([last[:, None], np.tile(around, (len(last), 1, 1))], axis=1)
+        around = np.tile(around, (len(last), 1, 1))
+        again = self._again(alpha, block, last)
+        trial = np.concatenate([last[:, None], again[:, None], around], axis=1)
         value = self._sums(alpha, block, trial) - 0.5 * np.sum(trial**2, axis=2)
         return np.asarray(trial[np.arange(len(last)), np.argmax(value, axis=1)])
+
+    def _again(self, alpha: Array, block: Block, last: Array) -> Array:
+        """The variates (B, s) under alpha of the parameters that the last modes were."""
+        if self.nodes.x is None:
+            return last
+        with np.errstate(all="ignore"):
+            own, x = alpha[: self.inputs.size], self.nodes.x[block.experiments]
+            found = variates_of(self.inputs, own, x, block.experiments)
+        fine = np.all(np.abs(found) < FARTHEST, axis=1, keepdims=True)
+        return np.where(fine, found, last)
 
     def _curved(self, alpha: Array, block: Block, z: Array) -> tuple[Array, Array, Array]:
         """The log-density of variates z (B, s) given the observations; Gauss-Newton curvature."""
