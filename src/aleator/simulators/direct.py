@@ -27,7 +27,7 @@ class Direct:
     arrays; `find_arrays` finds out whether it may be.
 
     >>> inverse = FunctionSimulator(lambda x: 1.0 / x, vectorized=True)
-    >>> from aleator.simulators.bound import Bound
+    >>> from aleator.simulators.cases import Cases
     >>> direct = Direct(Bound(inverse, Cases.of({}, 1), ("x",)))
     >>> direct(np.array([0, 0]), np.array([[2.0], [0.0]])).tolist()
     [[0.5], [inf]]
