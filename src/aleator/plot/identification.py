@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom, kstwo
 
+from aleator.plot import individual
 from aleator.plot.style import (
     BLACK,
     BLUE,
@@ -90,13 +91,15 @@ def calibration_figure(result: Document) -> Figure:
     bin of a uniform sample has in 95 % of all samples (binomial). Right its cumulative
     distribution minus that of the uniform law, with the band that holds the whole curve in 95 % of
     all uniform samples (Kolmogorov). Both are a little wide, for the law was fitted to the same
-    outcomes. Raises AleatorError where matplotlib is not installed.
+    outcomes. Of experiments with several observations these are shown, each given the earlier ones
+    of its experiment. Raises AleatorError where matplotlib is not installed.
 
     >>> ten = [{"id": k, "pit": (k + 0.5) / 10} for k in range(10)]
     >>> [axes.get_ylabel() for axes in calibration_figure({"experiments": ten}).axes]
     ['experiments', 'cumulative share − uniform']
     """
-    pit = _numbers(experiment["pit"] for experiment in result["experiments"])
+    what = "observations" if result.get("observations") else "experiments"
+    pit = _numbers(entry["pit"] for entry in result[what])
     pit = np.sort(pit[np.isfinite(pit)])
     with styled():
         figure = _figure(result, height=3.9)
@@ -105,23 +108,34 @@ def calibration_figure(result: Document) -> Figure:
             _draw_histogram(histogram, pit)
             _draw_cumulative(cumulative, pit)
         histogram.set_title("Each bin and its 95 % range")
-        histogram.set_ylabel("experiments")
+        histogram.set_ylabel(what)
         cumulative.set_title("The whole curve and its 95 % band")
         cumulative.set_ylabel("cumulative share − uniform")
         for axes in (histogram, cumulative):
             axes.set_xlim(0.0, 1.0)
-            axes.set_xlabel("predicted probability of a smaller outcome")
-        _explain_calibration(figure)
+            axes.set_xlabel(
+                "probability of a smaller value, given the earlier ones"
+                if what == "observations"
+                else "predicted probability of a smaller outcome"
+            )
+        _explain_calibration(figure, what)
     return figure
 
 
 def save_figures(result: Document, directory: str | Path) -> list[Path]:
     """Write experiments.png and calibration.png into a folder, which is made if need be.
 
+    With individual parameters parameters.png too.
     Returns the paths written. The bytes depend on nothing but the document and the version of
     matplotlib. Raises AleatorError where matplotlib is not installed or a file cannot be written.
     """
     figures = {"experiments": experiments_figure, "calibration": calibration_figure}
+    if result.get("observations"):
+        figures = {
+            "experiments": individual.experiments_figure,
+            "parameters": individual.parameters_figure,
+            "calibration": calibration_figure,
+        }
     return [
         save_figure(draw(result), Path(directory) / f"{name}.png") for name, draw in figures.items()
     ]
@@ -295,14 +309,14 @@ def _draw_cumulative(axes: Axes, pit: Array) -> None:
     axes.plot(ends, np.repeat(share, 2) - ends, color=_MEDIAN, lw=1.4)
 
 
-def _explain_calibration(figure: Figure) -> None:
+def _explain_calibration(figure: Figure, what: str) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     _legend(
         figure,
         [
-            Patch(color=_NARROW, lw=0.0, label="experiments"),
+            Patch(color=_NARROW, lw=0.0, label=what),
             Line2D([], [], color=_UNKNOWN, lw=1.0, ls=_DASHES, label="uniform: the law is right"),
             Patch(color=_BAND, lw=0.0, label="95 % of all uniform samples"),
         ],

@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from aleator.report import individual
 from aleator.report.rows import Rows, written
 from aleator.tasks.results.layout import Column
 from aleator.tasks.results.printed import (
@@ -40,6 +41,7 @@ def render(result: Result, files: Sequence[str] = ()) -> RenderableType:
         _alpha(result),
         _log_likelihood(result),
         _densities(result),
+        individual.shrinkage(result) if individual.is_individual(result) else None,
         _worst(result),
         _effort(result),
         *_warnings(result),
@@ -90,21 +92,24 @@ def _opening(result: Result) -> RenderableType:
     free = sum(not entry.get("fixed") for entry in alpha.values())
     search = result.get("search") or {}
     starts = f", best of {search['starts']} starts" if search.get("starts", 0) > 1 else ""
-    title = Text(result.get("title") or "Identification", style="bold")
+    way = (
+        f" with {individual.opening(result)}"
+        if individual.is_individual(result)
+        else f" by maximum likelihood: {_words(result.get('density'))} density, propagation by "
+        f"{_words(result.get('propagation'))}"
+    )
     return Group(
-        title,
+        Text(result.get("title") or "Identification", style="bold"),
         Text(
             f"{_count(free, 'hyperparameter')} identified from "
-            f"{_count(len(result['experiments']), 'experiment')} by maximum likelihood: "
-            f"{_words(result.get('density'))} density, propagation by "
-            f"{_words(result.get('propagation'))}{starts}, seed {result.get('seed', NONE)}."
-            f"{_logarithm(result)}"
+            f"{_count(len(result['experiments']), 'experiment')}{way}{starts}, "
+            f"seed {result.get('seed', NONE)}.{_logarithm(result)}"
         ),
     )
 
 
 def _logarithm(result: Result) -> str:
-    if result.get("transform") != "log":
+    if result.get("transform") != "log" or individual.is_individual(result):
         return ""
     name = result["outcome"]
     return (
@@ -160,7 +165,9 @@ def _log_likelihood(result: Result) -> RenderableType:
 def _values(result: Result) -> Iterator[tuple[str, str, str]]:
     """The log-likelihoods of the answer and of simpler ones: name, value, what it is."""
     found = result["log_likelihood"]
-    yield "estimated", to_three(found.get("estimated")), "by the densities at alpha"
+    how = "" if individual.is_individual(result) else "by the densities at alpha"
+    yield "estimated", to_three(found.get("estimated")), how
+    yield from individual.likelihoods(result)
     if found.get("verified") is not None:
         error = number(found.get("verified_standard_error"), 2)
         yield "verified", to_three(found["verified"]), f"+- {error}, Monte Carlo on the simulator"
@@ -216,6 +223,9 @@ def _densities(result: Result) -> RenderableType | None:
 
 
 def _worst(result: Result) -> RenderableType | None:
+    if individual.is_individual(result):
+        return individual.worst(result)
+
     def surprise(experiment: Mapping[str, Any]) -> tuple[bool, float, float]:
         pit, log_density = experiment.get("pit"), experiment.get("log_density")
         solved = experiment.get("status") == "solved" and pit is not None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +9,10 @@ from aleator.densities import Status
 from aleator.inference.diagnostics.individual import review_individual
 from aleator.likelihood.individual import IndividualParameters, individual_parameters
 from aleator.tasks.individual.answer import Answer, Question
+from aleator.tasks.individual.calibration import sequential_pit
+from aleator.tasks.individual.curves import law_curves
+from aleator.tasks.individual.observed import observation_reports
+from aleator.tasks.ledger import Ledger
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.summary import (
     estimates_of,
@@ -18,34 +20,30 @@ from aleator.tasks.results.summary import (
     search_of,
     versions,
 )
-from aleator.tasks.results.values import (
-    IndividualReport,
-    LogLikelihoodReport,
-    ObservationReport,
-)
+from aleator.tasks.results.values import IndividualReport, LogLikelihoodReport
 from aleator.types import Array
 
 
 def assembled(
     question: Question,
     answer: Answer,
-    *,
-    seconds: Mapping[str, float],
-    runs_by_stage: Mapping[str, int],
+    ledger: Ledger,
 ) -> Identification:
     """The Identification of an answer."""
     end, found, inference, profile = answer.settled, answer.found, answer.inference, answer.profile
     alpha, table, inputs = end.alpha, question.table, end.likelihood.inputs
     hyperparameters = end.likelihood.hyperparameters
     at = end.likelihood.evaluate(alpha)
-    individual = individual_parameters(end.likelihood, alpha)
+    with ledger.stage("individual parameters"):
+        individual = individual_parameters(end.likelihood, alpha)
+        pit = sequential_pit(end.likelihood, alpha, table.observations)
     warnings, accepted = review_individual(
         at, alpha, hyperparameters, inference, profile, end.gap, table.ids
     )
     names = inputs.names
     return Identification(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
-        log_likelihood=_log_likelihood(at.total, answer),
+        log_likelihood=LogLikelihoodReport(at.total, None, None),
         density="individual_integral",
         propagation="direct" if answer.surfaces is None else "response_surface",
         accepted=accepted,
@@ -56,28 +54,31 @@ def assembled(
         search=search_of(found, inference, hyperparameters),
         surface=None,
         baselines=_baselines(answer, names),
-        runs=sum(runs_by_stage.values()),
-        runs_by_stage=runs_by_stage,
-        seconds={**seconds, "total": sum(seconds.values())},
+        runs=sum(ledger.runs.values()),
+        runs_by_stage=ledger.runs,
+        seconds={**ledger.seconds, "total": sum(ledger.seconds.values())},
         seed=question.seed,
         versions=versions(),
         outcome=", ".join(response.name for response in table.observations.responses),
-        observations=_observations(question, individual),
+        transform=table.transform,
+        observations=observation_reports(
+            table,
+            end.likelihood,
+            alpha,
+            individual,
+            tuple(question.runner.cases.columns),
+            pit,
+        ),
         shrinkage={
             name: float(value)
             for name, value in zip(names, individual.shrinkage, strict=True)
             if np.isfinite(value)
         },
+        quadrature={"nodes": end.likelihood.nodes.xi.shape[1], "gap": end.gap},
+        responses={r.name: str(r.transform) for r in table.observations.responses},
+        law_curves=law_curves(inputs, alpha, len(table.ids)),
         parameter_correlations=parameter_correlations_of(inputs, alpha, hyperparameters, inference),
     )
-
-
-def _log_likelihood(total: float, answer: Answer) -> LogLikelihoodReport:
-    """Without surfaces the estimate is on the simulator itself, and errs by its nodes only."""
-    if answer.surfaces is not None:
-        return LogLikelihoodReport(total, None, None)
-    gap = answer.settled.gap
-    return LogLikelihoodReport(total, total + gap, abs(gap))
 
 
 def _individuals(
@@ -100,21 +101,6 @@ def _individuals(
             status=Status(int(status[l])).name.lower(),
         )
         for l in range(len(ids))
-    )
-
-
-def _observations(question: Question, found: IndividualParameters) -> tuple[ObservationReport, ...]:
-    table, seen = question.table, question.table.observations
-    return tuple(
-        ObservationReport(
-            id=table.ids[seen.experiment[k]],
-            row=int(seen.row[k]) + 1,
-            response=seen.responses[seen.response[k]].name,
-            lower=float(seen.lower[k]) if np.isfinite(seen.lower[k]) else None,
-            upper=float(seen.upper[k]) if np.isfinite(seen.upper[k]) else None,
-            predicted=float(found.predicted[k]),
-        )
-        for k in range(seen.experiment.size)
     )
 
 

@@ -54,4 +54,4 @@ def identified(
         inputs = inputs.resolved(covariates(table, inputs.covariates))
     question = Question(runner, table, inputs, errors, surfaces, search, seed)
     answer = answered(question, ledger)
-    return assembled(question, answer, seconds=ledger.seconds, runs_by_stage=ledger.runs)
+    return assembled(question, answer, ledger)

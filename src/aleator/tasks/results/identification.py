@@ -84,6 +84,9 @@ class Identification:
     density_distances: tuple[DensityDistance, ...] = ()
     observations: tuple[ObservationReport, ...] = ()
     shrinkage: Mapping[str, float] = field(default_factory=dict)
+    quadrature: Mapping[str, float] | None = None
+    responses: Mapping[str, str] = field(default_factory=dict)
+    law_curves: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
     outcome: str = "outcome"
     transform: Transform = Transform.NONE
     session: Session = field(default=NO_SESSION, compare=False)
@@ -189,8 +192,11 @@ class Identification:
             "surface": None if self.surface is None else dict(self.surface),
             "baselines": dict(self.baselines),
             "experiments": [_experiment(e) for e in self.experiments],
-            "observations": [dict(vars(o)) for o in self.observations],
+            "observations": [_experiment(o) for o in self.observations],
             "shrinkage": dict(self.shrinkage),
+            "quadrature": None if self.quadrature is None else dict(self.quadrature),
+            "responses": dict(self.responses),
+            "law_curves": {name: dict(curve) for name, curve in self.law_curves.items()},
             "seed": self.seed,
             "versions": dict(self.versions),
             "seconds": dict(self.seconds),
@@ -202,7 +208,7 @@ def _estimate(value: Estimate) -> dict[str, Any]:
     return {**vars(value), "interval": interval}
 
 
-def _experiment(report: ExperimentReport | IndividualReport) -> dict[str, Any]:
+def _experiment(report: ExperimentReport | IndividualReport | ObservationReport) -> dict[str, Any]:
     return {k: dict(v) if isinstance(v, Mapping) else v for k, v in vars(report).items()}
 
 

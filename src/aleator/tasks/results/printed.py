@@ -86,10 +86,19 @@ def verdict(document: Document) -> str:
     'NOT accepted: do not use alpha before the warnings are dealt with (search, check).'
     """
     if document["accepted"]:
-        return f"Accepted: the search converged, every density was solved{_checked(document)}."
+        return f"Accepted: {_reasons(document)}."
     about = dict.fromkeys(str(entry["about"]) for entry in document.get("warnings") or [])
     named = f" ({', '.join(about)})" if about else ""
     return f"NOT accepted: do not use alpha before the warnings are dealt with{named}."
+
+
+def _reasons(document: Document) -> str:
+    if not document.get("observations"):
+        return f"the search converged, every density was solved{_checked(document)}"
+    what = "the search converged, and more nodes do not change the answer"
+    if document["propagation"] == "direct":
+        return f"{what}; the simulator itself was integrated over"
+    return f"{what}; not verified on the simulator beyond the surfaces' own errors"
 
 
 def _checked(document: Document) -> str:
@@ -112,7 +121,7 @@ def text(document: Document) -> str:
         sentences += [f"Warning, {warning['about']}: {warning['message']}"]
         sentences += [f"  Remedy: {warning['remedy']}"] if warning["remedy"] else []
     folded = [textwrap.fill(line, WIDTH) for line in (*sentences, verdict(document))]
-    return "\n".join([_head(document), *head, *body, *folded])
+    return "\n".join([textwrap.fill(_head(document), WIDTH), *head, *body, *folded])
 
 
 def html(document: Document) -> str:
@@ -137,9 +146,11 @@ def html(document: Document) -> str:
 
 def _head(document: Document) -> str:
     free = sum(not entry["fixed"] for entry in document["alpha"].values())
+    seen = document.get("observations")
+    values = f" with {len(seen):,} observations" if seen else ""
     return (
-        f"{free} hyperparameters identified from {len(document['experiments'])} experiments, "
-        f"{document['runs']:,} runs of the simulator"
+        f"{free} hyperparameters identified from {len(document['experiments'])} experiments"
+        f"{values}, {document['runs']:,} runs of the simulator"
     )
 
 

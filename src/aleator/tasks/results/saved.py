@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,9 @@ from aleator.tasks.results.session import Session
 from aleator.tasks.results.values import (
     Estimate,
     ExperimentReport,
+    IndividualReport,
     LogLikelihoodReport,
+    ObservationReport,
     ParameterCorrelation,
     in_order,
 )
@@ -98,7 +100,7 @@ def from_document(document: Entry, path: str | Path) -> Identification:
                 "identify again to write it anew",
             ) from None
 
-    experiments = part("experiments", lambda rows: tuple(map(_experiment, rows)))
+    experiments = part("experiments", lambda rows: tuple(map(_any_experiment, rows)))
     return Identification(
         outcome=part("outcome", str, "outcome"),
         transform=part("transform", Transform, "none"),
@@ -126,6 +128,11 @@ def from_document(document: Entry, path: str | Path) -> Identification:
                 ParameterCorrelation(**{**row, "between": tuple(row["between"])}) for row in rows
             ),
         ),
+        observations=part("observations", lambda rows: tuple(map(_observation, rows))),
+        shrinkage=part("shrinkage", dict, {}),
+        quadrature=part("quadrature", lambda row: None if row is None else dict(row), None),
+        responses=part("responses", dict, {}),
+        law_curves=part("law_curves", dict, {}),
         density_distances=part(
             "density_distances",
             lambda rows: tuple(DensityDistance(**_numbers(row)) for row in rows),
@@ -143,22 +150,43 @@ def _numbers(row: Entry) -> dict[str, Any]:
     return {key: math.nan if value is None else value for key, value in row.items()}
 
 
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _any_experiment(row: Entry) -> ExperimentReport | IndividualReport:
+    return _individual(row) if "observations" in row else _experiment(row)
+
+
+def _individual(row: Entry) -> IndividualReport:
+    parts = {key: _numbers(row[key]) for key in ("mode", "mean", "sd")}
+    return IndividualReport(**{**row, **parts, "log_density": _log_density(row)})
+
+
+def _observation(row: Entry) -> ObservationReport:
+    numbers = {key: _number(row[key]) for key in ("predicted", "scale", "residual")}
+    return ObservationReport(**{**row, **numbers, "conditions": dict(row["conditions"])})
+
+
 def _experiment(row: Entry) -> ExperimentReport:
     maybe = {key: row.get(key) for key in ("surface_error", "verified")}
-    log_density = row["log_density"]
-    if log_density is None and row["status"] == OUTSIDE:
-        log_density = -math.inf
     whole = {**_numbers(row), **maybe, "quantiles": _numbers(row["quantiles"])}
-    return ExperimentReport(
-        **{**whole, "log_density": math.nan if log_density is None else log_density}
-    )
+    return ExperimentReport(**{**whole, "log_density": _log_density(row)})
+
+
+def _log_density(row: Entry) -> float:
+    if row["log_density"] is None and row["status"] == OUTSIDE:
+        return -math.inf
+    return _number(row["log_density"])
 
 
 def _diagnostic(row: Entry) -> Diagnostic:
     return Diagnostic(**{**row, "concerns": tuple(row.get("concerns", ()))})
 
 
-def _log_likelihood(row: Entry, experiments: tuple[ExperimentReport, ...]) -> LogLikelihoodReport:
+def _log_likelihood(
+    row: Entry, experiments: Sequence[ExperimentReport | IndividualReport]
+) -> LogLikelihoodReport:
     estimated = row["estimated"]
     if estimated is None:
         estimated = sum(experiment.log_density for experiment in experiments)

@@ -105,7 +105,12 @@ class ObservationReport:
     """One measured value, and what was predicted for it under its experiment's individual law.
 
     `lower` and `upper` are equal where it was measured exactly, else the bounds that are known;
-    values are those that the likelihood sees. `row` counts the rows of the table from 1.
+    values are those that the likelihood sees. `row` counts the rows of the table from 1, and
+    `conditions` are those that vary within experiments. `scale` is that of the measurement error,
+    and `residual` the measured value minus the predicted one over it; of a censored value the
+    distance to its nearer bound, zero between them. `pit` is the probability of a smaller value
+    given the earlier observations of the same experiment: under the right law they are independent
+    and uniform. A censored value has a random one between those of its bounds.
     """
 
     id: str
@@ -114,6 +119,15 @@ class ObservationReport:
     lower: float | None
     upper: float | None
     predicted: float
+    scale: float
+    residual: float
+    conditions: Mapping[str, float | str]
+    pit: float | None = None
+
+    @property
+    def censored(self) -> bool:
+        """Whether only bounds of the value are known."""
+        return self.lower is None or self.lower != self.upper
 
 
 def in_order(

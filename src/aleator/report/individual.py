@@ -1,0 +1,131 @@
+"""The parts of a report that only experiments with individual parameters have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from statistics import fmean, pstdev
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from aleator.report.rows import Rows
+from aleator.tasks.results.layout import Column
+from aleator.tasks.results.printed import NONE, number
+
+Result = Mapping[str, Any]
+WORST = 3
+
+
+def is_individual(result: Result) -> bool:
+    """Whether a document is of experiments with individual parameters."""
+    return bool(result.get("observations"))
+
+
+def opening(result: Result) -> str:
+    """What was identified from what, and how: one sentence."""
+    seen = result["observations"]
+    bounded = sum(entry["lower"] is None or entry["lower"] != entry["upper"] for entry in seen)
+    known = f" ({bounded:,} of them bounds only)" if bounded else ""
+    return (
+        f"{len(seen):,} observations{known}, by maximum likelihood: integral over individual "
+        f"parameters, {_simulated(result)}"
+    )
+
+
+def _simulated(result: Result) -> str:
+    return "on the simulator itself" if result["propagation"] == "direct" else "on surfaces of it"
+
+
+def shrinkage(result: Result) -> RenderableType:
+    """How much the observations of single experiments say of their parameters."""
+    columns: Sequence[Column] = (
+        ("individual", "left"), ("shrinkage", "right"), ("means from .. to", "right"),
+        ("sd of the means", "right"), ("their own sd", "right"),
+    )  # fmt: skip
+    experiments = result["experiments"]
+    rows = []
+    for name, share in result["shrinkage"].items():
+        means = _finite(entry["mean"].get(name) for entry in experiments)
+        sds = _finite(entry["sd"].get(name) for entry in experiments)
+        if not means or not sds:
+            continue
+        rows.append(
+            (
+                name, f"{100 * share:.0f} %", f"{number(min(means))} .. {number(max(means))}",
+                number(pstdev(means), 3), number(fmean(sds), 3),
+            )
+        )  # fmt: skip
+    head = (
+        "Parameters of the experiments. Shrinkage: 0 % where the observations of an experiment "
+        "alone say what its own parameter is, 100 % where only the law does."
+    )
+    return Group(Text(head), Rows(columns, rows))
+
+
+def worst(result: Result) -> RenderableType | None:
+    """The observations that lie farthest from what the individual law predicts, in scales."""
+    seen = [entry for entry in result["observations"] if entry["residual"] is not None]
+    found = sorted(seen, key=lambda entry: -abs(entry["residual"]))[:WORST]
+    if not found:
+        return None
+    columns: Sequence[Column] = (
+        ("farthest from its prediction", "left"), ("measured", "right"), ("predicted", "right"),
+        ("error scale", "right"), ("off by", "right"),
+    )  # fmt: skip
+    rows = [
+        (
+            place(entry, len(result["responses"]) > 1), measured(entry),
+            number(entry["predicted"]), number(entry["scale"], 3), f"{entry['residual']:+.2f}",
+        )
+        for entry in found
+    ]  # fmt: skip
+    logs = [name for name, transform in result["responses"].items() if transform == "log"]
+    note = Text(f"Of {', '.join(logs)} the logarithms.") if logs else None
+    return Group(Rows(columns, rows), *([note] if note else []))
+
+
+def place(entry: Mapping[str, Any], several: bool) -> str:
+    """An observation by its experiment, its response where there are several, its conditions.
+
+    >>> place({"id": "308", "response": "y", "conditions": {"days": 3.0}}, False)
+    'experiment 308, days 3'
+    """
+    parts = [f"experiment {entry['id']}"]
+    parts += [str(entry["response"])] if several else []
+    parts += [
+        f"{name} {number(value) if isinstance(value, int | float) else value}"
+        for name, value in entry["conditions"].items()
+    ]
+    return ", ".join(parts)
+
+
+def measured(entry: Mapping[str, Any]) -> str:
+    """A value, or the bounds of one.
+
+    >>> measured({"lower": 1.0, "upper": None}), measured({"lower": 2.0, "upper": 2.0})
+    ('> 1', '2')
+    """
+    low, high = entry["lower"], entry["upper"]
+    if low == high:
+        return number(low)
+    if high is None:
+        return f"> {number(low)}"
+    return f"< {number(high)}" if low is None else f"{number(low)} .. {number(high)}"
+
+
+def likelihoods(result: Result) -> Iterator[tuple[str, str, str]]:
+    """How exact the integral is: name, value, words."""
+    found = result.get("quadrature")
+    if found:
+        gap = found["gap"]
+        yield (
+            "more nodes",
+            NONE if gap is None else f"{gap:+.3f}",
+            f"is what half as many nodes again change; {found['nodes']:.0f} an experiment are used",
+        )
+
+
+def _finite(values: Iterator[float | None]) -> list[float]:
+    return [value for value in values if value is not None and math.isfinite(value)]

@@ -1,0 +1,81 @@
+"""Whether the identified law and noise tell the truth: the probabilities of the observations."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aleator.likelihood.individual import IndividualLikelihood
+from aleator.likelihood.individual.layout import Block
+from aleator.likelihood.individual.likelihood import mean_of
+from aleator.observations.responses import Observations
+from aleator.tasks.individual.proposal import proposed
+from aleator.types import Array
+
+POINTS = 1024
+"""Points of the parameters of each experiment; fewer where there are many observations."""
+MOST = 20_000_000
+"""Simulated values that all probabilities may take."""
+FEWEST = 20.0
+"""Effective points below which a probability is not told."""
+IMPOSSIBLE = -1e5
+"""A logarithm of a density below this is as good as none."""
+SEED = 20
+
+
+def sequential_pit(likelihood: IndividualLikelihood, alpha: Array, seen: Observations) -> Array:
+    """P(y_k below what was measured | y_1, ..., y_(k-1), alpha) of the M observations, (M,).
+
+    Rosenblatt's transform (1952): under the right law the probabilities of all observations are
+    independent and uniform, however strongly those of an experiment depend on each other. A
+    censored value gets a random one between those of its bounds. By importance points of the
+    experiments' parameters, half of the law itself and half of the individual law; NaN where
+    hardly any is near.
+    """
+    rng = np.random.default_rng(SEED)
+    share = rng.random(len(seen))
+    found = np.full(len(seen), np.nan)
+    count = int(np.clip(MOST // len(seen), 2 * FEWEST, POINTS))
+    for block in likelihood.layout.blocks(count):
+        found[block.rows] = _of_block(likelihood, alpha, seen, block, share[block.rows], count)
+    return found
+
+
+def _of_block(
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    seen: Observations,
+    block: Block,
+    share: Array,
+    count: int,
+) -> Array:
+    nodes, rows = likelihood.nodes, block.rows
+    part = block.experiments
+    xi, log_weight = proposed(nodes.mode[part], nodes.information[part], count)
+    inputs, of_errors = likelihood.inputs, alpha[likelihood.inputs.size :]
+    with np.errstate(all="ignore"):
+        individual = inputs.individual(alpha[: inputs.size], xi, part)
+        eta = likelihood.predictor.values(block, individual.x)
+        terms = likelihood.errors.terms(of_errors, eta, rows).value
+        below = _cdf(likelihood, of_errors, seen.lower[rows], eta, rows)
+        above = _cdf(likelihood, of_errors, seen.upper[rows], eta, rows)
+    known = mean_of(_before(terms, block) + log_weight[block.owner])[1]
+    effective = 1.0 / np.maximum(np.sum(known**2, axis=1), 1e-300)
+    low, high = np.sum(known * below, axis=1), np.sum(known * above, axis=1)
+    return np.where(effective > FEWEST, low + share * (high - low), np.nan)
+
+
+def _before(terms: Array, block: Block) -> Array:
+    """The sums (m, J) of the terms of the same experiment before each observation."""
+    possible = np.where(np.isnan(terms), IMPOSSIBLE, np.maximum(terms, IMPOSSIBLE))
+    running = np.cumsum(possible, axis=0) - possible
+    return np.asarray(running - running[block.starts][block.owner])
+
+
+def _cdf(
+    likelihood: IndividualLikelihood, of_errors: Array, y: Array, eta: Array, rows: slice
+) -> Array:
+    """P(value <= y) (m, J) at eta (m, J); y may be infinite. No value where eta is none."""
+    inside = np.where(np.isfinite(y), y, 0.0)
+    found = likelihood.errors.cdf(of_errors, inside[:, None], eta, rows)
+    found = np.where(np.isfinite(y)[:, None], found, (y > 0.0)[:, None])
+    return np.where(np.isnan(found), 0.0, found)
