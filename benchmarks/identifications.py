@@ -64,7 +64,8 @@ def exactness_rows(what: str, found: Identification) -> list[Row]:
     if told.verified is None:
         return []
     gap = abs(told.estimated - told.verified)
-    worst = max(e.surface_error for e in found.experiments if e.surface_error is not None)
+    errors = [getattr(e, "surface_error", None) for e in found.experiments]
+    worst = max(error for error in errors if error is not None)
     return [
         Row(f"{what}: log-likelihood {told.estimated:.2f}, off the simulator's by", f"{gap:.2f}",
             f"target {TARGET_GAP}", gap / TARGET_GAP),
