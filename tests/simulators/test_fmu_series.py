@@ -244,6 +244,27 @@ def test_an_fmu_with_steps_of_one_length_is_interpolated(tmp_path: Path) -> None
     assert errors[1] > 0.0
 
 
+def test_a_solver_of_known_step_is_asked_at_the_ends_of_its_steps(
+    fmus: dict[int, Path], tmp_path: Path
+) -> None:
+    """Within its step it may answer with the last one; a straight line errs by second order."""
+    stepping = rewritten(
+        fmus[3],
+        tmp_path / "stepping.fmu",
+        'StepSize="true"',
+        'StepSize="true" fixedInternalStepSize="0.05"',
+    )
+    simulator = FMUSimulator(
+        stepping, Final("T"), course=Course(step=0.5), operation=HERE, series=True
+    )
+    between, ends = np.array([0.333, 1.0, 1.777]), np.array([0.3, 0.35, 0.5, 1.0, 1.5, 1.75, 1.8])
+    assert simulator.trajectory({"time": between}, {})["time"] == pytest.approx([0.0, *ends])
+    error = np.abs(simulator.sample({"time": between}, {})[:, 0] - cooled(1.0, between))
+    assert error[1] < 1e-9
+    assert np.all(error <= 0.05**2 / 8.0 * 100.0)
+    simulator.close()
+
+
 RAMP = Signal(np.array([0.0, 2.0]), np.array([300.0, 400.0]))
 JUMP = Signal(np.array([0.0, 0.777, 0.777, 5.0]), np.array([300.0, 300.0, 350.0, 350.0]))
 

@@ -64,7 +64,8 @@ class Variable:
 class Description:
     """An FMU's version, interfaces, defaults and variables by name.
 
-    `fixed_step` is true if the FMU cannot end a co-simulation on another than a whole step.
+    `fixed_step` is true if the FMU cannot end a co-simulation on another than a whole step;
+    `internal_step` (s) is that of the solver inside, where the FMU tells it.
     """
 
     file: Path
@@ -76,6 +77,7 @@ class Description:
     step: float | None
     tolerance: float | None
     fixed_step: bool
+    internal_step: float | None = None
 
     def variable(self, name: str, what: str) -> Variable:
         """The variable of this name; raises SimulatorError, with the nearest, if there is none."""
@@ -193,7 +195,7 @@ def _check_platform(file: Path, platforms: list[str], here: str) -> None:
 
 def _described(file: Path, version: str, kinds: tuple[Kind, ...], raw: Any) -> Description:
     experiment, slave = raw.defaultExperiment, raw.coSimulation
-    step = _number(getattr(slave, "fixedInternalStepSize", None))
+    internal = _number(getattr(slave, "fixedInternalStepSize", None))
     varying = slave is not None and slave.canHandleVariableCommunicationStepSize
     return Description(
         file=file,
@@ -202,9 +204,10 @@ def _described(file: Path, version: str, kinds: tuple[Kind, ...], raw: Any) -> D
         variables={v.name: _variable(v) for v in raw.modelVariables},
         start_time=_number(getattr(experiment, "startTime", None)),
         stop_time=_number(getattr(experiment, "stopTime", None)),
-        step=step or _number(getattr(experiment, "stepSize", None)),
+        step=internal or _number(getattr(experiment, "stepSize", None)),
         tolerance=_number(getattr(experiment, "tolerance", None)),
         fixed_step=not varying,
+        internal_step=internal,
     )
 
 

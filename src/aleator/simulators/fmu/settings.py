@@ -58,8 +58,9 @@ class Course:
                 )
             step = step if step is not None else (stop - start) / DEFAULT_POINTS
         tolerance = self.tolerance if self.tolerance is not None else fmu.tolerance
-        whole = kind == "co_simulation" and fmu.fixed_step
-        settled = Settled(kind, start, stop, step, tolerance, whole)
+        inside = kind == "co_simulation"
+        whole, internal = inside and fmu.fixed_step, fmu.internal_step if inside else None
+        settled = Settled(kind, start, stop, step, tolerance, whole, internal)
         settled.check(fmu)
         return settled
 
@@ -70,7 +71,7 @@ class Settled:
 
     A time that is a text is the condition that has it; a stop time may have several in a run, at
     which the FMU is sampled. Without a step it is a 500th of each run. `whole` says that steps have
-    one length.
+    one length, `internal` is the step of the solver in the FMU, where it is known.
     """
 
     kind: Kind
@@ -79,6 +80,7 @@ class Settled:
     step: float | None
     tolerance: float | None
     whole: bool = field(default=False, repr=False)
+    internal: float | None = field(default=None, repr=False)
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -146,7 +148,11 @@ class Settled:
         step = self.step or (stop - start) / DEFAULT_POINTS
         if self.whole:
             return Span(start, _whole_steps(start, stop, step), step, times)
-        return Span(start, stop, step, times, _points(start, stop, step, times))
+        placed = times
+        if self.internal is not None and isinstance(self.stop_time, str):
+            placed = _neighbours(start, self.internal, times)
+            stop = max(stop, float(np.max(placed)))
+        return Span(start, stop, step, times, _points(start, stop, step, placed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +180,16 @@ def _points(start: float, stop: float, step: float, times: Array) -> Array:
     points = np.unique(np.concatenate([between, steps, [stop]]))
     apart = np.append(~np.isclose(points[1:], points[:-1], rtol=CLOSE, atol=0.0), True)
     return points[apart & (points > start)]
+
+
+def _neighbours(start: float, step: float, times: Array) -> Array:
+    """The ends (2 m,) of the internal steps in which `times` (m,) are.
+
+    Between them an FMU may answer with what was at the last one, an error of first order.
+    """
+    steps = (times - start) / step
+    near = np.where(np.isclose(steps, np.round(steps), rtol=CLOSE), np.round(steps), steps)
+    return start + step * np.concatenate([np.floor(near), np.ceil(near)])
 
 
 def _whole_steps(start: float, stop: float, step: float) -> float:
