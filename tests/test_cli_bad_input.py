@@ -25,6 +25,8 @@ sd = {lower = 0.01, upper = 0.4}
 starts = 1
 """
 TABLE = "id,load,length\nA,1,0.93\nB,2,2.1\nC,3,3.2\nD,4,3.7\nE,5,5.4\n"
+CENSORED = "id,load,length,state\nA,1,0.93,\nB,2,,stop\nC,3,3.2,\n"
+TWO = "id,load,length,width\nA,1,0.93,1\nB,2,2.1,0\nC,3,3.2,1\n"
 MODEL = "def length(load, softness):\n    return load * softness\n"
 
 Change = Callable[[Path], None]
@@ -48,6 +50,18 @@ def study(old: str, new: str) -> Change:
     return edit("study.toml", old, new)
 
 
+def all_of(*changes: Change) -> Change:
+    def change(folder: Path) -> None:
+        for one in changes:
+            one(folder)
+
+    return change
+
+
+def noisy(section: str) -> Change:
+    return study("[search]", f"{section}\n[search]")
+
+
 def model(new: str) -> Change:
     return edit("model.py", "load * softness", new)
 
@@ -66,6 +80,30 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "text in a condition": (table("B,2", "B,two"), ["springs.csv: row 3, column 'load'", "'two'"]),
     "NaN": (table("3.2", "nan"), ["springs.csv: row 4, column 'length'", "'nan'"]),
     "blank": (table("3.2", ""), ["springs.csv: row 4, column 'length'"]),
+    "blank id": (table("C,", ","), ["springs.csv: row 4, column 'id'"]),
+    "censored without a bound": (
+        all_of(
+            lambda folder: (folder / "springs.csv").write_text(CENSORED) and None,
+            study('"length"\n', '"length"\ncensored = {column = "state", right = "stop"}\n'),
+            noisy("[noise]\nsd = 0.1"),
+        ),
+        ["springs.csv: row 3, column 'length' of experiment 'B'", "bound"],
+    ),
+    "response without noise": (
+        all_of(
+            lambda folder: (folder / "springs.csv").write_text(TWO) and None,
+            study('outcome = "length"', 'outcomes = ["length", "width"]'),
+            noisy("[noise.length]\nsd = 0.1"),
+        ),
+        ["study.toml: key 'noise'", "'width'"],
+    ),
+    "known sd of zero": (
+        all_of(
+            lambda folder: (folder / "springs.csv").write_text(TWO) and None,
+            noisy('[noise]\nsd = "width"'),
+        ),
+        ["springs.csv: row 3, column 'width'", "'B'"],
+    ),
     "semicolons": (
         lambda folder: (folder / "springs.csv").write_text(TABLE.replace(",", ";")) and None,
         ["springs.csv", 'delimiter = ";"'],

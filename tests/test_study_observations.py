@@ -27,11 +27,11 @@ sd = {lower = 0.01, upper = 1}
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "model.py").write_text("def growth(time, rate): return time * rate\n")
     (tmp_path / "wide.csv").write_text(
-        "plant,time,height,height_max,status,mass,mass_sd\n"
-        "B,1,1.1,,,5.0,0.1\n"
-        "A,1,0.9,1.0,,,\n"
-        "B,2,2.2,,Cut,6.0,0.2\n"
-        "A,2,2.0,,,7.0,0.1\n"
+        "plant,time,height,height_max,status,mass,mass_sd,spare\n"
+        "B,1,1.1,,,5.0,0.1,0.1\n"
+        "A,1,0.9,1.0,,,,\n"
+        "B,2,2.2,,Cut,6.0,0.2,0.1\n"
+        "A,2,2.0,,,7.0,0.1,0\n"
     )
     (tmp_path / "long.csv").write_text(
         "plant,time,what,value\nB,1,height,1.1\nB,1,mass,5\nA,2,mass,7\nA,2,height,2\n"
@@ -149,6 +149,18 @@ BAD = {
     "relative without limits": (
         WIDE, NOISES.replace("relative = 0.05", "relative = {lower = 0.1}"),
         ["'noise.height.relative'", "limit"],
+    ),
+    "a response without noise": (
+        WIDE, "[noise.height]\nsd = 1", ["'noise'", "'mass'"],
+    ),
+    "one noise for two responses": (WIDE, SD, ["'noise'", "[noise.height]"]),
+    "noise of nothing": (WIDE, NOISES + "[noise.mess]\nsd = 1", ["'mess'", "'mass'"]),
+    "no such column of sds": (
+        WIDE, NOISES.replace('"mass_sd"', '"mass_ds"'), ["'mass_ds'", "'mass_sd'"],
+    ),
+    "a known sd of zero": (
+        WIDE, NOISES.replace('"mass_sd"', '"spare"'),
+        ["wide.csv: row 5, column 'spare'", "experiment 'A'"],
     ),
     "kind of a response": (
         WIDE, NOISES.replace('"student_t"', '"student"'), ["'noise.mass.kind'", "'student_t'"],

@@ -84,13 +84,18 @@ class ResponseErrors:
     def curvature(self, values: Sequence[float], eta: Array, own: slice) -> Array:
         """-d2 log p/d eta2 (k, J), floored at zero.
 
-        In closed form for exact values whose scale does not depend on eta, else a difference.
+        In closed form where the scale does not depend on eta, for exact values and for normal
+        errors: p solves the heat equation dp/d scale = scale d2p/d eta2, so that the curvature is
+        (d log p/d eta)^2 - (d log p/d scale)/scale, for bounds too. Else a difference.
         """
         with np.errstate(all="ignore"):
             scale, model = self.scale(values, eta, own), self.model(values)
             if is_curved(model) and scale.d_eta is None and np.all(self._exact[own]):
                 # The floor takes the place of what is no number, too.
                 return np.fmax(model.curvature(self.upper[own], eta, scale.value), 0.0)
+            if self.noise.normal and scale.d_eta is None:
+                seen = self._seen(values, eta, own)[1]
+                return np.fmax(seen.d_eta**2 - seen.d_scale / scale.value, 0.0)
             step = STEP * scale.value
             above, below = (self._seen(values, eta + h, own)[1].d_eta for h in (step, -step))
             bent = (below - above) / (2.0 * step)

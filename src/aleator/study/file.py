@@ -26,6 +26,7 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.covariates import covariates
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.model import ObservationModel
 from aleator.observations.noise import Noise
@@ -233,12 +234,15 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     simulator = built(f"simulator.{file.simulator.kind}", file.simulator)
     if file.derived:
         simulator = made("derived", lambda: derived(simulator, file.derived))
+    experiments = table.read(folder, columns_of(errors))
+    if errors is not None:
+        made("noise", lambda: MeasurementErrors.of(errors, experiments))
     return Study(
         file=path,
         sha256=sha256,
         title=file.title,
         seed=file.seed,
-        experiments=table.read(folder, columns_of(errors)),
+        experiments=experiments,
         simulator=simulator,
         inputs=inputs,
         noise=errors,
