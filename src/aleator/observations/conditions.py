@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aleator.errors import ExperimentsError
-from aleator.observations import tables
+from aleator.observations import files, tables
 from aleator.observations.columns import Rows, rows_of
 from aleator.observations.responses import Observations, Response
 from aleator.observations.transform import Transform
@@ -122,7 +122,7 @@ class Conditions:
         Those named in `numbers` must be numbers; the others may be text.
         Raises ExperimentsError as Experiments.from_csv does.
         """
-        rows = rows_of(tables.read(path, delimiter, decimal), id, conditions, numbers=numbers)
+        rows = rows_of(files.read(path, delimiter, decimal), id, conditions, numbers=numbers)
         return cls._of(rows, Transform.named(transform), responses)
 
     @classmethod

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aleator.errors import ExperimentsError
-from aleator.observations import tables
+from aleator.observations import files, tables
 from aleator.observations.columns import Rows, rows_of
 from aleator.observations.conditions import Conditions as Conditions
 from aleator.observations.conditions import check_sizes
@@ -184,7 +184,7 @@ class Experiments:
         header is row 1), and for a file that is absent, empty, no text, or differently delimited.
         """
         outcomes = Outcomes(_names(outcome), response, transform, censored)
-        table = tables.read(path, delimiter, decimal)
+        table = files.read(path, delimiter, decimal)
         return cls._from_table(table, outcomes, id, conditions, beside)
 
     @classmethod

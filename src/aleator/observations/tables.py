@@ -1,19 +1,15 @@
-"""A delimited file or a data frame as cells that know their row and column.
+"""A table as cells that know their row and column.
 
-What is wrong with a cell is told with the file, the row as a spreadsheet counts it (the header is
-row 1, blank rows count), the column, the offending text and what to do about it.
+What is wrong with a cell is told with its place, the offending text and what to do about it.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,9 +20,7 @@ from aleator.errors import ExperimentsError, nearest
 if TYPE_CHECKING:
     import pandas as pd
 
-DELIMITERS = {",": "a comma", ";": "a semicolon", "\t": "a tab", "|": "a vertical bar"}
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-_KEY = {"\t": r"\t"}
 _MISSING = ("NAType", "NaTType")  # what pandas puts where there is nothing
 
 
@@ -76,8 +70,8 @@ class Table:
     def is_number(self, column: str) -> NDArray[np.bool_]:
         """Which of the N cells of a column are, or look like, finite numbers, bool (N,)."""
         cells = self.columns[column]
-        if isinstance(cells, np.ndarray):
-            return np.asarray(np.isfinite(cells))
+        if _at_once(cells, self.decimal) is not None:
+            return np.ones(len(self), dtype=bool)
         return np.array(
             [_number(cell, self.decimal)[1] == "" or _has_decimal_comma(cell) for cell in cells]
         )
@@ -100,8 +94,9 @@ class Table:
         Raises ExperimentsError with the place of the first cell that is not a finite number.
         """
         cells = self.columns[column]
-        if isinstance(cells, np.ndarray) and np.all(np.isfinite(cells)):
-            return cells.astype(np.float64)
+        found = _at_once(cells, self.decimal)
+        if found is not None:
+            return found
         numbers = np.empty(len(self.places))
         for row, cell in enumerate(cells):
             numbers[row], fault = _number(cell, self.decimal)
@@ -115,8 +110,9 @@ class Table:
         Raises ExperimentsError as `numbers` does for every other cell.
         """
         cells = self.columns[column]
-        if isinstance(cells, np.ndarray) and not np.any(np.isinf(cells)):
-            return cells.astype(np.float64)
+        found = _at_once(cells, self.decimal)
+        if found is not None:
+            return found
         numbers = np.full(len(self.places), np.nan)
         for row, cell in enumerate(cells):
             if _is_blank(cell):
@@ -140,6 +136,19 @@ class _Rows(Sequence[str]):
         return f"{self.source}: {self.places[row]}"
 
 
+def _at_once(cells: Sequence[object] | NDArray[Any], decimal: str) -> NDArray[np.float64] | None:
+    """The numbers of a column that is nothing but finite numbers, else None: columns are long."""
+    if not isinstance(cells, np.ndarray):
+        plain = decimal == "." and all(type(cell) is str and "_" not in cell for cell in cells)
+        if not plain:
+            return None
+    try:
+        numbers = np.array(cells, dtype=np.float64)
+    except ValueError:
+        return None
+    return numbers if np.all(np.isfinite(numbers)) else None
+
+
 def _number(cell: object, decimal: str) -> tuple[float, str]:
     """The number in a cell and "", or NaN and what is wrong with the cell."""
     if isinstance(cell, Real) and not isinstance(cell, (bool, np.bool_)):
@@ -152,11 +161,11 @@ def _number(cell: object, decimal: str) -> tuple[float, str]:
             # float() also takes 1_000, which is a slip of the pen in a table.
             number = math.nan if "_" in text else float(text.replace(decimal, "."))
         except ValueError:
-            return math.nan, f"'{_short(text)}' is not a number"
+            return math.nan, f"'{short(text)}' is not a number"
         if "_" in text:
-            return math.nan, f"'{_short(text)}' is not a number"
+            return math.nan, f"'{short(text)}' is not a number"
     if not math.isfinite(number):
-        return math.nan, f"'{_short(str(cell))}' is not a finite number"
+        return math.nan, f"'{short(str(cell))}' is not a finite number"
     return number, ""
 
 
@@ -171,7 +180,8 @@ def _text(cell: object) -> str:
     return "" if missing else str(cell).strip()
 
 
-def _short(text: str) -> str:
+def short(text: str) -> str:
+    """A text cut to forty characters."""
     return text if len(text) <= 40 else text[:37] + "..."
 
 
@@ -196,7 +206,7 @@ def from_frame(frame: pd.DataFrame) -> Table:
     """
     source = "the data frame"
     names = [str(name) for name in frame.columns]
-    _check_header(names, source)
+    check_header(names, source)
     if frame.empty:
         raise ExperimentsError(f"{source} has no rows", "give one row for each experiment")
     return Table(
@@ -223,116 +233,8 @@ class _Labels(Sequence[str]):
         return f"row {row + 1} (index {self.labels[row : row + 1].tolist()[0]!r})"
 
 
-def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
-    """Read a delimited text file (UTF-8 or UTF-16, with or without a byte order mark).
-
-    `delimiter` is one character, `decimal` is "." or ",". Rows without any text are skipped but
-    counted, and so are columns at the end that have neither a name nor a text.
-
-    Raises ExperimentsError for a file that is absent, empty, in another encoding or a workbook, for
-    a delimiter that is not the file's, rows of unequal length and a column name that appears twice.
-    """
-    if len(delimiter) != 1 or decimal not in (".", ",") or delimiter == decimal:
-        raise ExperimentsError(
-            f"{path}: delimiter {delimiter!r} with decimal {decimal!r} cannot be read",
-            'the delimiter is one character, the decimal sign "." or ",", and they differ',
-        )
-    source = str(path)
-    rows = _rows(_decoded(Path(path)), delimiter, source)
-    if not rows:
-        raise ExperimentsError(
-            f"{source}: the file is empty", "write a header and a row per experiment"
-        )
-    header = [name.strip() for name in rows[0][1]]
-    rows = rows[1:]
-    while (
-        header and not header[-1] and not any(_text("".join(r[len(header) - 1 :])) for _, r in rows)
-    ):
-        header.pop()
-        rows = [(number, row[: len(header)]) for number, row in rows]
-    _check_delimiter(header, delimiter, source)
-    _check_header(header, source)
-    _check_lengths(header, rows, delimiter, source)
-    if not rows:
-        raise ExperimentsError(
-            f"{source}: there is a header but no rows", "write one row for each experiment"
-        )
-    columns: dict[str, list[object]] = {
-        name: [row[k].strip() for _, row in rows] for k, name in enumerate(header)
-    }
-    return Table(source, columns, tuple(f"row {number}" for number, _ in rows), decimal)
-
-
-def _decoded(path: Path) -> str:
-    try:
-        raw = path.read_bytes()
-    except FileNotFoundError:
-        near = nearest(path.name, _names_beside(path))
-        raise ExperimentsError(
-            f"{path}: there is no such file{near}",
-            "check the name; it is relative to the study file",
-        ) from None
-    except OSError as error:
-        raise ExperimentsError(
-            f"{path}: the file cannot be read: {error.strerror}", "name a text file (CSV)"
-        ) from None
-    if raw.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        raise ExperimentsError(
-            f"{path}: this is a workbook, not a text file",
-            "save it as CSV UTF-8 and name that file",
-        )
-    encoding = "utf-16" if raw.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
-    try:
-        text = raw.decode(encoding)
-    except UnicodeDecodeError as error:
-        row = raw[: error.start].count(b"\n") + 1
-        raise ExperimentsError(
-            f"{path}: row {row} is not UTF-8 text (byte 0x{raw[error.start]:02x})",
-            "save the file with the encoding UTF-8 (in a spreadsheet: 'CSV UTF-8')",
-        ) from None
-    if "\0" in text:
-        row = text[: text.index("\0")].count("\n") + 1
-        raise ExperimentsError(
-            f"{path}: row {row} has a null character: this is not a text file",
-            "save it as CSV UTF-8",
-        )
-    return text
-
-
-def _names_beside(path: Path) -> Iterable[str]:
-    folder = path.parent
-    return sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else ()
-
-
-def _rows(text: str, delimiter: str, source: str) -> list[tuple[int, list[str]]]:
-    """The rows that hold any text, each with its number in a spreadsheet."""
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
-    rows = []
-    try:
-        for number, row in enumerate(reader, start=1):
-            if any(cell.strip() for cell in row):
-                rows.append((number, row))
-    except csv.Error as error:
-        raise ExperimentsError(
-            f"{source}: line {reader.line_num}: {error}", "check the quotation marks from there on"
-        ) from None
-    return rows
-
-
-def _check_delimiter(header: Sequence[str], delimiter: str, source: str) -> None:
-    if len(header) != 1:
-        return
-    for other, words in DELIMITERS.items():
-        if other != delimiter and other in header[0]:
-            raise ExperimentsError(
-                f"{source}: row 1: the columns are separated by {words}, not by "
-                f"{DELIMITERS.get(delimiter, repr(delimiter))}: '{_short(header[0])}'",
-                f'say so with the key delimiter = "{_KEY.get(other, other)}"'
-                + (' (and decimal = "," if numbers look like 0,95)' if other != "," else ""),
-            )
-
-
-def _check_header(header: Sequence[str], source: str) -> None:
+def check_header(header: Sequence[str], source: str) -> None:
+    """Raise ExperimentsError for no columns, a column without a name, and a name used twice."""
     if not header:
         raise ExperimentsError(f"{source} has no columns", "name the columns in the first row")
     for k, name in enumerate(header):
@@ -346,16 +248,4 @@ def _check_header(header: Sequence[str], source: str) -> None:
                 f"{source}: row 1: the column name '{name}' appears twice "
                 f"(columns {header.index(name) + 1} and {k + 1})",
                 "give each column its own name",
-            )
-
-
-def _check_lengths(
-    header: Sequence[str], rows: Sequence[tuple[int, list[str]]], delimiter: str, source: str
-) -> None:
-    for number, row in rows:
-        if len(row) != len(header):
-            raise ExperimentsError(
-                f"{source}: row {number} has {len(row)} cells, the header has {len(header)}",
-                "fill in or delete cells so that the row fits the header"
-                + ("; a decimal comma splits a number in two" if delimiter == "," else ""),
             )
