@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from aleator.errors import SimulatorError
-from aleator.simulators.arrays import CHECKED, elementwise, in_one_call
+from aleator.simulators.arrays import CHECKED, Together, elementwise
 from aleator.simulators.bound import Bound
-from aleator.simulators.form import Form
 from aleator.simulators.function import FunctionSimulator
-from aleator.simulators.protocol import ARRAY_BLOCK, Columns, RunStopped
+from aleator.simulators.protocol import ARRAY_BLOCK, RunStopped
 from aleator.simulators.runs import Runs
 from aleator.simulators.workers.batch import make
 from aleator.types import Array, Indices
@@ -23,8 +22,7 @@ _PRIMES = np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0, 23.0, 29.0])
 class Direct:
     """Runs of cases, as they are asked for: `count` is how many were made.
 
-    With `arrays` a function of numbers is called with
-    arrays; `find_arrays` finds out whether it may be.
+    After `find_arrays` a function of numbers is called with arrays, if it may be.
 
     >>> inverse = FunctionSimulator(lambda x: 1.0 / x, vectorized=True)
     >>> from aleator.simulators.cases import Cases
@@ -35,8 +33,8 @@ class Direct:
 
     def __init__(self, bound: Bound) -> None:
         self._bound, self._simulator, self._form = bound, bound.simulator, bound.form
+        self._together: Together | None = None
         self.count = 0
-        self.arrays = False
 
     def __call__(self, case: Indices, x: Array) -> Array:
         """Values (R, W) of runs of `case` (R,) with parameters `x` (R, n), as they were returned.
@@ -45,12 +43,12 @@ class Direct:
         for a wrong shape or type. Cost: some 20 ns a run of a vectorized function beside its own.
         """
         together = max(ARRAY_BLOCK // self._form.width, 1)
-        size = together if self.arrays else self._simulator.block
+        size = together if self._together else self._simulator.block
         self.count += len(case)
         values = np.empty((len(case), self._form.width))
         for start in range(0, len(case), size):
             rows = slice(start, start + size)
-            values[rows] = self._block(*self._columns(case[rows], x[rows]))
+            values[rows] = self._block(case[rows], x[rows])
         return values
 
     def find_arrays(self, region: Array) -> bool:
@@ -66,40 +64,36 @@ class Direct:
         share = np.outer(np.arange(1, CHECKED + 1), steps) % 1.0
         points = region[:, 0] + share * (region[:, 1] - region[:, 0])
         self.count += CHECKED
-        self.arrays = elementwise(simulator, *self._columns(case, points))
-        return self.arrays
+        found = elementwise(self._bound, case, points)
+        self._together = Together(self._bound) if found else None
+        return found
 
-    def _columns(self, case: Indices, x: Array) -> tuple[Columns, Columns, Form]:
-        return *self._bound.columns(case, x), self._form.some(case)
-
-    def _block(self, conditions: Columns, parameters: Columns, form: Form) -> Array:
-        simulator = self._simulator
-        count = len(next(iter(parameters.values())))
+    def _block(self, case: Indices, x: Array) -> Array:
         try:
-            if self.arrays and isinstance(simulator, FunctionSimulator):
-                return in_one_call(simulator, conditions, parameters, form)
-            return form.shaped(simulator, simulator(conditions, parameters), count)
+            if self._together is not None:
+                return self._together(case, x)
+            returned = self._simulator(*self._bound.columns(case, x))
+            return self._form.some(case).shaped(self._simulator, returned, len(case))
         except (SimulatorError, KeyboardInterrupt):
             raise
         except BaseException as error:
             if isinstance(error.__cause__, KeyboardInterrupt) and isinstance(error, RunStopped):
                 raise error.__cause__ from None
-            return self._carefully(conditions, parameters, form)
+            return self._carefully(case, x)
 
-    def _carefully(self, conditions: Columns, parameters: Columns, form: Form) -> Array:
+    def _carefully(self, case: Indices, x: Array) -> Array:
         """The same where a run raises: that one is NaN."""
-        x = np.column_stack([*parameters.values()])
-        left = np.arange(len(x), dtype=np.intp)
+        form, names = self._form.some(case), self._bound.parameters
         values = np.full((len(x), form.width), np.nan)
         anything = replace(form, observed=np.zeros(values.shape, dtype=np.bool_))
-        while left.size:
-            some = {name: column[left] for name, column in conditions.items()}
-            asked = Runs.asked(left, x[left], form.width)
-            made = make(
-                self._simulator, some, self._bound.parameters, anything.some(left), asked, np.inf
-            )
+        done = 0
+        while done < len(case):
+            left = slice(done, None)
+            asked = Runs.asked(case[left], x[left], form.width)
+            conditions = self._bound.cases.at(case[left])
+            made = make(self._simulator, conditions, names, anything.some(left), asked, np.inf)
             if made.stopped:
                 raise made.stopped
-            values[left[: len(made)]] = made.outcome
-            left = left[len(made) :]
+            values[done : done + len(made)] = made.outcome
+            done += len(made)
         return values
