@@ -256,6 +256,10 @@ def test_noise_that_cannot_be_is_told() -> None:
         Noise(0.1, relative=0.0)
     with pytest.raises(InputsError, match="relative"):
         Noise(0.1, relative=Free())
+    for noise in (Noise("sd"), Noise(0.1, relative=0.1), Noise(0.1, StudentError(Free()))):
+        assert not noise.simple
+        with pytest.raises(InputsError, match="one standard deviation"):
+            _ = noise.hyperparameter
     with pytest.raises(InputsError, match="df"):
         StudentError(-1.0)
     with pytest.raises(InputsError, match="df"):

@@ -72,9 +72,17 @@ class Noise:
 
     @property
     def hyperparameter(self) -> Hyperparameter:
-        """The one hyperparameter of simple noise, `noise.sd`."""
-        (only,) = self.hyperparameters
-        return only
+        """The one hyperparameter of simple noise, `noise.sd`.
+
+        Raises InputsError for every other noise, which has none or several.
+        """
+        if not self.simple:
+            raise InputsError(
+                "this noise is not one standard deviation, known or free, and more is known to the "
+                "integral over individual parameters only",
+                "give the noise by one sd: Noise(sd), without relative, a column or a free shape",
+            )
+        return self.hyperparameters[0]
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
