@@ -157,6 +157,15 @@ def test_columns_of_text_stay_text_and_slips_do_not_turn_numbers_into_text(tmp_p
         Experiments.from_csv(path, outcome="y", conditions=["site"])
 
 
+def test_a_gap_in_a_column_that_nobody_chose_tells_how_to_leave_it_out(tmp_path: Path) -> None:
+    path = written(tmp_path, "load,dose,y\n1,5,2\n2,NA,3\n")
+    with pytest.raises(ExperimentsError, match=r"row 3, column 'dose'") as caught:
+        Experiments.from_csv(path, outcome="y")
+    assert "conditions = [" in caught.value.remedy
+    experiments = Experiments.from_csv(path, outcome="y", conditions=["load"])
+    assert list(experiments.conditions) == ["load"]
+
+
 def test_unknown_names_are_told(tmp_path: Path) -> None:
     path = written(tmp_path, "load,y\n1,2\n")
     with pytest.raises(ExperimentsError, match=r"'laod'.*'load'"):

@@ -103,7 +103,13 @@ def _condition(table: Table, name: str, chosen: bool) -> NDArray[np.float64] | p
 
     numbers = table.is_number(name)
     if np.any(numbers) and (chosen or 2 * int(np.sum(numbers)) >= len(numbers)):
-        return table.numbers(name)
+        try:
+            return table.numbers(name)
+        except ExperimentsError as error:
+            if chosen:
+                raise
+            remedy = f"{error.remedy}; or, if '{name}' is no condition, name those that are"
+            raise ExperimentsError(error.problem, f"{remedy}: conditions = [...]") from None
     return pd.Series(table.columns[name], dtype=object)
 
 
