@@ -2,6 +2,7 @@
 
 # Arguments that a test's simulator does not use still say what it is given.
 # ruff: noqa: ARG001, ARG005
+import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +11,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 
 from aleator.errors import SimulatorError
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Observations, responses_of
+from aleator.report import runs as report
 from aleator.simulators import FunctionSimulator, ProcessPool, Runner, Store, exchange
 from aleator.simulators.records import stored_runs
 
@@ -241,3 +244,62 @@ def test_a_straight_run_may_be_infinite_and_one_that_raises_is_nan() -> None:
     run = Runner(life, table(EVERY), ["x"])
     values = run.straight([0, 1, 2, 3], [[0.5], [1.5], [2.5], [0.5]])
     np.testing.assert_array_equal(values[:, 0], [0.5, np.inf, np.nan, 2.0])
+
+
+def test_a_long_series_is_shown_and_travels(tmp_path: Path) -> None:
+    rows = pd.DataFrame({"load": 2.0, "time": np.linspace(0.0, 1.0, 8000)})
+    asked = table([(k, 0) for k in range(8000)], rows=rows, experiment=[0] * 8000)
+    with Store(tmp_path / "a.sqlite") as store:
+        run = Runner(FunctionSimulator(course, series=True), asked, ["x"], store=store)
+        run.values([0], [[1.0 / 3.0]])
+        exchange.write(stored_runs(store), tmp_path / "runs.csv")
+        (kept,) = stored_runs(store)
+    with Store(tmp_path / "b.sqlite") as store:
+        assert exchange.read(store, tmp_path / "runs.csv").added == 1
+    console = Console(width=100, record=True, file=io.StringIO())
+    console.print(report.runs([kept], 0))
+    shown = " ".join(console.export_text().split())
+    assert "0, ... (8000 values)" in shown
+    assert "time=0...1" in shown
+
+
+def test_each_response_of_a_run_is_shown_by_its_name(tmp_path: Path) -> None:
+    with Store(tmp_path / "a.sqlite") as store:
+        run = Runner(named, table(BOTH, ("way", "speed")), ["x"], store=store)
+        run.values([0], [[3.0]])
+        (kept,) = stored_runs(store)
+    console = Console(width=100, record=True, file=io.StringIO())
+    console.print(report.one(kept))
+    lines = [" ".join(line.split()) for line in console.export_text().splitlines()]
+    assert "outcome way 3.0" in lines
+    assert "outcome speed 6.0" in lines
+
+
+def named(load: float, time: float, x: float) -> dict[str, float]:
+    return {"way": load * x * time, "speed": load * x}
+
+
+class Mute(Exception):
+    def __str__(self) -> str:
+        raise RuntimeError("no words")
+
+
+@pytest.mark.parametrize("error", [Mute(), ValueError("a file \udcff")])
+def test_a_failure_is_kept_whatever_its_text_is(tmp_path: Path, error: Exception) -> None:
+    def brittle(load: float, time: float, x: float) -> float:
+        raise error
+
+    with Store(tmp_path / "runs.sqlite") as store:
+        run = Runner(brittle, table(EVERY), ["x"], store=store)
+        assert np.isnan(run.attempt([0], [[1.0]])).all()
+        (kept,) = stored_runs(store)
+    assert kept.failure is not None
+    assert type(error).__name__ in kept.failure
+
+
+def test_a_series_that_draws_random_numbers_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    noisy = FunctionSimulator(lambda load, time, x: time + rng.normal(size=time.size), series=True)
+    with pytest.raises(SimulatorError, match="for the same run: experiment 'E0'"):
+        Runner(noisy, table(EVERY), ["x"]).require_repeatable([1.0])
+    Runner(FunctionSimulator(course, series=True), table(EVERY), ["x"]).require_repeatable([1.0])

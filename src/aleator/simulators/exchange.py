@@ -189,13 +189,14 @@ def _parsed(path: Path, simulator: Identity | None) -> Iterable[StoredRun]:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise StoreError(f"{path}: the file cannot be read: {reason}", "name a CSV file") from None
+    csv.field_size_limit(max(csv.field_size_limit(), len(text)))  # a long series is one cell
     reader = csv.DictReader(io.StringIO(text, newline=""))
     columns = [*(reader.fieldnames or ())]
     _check_columns(path, columns, simulator)
     for cells in reader:
         try:
             yield _run(cells, simulator)
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OverflowError) as error:
             raise StoreError(
                 f"{path}: line {reader.line_num} is not a run: {error}",
                 "correct or delete the row; nothing was imported",

@@ -82,6 +82,24 @@ def working_box(worked: Array, failed: Array, open_ended: Sequence[int]) -> Arra
     return box
 
 
+def said(error: BaseException) -> str:
+    """The text of an exception, as every file can hold it; "" where it cannot tell its own.
+
+    >>> said(ValueError("a path with \\udcff in it"))
+    'a path with \\\\udcff in it'
+    """
+    try:
+        text = str(error)
+    except Exception:
+        return ""
+    return readable(text)
+
+
+def readable(text: str) -> str:
+    """A text without what UTF-8 does not have: halves of a character, of names of files."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
 def describe(error: BaseException) -> str:
     """An exception as one line: kind, message and, where it is known, file and line of its cause.
 
@@ -93,7 +111,7 @@ def describe(error: BaseException) -> str:
     if isinstance(error, SyntaxError):
         place = f" ({Path(error.filename or '?').name}, line {error.lineno})"
         return f"{type(error).__name__}: {error.msg}{place}"
-    text = " ".join(str(error).split())
+    text = " ".join(said(error).split())
     kind = type(error).__name__
     frames = [
         frame

@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from aleator.simulators.failure import RunFailed, describe
+from aleator.simulators.failure import RunFailed, describe, readable
 from aleator.types import Array, Flags, Indices
 
 NOT_FINITE = "NotFinite"
@@ -33,7 +33,7 @@ class Failure:
         Failure(message='it ended with exit code 3', log='too hot', kind='RunFailed', attempts=1)
         """
         if isinstance(error, RunFailed):
-            return cls(error.message, error.log or None, "RunFailed")
+            return cls(readable(error.message), readable(error.log) or None, "RunFailed")
         return cls(describe(error), None, type(error).__name__)
 
 
