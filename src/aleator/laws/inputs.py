@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -281,6 +282,19 @@ class Inputs:
                 self.covariate_model.values(alpha, part, experiments) for part in self.parts
             )
         return tuple(alpha[part] for part in self.slices)
+
+    def of_experiment(self, alpha: Array, experiment: int) -> tuple[Inputs, Array]:
+        """The law of one experiment by itself: inputs without covariates, and their alpha."""
+        if self.covariate_model is None:
+            return self, alpha
+        one = self.values(alpha, slice(experiment, experiment + 1))
+        found = copy(self)
+        found.covariate_model = None
+        for name in ("hyperparameters", "slices", "parts"):
+            found.__dict__.pop(name, None)
+        found.__dict__["_own"] = tuple(replace(h, by=None) for h in self._own)
+        own = [np.ravel(values) for values in one]
+        return found, np.concatenate([*own, alpha[self.partials]])
 
     def about(self, x: Array) -> Array:
         """The alpha (K,) of laws about the point x (n,), all else at its start."""

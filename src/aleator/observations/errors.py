@@ -137,6 +137,15 @@ class MeasurementErrors:
         """
         return self._asked("quantile", values, probability, eta, rows)
 
+    def moments(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array]:
+        """Mean and variance (m, J) of the values of the observations `rows`; NaN where none is."""
+        mean, variance = np.empty(eta.shape), np.empty(eta.shape)
+        for part, own, at, mine in self._within(values, rows):
+            scale = part.scale(mine, eta[at], slice(own, own + len(at))).value
+            _, first, second = part.model(mine).moments(2)
+            mean[at], variance[at] = eta[at] + first * scale, (second - first**2) * scale**2
+        return mean, variance
+
     def _asked(self, what: str, values: Array, at_what: Array, eta: Array, rows: slice) -> Array:
         found, at_what = np.empty(eta.shape), np.broadcast_to(at_what, eta.shape)
         for part, own, at, mine in self._within(values, rows):

@@ -77,6 +77,10 @@ class Layout:
         chosen = tuple(slice(first, first + GROUP) for first in dict.fromkeys(starts))
         return replace(self, chosen=chosen, _blocks={})
 
+    def alone(self, experiment: int) -> Block:
+        """One experiment by itself."""
+        return self._block(experiment, experiment + 1)
+
     def _block(self, first: int, last: int) -> Block:
         begin, end = np.searchsorted(self.experiment, [first, last])
         rows = slice(int(begin), int(end))

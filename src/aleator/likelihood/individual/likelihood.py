@@ -101,7 +101,7 @@ class IndividualLikelihood:
         each = np.zeros(self.count)
         for block in self.blocks:
             part = block.experiments
-            sums = self._sums(alpha, block, self.nodes.xi[part])
+            sums = self.sums(alpha, block, self.nodes.xi[part])
             each[part] = mean_of(sums + self.nodes.log_weight[part])[0]
         return LogLikelihood(each, None, _status(each))
 
@@ -147,7 +147,7 @@ class IndividualLikelihood:
         eta, slopes = self.predictor.with_slopes(block, individual.x)
         return Evaluated(individual, eta, slopes, self._terms(alpha, block, eta), block)
 
-    def _sums(self, alpha: Array, block: Block, xi: Array) -> Array:
+    def sums(self, alpha: Array, block: Block, xi: Array) -> Array:
         """sum_k log p(y_k | eta_k) (B, J) at variates xi (B, J, s)."""
         eta = self.predictor.values(block, self._individual(alpha, block, xi).x)
         return block.summed(self._terms(alpha, block, eta).value)
@@ -168,7 +168,7 @@ class IndividualLikelihood:
         around = np.tile(around, (len(last), 1, 1))
         again = self._again(alpha, block, last)
         trial = np.concatenate([last[:, None], again[:, None], around], axis=1)
-        value = self._sums(alpha, block, trial) - 0.5 * np.sum(trial**2, axis=2)
+        value = self.sums(alpha, block, trial) - 0.5 * np.sum(trial**2, axis=2)
         return np.asarray(trial[np.arange(len(last)), np.argmax(value, axis=1)])
 
     def _again(self, alpha: Array, block: Block, last: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,6 +20,7 @@ from aleator.likelihood.individual import (
 )
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Experiments
+from aleator.observations.noise import Noise
 from aleator.search import Optimum, Search, SearchResult, WarmStart
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
@@ -51,10 +52,15 @@ class Question:
     runner: Runner
     table: Experiments
     inputs: Inputs
-    errors: MeasurementErrors
+    noise: Noise | Mapping[str, Noise]
     surfaces: ResponseSurface
     search: Search
     seed: int
+
+    @cached_property
+    def errors(self) -> MeasurementErrors:
+        """The measurement errors of the table's observations."""
+        return MeasurementErrors.of(self.noise, self.table)
 
     @cached_property
     def layout(self) -> Layout:

@@ -12,6 +12,7 @@ from aleator.tasks.individual.answer import Answer, Question
 from aleator.tasks.individual.calibration import sequential_pit
 from aleator.tasks.individual.curves import law_curves
 from aleator.tasks.individual.observed import observation_reports
+from aleator.tasks.individual.session import DIRECT, IndividualSession, runners
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.summary import (
@@ -45,7 +46,7 @@ def assembled(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
         log_likelihood=LogLikelihoodReport(at.total, None, None),
         density="individual_integral",
-        propagation="direct" if answer.surfaces is None else "response_surface",
+        propagation=DIRECT if answer.surfaces is None else "response_surface",
         accepted=accepted,
         warnings=warnings,
         experiments=_individuals(question, at.each, at.status, individual, names),
@@ -77,6 +78,15 @@ def assembled(
         quadrature={"nodes": end.likelihood.nodes.xi.shape[1], "gap": end.gap},
         responses={r.name: str(r.transform) for r in table.observations.responses},
         law_curves=law_curves(inputs, alpha, len(table.ids)),
+        session=IndividualSession(
+            inputs,
+            question.noise,
+            table,
+            runners(question.runner, table),
+            end.likelihood,
+            answer.surfaces is None,
+            question.surfaces,
+        ),
         parameter_correlations=parameter_correlations_of(inputs, alpha, hyperparameters, inference),
     )
 

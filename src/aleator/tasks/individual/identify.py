@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
 from aleator.observations.covariates import covariates
-from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.search import Search
@@ -49,9 +48,8 @@ def identified(
             "noise: without it no parameters explain all observations exactly",
             "add noise: [noise] sd, or noise=Noise(...)",
         )
-    errors = MeasurementErrors.of(noise, table)
     if inputs.regressed:
         inputs = inputs.resolved(covariates(table, inputs.covariates))
-    question = Question(runner, table, inputs, errors, surfaces, search, seed)
+    question = Question(runner, table, inputs, noise, surfaces, search, seed)
     answer = answered(question, ledger)
     return assembled(question, answer, ledger)

@@ -19,7 +19,7 @@ from aleator.observations.transform import Transform
 from aleator.progress import Progress
 from aleator.tasks.results import documents, printed
 from aleator.tasks.results.law import JointLaw
-from aleator.tasks.results.session import Session
+from aleator.tasks.results.session import OutcomeSession, Session
 from aleator.tasks.results.values import (
     QUANTILES,
     Estimate,
@@ -30,7 +30,7 @@ from aleator.tasks.results.values import (
     ParameterCorrelation,
 )
 
-NO_SESSION = Session(None, None, None)
+NO_SESSION = OutcomeSession(None, None, None)
 
 
 @dataclass(frozen=True, repr=False)
@@ -133,20 +133,65 @@ class Identification:
         """
         return self.session.law(self.alpha)
 
+    def law_at(self, covariates: Mapping[str, object] | pd.Series) -> JointLaw:
+        """The joint law of an experiment with these covariates, by name.
+
+        The same as `law` where no law follows covariates. Raises InputsError for one that is
+        missing, and for a level that no experiment had.
+        """
+        return self.session.law(self.alpha, covariates)
+
+    @property
+    def individuals(self) -> pd.DataFrame:
+        """A row for each experiment with individual parameters, by its id.
+
+        Columns ``observations``, ``log_density``, and ``x.mode``, ``x.mean``, ``x.sd`` of each
+        parameter x given the observations of the experiment. Without columns for experiments of
+        one outcome.
+        """
+        own = [e for e in self.experiments if isinstance(e, IndividualReport)]
+        rows = [
+            {"observations": e.observations, "log_density": e.log_density}
+            | {
+                f"{name}.{what}": getattr(e, what)[name]
+                for name in e.mean
+                for what in ("mode", "mean", "sd")
+            }
+            for e in own
+        ]
+        return pd.DataFrame(rows, index=pd.Index([e.id for e in own], name="id"))
+
+    @property
+    def residuals(self) -> pd.DataFrame:
+        """A row for each observation: its experiment and place, its bounds and its prediction.
+
+        See `ObservationReport` for the columns; of the conditions those that vary within
+        experiments have one each. Without columns for experiments of one outcome.
+        """
+        rows = [{**vars(o), **o.conditions} for o in self.observations]
+        return pd.DataFrame(rows).drop(columns="conditions", errors="ignore")
+
     def predict(
         self,
         conditions: Conditions | pd.DataFrame,
         *,
+        of: str | None = None,
+        noise: bool = True,
         quantiles: tuple[float, ...] = QUANTILES,
         progress: Progress | None = None,
     ) -> pd.DataFrame:
         """The distribution of the outcome under conditions that need not have been tested.
 
+        It is that of a measurement of a new experiment. With `noise` False it is that of the
+        simulated value. `of` names an experiment that was measured, or a column of the conditions
+        with such names: the distribution is then that of a further measurement of it.
         As `aleator.predict`, with the simulator, inputs and noise of the identification. A data
         frame may have further columns, and the `transform` of the experiments holds for it too.
         Raises AleatorError where the identification was read from a file without the simulator.
         """
-        return self.session.predict(conditions, self.alpha, self.transform, quantiles, progress)
+        return self.session.predict(
+            conditions, self.alpha, self.transform, quantiles, progress, of, noise
+        )
 
     def log_likelihood_at(self, alpha: Mapping[str, float] | ArrayLike) -> float:
         """log L(alpha) on the surfaces of the identification; minus infinity outside a support.

@@ -16,14 +16,16 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.comparison import DensityDistance
 from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
+from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.observations.transform import Transform
-from aleator.simulators import Simulator, as_simulator
+from aleator.simulators import Runner, Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import DEFAULT_PROPAGATION
+from aleator.tasks.individual.session import IndividualSession, runners, session_of
 from aleator.tasks.results import documents
 from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.session import Session
+from aleator.tasks.results.session import OutcomeSession, Session
 from aleator.tasks.results.values import (
     Estimate,
     ExperimentReport,
@@ -45,14 +47,16 @@ def load(
     simulator: Callable[..., Any] | Simulator | None = None,
     inputs: Inputs | None = None,
     vectorized: bool = False,
-    noise: Noise | None = None,
+    noise: Noise | Mapping[str, Noise] | None = None,
+    experiments: Experiments | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | NodeDensity | None = None,
 ) -> Identification:
     """Read an identification that `found.save` or the command `aleator identify` wrote.
 
     All values come back as they were. What is no value is given again, as `identify` takes it:
-    `inputs` and `noise` for `found.law`, `simulator` as well for `found.predict`. Raises
+    `inputs` and `noise` for `found.law`, `simulator` as well for `found.predict`; of several
+    observations an experiment the `experiments` too. Raises
     AleatorError that names the file and the key where it is no identification, InputsError where
     the inputs and the noise have other hyperparameters than those that were identified.
 
@@ -72,16 +76,46 @@ def load(
     found = from_document(documents.read_json(path), path)
     if inputs is None:
         return found
-    model = Model.of(inputs, noise, propagation, density)
+    made = None if simulator is None else as_simulator(simulator, vectorized)
+    session: Session
+    if found.observations:
+        session = _individual_session(found, path, made, inputs, noise, experiments, propagation)
+    else:
+        if isinstance(noise, Mapping):
+            raise InputsError(f"{path} was identified from one outcome", "give its one noise")
+        session = OutcomeSession(Model.of(inputs, noise, propagation, density), made, None)
     try:
-        in_order(found.alpha, model.hyperparameters)
+        in_order(found.alpha, session.hyperparameters)
     except InputsError as error:
         raise InputsError(
             f"{path} was identified with other inputs or another noise: {error.problem}",
             "give those of the identification",
         ) from None
-    made = None if simulator is None else as_simulator(simulator, vectorized)
-    return replace(found, session=Session(model, made, None))
+    return replace(found, session=session)
+
+
+def _individual_session(
+    found: Identification,
+    path: str | Path,
+    simulator: Simulator | None,
+    inputs: Inputs,
+    noise: Noise | Mapping[str, Noise] | None,
+    experiments: Experiments | None,
+    propagation: ResponseSurface | Collocation,
+) -> IndividualSession:
+    if experiments is None or noise is None:
+        lacking = "experiments" if experiments is None else "noise"
+        raise AleatorError(
+            f"{path} was identified from several observations an experiment, and what can be asked "
+            f"of it needs the {lacking} too",
+            f"aleator.load(path, ..., {lacking}=...)",
+        )
+    surfaces = propagation if isinstance(propagation, ResponseSurface) else ResponseSurface()
+    return session_of(
+        found.propagation, inputs, noise, experiments, surfaces,
+        None if simulator is None
+        else runners(Runner(simulator, experiments, inputs.names), experiments),
+    )  # fmt: skip
 
 
 def from_document(document: Entry, path: str | Path) -> Identification:

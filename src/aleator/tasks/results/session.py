@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
 from aleator.errors import AleatorError, InputsError
+from aleator.laws import Hyperparameter
 from aleator.likelihood.likelihood import Likelihood
 from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions
@@ -22,8 +24,43 @@ from aleator.tasks.results.values import Estimate, in_order
 from aleator.types import Array
 
 
+class Session(Protocol):
+    """What can be asked of an identification beside its values.
+
+    Raises AleatorError for what was not kept: an identification that was read from a file.
+    """
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """All hyperparameters in the order of alpha."""
+
+    def law(
+        self,
+        values: Mapping[str, Estimate],
+        at: Mapping[str, object] | pd.Series | None = None,
+    ) -> JointLaw:
+        """The joint law at these values of the hyperparameters, and `at` these covariates."""
+
+    def log_likelihood(
+        self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, Estimate]
+    ) -> float:
+        """The log-likelihood at alpha; what is not named has these values."""
+
+    def predict(
+        self,
+        conditions: Conditions | pd.DataFrame,
+        values: Mapping[str, Estimate],
+        transform: Transform,
+        quantiles: tuple[float, ...],
+        progress: Progress | None,
+        of: str | None = None,
+        noise: bool = True,
+    ) -> pd.DataFrame:
+        """The table of `Identification.predict`."""
+
+
 @dataclass(frozen=True, eq=False)
-class Session:
+class OutcomeSession:
     """Model, simulator, and the likelihood on the last surfaces; None for what is not at hand.
 
     `model` holds the inputs, the noise and the choices of surfaces and density.
@@ -33,10 +70,19 @@ class Session:
     simulator: Simulator | None
     likelihood: Likelihood | None
 
-    def law(self, values: Mapping[str, Estimate]) -> JointLaw:
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of the model; none without one."""
+        return () if self.model is None else self.model.hyperparameters
+
+    def law(
+        self,
+        values: Mapping[str, Estimate],
+        at: Mapping[str, object] | pd.Series | None = None,  # noqa: ARG002  it is the same
+    ) -> JointLaw:
         """The joint law at these values of the hyperparameters."""
         if self.model is None:
-            raise _missing("the law needs the inputs", "aleator.load(path, inputs=...)")
+            raise missing("the law needs the inputs", "aleator.load(path, inputs=...)")
         alpha = in_order(values, self.model.hyperparameters)
         return JointLaw(self.model.inputs, alpha[: self.model.inputs.size])
 
@@ -47,41 +93,63 @@ class Session:
         transform: Transform,
         quantiles: tuple[float, ...],
         progress: Progress | None,
+        of: str | None = None,
+        noise: bool = True,
     ) -> pd.DataFrame:
         """The table of `aleator.predict`."""
+        if of is not None:
+            raise InputsError(
+                f"of '{of}': one outcome says too little of the parameters of its experiment",
+                "predict new experiments: leave `of` out",
+            )
         if self.model is None or self.simulator is None:
-            raise _missing(
+            raise missing(
                 "a prediction needs the simulator and the inputs",
                 "aleator.load(path, simulator=..., inputs=..., noise=...)",
             )
         if isinstance(conditions, pd.DataFrame):
             conditions = Conditions.from_frame(conditions, transform=transform)
         runner = as_runner(self.simulator, conditions, self.model.inputs.names)
-        alpha = in_order(values, self.model.hyperparameters)
-        return predicted(runner, self.model, alpha, quantiles, progress)
+        model, alpha = self.model, in_order(values, self.model.hyperparameters)
+        if not noise:
+            inputs = model.inputs
+            model, alpha = Model.of(inputs, None, model.propagation), alpha[: inputs.size]
+        return predicted(runner, model, alpha, quantiles, progress)
 
     def log_likelihood(
         self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, Estimate]
     ) -> float:
         """The honest log-likelihood at alpha; what is not named has these values."""
         if self.likelihood is None:
-            raise _missing(
+            raise missing(
                 "the log-likelihood needs the surfaces, which are not saved",
                 "identify again: with a Store no run is repeated",
             )
-        hyperparameters = self.likelihood.hyperparameters
-        if isinstance(alpha, Mapping | pd.Series):
-            given = {str(name): value for name, value in alpha.items()}
-        else:
-            given = _named(np.asarray(alpha, dtype=np.float64), [h.name for h in hyperparameters])
-        at = in_order({**values, **given}, hyperparameters)
-        for value, h in zip(at, hyperparameters, strict=True):
-            if not h.lower <= value <= h.upper:
-                raise InputsError(
-                    f"{h.name} = {value:g} is outside its limits [{h.lower:g}, {h.upper:g}]",
-                    "choose a value between them",
-                )
+        at = given_values(alpha, values, self.likelihood.hyperparameters)
         return self.likelihood.evaluate(at).total
+
+
+def given_values(
+    alpha: Mapping[str, float] | ArrayLike,
+    values: Mapping[str, Estimate],
+    hyperparameters: Sequence[Hyperparameter],
+) -> Array:
+    """The alpha (K,) of names or of an array; what is not named has these values.
+
+    Raises InputsError for a name that is unknown and a value beyond its limits.
+    """
+    if isinstance(alpha, Mapping | pd.Series):
+        given = {str(name): value for name, value in alpha.items()}
+    else:
+        given = _named(np.asarray(alpha, dtype=np.float64), [h.name for h in hyperparameters])
+    at = in_order({**values, **given}, hyperparameters)
+    for value, h in zip(at, hyperparameters, strict=True):
+        if not h.lower <= value <= h.upper:
+            raise InputsError(
+                f"{h.name} = {value:g} is outside its limits [{h.lower:g}, {h.upper:g}]",
+                "choose a value between them",
+            )
+    return at
 
 
 def _named(alpha: Array, names: Sequence[str]) -> dict[str, float]:
@@ -93,5 +161,6 @@ def _named(alpha: Array, names: Sequence[str]) -> dict[str, float]:
     return dict(zip(names, alpha.tolist(), strict=True))
 
 
-def _missing(what: str, remedy: str) -> AleatorError:
+def missing(what: str, remedy: str) -> AleatorError:
+    """The error of an identification that was read from a file."""
     return AleatorError(f"{what}; this identification was read from a file", remedy)

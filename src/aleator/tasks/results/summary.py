@@ -27,7 +27,7 @@ from aleator.search.value import LogLikelihood
 from aleator.simulators import Simulator
 from aleator.tasks.baselines import LeastSquares, LinearGaussian
 from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.session import Session
+from aleator.tasks.results.session import OutcomeSession
 from aleator.tasks.results.values import (
     QUANTILES,
     Estimate,
@@ -92,7 +92,7 @@ def assemble(
         density_distances=density_distances(problem, alpha),
         outcome=table.outcome_name,
         transform=table.transform,
-        session=Session(problem.model, simulator, problem.likelihood),
+        session=OutcomeSession(problem.model, simulator, problem.likelihood),
         parameter_correlations=parameter_correlations_of(
             problem.model.inputs, alpha, hyperparameters, inference
         ),

@@ -1,0 +1,39 @@
+"""What answers for the simulator where a law is known: itself, or surfaces about the law."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aleator.likelihood.individual import Direct, OnSurfaces, Predictor
+from aleator.simulators import Runner
+from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
+from aleator.surrogates.responses import moving_parameters
+from aleator.tasks.individual.population import padded, within
+from aleator.tasks.individual.surfaces import Sites
+from aleator.types import Array
+
+LEVEL = 0.02
+"""Estimated error of a surface over the scatter of its outcome."""
+MOST = 512
+"""Points of a law by which runs are placed and errors judged."""
+
+
+def direct(runner: Runner, box: Array, region: Array) -> Predictor:
+    """The simulator itself, with arrays where it takes them."""
+    runner.takes_arrays(region)
+    return Direct(runner, np.flatnonzero(box[:, 1] > box[:, 0]), box)
+
+
+def about(runner: Runner, box: Array, x: Array, choice: ResponseSurface) -> Predictor:
+    """Surfaces that are exact where points x (D, n) of the law lie."""
+    ends = np.stack([x.min(axis=0), x.max(axis=0)], axis=1)
+    region = within(box, padded(ends, box))
+    moving, sites = moving_parameters(region), Sites.seen(runner)
+    if not moving.size:
+        return direct(runner, box, region)
+    where = x[:: max(1, len(x) // MOST)][:, moving]
+    run = sites.run(runner, region)
+    surfaces = AdaptiveSurfaces(run, region[moving], len(sites), choice)
+    surfaces.judge(where)
+    surfaces.refine(where, LEVEL)
+    return OnSurfaces(surfaces.surface(), region, sites.of)

@@ -1,0 +1,229 @@
+"""What an identification of individual parameters was made with, held so that more can be asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from aleator.errors import InputsError, nearest
+from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Layout, Predictor
+from aleator.observations.covariates import covariates
+from aleator.observations.errors import MeasurementErrors
+from aleator.observations.experiments import Conditions, Experiments
+from aleator.observations.noise import Noise
+from aleator.observations.transform import Transform
+from aleator.progress import Progress
+from aleator.simulators import Runner
+from aleator.surrogates import ResponseSurface
+from aleator.tasks.individual.forecast import LOST, Draws, Forecast, forecast
+from aleator.tasks.individual.observed import varying_conditions
+from aleator.tasks.individual.predictors import about, direct
+from aleator.tasks.results.law import JointLaw
+from aleator.tasks.results.session import given_values, missing
+from aleator.tasks.results.values import Estimate, in_order
+from aleator.types import Array
+
+NODES = 7
+"""Gauss-Hermite nodes a variate where a likelihood is made again to look at single experiments."""
+
+DIRECT = "direct"
+"""How an answer calls its propagation where the simulator itself was integrated over."""
+
+Runners = Callable[[Experiments | Conditions], Runner]
+"""What makes the runs for a table."""
+
+
+@dataclass(frozen=True, eq=False)
+class IndividualSession:
+    """The laws resolved by the table, the noise, the table; how runs are made, and the likelihood.
+
+    None for a simulator or a likelihood that is not at hand. `on_simulator` tells whether the
+    simulator itself is asked, or surfaces of it as in `surfaces`.
+    """
+
+    inputs: Inputs
+    noise: Noise | Mapping[str, Noise]
+    table: Experiments
+    runner: Runners | None
+    likelihood: IndividualLikelihood | None
+    on_simulator: bool
+    surfaces: ResponseSurface
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """All of alpha."""
+        return (*self.inputs.hyperparameters, *self._errors(self.table).hyperparameters)
+
+    def law(
+        self,
+        values: Mapping[str, Estimate],
+        at: Mapping[str, object] | pd.Series | None = None,
+    ) -> JointLaw:
+        """The joint law at these values, of experiments `at` some covariates."""
+        alpha = in_order(values, self.hyperparameters)[: self.inputs.size]
+        if not self.inputs.regressed:
+            return JointLaw(self.inputs, alpha)
+        if at is None:
+            raise InputsError(
+                f"the law follows {', '.join(self.inputs.covariates)}: experiments have laws of "
+                "their own",
+                f"say of which: found.law_at({{'{self.inputs.covariates[0]}': ...}})",
+            )
+        row = pd.DataFrame([dict(at)], index=["asked"])
+        one, own = self.inputs.resolved(row).of_experiment(alpha, 0)
+        return JointLaw(one, own)
+
+    def log_likelihood(
+        self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, Estimate]
+    ) -> float:
+        """The log-likelihood at alpha with nodes adapted there; what is not named is as it was."""
+        if self.likelihood is None:
+            raise missing(
+                "the log-likelihood needs the nodes, which are not saved",
+                "identify again: with a Store no run is repeated",
+            )
+        at = given_values(alpha, values, self.hyperparameters)
+        return self.likelihood.adapted(at).evaluate(at).total
+
+    def predict(
+        self,
+        conditions: Conditions | pd.DataFrame,
+        values: Mapping[str, Estimate],
+        transform: Transform,  # noqa: ARG002  one interface for all sessions
+        quantiles: tuple[float, ...],
+        progress: Progress | None,
+        of: str | None = None,
+        noise: bool = True,
+    ) -> pd.DataFrame:
+        """A row for each row of the conditions and response; see `Identification.predict`."""
+        if self.runner is None:
+            raise missing(
+                "a prediction needs the simulator",
+                "aleator.load(path, simulator=..., inputs=..., noise=..., experiments=...)",
+            )
+        if isinstance(conditions, pd.DataFrame):
+            responses = self.table.observations.responses
+            conditions = Conditions.from_frame(conditions, responses=responses)
+        if progress is not None:
+            progress.stage("prediction")
+        alpha = in_order(values, self.hyperparameters)
+        runner = self.runner(conditions)
+        draws = self._draws(conditions, alpha, of)
+        seen = conditions.observations
+        layout = Layout(len(conditions.ids), seen.experiment, runner.unit, runner.column)
+        found = forecast(
+            draws,
+            self._predictor(runner, draws.x.reshape(-1, draws.x.shape[2])),
+            layout,
+            self._errors(conditions) if noise else None,
+            alpha[self.inputs.size :],
+            np.array(quantiles),
+        )
+        return _framed(conditions, found, quantiles)
+
+    def _errors(self, table: Experiments | Conditions) -> MeasurementErrors:
+        return MeasurementErrors.of(self.noise, table)
+
+    def _predictor(self, runner: Runner, x: Array) -> Predictor:
+        box = self.inputs.box
+        if not self.on_simulator:
+            return about(runner, box, x, self.surfaces)
+        return direct(runner, box, np.stack([x.min(axis=0), x.max(axis=0)], axis=1))
+
+    def _draws(self, conditions: Conditions, alpha: Array, of: str | None) -> Draws:
+        """Of each new experiment, or of the measured one that it is said to be."""
+        count = len(conditions.ids)
+        if of is None:
+            inputs = self.inputs
+            if inputs.regressed:
+                inputs = inputs.resolved(covariates(conditions, inputs.covariates))
+            return Draws.new(inputs, alpha, count)
+        likelihood = self._adapted(alpha)
+        ids = self._measured(conditions, of)
+        each = {
+            name: Draws.old(likelihood, alpha, self.table.ids.index(name))
+            for name in dict.fromkeys(ids)
+        }
+        return Draws.joined([each[name] for name in ids])
+
+    def _measured(self, conditions: Conditions, of: str) -> list[str]:
+        """The measured experiment that each new one is: a column's, or one for all."""
+        if of in conditions.table.columns:
+            ids = [_text(cell) for cell in covariates(conditions, [of])[of]]
+        else:
+            ids = [of] * len(conditions.ids)
+        for name in ids:
+            if name not in self.table.ids:
+                raise InputsError(
+                    f"of '{of}': there is no experiment '{name}'{nearest(name, self.table.ids)}",
+                    "name an experiment that was measured, or a column of the conditions with such",
+                )
+        return ids
+
+    def _adapted(self, alpha: Array) -> IndividualLikelihood:
+        """The likelihood of the measured experiments, made again where it was not kept."""
+        if self.likelihood is not None:
+            return self.likelihood
+        assert self.runner is not None
+        runner, seen = self.runner(self.table), self.table.observations
+        x = Draws.new(self.inputs, alpha, len(self.table.ids)).x
+        likelihood = IndividualLikelihood.of(
+            self.inputs,
+            self._errors(self.table),
+            self._predictor(runner, x.reshape(-1, x.shape[2])),
+            Layout(len(self.table.ids), seen.experiment, runner.unit, runner.column),
+            GaussHermite(NODES),
+        )
+        return likelihood.adapted(alpha)
+
+
+def session_of(
+    propagation: str,
+    inputs: Inputs,
+    noise: Noise | Mapping[str, Noise],
+    table: Experiments,
+    surfaces: ResponseSurface,
+    runner: Runners | None,
+) -> IndividualSession:
+    """The session of an answer that was read from a file; `propagation` is the answer's."""
+    if inputs.regressed and inputs.covariate_model is None:
+        inputs = inputs.resolved(covariates(table, inputs.covariates))
+    return IndividualSession(inputs, noise, table, runner, None, propagation == DIRECT, surfaces)
+
+
+def runners(runner: Runner, table: Experiments) -> Runners:
+    """Runs of the simulator of a runner, which gets arrays of what varies in the table."""
+    varying = varying_conditions(table, tuple(runner.cases.columns))
+
+    def of(asked: Experiments | Conditions) -> Runner:
+        if asked is table:
+            return runner
+        return Runner(runner.simulator, asked, runner.parameters, varying=varying)
+
+    return of
+
+
+def _framed(conditions: Conditions, found: Forecast, quantiles: tuple[float, ...]) -> pd.DataFrame:
+    """The table in the order of the rows; the responses of a row one below the other."""
+    seen = conditions.observations
+    columns: dict[str, object] = {"id": [conditions.ids[l] for l in seen.experiment]}
+    if len(conditions.ids) < len(conditions.conditions):
+        columns["row"] = seen.row + 1
+    if len(seen.responses) > 1:
+        columns["response"] = [seen.responses[k].name for k in seen.response]
+    columns["mean"], columns["standard_deviation"] = found.mean, found.sd
+    columns |= {f"q{p:g}": found.quantiles[:, i] for i, p in enumerate(quantiles)}
+    columns["status"] = np.where(found.lost > LOST, "runs_failed", "solved")
+    order = np.lexsort((seen.response, seen.row))
+    return pd.DataFrame(columns).iloc[order].reset_index(drop=True)
+
+
+def _text(cell: object) -> str:
+    """An id as a table of texts has it."""
+    return str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str(cell)
