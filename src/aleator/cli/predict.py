@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
+import pandas as pd
 from rich.console import Console
 
 from aleator.cli.running import FILE, RunOptions, makes_runs, running
 from aleator.cli.showing import shown
+from aleator.errors import AleatorError
+from aleator.likelihood.model import Model
+from aleator.observations.experiments import Conditions
+from aleator.observations.transform import Transform
+from aleator.progress import Progress
 from aleator.report import terminal
-from aleator.study import load_study
+from aleator.simulators import Runner
+from aleator.study import Study, load_study
+from aleator.surrogates import ResponseSurface
+from aleator.tasks.individual.session import OWN, session_of
 from aleator.tasks.predict import predict as predict_outcomes
 from aleator.tasks.results import documents
+from aleator.tasks.results.printed import number
+from aleator.tasks.results.values import QUANTILES
+from aleator.types import Indices
 
 
 @click.command()
@@ -33,12 +49,20 @@ from aleator.tasks.results import documents
     metavar="STUDY.toml",
     help="The study file, if it is no longer where the identification says.",
 )
+@click.option(
+    "--of",
+    metavar="ID|COLUMN",
+    help="Predict further measurements of this experiment, or of those that a column names.",
+)
+@click.option("--no-noise", is_flag=True, help="Predict what is simulated, without errors.")
 @makes_runs
 def predict(
     identification: Path,
     conditions: Path,
     output: Path | None,
     study: Path | None,
+    of: str | None,
+    no_noise: bool,
     options: RunOptions,
 ) -> None:
     """Predict the outcome's distribution for conditions that were never tested.
@@ -48,6 +72,10 @@ def predict(
     be measured, noise included. With transform = "log", mean and standard deviation are those of
     the logarithm. --output writes a file with the conditions, in which the quantiles are of the
     logarithm too.
+
+    Of experiments with several observations NEW.csv has a row for each prediction; rows with the
+    same id are one new experiment. With --of they are further measurements of an experiment that
+    was measured, under the law that its own observations leave of its parameters.
     """
     document = documents.read_json(identification)
     alpha = documents.estimates(document, identification)
@@ -57,21 +85,97 @@ def predict(
     table = value.read_conditions(conditions)
     with running(value, options, table) as runner, shown(options.quiet) as progress:
         progress.stage("prediction")
-        found = predict_outcomes(
-            runner,
-            table,
-            value.inputs,
-            alpha,
-            noise=value.one_noise,
-            propagation=value.propagation,
-            density=value.density,
-            progress=progress,
-        )
+        if document.get("observations"):
+            with running(value, options) if of else nullcontext() as measured:
+                found = _individual(value, document, alpha, table, runner, measured, of, no_noise)
+        else:
+            found = _of_outcomes(value, alpha, table, runner, of, no_noise, progress)
     if output is not None:
+        row = found["row"].to_numpy() - 1 if "row" in found else _rows_of(found, table)
         for name in reversed([name for name in table.conditions if name not in found]):
-            found.insert(1, name, table.conditions[name].to_numpy())
+            found.insert(1, name, table.conditions[name].to_numpy()[row])
         documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
         click.echo(f"Written: {output}")
     else:
-        name, transform = value.experiments.outcome_name, value.experiments.transform
-        Console().print(terminal.render_predictions(found.to_dict("list"), name, transform))
+        names = {r.name: str(r.transform) for r in value.experiments.observations.responses}
+        found["id"] = _labels(found, table)
+        parts = found.groupby("response", sort=False) if "response" in found else None
+        for name, transform in names.items():
+            part = found if parts is None else parts.get_group(name)
+            Console().print(terminal.render_predictions(part.to_dict("list"), name, transform))
+
+
+def _of_outcomes(
+    value: Study,
+    alpha: dict[str, float],
+    table: Conditions,
+    runner: Runner,
+    of: str | None,
+    no_noise: bool,
+    progress: Progress,
+) -> pd.DataFrame:
+    """Predictions of experiments with one outcome."""
+    if of is not None:
+        raise AleatorError(
+            f"--of {of}: one outcome says too little of the parameters of its experiment",
+            "predict new experiments: leave the option out",
+        )
+    noise = None if no_noise else value.one_noise
+    own = Model.of(value.inputs, noise, value.propagation, value.density).hyperparameters
+    return predict_outcomes(
+        runner,
+        table,
+        value.inputs,
+        {h.name: alpha[h.name] for h in own if h.name in alpha} if no_noise else alpha,
+        noise=noise,
+        propagation=value.propagation,
+        density=value.density,
+        progress=progress,
+    )
+
+
+def _individual(
+    value: Study,
+    document: Mapping[str, Any],
+    alpha: dict[str, float],
+    table: Conditions,
+    runner: Runner,
+    measured: Runner | None,
+    of: str | None,
+    no_noise: bool,
+) -> pd.DataFrame:
+    """Predictions by individual parameters; `measured` runs the experiments that were measured."""
+    surfaces = value.propagation
+    if value.noise is None or not isinstance(surfaces, ResponseSurface):
+        raise AleatorError(
+            f"{value.file}: the study has no noise or no surfaces, and its identification had",
+            "identify again",
+        )
+
+    def made(asked: object) -> Runner:
+        return runner if asked is table or measured is None else measured
+
+    of = OWN if of is not None and of == value.table.id else of
+    session = session_of(
+        document["propagation"], value.inputs, value.noise, value.experiments, surfaces, made
+    )
+    return session.predict(table, alpha, Transform.NONE, QUANTILES, None, of, not no_noise)
+
+
+def _rows_of(found: pd.DataFrame, table: Conditions) -> Indices:
+    """The row of the table of each prediction, where each experiment has one."""
+    place = {name: int(row) for row, name in enumerate(table.ids)}
+    return np.array([place[name] for name in found["id"]], dtype=np.intp)
+
+
+def _labels(found: pd.DataFrame, table: Conditions) -> list[str]:
+    """The ids, and of experiments with several rows the conditions that vary."""
+    if "row" not in found:
+        return [str(name) for name in found["id"]]
+    cells = table.conditions.iloc[found["row"].to_numpy() - 1]
+    varying = [name for name in cells if len(set(cells[name])) > 1]
+    words = [
+        ", ".join(f"{name} {number(v) if isinstance(v, float) else v}" for name, v in row.items())
+        for row in cells[varying].to_dict("records")
+    ]
+    return [f"{name}, {word}" for name, word in zip(found["id"], words, strict=True)]

@@ -41,6 +41,7 @@ from aleator.study.noise import columns_of, scales_of
 from aleator.study.sections import StudyFile, pairs
 from aleator.study.simulators import RunsSection
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.individual.observed import varying_conditions
 
 T = TypeVar("T")
 
@@ -116,10 +117,11 @@ class Study:
         the workers of `executor`; None makes them here. Raises
         SimulatorError where the function does not take these conditions and parameters.
         """
-        table = conditions or self.experiments
+        measured = self.experiments
         return Runner(
-            self.simulator, table, self.inputs.names, store=store, executor=executor,
-            retries=self.retries, max_failed=self.max_failed,
+            self.simulator, conditions or measured, self.inputs.names, store=store,
+            executor=executor, retries=self.retries, max_failed=self.max_failed,
+            varying=varying_conditions(measured, [*map(str, measured.conditions.columns)]),
         )  # fmt: skip
 
     def told(self) -> tuple[str, ...]:

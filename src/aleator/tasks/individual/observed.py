@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from aleator.likelihood.individual import IndividualLikelihood, IndividualParameters
@@ -15,7 +17,7 @@ def observation_reports(
     likelihood: IndividualLikelihood,
     alpha: Array,
     found: IndividualParameters,
-    asked: tuple[str, ...],
+    asked: Sequence[str],
     pit: Array,
 ) -> tuple[ObservationReport, ...]:
     """A report for each of M observations; of the `asked` conditions those that vary are told.
@@ -47,7 +49,7 @@ def observation_reports(
     )
 
 
-def varying_conditions(table: Experiments, asked: tuple[str, ...]) -> list[str]:
+def varying_conditions(table: Experiments, asked: Sequence[str]) -> list[str]:
     """Which of the conditions that the simulator asks for vary within any experiment."""
     first = np.unique(table.experiment, return_index=True)[1]
     return [

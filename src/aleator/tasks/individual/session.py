@@ -35,6 +35,9 @@ NODES = 7
 DIRECT = "direct"
 """How an answer calls its propagation where the simulator itself was integrated over."""
 
+OWN = "id"
+"""`of` the ids of the new rows themselves."""
+
 Runners = Callable[[Experiments | Conditions], Runner]
 """What makes the runs for a table."""
 
@@ -62,7 +65,7 @@ class IndividualSession:
 
     def law(
         self,
-        values: Mapping[str, Estimate],
+        values: Mapping[str, float | Estimate],
         at: Mapping[str, object] | pd.Series | None = None,
     ) -> JointLaw:
         """The joint law at these values, of experiments `at` some covariates."""
@@ -80,7 +83,7 @@ class IndividualSession:
         return JointLaw(one, own)
 
     def log_likelihood(
-        self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, Estimate]
+        self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, float | Estimate]
     ) -> float:
         """The log-likelihood at alpha with nodes adapted there; what is not named is as it was."""
         if self.likelihood is None:
@@ -94,7 +97,7 @@ class IndividualSession:
     def predict(
         self,
         conditions: Conditions | pd.DataFrame,
-        values: Mapping[str, Estimate],
+        values: Mapping[str, float | Estimate],
         transform: Transform,  # noqa: ARG002  one interface for all sessions
         quantiles: tuple[float, ...],
         progress: Progress | None,
@@ -154,7 +157,9 @@ class IndividualSession:
 
     def _measured(self, conditions: Conditions, of: str) -> list[str]:
         """The measured experiment that each new one is: a column's, or one for all."""
-        if of in conditions.table.columns:
+        if of == OWN:
+            ids = [*conditions.ids]
+        elif of in conditions.table.columns:
             ids = [_text(cell) for cell in covariates(conditions, [of])[of]]
         else:
             ids = [of] * len(conditions.ids)

@@ -184,7 +184,9 @@ class Identification:
 
         It is that of a measurement of a new experiment. With `noise` False it is that of the
         simulated value. `of` names an experiment that was measured, or a column of the conditions
-        with such names: the distribution is then that of a further measurement of it.
+        with such names ("id": their own ids): the distribution is then that of a further
+        measurement of it.
+
         As `aleator.predict`, with the simulator, inputs and noise of the identification. A data
         frame may have further columns, and the `transform` of the experiments holds for it too.
         Raises AleatorError where the identification was read from a file without the simulator.

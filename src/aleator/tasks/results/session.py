@@ -36,20 +36,20 @@ class Session(Protocol):
 
     def law(
         self,
-        values: Mapping[str, Estimate],
+        values: Mapping[str, float | Estimate],
         at: Mapping[str, object] | pd.Series | None = None,
     ) -> JointLaw:
         """The joint law at these values of the hyperparameters, and `at` these covariates."""
 
     def log_likelihood(
-        self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, Estimate]
+        self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, float | Estimate]
     ) -> float:
         """The log-likelihood at alpha; what is not named has these values."""
 
     def predict(
         self,
         conditions: Conditions | pd.DataFrame,
-        values: Mapping[str, Estimate],
+        values: Mapping[str, float | Estimate],
         transform: Transform,
         quantiles: tuple[float, ...],
         progress: Progress | None,
@@ -77,7 +77,7 @@ class OutcomeSession:
 
     def law(
         self,
-        values: Mapping[str, Estimate],
+        values: Mapping[str, float | Estimate],
         at: Mapping[str, object] | pd.Series | None = None,  # noqa: ARG002  it is the same
     ) -> JointLaw:
         """The joint law at these values of the hyperparameters."""
@@ -89,7 +89,7 @@ class OutcomeSession:
     def predict(
         self,
         conditions: Conditions | pd.DataFrame,
-        values: Mapping[str, Estimate],
+        values: Mapping[str, float | Estimate],
         transform: Transform,
         quantiles: tuple[float, ...],
         progress: Progress | None,
@@ -117,7 +117,7 @@ class OutcomeSession:
         return predicted(runner, model, alpha, quantiles, progress)
 
     def log_likelihood(
-        self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, Estimate]
+        self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, float | Estimate]
     ) -> float:
         """The honest log-likelihood at alpha; what is not named has these values."""
         if self.likelihood is None:
@@ -131,7 +131,7 @@ class OutcomeSession:
 
 def given_values(
     alpha: Mapping[str, float] | ArrayLike,
-    values: Mapping[str, Estimate],
+    values: Mapping[str, float | Estimate],
     hyperparameters: Sequence[Hyperparameter],
 ) -> Array:
     """The alpha (K,) of names or of an array; what is not named has these values.
