@@ -56,8 +56,9 @@ def identify(
     """Identify the law that STUDY.toml asks for.
 
     Prints a report and writes DIR/identification.json; for one seed that file is always the same,
-    but for its "seconds". Draws DIR/experiments.png (each outcome in its predicted distribution)
-    and DIR/calibration.png if matplotlib is installed. Progress goes to the standard error.
+    but for its "seconds". Draws DIR/experiments.png (what was measured beside what is predicted)
+    and DIR/calibration.png if matplotlib is installed, and of experiments with several
+    observations DIR/parameters.png. Progress goes to the standard error.
 
     Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
     known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
@@ -79,18 +80,24 @@ def identify(
     \b
     Further keys, with their defaults:
       title = "", seed = 0
-      [experiments] id = "id", conditions = every other column, transform = "none" or "log"
-                    (both outcomes, measured and simulated, are then in the original unit),
-                    delimiter = ",", decimal = "."
+      [experiments] id = "id" (rows with the same id are one experiment), conditions = every
+                    other column, transform = "none" or "log" (both outcomes, measured and
+                    simulated, are then in the original unit), delimiter = ",", decimal = ".";
+                    outcomes = [...] for several, response = the column that says which,
+                    censored = {column, right, left, upper} for bounds
       [simulator]   vectorized = false: called once a run with numbers; true: with arrays.
                     Instead of function: command (a program) or fmu
       [parameters.NAME] law = "truncated_normal", "beta" (box, mean, sd), "normal" (mean,
                     sd), "uniform" (box; or mean, sd), "gamma", "lognormal" (mean, sd,
                     lower = 0), "scipy" (distribution, args; mean, sd) or "constant"
                     (value); mean, sd and value each a number, or to be identified within
-                    {lower = ..., upper = ..., start = ...}
+                    {lower = ..., upper = ..., start = ...}; mean and sd may follow
+                    columns of the table: mean = "1 + temperature"
       [correlation] a.b: of the parameters a and b, a number or {lower = ..., upper = ...}
-      [noise]       sd: normal measurement noise, a number or {lower = ..., upper = ...}
+      [derived]     a = "b * load": parameters from others and from conditions
+      [noise]       sd: measurement noise, a number, {lower = ..., upper = ...} or a
+                    column; relative; kind = "normal" or "student_t" (df);
+                    [noise.RESPONSE] for each response
       [propagation] method = "response_surface" (tolerance: as exact as the answer needs;
                     max_runs = 1000, nodes)
                     or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
