@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from aleator.inference.diagnostics.failures import failure_report
 from aleator.observations.experiments import Conditions
 from aleator.observations.responses import Response
 from aleator.simulators import FunctionSimulator, Runner
@@ -88,6 +89,25 @@ def test_a_run_that_raises_does_not_spoil_the_others() -> None:
     assert run.takes_arrays(REGION)
     values = run.straight([0, 1, 2], [[1.0, 1.0], [7.0, 1.0], [2.0, 1.0]])
     np.testing.assert_allclose(values[:, 0], [1.0, np.nan, 2.2])
+    lost, failures = run.lost
+    assert (lost, failures.case.tolist(), failures.x.tolist()) == (1, [1], [[7.0, 1.0]])
+    assert "too fast" in failures.failures[0].message
+    report = failure_report(run)
+    assert report is not None
+    assert (report.runs, report.needed, report.experiments) == (1, 19, ("E0",))
+    assert report.region == {"x": (7.0, 7.0), "y": (1.0, 1.0)}
+
+
+def test_what_is_no_number_is_counted_and_the_first_are_told() -> None:
+    def half(load: Any, time: Any, x: Any, y: Any) -> Any:
+        return np.where(x > 1.0, np.nan, np.inf) + 0 * load * time * y
+
+    run = runner(half, vectorized=True)
+    values = run.straight(np.zeros(4000, int), np.tile([[0.5, 0.0], [1.5, 0.0]], (2000, 1)))
+    assert np.sum(np.isnan(values)) == 2000
+    lost, failures = run.lost
+    assert (lost, len(failures), np.unique(failures.x[:, 0]).tolist()) == (2000, 1000, [1.5])
+    assert failures.failures[0].message == "it returned nan"
 
 
 def test_few_calls_find_it_out() -> None:

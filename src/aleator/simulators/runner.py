@@ -46,8 +46,11 @@ def as_runner(
     parameters: Sequence[str],
     vectorized: bool = False,
     executor: Executor | None = None,
+    varying: Collection[str] = (),
 ) -> Runner:
     """A runner as it is; a simulator or a function (see `as_simulator`) on the experiments.
+
+    `varying` is that of another runner whose conditions a series gets as arrays here too.
 
     >>> import pandas as pd
     >>> from aleator.observations.experiments import Conditions
@@ -58,7 +61,7 @@ def as_runner(
     if isinstance(simulator, Runner):
         return simulator
     simulator = as_simulator(simulator, vectorized)
-    return Runner(simulator, experiments, parameters, executor=executor)
+    return Runner(simulator, experiments, parameters, executor=executor, varying=varying)
 
 
 class Runner:
@@ -177,6 +180,11 @@ class Runner:
     def failures(self) -> Runs:
         """Every run that was needed and has no outcome."""
         return self._memory.known([*self._memory.failures])
+
+    @property
+    def lost(self) -> tuple[int, Runs]:
+        """How many runs of `straight` had no outcome, and why, of the first 1000 of them."""
+        return self._direct.lost, self._direct.failures
 
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Array:
         """Run unit `index` (R,) with parameters `x` (R, n): outcomes (R,), transformed."""

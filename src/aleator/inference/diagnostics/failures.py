@@ -30,18 +30,19 @@ class FailureReport:
 
 def failure_report(runner: Runner) -> FailureReport | None:
     """What a runner's failures have in common; None without any."""
-    failed = runner.failures
-    if not len(failed):
+    lost, straight = runner.lost
+    kept = runner.failures
+    if not len(kept) and not lost:
         return None
+    first = (kept if len(kept) else straight).failures[0]
+    case, x = np.concatenate([kept.case, straight.case]), np.concatenate([kept.x, straight.x])
+    lowest, highest = x.min(axis=0).tolist(), x.max(axis=0).tolist()
     return FailureReport(
-        len(failed),
+        len(kept) + lost,
         runner.runs,
-        tuple(runner.ids[k] for k in np.unique(runner.experiment[runner.cases.first[failed.case]])),
-        {
-            name: (float(low), float(high))
-            for name, (low, high) in zip(runner.parameters, failed.region, strict=True)
-        },
-        failed.failures[0].message,
+        tuple(runner.ids[k] for k in np.unique(runner.experiment[runner.cases.first[case]])),
+        dict(zip(runner.parameters, zip(lowest, highest, strict=True), strict=True)),
+        first.message,
     )
 
 
