@@ -82,9 +82,9 @@ def identify(
       title = "", seed = 0
       [experiments] id = "id" (rows with the same id are one experiment), conditions = every
                     other column, transform = "none" or "log" (both outcomes, measured and
-                    simulated, are then in the original unit), delimiter = ",", decimal = ".";
-                    outcomes = [...] for several, response = the column that says which,
-                    censored = {column, right, left, upper} for bounds
+                    simulated, are then in the original unit), delimiter = ",",
+                    decimal = "."; outcomes = [...] for several, response = the column
+                    that says which, censored = {column, right, left, upper} for bounds
       [simulator]   vectorized = false: called once a run with numbers; true: with arrays.
                     Instead of function: command (a program) or fmu
       [parameters.NAME] law = "truncated_normal", "beta" (box, mean, sd), "normal" (mean,
