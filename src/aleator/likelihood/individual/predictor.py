@@ -56,7 +56,7 @@ class Direct:
         return np.asarray(whole[block.place, :, block.column])
 
     def with_slopes(self, block: Block, x: Array) -> tuple[Array, Array]:
-        """2 n + 1 evaluations a unit and node, in one call."""
+        """2 n + 1 evaluations a unit and node, in one call; slope 0 where one is not finite."""
         nodes = x.shape[1]
         width = self.box[:, 1] - self.box[:, 0]
         size = np.sqrt(np.mean(x**2, axis=(0, 1)))
@@ -74,5 +74,8 @@ class Direct:
         parts = found.reshape(len(found), len(points), nodes)
         slopes = np.zeros((x.shape[2], len(found), nodes))
         for k, i in enumerate(self.moving):
-            slopes[i] = (parts[:, 1 + 2 * k] - parts[:, 2 + 2 * k]) / gaps[k][block.owner]
+            with np.errstate(invalid="ignore"):
+                rise = parts[:, 1 + 2 * k] - parts[:, 2 + 2 * k]
+            # an infinite value, such as a life without end, stays what it is
+            slopes[i] = np.where(np.isfinite(rise), rise, 0.0) / gaps[k][block.owner]
         return parts[:, 0], slopes

@@ -8,7 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from aleator.polynomials.gauss import gauss_hermite
+from aleator.polynomials.gauss import polished_rule
+from aleator.polynomials.recurrence import hermite_recurrence
 from aleator.types import Array
 
 
@@ -37,7 +38,9 @@ class GaussHermite:
 
 @lru_cache(maxsize=32)
 def _tensor(per_dimension: int, dimensions: int) -> tuple[Array, Array]:
-    t, weights = gauss_hermite(per_dimension)
+    # weights with all their digits: those far out are multiplied by exp(t^2/2)
+    t, weights, _ = polished_rule(*hermite_recurrence(per_dimension), 2 * per_dimension - 2)
+    t, weights = t[weights > 0.0], weights[weights > 0.0]
     if dimensions == 0:
         return np.zeros((1, 0)), np.zeros(1)
     nodes = np.array(list(product(t, repeat=dimensions)))

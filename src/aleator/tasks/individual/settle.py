@@ -21,6 +21,8 @@ ENOUGH = 2e-3
 if that is more."""
 MOST = 3000
 """Nodes of an experiment beyond which no more are tried."""
+FINEST = 250
+"""Nodes of a variate beyond which no more are tried: their weights leave the floating numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,7 @@ def settled(likelihood: IndividualLikelihood, alpha: Array) -> Settled:
         finer = held.by(held.rule.finer)
         gap = finer.evaluate(alpha).total - held.evaluate(alpha).total
         enough = abs(gap) <= max(ENOUGH, 1e-5 * held.count)
-        if enough or finer.nodes.xi.shape[1] > MOST:
+        if enough or finer.nodes.xi.shape[1] > MOST or finer.rule.per_dimension > FINEST:
             return Settled(held, alpha, gap)
         likelihood = finer
 
