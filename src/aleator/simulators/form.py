@@ -78,16 +78,12 @@ class Form:
     def shaped(self, simulator: Simulator, returned: Any, count: int) -> Array:
         """Values (count, W) of the first `count` runs, NaN where a run has fewer.
 
-        `returned` is an array (count,) of numbers, one (count, W') of rows and the simulator's own
-        `responses`, a mapping from responses to arrays (count,), or a list of answers. Raises
-        SimulatorError for a wrong shape or type, a response that is not there, and a series of the
-        wrong length.
+        `returned` is an array (count,) of numbers, a mapping from responses to such arrays, or a
+        list of answers. Raises SimulatorError for a wrong shape or type, a response that is not
+        there, and a series of the wrong length.
         """
         if not count:
             return np.empty((0, self.width))
-        own = getattr(simulator, "responses", ())
-        if own and np.ndim(returned) == 2:
-            return self._picked(simulator, np.asarray(returned, dtype=np.float64), own)
         if self.rows is not None and not isinstance(returned, Mapping):
             returned = [*returned]
         if isinstance(returned, list):
@@ -114,16 +110,6 @@ class Form:
                 if np.ndim(part) and np.shape(part) != (rows,):
                     raise self._wrong_length(simulator, k, j, np.shape(part)[0], rows)
                 values[k, j : rows * size : size] = part
-        return values
-
-    def _picked(self, simulator: Simulator, returned: Array, own: Sequence[str]) -> Array:
-        """Of values by row and the simulator's own responses those of the table's."""
-        columns = self._of(simulator, {name: k for k, name in enumerate(own)})
-        values = np.full((len(returned), self.width), np.nan)
-        size = len(self.responses)
-        for j, column in enumerate(columns):
-            part = returned[:, column :: len(own)]
-            values[:, j : part.shape[1] * size : size] = part
         return values
 
     def _of(self, simulator: Simulator, answer: Mapping[str, Any]) -> list[Any]:
@@ -161,10 +147,8 @@ class Form:
         )
 
 
-def is_named(simulator: Simulator, returned: Any) -> bool:
+def is_named(returned: Any) -> bool:
     """Whether the values came with the names of their responses."""
-    if getattr(simulator, "responses", ()):
-        return True
     first = returned[0] if isinstance(returned, list) and returned else returned
     return isinstance(first, Mapping)
 

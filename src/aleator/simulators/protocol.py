@@ -23,9 +23,8 @@ class Simulator(Protocol):
     """The user's deterministic model: conditions and parameters to the outcome of a run.
 
     A function is made one by FunctionSimulator; further kinds of simulator fill the same members.
-    Two more are optional. Where `series` is true one run serves a whole experiment: conditions that
-    vary within any experiment come as object arrays (R,) of arrays (m,). `responses` are the names
-    of what a run returns, in their order.
+    One more is optional: where `series` is true one run serves a whole experiment. Conditions that
+    vary within any experiment then come as object arrays (R,) of arrays (m,).
     """
 
     @property
@@ -45,10 +44,9 @@ class Simulator(Protocol):
     def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
         """Run R times: arrays (R,) of conditions asked for and of parameters.
 
-        Returns outcomes (R,); or for several responses a mapping from their names to arrays (R,).
-        One with `responses` may return an array (R, W): of each run its rows one after the other,
-        and of each row the responses; NaN behind the end of shorter runs. Else a list of what each
-        run returned: a number, an array (m,), or a mapping from responses to such.
+        Returns outcomes (R,); or for several responses a mapping from their names to arrays (R,);
+        or a list of what each run returned: a number, an array (m,) of a series, or a mapping from
+        responses to such.
 
         May raise anything; RunStopped hands over the runs that completed before.
         """

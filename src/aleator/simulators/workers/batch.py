@@ -126,7 +126,7 @@ def _attempted(
         if count == 1:
             return _failed(asked, time.perf_counter() - began, error)
         return _halves(simulator, conditions, parameters, form, asked, error)
-    return _made(asked, values, form, time.perf_counter() - began, is_named(simulator, returned))
+    return _made(asked, values, form, time.perf_counter() - began, is_named(returned))
 
 
 def _before(simulator: Simulator, stop: RunStopped, form: Form, asked: Runs, took: float) -> Runs:
@@ -137,7 +137,7 @@ def _before(simulator: Simulator, stop: RunStopped, form: Form, asked: Runs, too
     form = form.some(slice(done))
     values = form.shaped(simulator, stop.completed, done)
     each = took / (done + 1)
-    named = done > 0 and is_named(simulator, stop.completed)
+    named = done > 0 and is_named(stop.completed)
     made = _made(asked.some(slice(done)), values, form, each * done, named)
     if isinstance(cause, KeyboardInterrupt):
         return replace(made, stopped=cause)
