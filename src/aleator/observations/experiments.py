@@ -19,7 +19,7 @@ from aleator.observations.reading import Censored, Outcomes
 from aleator.observations.responses import Observations
 from aleator.observations.tables import Table
 from aleator.observations.transform import Transform
-from aleator.types import Array, Indices
+from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -85,6 +85,13 @@ class Experiments:
 
     def __len__(self) -> int:
         return len(self.ids)
+
+    def only(self, which: Flags) -> Experiments:
+        """The same experiments with some of the observations (M,)."""
+        return Experiments(
+            self.ids, self.conditions, self.observations.only(which),
+            table=self.table, experiment=self.experiment, places=self.places,
+        )  # fmt: skip
 
     @property
     def simple(self) -> bool:

@@ -129,6 +129,17 @@ class Observations:
         """The names of the responses."""
         return tuple(response.name for response in self.responses)
 
+    def only(self, which: Flags) -> Observations:
+        """Some of the values (M,).
+
+        >>> Observations.exact([1.0, 2.0]).only(np.array([False, True])).lower.tolist()
+        [2.0]
+        """
+        return Observations(
+            self.experiment[which], self.row[which], self.response[which],
+            self.lower[which], self.upper[which], self.responses,
+        )  # fmt: skip
+
     @cached_property
     def measured(self) -> Flags:
         """Which values are known exactly, bool (M,)."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from aleator.types import Array, Indices
+from aleator.types import Array, Flags, Indices
 
 BLOCK = 400_000
 """Simulated values that are held at once."""
@@ -36,18 +37,29 @@ class Block:
     def __len__(self) -> int:
         return self.starts.size
 
+    @cached_property
+    def seen(self) -> Flags:
+        """Which experiments have an observation (B,)."""
+        return np.bincount(self.owner, minlength=len(self)) > 0
+
     def summed(self, values: Array) -> Array:
-        """Sums (B, ...) over the observations (m, ...) of each experiment."""
-        return np.add.reduceat(values, self.starts, axis=0)
+        """Sums (B, ...) over the observations (m, ...) of each experiment; zero without any."""
+        if np.all(self.seen):
+            return np.add.reduceat(values, self.starts, axis=0)
+        sums = np.zeros((len(self), *values.shape[1:]))
+        if np.any(self.seen):
+            sums[self.seen] = np.add.reduceat(values, self.starts[self.seen], axis=0)
+        return sums
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
     """N experiments (`count`) and their M observations, sorted by experiment.
 
-    Each experiment has at least one. `experiment` (M,) is that of each observation, `unit` (M,)
-    what a run has to be made for to give its value, and `column` (M,) which of the values of that
-    run it is. `chosen` are the only experiments that count, where there are any.
+    An experiment may have none: its likelihood is one, whatever the law. `experiment` (M,) is that
+    of each observation, `unit` (M,) what a run has to be made for to give its value, and `column`
+    (M,) which of the values of that run it is. `chosen` are the only experiments that count, where
+    there are any.
     """
 
     count: int

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from aleator.inference.diagnostics.individual import Rival
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws.inputs import Inputs
@@ -26,13 +27,15 @@ from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
 from aleator.tasks.baselines import start_point
 from aleator.tasks.individual.cost import cheap
+from aleator.tasks.individual.failed import lost_observations
 from aleator.tasks.individual.guess import PooledFit, guesses, pooled_fit
 from aleator.tasks.individual.infer import inferred
 from aleator.tasks.individual.population import first_region
+from aleator.tasks.individual.rivals import rivals
 from aleator.tasks.individual.settle import Settled, climbed, settled
-from aleator.tasks.individual.surfaces import ByResponseSurfaces
+from aleator.tasks.individual.surfaces import SURFACE, Begun, ByResponseSurfaces
 from aleator.tasks.ledger import Ledger
-from aleator.types import Array
+from aleator.types import Array, Flags, Indices
 
 FIRST = (1, 5, 3)
 """Gauss-Hermite nodes a variate that a search begins with, by the number of variates."""
@@ -47,7 +50,10 @@ BEST = 3
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """Experiments, the law whose hyperparameters are wanted, and how the observations err."""
+    """Experiments, the law whose hyperparameters are wanted, and how the observations err.
+
+    Of the observations that the runner gives values of the table has those that are `kept`.
+    """
 
     runner: Runner
     table: Experiments
@@ -56,6 +62,23 @@ class Question:
     surfaces: ResponseSurface
     search: Search
     seed: int
+    kept: Flags
+
+    def without(self, lost: Flags) -> Question:
+        """The same without some of the observations (M,): no run gives their values."""
+        kept = self.kept.copy()
+        kept[kept] = ~lost
+        return replace(self, table=self.table.only(~lost), kept=kept)
+
+    @property
+    def unit(self) -> Indices:
+        """(M,) the unit whose run gives each observation."""
+        return self.runner.unit[self.kept]
+
+    @property
+    def column(self) -> Indices:
+        """(M,) which of the values of that run each observation is."""
+        return self.runner.column[self.kept]
 
     @cached_property
     def errors(self) -> MeasurementErrors:
@@ -66,7 +89,7 @@ class Question:
     def layout(self) -> Layout:
         """Which run gives the value of which observation."""
         experiment = self.table.observations.experiment
-        return Layout(len(self.table.ids), experiment, self.runner.unit, self.runner.column)
+        return Layout(len(self.table.ids), experiment, self.unit, self.column)
 
     @cached_property
     def measured(self) -> Array:
@@ -83,38 +106,51 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A maximum, and how sure it is; without surfaces the simulator itself was integrated over."""
+    """A maximum, and how sure it is; without surfaces the simulator itself was integrated over.
 
+    `question` is what was answered in the end: without observations that no run gives a value of.
+    """
+
+    question: Question
     settled: Settled
     found: SearchResult
     inference: Inference
     profile: Profile
     fit: PooledFit
     surfaces: AdaptiveSurfaces | None
+    rivals: tuple[Rival, ...]
 
 
 def answered(question: Question, ledger: Ledger) -> Answer:
     """Search with nodes that follow, settle, and see how sure the answer is."""
-    searched = _Searched(question, ledger)
     inputs, runner = question.inputs, question.runner
     hyperparameters = (*inputs.hyperparameters, *question.errors.hyperparameters)
     region = first_region(inputs, hyperparameters, len(question.table.ids))
     if cheap(runner, inputs, start_point(inputs), region):
         moving = np.flatnonzero(inputs.box[:, 1] > inputs.box[:, 0])
+        question = question.without(
+            lost_observations(runner, region, question.unit, question.column)
+        )
         likelihood = question.likelihood(Direct(runner, moving, inputs.box))
-        found = searched(likelihood, [])
+        found = _Searched(question, ledger)(likelihood, [])
         with ledger.stage("search"):
             end, surfaces = settled(likelihood, found.alpha), None
     else:
-        way = ByResponseSurfaces(runner, question.likelihood, question.surfaces, searched, ledger)
-        surfaced = way.answer(region)
+        with ledger.stage(SURFACE):
+            begun = Begun.on(runner, region, question.surfaces, question.unit, question.column,
+                             ledger.progress)  # fmt: skip
+        question, begun = question.without(begun.lost), begun.without_lost()
+        searched = _Searched(question, ledger)
+        way = ByResponseSurfaces(runner, question.likelihood, searched, ledger)
+        surfaced = way.answer(begun)
         end, found, surfaces = surfaced.settled, surfaced.found, surfaced.surfaces
     found = replace(found, alpha=end.alpha, log_likelihood=end.value)
     with ledger.stage("inference"):
         end, found, inference, profile = inferred(end, found)
+        others = rivals(end, inference, found)
     with ledger.stage("baselines"):
         fit = pooled_fit(end.likelihood, question.measured, start_point(question.inputs))
-    return Answer(end, found, inference, profile, fit, surfaces)
+    return Answer(question, end, found, inference, profile, fit, surfaces, others)
 
 
 @dataclass(frozen=True, eq=False)

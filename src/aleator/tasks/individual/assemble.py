@@ -6,11 +6,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.densities import Status
-from aleator.inference.diagnostics.individual import review_individual
-from aleator.likelihood.individual import IndividualParameters, individual_parameters
+from aleator.inference.diagnostics.failures import failure_report, failure_warnings
+from aleator.inference.diagnostics.individual import (
+    review_data,
+    review_individual,
+    rival_warnings,
+    without_surfaces,
+)
+from aleator.likelihood.individual import (
+    IndividualLikelihood,
+    IndividualParameters,
+    OnSurfaces,
+    individual_parameters,
+)
 from aleator.tasks.individual.answer import Answer, Question
 from aleator.tasks.individual.calibration import sequential_pit
 from aleator.tasks.individual.curves import law_curves
+from aleator.tasks.individual.failed import failing_share
 from aleator.tasks.individual.observed import observation_reports
 from aleator.tasks.individual.session import DIRECT, IndividualSession, runners
 from aleator.tasks.ledger import Ledger
@@ -22,7 +34,7 @@ from aleator.tasks.results.summary import (
     versions,
 )
 from aleator.tasks.results.values import IndividualReport, LogLikelihoodReport
-from aleator.types import Array
+from aleator.types import Array, Flags
 
 
 def assembled(
@@ -32,24 +44,34 @@ def assembled(
 ) -> Identification:
     """The Identification of an answer."""
     end, found, inference, profile = answer.settled, answer.found, answer.inference, answer.profile
-    alpha, table, inputs = end.alpha, question.table, end.likelihood.inputs
+    alpha, table, inputs = end.alpha, answer.question.table, end.likelihood.inputs
     hyperparameters = end.likelihood.hyperparameters
     at = end.likelihood.evaluate(alpha)
     with ledger.stage("individual parameters"):
         individual = individual_parameters(end.likelihood, alpha)
         pit = sequential_pit(end.likelihood, alpha, table.observations)
+        failing = failing_share(end.likelihood, alpha)
+    lost = without_surfaces(_lost(end.likelihood), table.observations.experiment, table.ids)
     warnings, accepted = review_individual(
         at, alpha, hyperparameters, inference, profile, end.gap, table.ids
     )
+    failures = failure_report(question.runner) if answer.surfaces is not None else None
     names = inputs.names
     return Identification(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
         log_likelihood=LogLikelihoodReport(at.total, None, None),
         density="individual_integral",
         propagation=DIRECT if answer.surfaces is None else "response_surface",
-        accepted=accepted,
-        warnings=warnings,
-        experiments=_individuals(question, at.each, at.status, individual, names),
+        accepted=accepted and not lost,
+        warnings=(
+            *lost,
+            *warnings,
+            *rival_warnings(answer.rivals, hyperparameters),
+            *review_data(question.table.observations, table.observations, failing, table.ids),
+            *failure_warnings(failures),
+        ),
+        failures=failures,
+        experiments=_individuals(answer.question, at.each, at.status, individual, names),
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
         search=search_of(found, inference, hyperparameters),
@@ -81,14 +103,22 @@ def assembled(
         session=IndividualSession(
             inputs,
             question.noise,
-            table,
-            runners(question.runner, table),
+            question.table,
+            runners(question.runner, question.table),
             end.likelihood,
             answer.surfaces is None,
             question.surfaces,
         ),
         parameter_correlations=parameter_correlations_of(inputs, alpha, hyperparameters, inference),
     )
+
+
+def _lost(likelihood: IndividualLikelihood) -> Flags:
+    """Which observations (M,) have no surface: too few runs worked."""
+    predictor = likelihood.predictor
+    if not isinstance(predictor, OnSurfaces):
+        return np.zeros(likelihood.layout.experiment.size, dtype=np.bool_)
+    return np.asarray(np.isinf(predictor.surface.error[predictor.of]))
 
 
 def _individuals(

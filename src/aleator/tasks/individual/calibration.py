@@ -68,7 +68,7 @@ def _before(terms: Array, block: Block) -> Array:
     """The sums (m, J) of the terms of the same experiment before each observation."""
     possible = np.where(np.isnan(terms), IMPOSSIBLE, np.maximum(terms, IMPOSSIBLE))
     running = np.cumsum(possible, axis=0) - possible
-    return np.asarray(running - running[block.starts][block.owner])
+    return np.asarray(running - running[block.starts[block.owner]])
 
 
 def _cdf(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
 from aleator.observations.covariates import covariates
@@ -50,6 +52,7 @@ def identified(
         )
     if inputs.regressed:
         inputs = inputs.resolved(covariates(table, inputs.covariates))
-    question = Question(runner, table, inputs, noise, surfaces, search, seed)
+    kept = np.ones(len(table.observations), dtype=np.bool_)
+    question = Question(runner, table, inputs, noise, surfaces, search, seed, kept)
     answer = answered(question, ledger)
     return assembled(question, answer, ledger)

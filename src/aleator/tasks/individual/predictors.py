@@ -28,7 +28,7 @@ def about(runner: Runner, box: Array, x: Array, choice: ResponseSurface) -> Pred
     """Surfaces that are exact where points x (D, n) of the law lie."""
     ends = np.stack([x.min(axis=0), x.max(axis=0)], axis=1)
     region = within(box, padded(ends, box))
-    moving, sites = moving_parameters(region), Sites.seen(runner)
+    moving, sites = moving_parameters(region), Sites.seen(runner, runner.unit, runner.column)
     if not moving.size:
         return direct(runner, box, region)
     where = x[:: max(1, len(x) // MOST)][:, moving]

@@ -14,6 +14,7 @@ import numpy as np
 from aleator.inference.information import Inference, infer
 from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces, Predictor
 from aleator.likelihood.problem import told
+from aleator.progress import Progress
 from aleator.search import SearchResult
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
@@ -64,10 +65,10 @@ class Sites:
     of: Indices
 
     @classmethod
-    def seen(cls, runner: Runner) -> Sites:
-        """Those of a runner's observations."""
-        case = runner.cases.condition[runner.unit]
-        pairs = np.stack([case, runner.column], axis=1)
+    def seen(cls, runner: Runner, unit: Indices, column: Indices) -> Sites:
+        """Those of observations that are values of these units (M,), in these columns (M,)."""
+        case = runner.cases.condition[unit]
+        pairs = np.stack([case, column], axis=1)
         distinct, of = np.unique(pairs, axis=0, return_inverse=True)
         return cls(runner.cases.first[distinct[:, 0]], distinct[:, 1], of.ravel())
 
@@ -93,6 +94,41 @@ class Sites:
 
 
 @dataclass(frozen=True, eq=False)
+class Begun:
+    """The first surfaces, on a region (n, 2); `lost` (M,) are observations that have none.
+
+    There is none where fewer runs work than a surface needs.
+    """
+
+    surfaces: AdaptiveSurfaces
+    region: Array
+    sites: Sites
+    lost: Flags
+
+    @classmethod
+    def on(
+        cls,
+        runner: Runner,
+        region: Array,
+        choice: ResponseSurface,
+        unit: Indices,
+        column: Indices,
+        progress: Progress,
+    ) -> Begun:
+        """Coarse surfaces of all observations; `unit`, `column` (M,) say which runs they are."""
+        sites = Sites.seen(runner, unit, column)
+        box = region[moving_parameters(region)]
+        surfaces = AdaptiveSurfaces(sites.run(runner, region), box, len(sites), choice)
+        surfaces.refine(surfaces.everywhere(), COARSE, told(progress))
+        return cls(surfaces, region, sites, np.isinf(surfaces.emulator.error)[sites.of])
+
+    def without_lost(self) -> Begun:
+        """The same for the other observations."""
+        sites = replace(self.sites, of=self.sites.of[~self.lost])
+        return replace(self, sites=sites, lost=self.lost[~self.lost])
+
+
+@dataclass(frozen=True, eq=False)
 class Surfaced:
     """An answer on surfaces, with these and the region that they know."""
 
@@ -112,13 +148,12 @@ class ByResponseSurfaces:
 
     runner: Runner
     likelihood: Callable[[Predictor], IndividualLikelihood]
-    choice: ResponseSurface
     search: Callable[[IndividualLikelihood, Sequence[Array]], SearchResult]
     ledger: Ledger
 
-    def answer(self, region: Array) -> Surfaced:
-        """The answer that further runs do not move, begun on a region (n, 2)."""
-        surfaced = self._first(region)
+    def answer(self, begun: Begun) -> Surfaced:
+        """The answer that further runs do not move."""
+        surfaced = self._first(begun)
         while True:
             surfaced = self._refined(surfaced)
             likelihood, before = surfaced.settled.likelihood, surfaced.settled
@@ -128,13 +163,8 @@ class ByResponseSurfaces:
                 return replace(surfaced, found=found)
             surfaced = replace(surfaced, settled=again, found=found)
 
-    def _first(self, region: Array) -> Surfaced:
-        sites = Sites.seen(self.runner)
-        with self.ledger.stage(SURFACE):
-            run = sites.run(self.runner, region)
-            box = region[moving_parameters(region)]
-            surfaces = AdaptiveSurfaces(run, box, len(sites), self.choice)
-            surfaces.refine(surfaces.everywhere(), COARSE, told(self.ledger.progress))
+    def _first(self, begun: Begun) -> Surfaced:
+        surfaces, region, sites = begun.surfaces, begun.region, begun.sites
         likelihood = self.likelihood(OnSurfaces(surfaces.surface(), region, sites.of))
         found = self.search(likelihood, [])
         return Surfaced(settled(likelihood, found.alpha), found, surfaces, region, sites)
@@ -215,7 +245,8 @@ def _noise(surfaced: Surfaced) -> Array:
         eta = likelihood.at(alpha, block, xi).eta
         scale = likelihood.errors.scale(of_errors, eta, block.rows)[:, 0]
         np.minimum.at(least, surfaced.sites.of[block.rows], scale)
-    return least
+    # a site of observations that are left out is compared with nothing
+    return np.where(np.isfinite(least), least, 1.0)
 
 
 def _infer(answer: Settled) -> Inference:

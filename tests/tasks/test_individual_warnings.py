@@ -1,0 +1,97 @@
+"""What is told of incomplete data, of runs that fail and of other maxima."""
+
+import time as clock
+
+import numpy as np
+import pandas as pd
+import pytest
+from individual_cases import PAIR, straight_line, table
+
+import aleator
+from aleator import Experiments, Free, GradientMultistart, Identification, Inputs, Noise, Normal
+from aleator.observations.censoring import Censoring
+
+FRAME = table(straight_line, experiments=12)
+NOISE = Noise(Free(0.01, 5.0))
+LATE = 2.8
+ONE = Inputs({"a": Normal(Free(-10.0, 10.0), Free(0.01, 5.0))})
+
+
+def line(time, a, b):
+    return a + b * time
+
+
+def identified(model, frame, inputs=PAIR, vectorized=True, starts=2, **keys) -> Identification:
+    experiments = Experiments.from_frame(frame, outcome="y", id="id", **keys)
+    return aleator.identify(
+        model, experiments, inputs, vectorized=vectorized, noise=NOISE,
+        search=GradientMultistart(starts=starts),
+    )  # fmt: skip
+
+
+def told(found: Identification, *words: str) -> tuple[str, ...]:
+    """What the warning with these words concerns."""
+    (warning,) = (w for w in found.warnings if all(word in w.message for word in words))
+    return warning.concerns
+
+
+def early(time, a, b):
+    return np.where(time > LATE, np.nan, a + b * time)
+
+
+def slowly_early(time, a, b):
+    if time > LATE:
+        raise ValueError("no convergence")
+    clock.sleep(0.0025)
+    return a + b * time
+
+
+@pytest.mark.parametrize("model", [early, slowly_early])
+def test_observations_without_a_run_are_left_out_and_told(model) -> None:
+    late = FRAME["time"] > LATE
+    found = identified(model, FRAME, vectorized=model is early)
+    same = identified(line, FRAME[~late])
+    assert found.log_likelihood.estimated == pytest.approx(same.log_likelihood.estimated, abs=0.01)
+    assert len(found.observations) == len(FRAME) - late.sum()
+    assert set(told(found, "no run gives")) == set(FRAME.loc[late, "id"])
+    assert found.accepted
+
+
+def test_an_experiment_that_is_lost_has_the_individual_law_of_none() -> None:
+    lost = FRAME.assign(time=np.where(FRAME["id"] == "e0", 5.0, FRAME["time"]))
+    found = identified(lambda time, a, b: np.where(time == 5.0, np.nan, a + b * time), lost)
+    own = found.individuals.loc["e0"]
+    assert (own["observations"], own["log_density"]) == (0, pytest.approx(0.0, abs=1e-12))
+    assert [own["a.mean"], own["a.sd"]] == pytest.approx(
+        [found.values["a.mean"], found.values["a.sd"]], rel=1e-6
+    )
+
+
+def test_laws_that_reach_where_runs_fail_are_told() -> None:
+    found = identified(lambda time, a: np.where(a > 1.8, np.nan, a - 0.5 * time), FRAME, ONE)
+    assert len(told(found, "runs fail at up to", "% of the identified law")) > 6
+
+
+def test_censored_values_above_half_are_told() -> None:
+    bound = float(FRAME["y"].quantile(0.4))
+    cut = FRAME["y"] > bound
+    frame = FRAME.assign(y=FRAME["y"].clip(upper=bound), status=np.where(cut, "over", ""))
+    found = identified(line, frame, conditions=["time"], censored=Censoring("status", right="over"))
+    assert told(found, "only bounds are known") == ()
+
+
+def test_two_maxima_are_told() -> None:
+    """y = x^2 t says nothing of the sign of x."""
+    rng = np.random.default_rng(4)
+    frame = pd.DataFrame(
+        [
+            {"id": str(l), "time": t, "y": x**2 * t + 0.1 * rng.normal()}
+            for l, x in enumerate(1.5 + 0.2 * rng.normal(size=10))
+            for t in (1.0, 2.0, 3.0)
+        ]
+    )
+    inputs = Inputs({"x": Normal(Free(-4.0, 4.0), Free(0.01, 2.0))})
+    found = identified(lambda time, x: x**2 * time, frame, inputs, starts=6)
+    assert told(found, "two maxima", "x.mean") == ("x.mean",)
+    single = identified(line, FRAME, starts=4)
+    assert not any("maxima" in warning.message for warning in single.warnings)
