@@ -68,7 +68,9 @@ def test_an_experiment_that_is_lost_has_the_individual_law_of_none() -> None:
 
 
 def test_laws_that_reach_where_runs_fail_are_told() -> None:
-    found = identified(lambda time, a: np.where(a > 1.8, np.nan, a - 0.5 * time), FRAME, ONE)
+    found = identified(
+        lambda time, a: np.where(a > 1.8, np.nan, a - 0.5 * time), FRAME, ONE, starts=1
+    )
     assert len(told(found, "runs fail at up to", "% of the identified law")) > 6
 
 
@@ -76,7 +78,10 @@ def test_censored_values_above_half_are_told() -> None:
     bound = float(FRAME["y"].quantile(0.4))
     cut = FRAME["y"] > bound
     frame = FRAME.assign(y=FRAME["y"].clip(upper=bound), status=np.where(cut, "over", ""))
-    found = identified(line, frame, conditions=["time"], censored=Censoring("status", right="over"))
+    censoring = Censoring("status", right="over")
+    found = identified(
+        lambda time, a: a - 0.5 * time, frame, ONE, conditions=["time"], censored=censoring
+    )
     assert told(found, "only bounds are known") == ()
 
 

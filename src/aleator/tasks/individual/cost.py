@@ -13,7 +13,7 @@ from aleator.types import Array, Indices
 SLOW = 2e-3
 """Seconds of a run from where on a simulator is not cheap, however few runs are needed."""
 AGAIN = 0.5
-"""Seconds of a first run up to which it is made again: it may have loaded what the next ones use."""
+"""Seconds of a first run below which it is made again: it may have loaded what others use."""
 LONGEST = 60.0
 """Seconds that the simulator may take in an identification without surfaces."""
 EVALUATIONS = 400
