@@ -77,7 +77,8 @@ def test_it_converges_to_the_integral_as_nodes_are_added():
     wanted = [by_grid(decay, own, ALPHA) for _, own in frame.groupby("id", sort=False)]
     adapted = likelihood_of(decay, frame).adapted(ALPHA)
     errors = [
-        np.abs(adapted.by(GaussHermite(q)).evaluate(ALPHA).each - wanted).max() for q in (3, 9, 31)
+        np.abs(adapted.by(GaussHermite(q), ALPHA).evaluate(ALPHA).each - wanted).max()
+        for q in (3, 9, 31)
     ]
     assert errors[0] > 5.0 * errors[1] > 25.0 * errors[2]
     assert errors[2] < 2e-5
@@ -90,7 +91,7 @@ def test_nodes_of_the_law_miss_an_experiment_that_is_sharper_than_the_law():
     wanted = [by_grid(decay, own, alpha, 6001, 6.0) for _, own in frame.groupby("id", sort=False)]
     law = likelihood_of(decay, frame, nodes=21)
     assert np.abs(law.evaluate(alpha).each - wanted).max() > 1.0
-    adapted = law.adapted(alpha).by(GaussHermite(9))
+    adapted = law.by(GaussHermite(9), alpha)
     assert adapted.evaluate(alpha).each == pytest.approx(np.array(wanted), abs=2e-3)
 
 

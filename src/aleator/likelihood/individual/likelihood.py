@@ -13,7 +13,8 @@ from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.individual import Individual, variates_of
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual.layout import Block, Layout
-from aleator.likelihood.individual.modes import ARRIVED, FARTHEST, NEAR, Modes, modes
+from aleator.likelihood.individual.modes import ARRIVED, FARTHEST, NEAR, modes
+from aleator.likelihood.individual.nodes import Nodes, adapted_nodes
 from aleator.likelihood.individual.predictor import Predictor
 from aleator.likelihood.individual.rule import GaussHermite
 from aleator.observations.errors import MeasurementErrors, Terms
@@ -22,21 +23,6 @@ from aleator.types import Array
 
 AROUND = (-2.0, -1.0, 1.0, 2.0)
 """Where modes are sought along each variate, besides about the last one."""
-
-
-@dataclass(frozen=True, eq=False)
-class Nodes:
-    """Standard normal variates xi (N, J, s) of each experiment, log weights (N, J), modes (N, s).
-
-    `x` (N, n) are the modes as parameters, under the alpha to which the nodes are adapted.
-    int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j).
-    """
-
-    xi: Array
-    log_weight: Array
-    mode: Array
-    information: Array
-    x: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +53,7 @@ class IndividualLikelihood:
         rule: GaussHermite,
     ) -> IndividualLikelihood:
         """The likelihood with the nodes of the law itself."""
-        mode = np.zeros((layout.count, inputs.scattering))
-        nodes = _placed(Modes(mode, _units(mode)), rule)
+        nodes = Nodes.of_the_law(layout.count, inputs.scattering, rule)
         return cls(inputs, errors, predictor, layout, rule, nodes)
 
     @property
@@ -110,31 +95,32 @@ class IndividualLikelihood:
         return np.array([self.evaluate(alpha).total for alpha in np.asarray(alphas)])
 
     def adapted(self, alpha: Array, arrived: float = ARRIVED) -> IndividualLikelihood:
-        """The same with nodes adapted to alpha: about each mode, as wide as its curvature says.
+        """The same with nodes adapted to alpha (see `adapted_nodes`).
 
         Modes are found to `arrived` in log-density.
         """
-        if not self.inputs.scattering:
+        s, n = self.inputs.scattering, len(self.inputs.names)
+        if not s:
             return self
-        found = Modes(self.nodes.mode.copy(), self.nodes.information.copy())
-        x = np.zeros((self.count, len(self.inputs.names)))
-        for block in self.blocks:
-            start = self._best_start(alpha, block)
-            own = modes(partial(self._curved, alpha, block), start, arrived)
-            found.z[block.experiments] = own.z
-            found.information[block.experiments] = own.information
-            x[block.experiments] = self._individual(alpha, block, own.z[:, None]).x[:, 0]
-        return replace(self, nodes=replace(_placed(found, self.rule), x=x))
+        count = self.rule.per_dimension**s
+        xi, log_weight = np.zeros((self.count, count, s)), np.zeros((self.count, count))
+        mode, x = self.nodes.mode.copy(), np.zeros((self.count, n))
+        information = self.nodes.information.copy()
+        for block in self.layout.blocks(count):
+            part, curved = block.experiments, partial(self._curved, alpha, block)
+            found = modes(curved, self._best_start(alpha, block), arrived=arrived)
+            mode[part], information[part] = found.z[:, 0], found.information[:, 0]
+            x[part] = self._individual(alpha, block, found.z).x[:, 0]
+            xi[part], log_weight[part] = adapted_nodes(curved, found, self.rule, arrived)
+        return replace(self, nodes=Nodes(xi, log_weight, mode, information, x))
+
+    def by(self, rule: GaussHermite, alpha: Array) -> IndividualLikelihood:
+        """The same with other nodes, adapted to alpha."""
+        return replace(self, rule=rule).adapted(alpha)
 
     def sampled(self, size: int) -> IndividualLikelihood:
         """That of about so many of the experiments, spread evenly; the others count as nothing."""
         return replace(self, layout=self.layout.sampled(size))
-
-    def by(self, rule: GaussHermite) -> IndividualLikelihood:
-        """The same with other nodes about the same modes."""
-        found = Modes(self.nodes.mode, self.nodes.information)
-        nodes = replace(_placed(found, rule), x=self.nodes.x)
-        return replace(self, rule=rule, nodes=nodes)
 
     @property
     def continued(self) -> Following:
@@ -169,7 +155,7 @@ class IndividualLikelihood:
         again = self._again(alpha, block, last)
         trial = np.concatenate([last[:, None], again[:, None], around], axis=1)
         value = self.sums(alpha, block, trial) - 0.5 * np.sum(trial**2, axis=2)
-        return np.asarray(trial[np.arange(len(last)), np.argmax(value, axis=1)])
+        return np.asarray(trial[np.arange(len(last)), np.argmax(value, axis=1)][:, None])
 
     def _again(self, alpha: Array, block: Block, last: Array) -> Array:
         """The variates (B, s) under alpha of the parameters that the last modes were."""
@@ -182,16 +168,16 @@ class IndividualLikelihood:
         return np.where(fine, found, last)
 
     def _curved(self, alpha: Array, block: Block, z: Array) -> tuple[Array, Array, Array]:
-        """The log-density of variates z (B, s) given the observations; Gauss-Newton curvature."""
-        found = self.at(alpha, block, z[:, None])
-        by_xi = found.individual.by_variates()[:, 0]
-        slopes = np.einsum("nm,mns->ms", found.slopes[:, :, 0], by_xi[block.owner])
+        """The log-density of variates z (B, P, s) given the observations, by Gauss and Newton."""
+        found = self.at(alpha, block, z)
+        by_xi = found.individual.by_variates()[block.owner]
+        slopes = np.einsum("nmp,mpns->mps", found.slopes, by_xi)
         of_errors = alpha[self.inputs.size :]
         curvature = self.errors.curvature(of_errors, found.eta, block.rows)
-        value = found.sums[:, 0] - 0.5 * np.sum(z**2, axis=1)
-        gradient = block.summed(found.terms.d_eta * slopes) - z
-        outer = curvature[:, :, None] * slopes[:, :, None] * slopes[:, None, :]
-        return value, gradient, block.summed(outer) + np.eye(z.shape[1])
+        value = found.sums - 0.5 * np.sum(z**2, axis=2)
+        gradient = block.summed(found.terms.d_eta[..., None] * slopes) - z
+        outer = curvature[..., None, None] * slopes[..., :, None] * slopes[..., None, :]
+        return value, gradient, block.summed(outer) + np.eye(z.shape[2])
 
 
 class Following:
@@ -248,26 +234,6 @@ class Evaluated:
             each = np.sum(share[owner] * derivative, axis=1)
             errors[:, p] = np.bincount(owner, each, minlength=len(share))
         return np.concatenate([law, errors], axis=1)
-
-
-def _units(mode: Array) -> Array:
-    return np.tile(np.eye(mode.shape[1]), (len(mode), 1, 1))
-
-
-def _placed(found: Modes, rule: GaussHermite) -> Nodes:
-    """xi_j = mode + C t_j with C C' = information^-1, and the weights of the integral.
-
-    log weight_j = log w_j + log det C + (|t_j|^2 - |xi_j|^2)/2.
-    """
-    z, information = found.z, found.information
-    t, log_w = rule.nodes(z.shape[1])
-    if not z.shape[1]:
-        return Nodes(np.zeros((len(z), 1, 0)), np.zeros((len(z), 1)), z, information)
-    root = np.linalg.cholesky(np.linalg.inv(information))
-    xi = z[:, None] + np.einsum("nst,jt->njs", root, t)
-    log_det = np.log(np.einsum("nss->ns", root)).sum(axis=1)
-    spread = 0.5 * (np.sum(t**2, axis=1) - np.sum(xi**2, axis=2))
-    return Nodes(xi, log_w + log_det[:, None] + spread, z, information)
 
 
 def mean_of(total: Array) -> tuple[Array, Array]:

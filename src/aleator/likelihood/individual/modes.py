@@ -23,45 +23,60 @@ FARTHEST = 8.0
 
 
 class Curved(Protocol):
-    """The log-density of variates z (B, s) with gradient (B, s) and information (B, s, s)."""
+    """The log-density of variates z (B, P, s) with its gradient and information.
+
+    Value (B, P), gradient (B, P, s), and a positive definite approximation (B, P, s, s) of the
+    negative Hessian.
+    """
 
     def __call__(self, z: Array) -> tuple[Array, Array, Array]:
-        """Value, gradient, and a positive definite approximation of the negative Hessian."""
+        """Value, gradient and information at P points of each of B experiments."""
 
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Modes z (B, s), and the information (B, s, s) there."""
+    """Modes z (B, P, s), and the information (B, P, s, s) there."""
 
     z: Array
     information: Array
 
 
-def modes(log_density: Curved, start: Array, arrived: float = ARRIVED) -> Modes:
-    """Climb from start (B, s) by Gauss-Newton steps, all experiments in one batch.
+def modes(
+    log_density: Curved, start: Array, basis: Array | None = None, arrived: float = ARRIVED
+) -> Modes:
+    """Climb from start (B, P, s) by Gauss-Newton steps, all points in one batch.
 
-    Levenberg's damping, raised where a step does not gain, lowered where it does. Ends, without an
-    error, when no experiment gains.
+    With a `basis` (B, 1, s, k) only in the directions of its columns. Levenberg's damping, raised
+    where a step does not gain, lowered where it does. Ends, without an error, when no point gains.
     """
     z = start
     value, gradient, information = log_density(z)
-    damping = np.zeros(len(z))
-    unit = np.eye(z.shape[1])
+    damping = np.zeros(z.shape[:2])
+    unit = np.eye(z.shape[2] if basis is None else basis.shape[3])
     raised, lowered = 4.0, 0.25
     for _ in range(STEPS if arrived < NEAR else FEW_STEPS):
-        damped = information * (1.0 + damping[:, None, None] * unit)
-        step = np.linalg.solve(damped, gradient[..., None])[..., 0]
-        gain = 0.5 * np.sum(gradient * step, axis=1)
+        slope, curvature = _within(gradient, information, basis)
+        damped = curvature * (1.0 + damping[..., None, None] * unit)
+        step = np.linalg.solve(damped, slope[..., None])[..., 0]
+        gain = 0.5 * np.sum(slope * step, axis=-1)
         open_ = gain > arrived
         if not np.any(open_):
             break
-        trial = np.clip(z + step * open_[:, None], -FARTHEST, FARTHEST)
+        whole = step if basis is None else (basis @ step[..., None])[..., 0]
+        trial = np.clip(z + whole * open_[..., None], -FARTHEST, FARTHEST)
         new_value, new_gradient, new_information = log_density(trial)
         better = open_ & (new_value > value)
-        z = np.where(better[:, None], trial, z)
+        z = np.where(better[..., None], trial, z)
         value = np.where(better, new_value, value)
-        gradient = np.where(better[:, None], new_gradient, gradient)
-        information = np.where(better[:, None, None], new_information, information)
+        gradient = np.where(better[..., None], new_gradient, gradient)
+        information = np.where(better[..., None, None], new_information, information)
         harder = np.where(open_, np.maximum(raised * damping, 1.0), damping)
         damping = np.where(better, lowered * damping * (damping > LEAST), harder)
     return Modes(z, information)
+
+
+def _within(gradient: Array, information: Array, basis: Array | None) -> tuple[Array, Array]:
+    if basis is None:
+        return gradient, information
+    across = np.swapaxes(basis, -1, -2)
+    return (across @ gradient[..., None])[..., 0], across @ information @ basis

@@ -43,7 +43,7 @@ def settled(likelihood: IndividualLikelihood, alpha: Array) -> Settled:
     """Climb with nodes held, adapt them, take more where they are too few, until nothing moves."""
     while True:
         held, alpha = climbed(likelihood, alpha)
-        finer = held.by(held.rule.finer)
+        finer = held.by(held.rule.finer, alpha)
         gap = finer.evaluate(alpha).total - held.evaluate(alpha).total
         enough = abs(gap) <= max(ENOUGH, 1e-5 * held.count)
         if enough or finer.nodes.xi.shape[1] > MOST or finer.rule.per_dimension > FINEST:

@@ -1,0 +1,75 @@
+"""Nodes adapted to what each experiment's observations leave open of its variates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.likelihood.individual.modes import Curved, Modes, modes
+from aleator.likelihood.individual.rule import GaussHermite
+from aleator.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Standard normal variates xi (N, J, s) of each experiment, log weights (N, J), modes (N, s).
+
+    int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j). `information` (N, s, s) is that of the
+    variates at the modes. `x` (N, n) are the modes as parameters,
+    under the alpha to which the nodes are adapted; None for the nodes of the law itself.
+    """
+
+    xi: Array
+    log_weight: Array
+    mode: Array
+    information: Array
+    x: Array | None = None
+
+    @classmethod
+    def of_the_law(cls, count: int, variates: int, rule: GaussHermite) -> Nodes:
+        """Those of the standard normal law, the same in each of so many experiments."""
+        t, log_w = rule.nodes(variates)
+        xi, log_weight = np.tile(t, (count, 1, 1)), np.tile(log_w, (count, 1))
+        information = np.tile(np.eye(variates), (count, 1, 1))
+        return cls(xi, log_weight, np.zeros((count, variates)), information)
+
+
+def adapted_nodes(
+    log_density: Curved, found: Modes, rule: GaussHermite, arrived: float
+) -> tuple[Array, Array]:
+    """Nodes xi (B, J, s) about the modes of B experiments, and their log weights (B, J).
+
+    The coordinates w = Q' xi are those of the eigenvectors Q of the information at the mode, the
+    least informed first. Each has a Gauss-Hermite rule in turn, about its conditional mode given
+    those before it and as wide as the information there says:
+
+        w_i = w_i*(t_1 .. t_(i-1)) + c_i(t_1 .. t_(i-1)) t_i,
+        weight = w_j prod_i c_i phi(xi)/phi(t).
+
+    So the nodes follow a curved ridge, which is what fewer observations than parameters leave.
+    Where the log-density is quadratic they are those of Liu and Pierce (1994).
+    """
+    t, log_w = rule.nodes(1)
+    z, information = found.z, found.information
+    s = z.shape[2]
+    basis = np.linalg.eigh(information[:, 0])[1][:, None]
+    log_weight = np.zeros(z.shape[:2])
+    for i in range(s):
+        rest = basis[..., i:]
+        left = np.linalg.inv(np.swapaxes(rest, -1, -2) @ information @ rest)
+        scale = np.sqrt(left[..., 0, 0])
+        # the others go along as the conditional normal law says
+        along = (rest @ (left[..., :, :1] / scale[..., None, None]))[..., 0]
+        z = _spread(z[:, :, None] + t * along[:, :, None])
+        of_rule = log_w + 0.5 * t[:, 0] ** 2
+        log_weight = _spread((log_weight + np.log(scale))[:, :, None] + of_rule)
+        if i < s - 1:
+            again = modes(log_density, z, basis[..., i + 1 :], arrived)
+            z, information = again.z, again.information
+    return z, log_weight - 0.5 * np.sum(z**2, axis=2)
+
+
+def _spread(values: Array) -> Array:
+    """(B, P, q, ...) as (B, P q, ...)."""
+    return values.reshape(values.shape[0], -1, *values.shape[3:])
