@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PEERS := $(VENV)/.installed-peers
-EXAMPLES := fatigue_limit wet_clutch
+EXAMPLES := fission_gas wet_clutch
 UV := uv==0.13.9
 COMPILE = $(VENV)-lock/bin/uv pip compile pyproject.toml --universal --python-version 3.11 \
     --fork-strategy fewest --generate-hashes --no-header --no-annotate --no-emit-index-url \

@@ -85,3 +85,22 @@ def maximum(
     )
     covariance = np.linalg.inv(-second / (4.0 * h**2))
     return best.x, -float(best.fun), np.sqrt(np.diag(covariance))
+
+
+def assert_maximum(log_likelihood: Callable[[Array], float], alpha: Array, error: Array) -> None:
+    """The maximum is less than a twentieth of a standard error (K,) from alpha, on every axis.
+
+    By a parabola through three points a quarter of a standard error apart; NaN is left out.
+    """
+    top = log_likelihood(alpha)
+    for k in np.flatnonzero(np.isfinite(error)):
+        move = 0.25 * error[k] * np.eye(alpha.size)[k]
+        up, down = log_likelihood(alpha + move), log_likelihood(alpha - move)
+        peak = 0.125 * (up - down) / (2.0 * top - up - down)
+        assert abs(peak) < 0.05, k
+
+
+def errors_of(found: Identification) -> Array:
+    """Standard errors (K,), NaN where there is none."""
+    told = [entry.standard_error for entry in found.alpha.values()]
+    return np.array([np.nan if error is None else error for error in told])

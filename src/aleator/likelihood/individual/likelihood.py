@@ -226,7 +226,9 @@ class Evaluated:
         gradient = np.zeros(self.individual.x.shape)
         for i, slope in enumerate(self.slopes):
             if np.any(slope):
-                gradient[..., i] = share * self.block.summed(self.terms.d_eta * slope)
+                with np.errstate(over="ignore", invalid="ignore"):
+                    # where it is no number, the share is zero
+                    gradient[..., i] = share * self.block.summed(self.terms.d_eta * slope)
         law = self.individual.score(np.where(share[..., None] > 0.0, gradient, 0.0))
         errors = np.zeros((len(share), len(self.terms.d_values)))
         for p, (rows, derivative) in enumerate(self.terms.d_values):

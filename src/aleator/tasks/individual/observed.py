@@ -29,7 +29,9 @@ def observation_reports(
     scale = likelihood.errors.scale(alpha[likelihood.inputs.size :], predicted[:, None], every)
     scale = np.broadcast_to(scale, (len(seen), 1))[:, 0]
     nearest = np.clip(predicted, seen.lower, seen.upper)
-    residual = (nearest - predicted) / scale
+    with np.errstate(invalid="ignore"):
+        # a prediction without end lies within every bound below it
+        residual = np.where(nearest == predicted, 0.0, (nearest - predicted) / scale)
     names = varying_conditions(table, asked)
     columns = {name: table.conditions[name].to_numpy()[seen.row].tolist() for name in names}
     return tuple(

@@ -1,0 +1,55 @@
+"""Fission gas: 31 experiments with a simulator and a known noise each, against a grid."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from identifications import assert_maximum, errors_of, estimates, of_study
+from scipy import stats
+
+from aleator import MonteCarlo
+from aleator.study import load_study
+from aleator.types import Array
+
+STUDY = Path(__file__).parents[2] / "examples" / "fission_gas"
+BOX = ((0.1, 40.0), (1e-4, 1.0))
+NODES = 80
+
+
+@pytest.fixture(scope="module")
+def exact():
+    """log L(alpha) by Gauss-Legendre on the box; 80 and 200 nodes an axis agree to ten digits."""
+    t, w = np.polynomial.legendre.leggauss(NODES)
+    axes = [low + 0.5 * (high - low) * (t + 1.0) for low, high in BOX]
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    table = pd.read_csv(STUDY / "experiments.csv")
+    runner = load_study(STUDY / "study.toml").runner()
+    eta = np.array([runner.straight(np.full(len(x), l), x)[:, 0] for l in range(len(table))])
+    density = stats.norm.pdf(table["release"].to_numpy()[:, None], eta, table[["noise_sd"]])
+    density = density.reshape(-1, NODES, NODES)
+
+    def log_likelihood(alpha: Array) -> float:
+        laws = []
+        for axis, (low, high), mean, sd in zip(axes, BOX, alpha[::2], alpha[1::2], strict=True):
+            ends = (low - mean) / sd, (high - mean) / sd
+            laws.append(0.5 * (high - low) * w * stats.truncnorm.pdf(axis, *ends, mean, sd))
+        return float(np.log(np.einsum("i,lij,j->l", laws[0], density, laws[1])).sum())
+
+    return log_likelihood
+
+
+def test_the_grid_meets_the_known_answer(exact) -> None:
+    assert exact(np.array([0.1, 11.98618, 1e-4, 0.3060442])) == pytest.approx(57.102331, abs=1e-5)
+
+
+@pytest.mark.slow
+def test_the_answer_is_the_exact_maximum_of_the_likelihood(exact) -> None:
+    found = of_study(STUDY / "study.toml", MonteCarlo(0))
+    alpha = estimates(found)
+    assert found.accepted
+    assert found.log_likelihood.estimated == pytest.approx(57.102331, abs=0.01)
+    assert exact(alpha) == pytest.approx(57.102331, abs=0.01)
+    assert alpha == pytest.approx([0.1, 11.98618, 1e-4, 0.3060442], rel=0.01)
+    assert [e.at_bound for e in found.alpha.values()] == ["lower", None, "lower", None]
+    assert_maximum(exact, alpha, errors_of(found))
