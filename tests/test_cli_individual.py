@@ -161,3 +161,19 @@ def test_an_unknown_experiment_and_a_missing_covariate_are_told() -> None:
     dark = run("predict", IDENTIFIED, "--conditions", "dark.csv", "--quiet")
     assert dark.exit_code == 2
     assert "light" in dark.output
+
+
+def test_the_law_is_recovered_at_the_identified_values() -> None:
+    done = run("recover", "study.toml", "--law", IDENTIFIED, "--replicates", "2", "--output", "r",
+               "--quiet")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    told = json.loads(Path("r/recovery.json").read_text())
+    assert "rate.mean[light]" in told["hyperparameters"]
+    assert len(told["replicates"]) == 2
+
+
+@pytest.mark.parametrize("command", ["sensitivity", "box"])
+def test_commands_for_one_outcome_work_or_say_why_not(command: str) -> None:
+    done = run(command, "study.toml", "--quiet")
+    assert done.exit_code == 2
+    assert "Remedy" in done.output

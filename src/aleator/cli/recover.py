@@ -71,7 +71,7 @@ def recover(
             value.experiments,
             value.inputs,
             alpha,
-            noise=value.one_noise,
+            noise=value.noise,
             propagation=value.propagation,
             density=value.density,
             search=value.search,
@@ -95,7 +95,7 @@ def _truth(
     study: Study, runner: Runner, law: Path | None, given: tuple[str, ...], progress: Progress
 ) -> dict[str, float]:
     """The true alpha: what is given by name, the rest from a law that was or is now identified."""
-    free = [h.name for h in study.model.hyperparameters if h.free]
+    free = [h.name for h in study.hyperparameters if h.free]
     values: dict[str, float] = {}
     for entry in given:
         name, _, text = entry.partition("=")

@@ -88,8 +88,12 @@ class Experiments:
 
     def only(self, which: Flags) -> Experiments:
         """The same experiments with some of the observations (M,)."""
+        return self.with_observations(self.observations.only(which))
+
+    def with_observations(self, seen: Observations) -> Experiments:
+        """The same experiments where something else was observed."""
         return Experiments(
-            self.ids, self.conditions, self.observations.only(which),
+            self.ids, self.conditions, seen,
             table=self.table, experiment=self.experiment, places=self.places,
         )  # fmt: skip
 

@@ -22,6 +22,7 @@ from aleator.errors import (
     require_filled,
 )
 from aleator.inference.verification import MonteCarlo
+from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
@@ -41,6 +42,7 @@ from aleator.study.noise import columns_of, scales_of
 from aleator.study.sections import StudyFile, pairs
 from aleator.study.simulators import RunsSection
 from aleator.surrogates import ResponseSurface
+from aleator.tasks import individual
 from aleator.tasks.individual.observed import varying_conditions
 
 T = TypeVar("T")
@@ -79,6 +81,16 @@ class Study:
         Raises InputsError as `one_noise` does.
         """
         return Model.of(self.inputs, self.one_noise, self.propagation, self.density)
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """All that the study identifies or knows, in the order of alpha."""
+        if individual.wanted(self.experiments, self.inputs, self.noise):
+            wanted = individual.asked(
+                self.experiments, self.inputs, self.noise, self.propagation, self.search
+            )
+            return (*wanted.inputs.hyperparameters, *wanted.errors.hyperparameters)
+        return self.model.hyperparameters
 
     @property
     def one_noise(self) -> Noise | None:

@@ -77,11 +77,6 @@ def identify(
     runner = as_runner(simulator, table, inputs.names, vectorized, executor)
     ledger = Ledger(runner, progress or Silent())
     if individual.wanted(table, inputs, noise):
-        if not isinstance(propagation, ResponseSurface):
-            raise InputsError(
-                "collocation takes one exact outcome an experiment",
-                "leave the propagation out, or choose response surfaces",
-            )
         return individual.identified(
             runner, table, inputs, noise, propagation, search, seed, ledger
         )

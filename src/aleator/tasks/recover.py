@@ -9,6 +9,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import cloudpickle
 import numpy as np
@@ -19,16 +20,14 @@ from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
-from aleator.observations.experiments import Conditions
+from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
 from aleator.search import Search
 from aleator.simulators import Runner, Simulator
 from aleator.simulators.store import Store
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.answer import Question, answered
 from aleator.tasks.asked import (
     DEFAULT_PROPAGATION,
     DEFAULT_SEARCH,
@@ -36,18 +35,8 @@ from aleator.tasks.asked import (
     AnyTable,
     runner_on,
 )
-from aleator.tasks.ledger import Ledger
+from aleator.tasks.replicates import Job, Replicate, job_of
 from aleator.types import Array
-
-
-@dataclass(frozen=True)
-class Replicate:
-    """One virtual data set identified: alpha (K,), intervals (K, 2), the maximum."""
-
-    alpha: Array
-    intervals: Array
-    log_likelihood: float
-    converged: bool
 
 
 @dataclass(frozen=True)
@@ -90,7 +79,7 @@ def recover(
     truth: Mapping[str, float],
     *,
     vectorized: bool = False,
-    noise: Noise | None = None,
+    noise: Noise | Mapping[str, Noise] | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | NodeDensity | None = None,
     search: Search = DEFAULT_SEARCH,
@@ -105,8 +94,11 @@ def recover(
     value of every free hyperparameter.
 
     The outcomes come from the simulator, one run an experiment and replicate, plus noise if the
-    model has it. Each data set then goes the whole way, from the first run of its response
-    surfaces to its intervals; a run that one of them has made is not made again for another.
+    model has it. With several observations an experiment they are drawn at the table's conditions,
+    and censored as it is: at the common bound of a response, else where a value was censored.
+
+    Each data set then goes the whole way, from the first run of its response surfaces to its
+    intervals; a run that one of them has made is not made again for another.
     `workers` processes identify in parallel; the answer does not depend on their number. Raises
     InputsError for fewer than two replicates, or a truth that lacks a hyperparameter or lies
     outside its limits. Cost: that of `replicates` identifications without verification.
@@ -120,19 +112,20 @@ def recover(
     """
     progress = progress or Silent()
     runner = runner_on(simulator, experiments, inputs.names, vectorized)
-    model = Model.of(inputs, noise, propagation, density)
-    alpha = _checked(truth, model.hyperparameters, replicates)
+    job = job_of(experiments, inputs, noise, propagation, density, search)
+    hyperparameters = job.hyperparameters
+    alpha = _checked(truth, hyperparameters, replicates)
     progress.stage("virtual experiments")
-    data = _draw(runner, model, alpha, replicates, np.random.default_rng(seed))
+    data = job.draw(runner, alpha, replicates, np.random.default_rng(seed))
     progress.stage("identification")
     found: dict[int, Replicate] = {}
-    for number, replicate in _identified(runner, model, search, data, seed, workers):
+    for number, replicate in _identified(runner, job, data, seed, workers):
         found[number] = replicate
         progress.update(f"{len(found)} of {replicates} data sets", len(found), replicates)
     results = [found[number] for number in range(replicates)]
-    free = [k for k, h in enumerate(model.hyperparameters) if h.free]
+    free = [k for k, h in enumerate(hyperparameters) if h.free]
     return Recovery(
-        tuple(model.hyperparameters[k].name for k in free),
+        tuple(hyperparameters[k].name for k in free),
         alpha[free],
         np.stack([r.alpha[free] for r in results]),
         np.stack([r.intervals[free] for r in results]),
@@ -141,66 +134,53 @@ def recover(
     )
 
 
-def _draw(
-    runner: Runner, model: Model, alpha: Array, replicates: int, rng: np.random.Generator
-) -> Array:
-    """Outcomes (replicates, N) of independent parameters and noise."""
-    inputs, count = model.inputs, len(runner.ids)
-    uniform = rng.random((replicates * count, len(inputs.names)))
-    x = inputs.sample(alpha[: inputs.size], uniform)
-    outcomes = runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)
-    if model.noise is None:
-        return outcomes
-    scale = np.array(model.noise_sd(alpha))
-    return model.noise.kind.quantile(rng.random(outcomes.shape), outcomes, scale)
-
-
 @dataclass(frozen=True)
 class _Elsewhere:
     """What another process needs to identify data sets of the same experiments."""
 
     simulator: Simulator
-    conditions: Conditions
+    table: Experiments | Conditions
     parameters: tuple[str, ...]
     store: Path
     retries: int
     max_failed: float
-    model: Model
-    search: Search
+    job: Job
 
     @classmethod
-    def of(cls, runner: Runner, model: Model, search: Search, store: Path) -> _Elsewhere:
+    def of(cls, runner: Runner, job: Job, store: Path) -> _Elsewhere:
         """The same runner, with a store by which processes share their runs."""
-        columns = pd.DataFrame(runner.cases.at(runner.cases.condition))
-        table = Conditions(tuple(runner.ids), columns, runner.transform)
+        table = job.table
+        if table is None:
+            columns = pd.DataFrame(runner.cases.at(runner.cases.condition))
+            table = Conditions(tuple(runner.ids), columns, runner.transform)
         return cls(
             runner.simulator, table, runner.parameters, store, runner.retries, runner.max_failed,
-            model, search,
+            job,
         )  # fmt: skip
 
-    def identify(self, outcomes: Array, seed: int) -> Replicate:
+    def identify(self, data: Any, seed: int) -> Replicate:
         """One data set, on a runner of this process."""
         with Store(self.store) as store:
             runner = Runner(
-                self.simulator, self.conditions, self.parameters, store=store,
+                self.simulator, self.table, self.parameters, store=store,
                 retries=self.retries, max_failed=self.max_failed,
             )  # fmt: skip
-            return _replicate(runner, self.model, self.search, outcomes, seed)
+            return self.job.identify(runner, data, seed)
 
 
 def _identified(
-    runner: Runner, model: Model, search: Search, data: Array, seed: int, workers: int
+    runner: Runner, job: Job, data: Sequence[Any], seed: int, workers: int
 ) -> Iterator[tuple[int, Replicate]]:
     with TemporaryDirectory() as folder:
         store = runner.cache.store.path if runner.cache else Path(folder) / "runs.sqlite"
-        job = _packed(_Elsewhere.of(runner, model, search, store)) if workers > 1 else None
-        if job is None:
-            for k, outcomes in enumerate(data):
-                yield k, _replicate(runner, model, search, outcomes, seed + k)
+        packed = _packed(_Elsewhere.of(runner, job, store)) if workers > 1 else None
+        if packed is None:
+            for k, part in enumerate(data):
+                yield k, job.identify(runner, part, seed + k)
             return
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(workers, mp_context=context) as pool:
-            jobs = {pool.submit(_unpacked, job, y, seed + k): k for k, y in enumerate(data)}
+            jobs = {pool.submit(_unpacked, packed, y, seed + k): k for k, y in enumerate(data)}
             try:
                 for done in as_completed(jobs):
                     yield jobs[done], done.result()
@@ -216,18 +196,9 @@ def _packed(elsewhere: _Elsewhere) -> bytes | None:
         return None
 
 
-def _unpacked(job: bytes, outcomes: Array, seed: int) -> Replicate:
+def _unpacked(job: bytes, data: Any, seed: int) -> Replicate:
     elsewhere: _Elsewhere = pickle.loads(job)
-    return elsewhere.identify(outcomes, seed)
-
-
-def _replicate(
-    runner: Runner, model: Model, search: Search, outcomes: Array, seed: int
-) -> Replicate:
-    question = Question(runner, outcomes, runner.ids, model, search, seed)
-    answer = answered(question, Ledger(runner, Silent()))
-    found = answer.found
-    return Replicate(found.alpha, answer.profile.intervals, found.log_likelihood, found.converged)
+    return elsewhere.identify(data, seed)
 
 
 def _checked(

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.propagation import Collocation
 from aleator.observations.covariates import covariates
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
+from aleator.observations.responses import Observations
 from aleator.search import Search
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
@@ -38,12 +42,54 @@ def identified(
     table: Experiments,
     inputs: Inputs,
     noise: Noises | None,
-    surfaces: ResponseSurface,
+    surfaces: ResponseSurface | Collocation,
     search: Search,
     seed: int,
     ledger: Ledger,
 ) -> Identification:
     """The law of the parameters from all observations of each experiment."""
+    asked_for = asked(table, inputs, noise, surfaces, search)
+    question = asked_for.question(runner, table.observations, seed)
+    return assembled(question, answered(question, ledger), ledger)
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """The choices of a study with its table: all of a question but its runs and its data."""
+
+    table: Experiments
+    inputs: Inputs
+    noise: Noises
+    surfaces: ResponseSurface
+    search: Search
+
+    @property
+    def errors(self) -> MeasurementErrors:
+        """The measurement errors of the table's observations."""
+        return MeasurementErrors.of(self.noise, self.table)
+
+    def question(self, runner: Runner, seen: Observations, seed: int) -> Question:
+        """What to answer where this was observed, at the places of the table; NaN is nothing."""
+        kept = ~np.isnan(seen.lower)
+        return Question(
+            runner, self.table.with_observations(seen.only(kept)), self.inputs, self.noise,
+            self.surfaces, self.search, seed, kept,
+        )  # fmt: skip
+
+
+def asked(
+    table: Experiments,
+    inputs: Inputs,
+    noise: Noises | None,
+    surfaces: ResponseSurface | Collocation,
+    search: Search,
+) -> Asked:
+    """The choices checked, and laws that follow covariates resolved by the table."""
+    if not isinstance(surfaces, ResponseSurface):
+        raise InputsError(
+            "collocation takes one exact outcome an experiment",
+            "leave the propagation out, or choose response surfaces",
+        )
     if noise is None:
         raise InputsError(
             "several observations an experiment, censored ones and covariates need measurement "
@@ -52,7 +98,4 @@ def identified(
         )
     if inputs.regressed:
         inputs = inputs.resolved(covariates(table, inputs.covariates))
-    kept = np.ones(len(table.observations), dtype=np.bool_)
-    question = Question(runner, table, inputs, noise, surfaces, search, seed, kept)
-    answer = answered(question, ledger)
-    return assembled(question, answer, ledger)
+    return Asked(table, inputs, noise, surfaces, search)

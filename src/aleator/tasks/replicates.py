@@ -1,0 +1,151 @@
+"""Virtual data sets of a study, drawn at a known law and identified: one file for both kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from aleator.densities import Density, NodeDensity
+from aleator.errors import InputsError
+from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.model import Model
+from aleator.likelihood.propagation import Collocation
+from aleator.observations.experiments import Conditions, Experiments
+from aleator.observations.noise import Noise
+from aleator.observations.responses import Observations
+from aleator.progress import Silent
+from aleator.search import Search
+from aleator.simulators import Runner
+from aleator.surrogates import ResponseSurface
+from aleator.tasks import individual
+from aleator.tasks.answer import Question, answered
+from aleator.tasks.asked import AnyTable
+from aleator.tasks.ledger import Ledger
+from aleator.types import Array
+
+
+@dataclass(frozen=True)
+class Replicate:
+    """One virtual data set identified: alpha (K,), intervals (K, 2), the maximum."""
+
+    alpha: Array
+    intervals: Array
+    log_likelihood: float
+    converged: bool
+
+
+class Job(Protocol):
+    """One kind of study: how its virtual data sets are drawn, and identified."""
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """All of alpha."""
+
+    @property
+    def table(self) -> Experiments | Conditions | None:
+        """What another process makes runs for; None: the conditions of the runner."""
+
+    def draw(
+        self, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
+    ) -> Sequence[Any]:
+        """A data set for each replicate."""
+
+    def identify(self, runner: Runner, data: Any, seed: int) -> Replicate:
+        """One data set identified, as `identify` does it."""
+
+
+@dataclass(frozen=True)
+class IndividualJob:
+    """Experiments with several observations each."""
+
+    asked: individual.Asked
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of the laws, then those of the errors."""
+        return (*self.asked.inputs.hyperparameters, *self.asked.errors.hyperparameters)
+
+    @property
+    def table(self) -> Experiments:
+        """The table of the study."""
+        return self.asked.table
+
+    def draw(
+        self, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
+    ) -> Sequence[Observations]:
+        """Observations at the conditions of the table, with bounds like its own."""
+        asked = self.asked
+        return [
+            individual.virtual_observations(
+                runner, asked.table, asked.inputs, asked.errors, alpha, rng
+            )
+            for _ in range(replicates)
+        ]
+
+    def identify(self, runner: Runner, data: Observations, seed: int) -> Replicate:
+        """By the integral over individual parameters."""
+        question = self.asked.question(runner, data, seed)
+        answer = individual.answered(question, Ledger(runner, Silent()))
+        found = answer.found
+        return Replicate(
+            answer.settled.alpha, answer.profile.intervals, found.log_likelihood, found.converged
+        )
+
+
+@dataclass(frozen=True)
+class OutcomesJob:
+    """Experiments with one outcome each."""
+
+    model: Model
+    search: Search
+    table: None = None
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of the model."""
+        return self.model.hyperparameters
+
+    def draw(
+        self, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
+    ) -> Sequence[Array]:
+        """Outcomes (replicates, N) of independent parameters and noise."""
+        inputs, count = self.model.inputs, len(runner.ids)
+        uniform = rng.random((replicates * count, len(inputs.names)))
+        x = inputs.sample(alpha[: inputs.size], uniform)
+        outcomes = runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)
+        if self.model.noise is None:
+            return [*outcomes]
+        scale = np.array(self.model.noise_sd(alpha))
+        return [*self.model.noise.kind.quantile(rng.random(outcomes.shape), outcomes, scale)]
+
+    def identify(self, runner: Runner, data: Array, seed: int) -> Replicate:
+        """By the density of the outcomes."""
+        question = Question(runner, data, runner.ids, self.model, self.search, seed)
+        answer = answered(question, Ledger(runner, Silent()))
+        found = answer.found
+        return Replicate(
+            found.alpha, answer.profile.intervals, found.log_likelihood, found.converged
+        )
+
+
+def job_of(
+    experiments: AnyTable,
+    inputs: Inputs,
+    noise: Noise | Mapping[str, Noise] | None,
+    propagation: ResponseSurface | Collocation,
+    density: Density | NodeDensity | None,
+    search: Search,
+) -> Job:
+    """The kind of study that this is. Raises InputsError for choices that do not go together."""
+    if isinstance(experiments, Experiments) and individual.wanted(experiments, inputs, noise):
+        return IndividualJob(individual.asked(experiments, inputs, noise, propagation, search))
+    if isinstance(noise, Mapping):
+        raise InputsError(
+            "recover: a noise for each response, and a table with one outcome",
+            "give `Experiments` with these responses",
+        )
+    return OutcomesJob(Model.of(inputs, noise, propagation, density), search)
