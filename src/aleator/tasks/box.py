@@ -139,14 +139,14 @@ def feasible_box(
                     inputs.names[i],
                     bool(end),
                     float(box[i, end]),
-                    None if culprit is None else runner.ids[search.known.culprit[culprit]],
+                    None if culprit is None else search.experiment(culprit),
                     None if culprit is None else search.point(search.known.failed[culprit]),
                 )
             )
     limiting = dict.fromkeys(side.experiment for side in sides if side.experiment is not None)
     return FeasibleBox(
         inputs.names, box, limits, tuple(sides), _volume(unit), runner.runs, tested, confirmed,
-        {name: search.share_without(runner.ids.index(name)) for name in limiting},
+        {name: search.share_without(name) for name in limiting},
     )  # fmt: skip
 
 
@@ -227,8 +227,7 @@ class _Search:
         if not len(points):
             return np.zeros(0, dtype=np.int64)
         x = np.repeat(np.stack([self.point(p) for p in points]), batch.size, axis=0)
-        outcome = self.runner.attempt(np.tile(batch, len(points)), x, most=1.0)
-        bad = ~np.isfinite(outcome).reshape(len(points), batch.size)
+        bad = ~self._works(np.tile(batch, len(points)), x).reshape(len(points), batch.size)
         return np.where(bad.any(axis=1), batch[np.argmax(bad, axis=1)], -1)
 
     def _followed(self, failed: Array, culprits: NDArray[np.int64]) -> Array:
@@ -241,7 +240,7 @@ class _Search:
         while np.abs(bad - good).max() > FINE:
             middle = 0.5 * (good + bad)
             x = np.stack([self.point(p) for p in middle])
-            works = np.isfinite(self.runner.attempt(culprits, x, most=1.0))[:, None]
+            works = self._works(culprits, x)[:, None]
             good, bad = np.where(works, middle, good), np.where(works, bad, middle)
         return bad
 
@@ -258,9 +257,18 @@ class _Search:
         points[onto == 3] = ends[onto == 3]
         return np.asarray(box[:, 0] + points * np.diff(box, axis=1)[:, 0])
 
-    def share_without(self, experiment: int) -> float:
+    def _works(self, unit: NDArray[np.int64], x: Array) -> Flags:
+        """Which runs have values; all those of one that failed are NaN."""
+        return np.asarray(np.isfinite(self.runner.values(unit, x, most=1.0)).any(axis=1))
+
+    def experiment(self, failure: int) -> str:
+        """The id of the experiment whose run failed."""
+        return str(self.runner.ids[self.runner.experiment[self.known.culprit[failure]]])
+
+    def share_without(self, experiment: str) -> float:
         """Volume of the largest box in the unit cube if an experiment's failures did not count."""
-        others = np.array(self.known.culprit) != experiment
+        failures = range(len(self.known.failed))
+        others = np.array([self.experiment(k) != experiment for k in failures])
         return _volume(_retreated(self._largest(others), RETREAT))
 
     def _largest(self, counted: Flags | None = None) -> Array:
@@ -277,8 +285,9 @@ class _Search:
         return max(boxes, key=_volume)
 
     def _hopeless(self) -> SimulatorError:
-        names, counts = np.unique(self.known.culprit, return_counts=True)
-        worst = self.runner.ids[int(names[np.argmax(counts)])]
+        failures = [self.experiment(k) for k in range(len(self.known.failed))]
+        names, counts = np.unique(failures, return_counts=True)
+        worst = names[np.argmax(counts)]
         return SimulatorError(
             f"the simulator failed in at least one experiment at each of the "
             f"{len(self.known.failed)} points tried; experiment '{worst}' fails most often",

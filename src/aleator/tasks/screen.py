@@ -15,10 +15,12 @@ from aleator.expansion import Basis, Expansion, Regression
 from aleator.expansion.sobol import SobolIndices, sobol_indices
 from aleator.laws import Law, Uniform
 from aleator.laws.inputs import Inputs
+from aleator.observations.experiments import Conditions
 from aleator.polynomials.indices import TotalDegree
 from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
 from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
+from aleator.tasks.single import Single, of_values, one_each
 from aleator.types import Array, Indices
 
 MOST_TERMS = 400
@@ -158,7 +160,8 @@ def screen(
 
     A parameter is varied by its law where that is known; uniformly over its limits or its box where
     something of it is to be identified; by its law at the start where it has no box. A known
-    constant is not varied, and correlations are left out. `runs` an experiment; by default ten a
+    constant is not varied, and correlations are left out. Of several observations an experiment
+    each is expanded, under a name with its row and response. `runs` an experiment; by default ten a
     parameter, doubled until nine of ten expansions miss less than a hundredth of the variance or
     there are two runs for each term. `only` are the ids of a subset. Cost: one run for each
     experiment and point, one least-squares fit for all experiments. Raises InputsError if nothing
@@ -171,8 +174,12 @@ def screen(
     >>> found.sobol.first.round(6).tolist()           # load^2/12 against 4/12
     [[0.2, 0.8], [0.5, 0.5]]
     """
-    runner = runner_on(simulator, experiments, inputs.names, vectorized, executor)
-    chosen = _positions(runner.ids, only)
+    made = runner_on(simulator, experiments, inputs.names, vectorized, executor)
+    table = (
+        Conditions.from_frame(experiments) if isinstance(experiments, pd.DataFrame) else experiments
+    )
+    runner: Runner | Single = made if one_each(made) else of_values(made, table)
+    chosen = _positions(made.ids if isinstance(runner, Runner) else runner.owner, only)
     laws, spreads = zip(*[_varied(law) for law in inputs.laws.values()], strict=True)
     varies = [i for i, law in enumerate(laws) if law.scatters]
     if not varies:
@@ -200,7 +207,7 @@ def screen(
 
 
 def _expanded(
-    runner: Runner,
+    runner: Runner | Single,
     chosen: Indices,
     basis: Basis,
     n: int,
@@ -260,4 +267,7 @@ def _positions(ids: Sequence[str], chosen: Sequence[str] | None) -> Indices:
             f"there is no experiment '{name}'{nearest(name, ids)}",
             f"the experiments are {', '.join(ids[:10])}{', ...' if len(ids) > 10 else ''}",
         )
-    return np.array([ids.index(name) for name in dict.fromkeys(chosen)], dtype=np.intp)
+    return np.array(
+        [k for name in dict.fromkeys(chosen) for k, own in enumerate(ids) if own == name],
+        dtype=np.intp,
+    )
