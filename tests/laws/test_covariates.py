@@ -9,6 +9,7 @@ import pytest
 from aleator import By, Constant, Free, LogNormal, Normal, TruncatedNormal
 from aleator.errors import InputsError
 from aleator.laws import Law
+from aleator.laws.design import variables
 from aleator.laws.inputs import Inputs
 from aleator.types import Array
 
@@ -81,6 +82,11 @@ def test_a_value_is_held_within_its_limits_and_no_longer_moves() -> None:
     assert individual.score(np.ones((6, 1, 1)))[:, 1].tolist() == [0.0, 1.0, 2.0, 0.0, 0.0, 0.0]
     assert inputs.covariate_model is not None
     assert inputs.covariate_model.held(alpha)["k.mean"].tolist() == [3, 4, 5]
+
+
+@pytest.mark.parametrize("term", ["center(t)", "poly(t, 2)", "log(t)", "I(t**2)", "t:C(by)"])
+def test_the_columns_of_a_formula_are_those_that_its_functions_are_called_with(term: str) -> None:
+    assert variables(f"1 + {term} + C(by)") == ("by", "t")
 
 
 def test_other_experiments_have_the_coefficients_of_those_that_were_identified() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -81,10 +82,28 @@ def variables(formula: str, owner: str = "") -> tuple[str, ...]:
     ('supplier', 'temperature')
     """
     try:
-        return tuple(sorted(map(str, _parsed(formula).required_variables)))
+        return tuple(sorted(_required(_parsed(formula))))
     except InputsError as error:
         of = f"{owner} = " if owner else ""
         raise InputsError(f"{of}{error.problem}", error.remedy) from None
+
+
+def _required(of: Any) -> set[str]:
+    """The columns that a parsed formula names."""
+    from formulaic import SimpleFormula
+    from formulaic.transforms import TRANSFORMS
+    from formulaic.utils.variables import Variable, get_required_variables
+
+    found = set(map(str, of.required_variables))
+    if isinstance(of, SimpleFormula):
+        # formulaic leaves out what center(...), poly(...) and bs(...) are called with
+        for factor in (factor for term in of for factor in term.factors):
+            if factor.eval_method is not factor.EvalMethod.PYTHON:
+                continue
+            with suppress(SyntaxError):  # told when the formula is evaluated
+                there = get_required_variables(factor.expr)
+                found |= {str(v.root) for v in there if Variable.Role.VALUE in v.roles}
+    return found - set(TRANSFORMS)
 
 
 def named(columns: ModelMatrix) -> tuple[str, ...]:
