@@ -17,6 +17,7 @@ from benchmarks.densities import density_rows, failure_table
 from benchmarks.expansions import expansion_rows
 from benchmarks.few_runs import print_few_runs
 from benchmarks.identifications import identification_rows
+from benchmarks.individual import individual_rows
 from benchmarks.likelihood import likelihood_rows
 from benchmarks.moments import moment_rows
 from benchmarks.row import Row, table_of
@@ -27,6 +28,7 @@ from benchmarks.simulator import simulator_rows
 ROWS: dict[str, Callable[[], list[Row]]] = {
     "identify": identification_rows,
     "likelihood": likelihood_rows,
+    "individual": individual_rows,
     "simulator": simulator_rows,
     "moments": moment_rows,
     "densities": density_rows,
