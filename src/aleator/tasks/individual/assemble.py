@@ -23,6 +23,7 @@ from aleator.tasks.individual.answer import Answer, Question
 from aleator.tasks.individual.calibration import sequential_pit
 from aleator.tasks.individual.curves import law_curves
 from aleator.tasks.individual.failed import failing_share
+from aleator.tasks.individual.guess import HUGE
 from aleator.tasks.individual.observed import observation_reports
 from aleator.tasks.individual.session import DIRECT, IndividualSession, runners
 from aleator.tasks.ledger import Ledger
@@ -146,6 +147,9 @@ def _individuals(
 
 def _baselines(answer: Answer, names: tuple[str, ...]) -> dict[str, object]:
     fit = answer.fit
+    if fit.rmse > 1e-3 * HUGE:
+        # at every point that was tried some observation has no simulated value
+        return {}
     return {
         "least_squares": {
             "parameters": dict(zip(names, fit.x.tolist(), strict=True)),

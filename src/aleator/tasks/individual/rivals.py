@@ -7,10 +7,13 @@ import numpy as np
 from aleator.inference.diagnostics.estimates import LARGEST_EDM
 from aleator.inference.diagnostics.individual import Rival
 from aleator.inference.information import Inference, infer
+from aleator.likelihood.individual import GaussHermite, IndividualLikelihood
 from aleator.search import SearchResult
-from aleator.tasks.individual.settle import Settled, settled
+from aleator.tasks.individual.settle import Settled, climbed
 from aleator.types import Array
 
+NODES = 5
+"""Gauss-Hermite nodes a variate that a second maximum is looked at with."""
 TRIED = 2
 """Optima of the search that are looked at, besides the best."""
 APART = 2.0
@@ -18,39 +21,48 @@ APART = 2.0
 
 
 def rivals(end: Settled, inference: Inference, found: SearchResult) -> tuple[Rival, ...]:
-    """Other optima of the search that are maxima indeed: climbed from, inside, and bent down.
+    """Other optima of the search that are maxima indeed: arrived at, inside, and bent down.
 
-    Those that only a limit holds are none. Cost: some tens of evaluations for each.
+    Those that only a limit holds are none. Cost: some tens of evaluations for each, with no more
+    nodes than a search takes.
     """
     if not inference.positive:
         return ()
     known: list[Array] = [end.alpha]
     kept = []
+    few = GaussHermite(min(end.likelihood.rule.per_dimension, NODES))
+    likelihood = end.likelihood.by(few, end.alpha)
+    arrived = [a.alpha for a in found.ascents if a.converged]
     for optimum in found.optima[1:]:
         if len(known) > TRIED:
             break
+        if not any(np.array_equal(optimum.alpha, alpha) for alpha in arrived):
+            continue
         if any(_near(optimum.alpha, other, inference) for other in known):
             continue
-        other = settled(end.likelihood, optimum.alpha)
-        if any(_near(other.alpha, one, inference) for one in known):
+        held, alpha = climbed(likelihood, optimum.alpha)
+        if any(_near(alpha, one, inference) for one in known):
             continue
-        known.append(other.alpha)
-        rival = _judged(other, end, inference)
+        known.append(alpha)
+        rival = _judged(held, alpha, end, inference)
         if rival is not None:
             kept.append(rival)
     return tuple(sorted(kept, key=lambda rival: rival.drop))
 
 
-def _judged(other: Settled, end: Settled, inference: Inference) -> Rival | None:
-    hyperparameters = other.likelihood.hyperparameters
-    about = infer(other.likelihood, other.alpha, hyperparameters)
-    held = [a for a, b in zip(about.at_bound, inference.at_bound, strict=True) if a and a != b]
-    drop = end.value - other.value
-    if held or not about.positive or not about.edm < LARGEST_EDM or not np.isfinite(drop):
+def _judged(
+    held: IndividualLikelihood, alpha: Array, end: Settled, inference: Inference
+) -> Rival | None:
+    about = infer(held, alpha, held.hyperparameters)
+    stuck = [a for a, b in zip(about.at_bound, inference.at_bound, strict=True) if a and a != b]
+    if stuck or not about.positive or not about.edm < LARGEST_EDM:
         return None
-    sizes = np.abs(_errors(other.alpha, end.alpha, inference))
+    drop = end.value - end.likelihood.adapted(alpha).evaluate(alpha).total
+    if not np.isfinite(drop):
+        return None
+    sizes = np.abs(_errors(alpha, end.alpha, inference))
     moved = tuple(int(k) for k in np.flatnonzero(np.nan_to_num(sizes) > 1.0))
-    return Rival(other.alpha, end.alpha, drop, moved)
+    return Rival(alpha, end.alpha, drop, moved)
 
 
 def _near(alpha: Array, other: Array, inference: Inference) -> bool:
