@@ -123,6 +123,14 @@ def test_the_studies_for_other_tools_have_keys_that_exist() -> None:
     assert len(studies) == 6
 
 
+def test_the_studies_of_the_page_of_repeated_measures_are_those_that_it_runs() -> None:
+    page = (ROOT / "docs" / "repeated.md").read_text(encoding="utf-8")
+    folders = [Path(path).parent for path in re.findall(r"identify (\S+)", "".join(blocks(page)))]
+    assert blocks(page, "toml") == [(ROOT / f / "study.toml").read_text() for f in folders]
+    models = [(ROOT / folder / "model.py").read_text() for folder in folders]
+    assert blocks(page, "python") == models[:2]
+
+
 KEYED = [
     ("study.md", kinds, kind)
     for kinds in (LAWS, OBSERVATIONS, DENSITIES, SEARCHES, PROPAGATIONS, RULES)
