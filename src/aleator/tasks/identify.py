@@ -78,7 +78,15 @@ def identify(
     ledger = Ledger(runner, progress or Silent())
     if individual.wanted(table, inputs, noise):
         return individual.identified(
-            runner, table, inputs, noise, propagation, search, seed, ledger
+            runner,
+            table,
+            inputs,
+            noise,
+            propagation,
+            search,
+            verification.samples > 0,
+            seed,
+            ledger,
         )
     assert noise is None or isinstance(noise, Noise)
     model = Model.of(inputs, noise, propagation, density)

@@ -4,11 +4,12 @@ from aleator.likelihood.individual.layout import Layout
 from aleator.likelihood.individual.likelihood import IndividualLikelihood
 from aleator.likelihood.individual.moments import IndividualParameters, individual_parameters
 from aleator.likelihood.individual.on_surfaces import OnSurfaces
-from aleator.likelihood.individual.predictor import Direct, Predictor
+from aleator.likelihood.individual.predictor import Direct, Evaluator, Predictor
 from aleator.likelihood.individual.rule import GaussHermite
 
 __all__ = [
     "Direct",
+    "Evaluator",
     "GaussHermite",
     "IndividualLikelihood",
     "IndividualParameters",

@@ -102,7 +102,7 @@ class IndividualLikelihood:
         s, n = self.inputs.scattering, len(self.inputs.names)
         if not s:
             return self
-        count = len(self.rule.nodes(1)[0]) ** s
+        count = self.rule.size(s)
         xi, log_weight = np.zeros((self.count, count, s)), np.zeros((self.count, count))
         mode, x = self.nodes.mode.copy(), np.zeros((self.count, n))
         information = self.nodes.information.copy()

@@ -50,7 +50,6 @@ def adapted_nodes(
     So the nodes follow a curved ridge, which is what fewer observations than parameters leave.
     Where the log-density is quadratic they are those of Liu and Pierce (1994).
     """
-    t, log_w = rule.nodes(1)
     z, information = found.z, found.information
     s = z.shape[2]
     basis = np.linalg.eigh(information[:, 0])[1][:, None]
@@ -61,8 +60,9 @@ def adapted_nodes(
         scale = np.sqrt(left[..., 0, 0])
         # the others go along as the conditional normal law says
         along = (rest @ (left[..., :, :1] / scale[..., None, None]))[..., 0]
-        z = _spread(z[:, :, None] + t * along[:, :, None])
-        of_rule = log_w + 0.5 * t[:, 0] ** 2
+        t, log_w = rule.coordinate(i)
+        z = _spread(z[:, :, None] + t[:, None] * along[:, :, None])
+        of_rule = log_w + 0.5 * t**2
         log_weight = _spread((log_weight + np.log(scale))[:, :, None] + of_rule)
         if i < s - 1:
             again = modes(log_density, z, basis[..., i + 1 :], arrived)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 
@@ -15,34 +15,50 @@ from aleator.types import Array
 
 @dataclass(frozen=True)
 class GaussHermite:
-    """A tensor grid of Gauss-Hermite nodes, `per_dimension` in each of s variates.
+    """Gauss-Hermite nodes in each of s coordinates: `first` in the first, `others` in the others.
 
     Exact where the integrand is the normal density it is adapted to, times a polynomial of degree
-    2 q - 1 in each variate. Cost q^s nodes.
+    2 q - 1 in each coordinate of q nodes. The first coordinate is the one of which the
+    observations tell least (see `adapted_nodes`), and wants most nodes.
 
-    >>> GaussHermite(3).nodes(2)[0].shape
-    (9, 2)
+    >>> GaussHermite(5, 3).nodes(2)[0].shape
+    (15, 2)
     """
 
-    per_dimension: int
+    first: int
+    others: int | None = None
+
+    def coordinate(self, i: int) -> tuple[Array, Array]:
+        """Nodes t (q,) of coordinate i, and the logarithms (q,) of their weights, of sum one."""
+        return _line(self.first if i == 0 or self.others is None else self.others)
 
     def nodes(self, dimensions: int) -> tuple[Array, Array]:
-        """Nodes t (J, s) and the logarithms (J,) of their weights, which sum to one."""
-        return _tensor(self.per_dimension, dimensions)
+        """All nodes t (J, s) and the logarithms (J,) of their weights."""
+        if dimensions == 0:
+            return np.zeros((1, 0)), np.zeros(1)
+        lines = [self.coordinate(i) for i in range(dimensions)]
+        nodes = np.array(list(product(*(t for t, _ in lines))))
+        return nodes, np.array(list(product(*(log_w for _, log_w in lines)))).sum(axis=1)
 
-    @property
-    def finer(self) -> GaussHermite:
-        """The rule that tells how exact this one is: half as many nodes again, and two."""
-        return GaussHermite(self.per_dimension + self.per_dimension // 2 + 2)
+    def size(self, dimensions: int) -> int:
+        """J, the number of all nodes."""
+        return int(np.prod([self.coordinate(i)[0].size for i in range(dimensions)]))
+
+    def finer(self, dimensions: int) -> tuple[GaussHermite, ...]:
+        """The rules that tell how exact this one is: finer in the first, finer in the others."""
+        others = self.others or self.first
+        whole = replace(self, others=others)
+        in_first = replace(whole, first=_more(self.first))
+        return (in_first, replace(whole, others=_more(others)))[: min(dimensions, 2)]
+
+
+def _more(nodes: int) -> int:
+    """Half as many again, and two."""
+    return nodes + nodes // 2 + 2
 
 
 @lru_cache(maxsize=32)
-def _tensor(per_dimension: int, dimensions: int) -> tuple[Array, Array]:
+def _line(count: int) -> tuple[Array, Array]:
     # weights with all their digits: those far out are multiplied by exp(t^2/2)
-    t, weights, _ = polished_rule(*hermite_recurrence(per_dimension), 2 * per_dimension - 2)
-    t, weights = t[weights > 0.0], weights[weights > 0.0]
-    if dimensions == 0:
-        return np.zeros((1, 0)), np.zeros(1)
-    nodes = np.array(list(product(t, repeat=dimensions)))
-    logs = np.log(np.array(list(product(weights, repeat=dimensions)))).sum(axis=1)
-    return nodes, logs
+    t, weights, _ = polished_rule(*hermite_recurrence(count), 2 * count - 2)
+    return t[weights > 0.0], np.log(weights[weights > 0.0])

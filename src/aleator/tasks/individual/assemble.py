@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from aleator.densities import Status
 from aleator.inference.diagnostics.failures import failure_report, failure_warnings
 from aleator.inference.diagnostics.individual import (
+    check_refusals,
     review_data,
     review_individual,
     rival_warnings,
@@ -21,6 +22,7 @@ from aleator.likelihood.individual import (
 )
 from aleator.tasks.individual.answer import Answer, Question
 from aleator.tasks.individual.calibration import sequential_pit
+from aleator.tasks.individual.check import Checked
 from aleator.tasks.individual.curves import law_curves
 from aleator.tasks.individual.failed import failing_share
 from aleator.tasks.individual.guess import HUGE
@@ -41,9 +43,10 @@ from aleator.types import Array, Flags
 def assembled(
     question: Question,
     answer: Answer,
+    check: Checked | None,
     ledger: Ledger,
 ) -> Identification:
-    """The Identification of an answer."""
+    """The Identification of an answer, with its check on the simulator where it was made."""
     end, found, inference, profile = answer.settled, answer.found, answer.inference, answer.profile
     alpha, table, inputs = end.alpha, answer.question.table, end.likelihood.inputs
     hyperparameters = end.likelihood.hyperparameters
@@ -53,6 +56,7 @@ def assembled(
         pit = sequential_pit(end.likelihood, alpha, table.observations)
         failing = failing_share(end.likelihood, alpha)
     lost = without_surfaces(_lost(end.likelihood), table.observations.experiment, table.ids)
+    differing = check_refusals(check.total, check.standard_error) if check is not None else []
     warnings, accepted = review_individual(
         at, alpha, hyperparameters, inference, profile, end.gap, table.ids
     )
@@ -60,12 +64,13 @@ def assembled(
     names = inputs.names
     return Identification(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
-        log_likelihood=LogLikelihoodReport(at.total, None, None),
+        log_likelihood=_log_likelihood(at.total, check),
         density="individual_integral",
         propagation=DIRECT if answer.surfaces is None else "response_surface",
-        accepted=accepted and not lost,
+        accepted=accepted and not lost and not differing,
         warnings=(
             *lost,
+            *differing,
             *warnings,
             *rival_warnings(answer.rivals, hyperparameters),
             *review_data(question.table.observations, table.observations, failing, table.ids),
@@ -120,6 +125,12 @@ def _lost(likelihood: IndividualLikelihood) -> Flags:
     if not isinstance(predictor, OnSurfaces):
         return np.zeros(likelihood.layout.experiment.size, dtype=np.bool_)
     return np.asarray(np.isinf(predictor.surface.error[predictor.of]))
+
+
+def _log_likelihood(total: float, check: Checked | None) -> LogLikelihoodReport:
+    if check is None:
+        return LogLikelihoodReport(total, None, None)
+    return LogLikelihoodReport(total, total + check.total, check.standard_error)
 
 
 def _individuals(

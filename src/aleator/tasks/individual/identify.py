@@ -20,6 +20,7 @@ from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.individual.answer import Question, answered
 from aleator.tasks.individual.assemble import assembled
+from aleator.tasks.individual.check import checked
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.results.identification import Identification
 
@@ -44,13 +45,19 @@ def identified(
     noise: Noises | None,
     surfaces: ResponseSurface | Collocation,
     search: Search,
+    verified: bool,
     seed: int,
     ledger: Ledger,
 ) -> Identification:
     """The law of the parameters from all observations of each experiment."""
     asked_for = asked(table, inputs, noise, surfaces, search)
     question = asked_for.question(runner, table.observations, seed)
-    return assembled(question, answered(question, ledger), ledger)
+    answer = answered(question, ledger)
+    check = None
+    if verified and answer.surfaces is not None:
+        with ledger.stage("verification"):
+            check = checked(answer.settled.likelihood, answer.settled.alpha, runner)
+    return assembled(question, answer, check, ledger)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,12 +12,12 @@ CLIMBS = 3
 
 
 def inferred(end: Settled, found: SearchResult) -> tuple[Settled, SearchResult, Inference, Profile]:
-    """The information with nodes held, profiles with nodes that follow."""
+    """The information with nodes held, profiles with as few nodes as serve, that follow."""
     for _ in range(CLIMBS):
         likelihood, alpha = end.likelihood, end.alpha
         hyperparameters = likelihood.hyperparameters
         inference = infer(likelihood, alpha, hyperparameters)
-        profile = profile_intervals(likelihood.continued, alpha, hyperparameters, inference)
+        profile = profile_intervals(end.coarse.continued, alpha, hyperparameters, inference)
         if profile.better is None:
             break
         end = settled(likelihood, profile.better)

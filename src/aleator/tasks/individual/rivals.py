@@ -30,7 +30,7 @@ def rivals(end: Settled, inference: Inference, found: SearchResult) -> tuple[Riv
         return ()
     known: list[Array] = [end.alpha]
     kept = []
-    few = GaussHermite(min(end.likelihood.rule.per_dimension, NODES))
+    few = GaussHermite(min(end.likelihood.rule.first, NODES))
     likelihood = end.likelihood.by(few, end.alpha)
     arrived = [a.alpha for a in found.ascents if a.converged]
     for optimum in found.optima[1:]:

@@ -28,7 +28,7 @@ from aleator.tasks.individual.population import (
     padded,
     within,
 )
-from aleator.tasks.individual.settle import Settled, settled
+from aleator.tasks.individual.settle import HARDLY, Settled, settled
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.likely import likely_alphas
 from aleator.types import Array, Flags, Indices
@@ -156,18 +156,20 @@ class ByResponseSurfaces:
         surfaced = self._first(begun)
         while True:
             surfaced = self._refined(surfaced)
-            likelihood, before = surfaced.settled.likelihood, surfaced.settled
+            before = surfaced.settled
+            likelihood = self.likelihood(before.likelihood.predictor)
             found = self.search(likelihood, [before.alpha])
-            again = settled(likelihood, found.alpha)
+            again = settled(likelihood, found.alpha, HARDLY)
             if again.value < before.value + CHANGE:
-                return replace(surfaced, found=found)
+                with self.ledger.stage("search"):
+                    return replace(surfaced, settled=settled(likelihood, before.alpha), found=found)
             surfaced = replace(surfaced, settled=again, found=found)
 
     def _first(self, begun: Begun) -> Surfaced:
         surfaces, region, sites = begun.surfaces, begun.region, begun.sites
         likelihood = self.likelihood(OnSurfaces(surfaces.surface(), region, sites.of))
         found = self.search(likelihood, [])
-        return Surfaced(settled(likelihood, found.alpha), found, surfaces, region, sites)
+        return Surfaced(settled(likelihood, found.alpha, HARDLY), found, surfaces, region, sites)
 
     def _refined(self, surfaced: Surfaced) -> Surfaced:
         """Run where the laws are, and climb, until nothing moves."""
@@ -180,7 +182,7 @@ class ByResponseSurfaces:
                 OnSurfaces(moved.surfaces.surface(), moved.region, moved.sites.of)
             )
             with self.ledger.stage("search"):
-                after = settled(likelihood, surfaced.settled.alpha)
+                after = settled(likelihood, surfaced.settled.alpha, HARDLY)
             calm = _calm(surfaced.settled, after, inference)
             surfaced = replace(moved, settled=after)
             if calm and level <= TIGHT:
