@@ -51,7 +51,8 @@ def pooled_fit(likelihood: IndividualLikelihood, y: Array, start: Array) -> Pool
             np.nan_to_num(jacobian), -HUGE, HUGE
         )
 
-    u = np.clip((start[moving] - box[moving, 0]) / width, 0.01, 0.99)
+    # just off the ends: a box may be much wider than where the law lies
+    u = np.clip((start[moving] - box[moving, 0]) / width, 1e-6, 1.0 - 1e-6)
     if moving.size:
         fit = optimize.least_squares(
             lambda v: at(v)[0], u, jac=lambda v: at(v)[1], bounds=(0.0, 1.0), x_scale="jac"
