@@ -130,7 +130,18 @@ def _draw_series(axes: Axes, seen: Entries, axis: str, log: bool) -> None:
     axes.plot(x, shown(predicted), color=BLUE, lw=1.2, marker="" if len(x) > 1 else "_")
     _draw_measured(axes, x, seen, log)
     if log:
-        axes.set_yscale("log")
+        _logarithmic(axes, "y")
+
+
+def _logarithmic(axes: Axes, *sides: str) -> None:
+    """Logarithmic scales whose ticks are plain numbers."""
+    from matplotlib.ticker import NullFormatter
+
+    for side in sides:
+        getattr(axes, f"set_{side}scale")("log")
+        axis = getattr(axes, f"{side}axis")
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
 
 
 def _draw_measured(axes: Axes, x: Array, seen: Entries, log: bool) -> None:
@@ -164,7 +175,7 @@ def _against_predictions(result: Document) -> Figure:
         for axes, name in zip(grid, responses, strict=False):
             seen = [e for e in result["observations"] if e["response"] == name]
             log = result["responses"][name] == "log"
-            predicted = _array(entry["predicted"] for entry in seen)
+            predicted = _within(seen)
             x = np.exp(predicted) if log else predicted
             reach = SURE * _array(entry["scale"] for entry in seen)
             ends = [predicted - reach, predicted + reach]
@@ -174,14 +185,22 @@ def _against_predictions(result: Document) -> Figure:
             axes.plot(line, line, color=BLUE, lw=1.0)
             _draw_measured(axes, x, seen, log)
             if log:
-                axes.set_xscale("log")
-                axes.set_yscale("log")
+                _logarithmic(axes, "x", "y")
             axes.set_title(name)
             axes.set_xlabel("predicted by the individual law")
             axes.set_ylabel("measured")
         bounded = any(_bounded(entry) for entry in result["observations"])
         _explain(figure, bounded, "measured = predicted")
     return figure
+
+
+def _within(seen: Entries) -> Array:
+    """Predicted values (m,); those that are infinite stand at the largest number there is."""
+    predicted = _array(entry["predicted"] for entry in seen)
+    ends = np.concatenate([_array(entry[end] for entry in seen) for end in ("lower", "upper")])
+    known = np.concatenate([predicted, ends])
+    known = known[np.isfinite(known)]
+    return np.where(np.isfinite(predicted), predicted, known.max(initial=-np.inf))
 
 
 def _draw_law(axes: Axes, name: str, result: Document) -> None:
