@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+from individual_cases import ALPHA, PAIR, likelihood_of, straight_line, table
+
+from aleator.likelihood.individual import OnSurfaces
+from aleator.surrogates import build_surface
+
+REGION = np.array([[-6.0, 9.0], [-4.0, 3.0]])
+
+
+def on_surfaces(frame, model):
+    """Surfaces of every row, exact all over the region."""
+    time = frame["time"].to_numpy()
+    surface = build_surface(lambda index, x: model(time[index], x.T), REGION, len(frame))
+    direct = likelihood_of(model, frame)
+    rows = np.concatenate([block.units[block.place] for block in direct.blocks])
+    return direct, OnSurfaces(surface, REGION, rows)
+
+
+def bent(time, x):
+    return x[0] + x[1] * time + 0.1 * x[0] * x[1]
+
+
+def test_surfaces_of_a_polynomial_give_its_values_and_slopes():
+    frame = table(bent)
+    direct, surfaces = on_surfaces(frame, bent)
+    (block,) = direct.blocks
+    x = np.random.default_rng(1).uniform(*REGION.T, (len(block), 5, 2))
+    value, slopes = surfaces.with_slopes(block, x)
+    wanted, steep = direct.predictor.with_slopes(block, x)
+    assert value == pytest.approx(wanted, abs=1e-9)
+    assert slopes == pytest.approx(steep, abs=1e-6)
+    assert surfaces.values(block, x) == pytest.approx(value)
+
+
+def test_beyond_the_region_a_surface_is_flat():
+    frame = table(bent)
+    direct, surfaces = on_surfaces(frame, bent)
+    (block,) = direct.blocks
+    beyond = np.full((len(block), 1, 2), 1.0)
+    beyond[..., 0] = 20.0
+    inside = beyond.copy()
+    inside[..., 0] = REGION[0, 1]
+    value, slopes = surfaces.with_slopes(block, beyond)
+    assert value == pytest.approx(surfaces.values(block, inside))
+    assert np.all(slopes[0] == 0.0)
+    assert np.any(slopes[1] != 0.0)
+
+
+def test_the_likelihood_on_surfaces_is_that_of_the_simulator():
+    frame = table(straight_line)
+    direct, surfaces = on_surfaces(frame, straight_line)
+    again = type(direct).of(PAIR, direct.errors, surfaces, direct.layout, direct.rule)
+    wanted, found = direct.adapted(ALPHA)(ALPHA), again.adapted(ALPHA)(ALPHA)
+    assert found.each == pytest.approx(wanted.each, abs=1e-6)
+    assert found.scores == pytest.approx(wanted.scores, abs=1e-4)
