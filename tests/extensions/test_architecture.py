@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
@@ -11,13 +12,23 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aleator import Convolution, Free, Inputs, MonteCarlo, Noise, Normal, identify
+from aleator import (
+    Convolution,
+    Free,
+    GradientMultistart,
+    Inputs,
+    MonteCarlo,
+    Noise,
+    Normal,
+    identify,
+)
 from aleator.likelihood.likelihood import Continued
 from aleator.study.laws import LAWS
 from aleator.study.noise import OBSERVATIONS
 from aleator.study.propagation import PROPAGATIONS, RULES
 from aleator.study.sections import DENSITIES, SEARCHES
 from aleator.study.simulators import SIMULATORS
+from aleator.tasks.individual.session import IndividualSession
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "src" / "aleator"
@@ -72,6 +83,28 @@ def test_one_alpha_passes_the_files_of_the_first_walk(monkeypatch: pytest.Monkey
     )  # fmt: skip
     densities = [objective.likelihood.predictive.density for objective, _ in asked]
     last = max(k for k, density in enumerate(densities) if isinstance(density, Convolution))
+    assert passed_by(lambda: plain(*asked[last])) - HELPERS == walks()[0]
+
+
+def test_one_alpha_passes_the_files_of_the_second_way() -> None:
+    ids, t = np.repeat(np.arange(6), 3), np.tile([1.0, 2.0, 3.0], 6)
+    table = pd.DataFrame({"id": ids, "t": t, "y": t + 0.1 * np.sin(7.0 * ids * t)})
+    inputs = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.02, 1.0))})
+    found = identify(
+        lambda t, x: t * x, table, inputs, outcome="y", noise=Noise(Free(0.01, 1.0)),
+        vectorized=True, search=GradientMultistart(1),
+    )  # fmt: skip
+    assert isinstance(found.session, IndividualSession)
+    assert found.session.likelihood is not None
+    objective = found.session.likelihood.continued
+    away = 1.01 * found.values.to_numpy()
+    passed = passed_by(lambda: objective(away))
+    within = {file for file in passed if file.startswith("simulators/")}
+    assert (passed - within) | {"simulators/runner.py"} == walks()[1]
+
+
+def passed_by(work: Callable[[], object]) -> set[str]:
+    """The files of the package that calls pass."""
     passed: set[str] = set()
 
     def note(frame: FrameType, event: str, _: object) -> None:
@@ -80,8 +113,13 @@ def test_one_alpha_passes_the_files_of_the_first_walk(monkeypatch: pytest.Monkey
 
     sys.setprofile(note)
     try:
-        plain(*asked[last])
+        work()
     finally:
         sys.setprofile(None)
-    walk = re.findall(r"^\| `([\w/]+\.py)` \|", PAGE.partition("## Three walks")[2], re.M)
-    assert passed - HELPERS == {*walk}
+    return passed
+
+
+def walks() -> list[set[str]]:
+    """The files of each walk that the page has as a table."""
+    parts = PAGE.partition("## Four walks")[2].split("|---|---|")[1:]
+    return [{*re.findall(r"^\| `([\w/]+\.py)` \|", part, re.M)} for part in parts]
