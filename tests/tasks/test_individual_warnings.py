@@ -100,3 +100,16 @@ def test_two_maxima_are_told() -> None:
     assert told(found, "two maxima", "x.mean") == ("x.mean",)
     single = identified(line, FRAME, starts=4)
     assert not any("maxima" in warning.message for warning in single.warnings)
+
+
+@pytest.mark.parametrize(
+    "choice",
+    [{"density": aleator.Gaussian()}, {"propagation": aleator.ResponseSurface(surfaces="shared")}],
+    ids=["density", "shared"],
+)
+def test_what_takes_one_outcome_is_refused_before_any_run(choice) -> None:
+    def never(time, a):
+        raise AssertionError
+
+    with pytest.raises(aleator.AleatorError, match="exact outcome"):
+        aleator.identify(never, FRAME, ONE, outcome="y", noise=NOISE, **choice)

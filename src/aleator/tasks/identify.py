@@ -77,6 +77,12 @@ def identify(
     runner = as_runner(simulator, table, inputs.names, vectorized, executor)
     ledger = Ledger(runner, progress or Silent())
     if individual.wanted(table, inputs, noise):
+        if density is not None:
+            raise InputsError(
+                f"a density ({density.name}) is that of one exact outcome an experiment",
+                "leave the density out: the likelihood is an integral over each experiment's own "
+                "parameters",
+            )
         return individual.identified(
             runner,
             table,

@@ -97,6 +97,11 @@ def asked(
             "collocation takes one exact outcome an experiment",
             "leave the propagation out, or choose response surfaces",
         )
+    if surfaces.surfaces == "shared":
+        raise InputsError(
+            "one surface for all experiments takes one exact outcome each",
+            "leave out shared = true: each experiment has surfaces of its own",
+        )
     if noise is None:
         raise InputsError(
             "several observations an experiment, censored ones and covariates need measurement "
