@@ -175,7 +175,7 @@ def test_a_key_of_a_plugin_is_told_as_one_of_the_house(install: Install, study: 
     assert "study.toml: key 'parameters.x.shpe'" in told
     assert "did you mean 'shape'" in told
     assert "'parameters.x.scale' is missing" in str(refused('law = "weibull"\nshape = 2'))
-    assert "'parameters.x.shape' = \"2\"" in str(refused('law = "weibull"\nshape = "2"\nscale = 1'))
+    assert "'parameters.x.shape': \"2\"" in str(refused('law = "weibull"\nshape = "2"\nscale = 1'))
     told = str(refused('law = "weibull"\nshape = 0\nscale = 1'))
     assert "'parameters.x'" in told
     assert "shape" in told

@@ -108,7 +108,7 @@ def test_two_maxima_are_told() -> None:
     ids=["density", "shared"],
 )
 def test_what_takes_one_outcome_is_refused_before_any_run(choice) -> None:
-    def never(time, a):
+    def never(time, a):  # noqa: ARG001
         raise AssertionError
 
     with pytest.raises(aleator.AleatorError, match="exact outcome"):
