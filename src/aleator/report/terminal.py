@@ -170,7 +170,8 @@ def _values(result: Result) -> Iterator[tuple[str, str, str]]:
     yield from individual.likelihoods(result)
     if found.get("verified") is not None:
         error = number(found.get("verified_standard_error"), 2)
-        yield "verified", to_three(found["verified"]), f"+- {error}, Monte Carlo on the simulator"
+        by = "a few runs of" if individual.is_individual(result) else "Monte Carlo on"
+        yield "verified", to_three(found["verified"]), f"+- {error}, {by} the simulator"
     if part := found.get("reached"):
         yield (
             "verified in part",

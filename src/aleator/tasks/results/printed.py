@@ -98,7 +98,7 @@ def _reasons(document: Document) -> str:
     what = "the search converged, and more nodes do not change the answer"
     if document["propagation"] == "direct":
         return f"{what}; the simulator itself was integrated over"
-    return f"{what}; not verified on the simulator beyond the surfaces' own errors"
+    return f"{what}{_checked(document)}"
 
 
 def _checked(document: Document) -> str:
