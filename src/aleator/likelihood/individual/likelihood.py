@@ -111,7 +111,7 @@ class IndividualLikelihood:
             found = modes(curved, self._best_start(alpha, block), arrived=arrived)
             mode[part], information[part] = found.z[:, 0], found.information[:, 0]
             x[part] = self._individual(alpha, block, found.z).x[:, 0]
-            xi[part], log_weight[part] = adapted_nodes(curved, found, self.rule, arrived)
+            xi[part], log_weight[part] = adapted_nodes(curved, found, self.rule)
         return replace(self, nodes=Nodes(xi, log_weight, mode, information, x))
 
     def by(self, rule: GaussHermite, alpha: Array) -> IndividualLikelihood:

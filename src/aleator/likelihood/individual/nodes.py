@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.likelihood.individual.modes import Curved, Modes, modes
+from aleator.likelihood.individual.modes import NEAR, Curved, Modes, modes
 from aleator.likelihood.individual.rule import GaussHermite
 from aleator.types import Array
 
@@ -35,9 +35,7 @@ class Nodes:
         return cls(xi, log_weight, np.zeros((count, variates)), information)
 
 
-def adapted_nodes(
-    log_density: Curved, found: Modes, rule: GaussHermite, arrived: float
-) -> tuple[Array, Array]:
+def adapted_nodes(log_density: Curved, found: Modes, rule: GaussHermite) -> tuple[Array, Array]:
     """Nodes xi (B, J, s) about the modes of B experiments, and their log weights (B, J).
 
     The coordinates w = Q' xi are those of the eigenvectors Q of the information at the mode, the
@@ -65,7 +63,7 @@ def adapted_nodes(
         of_rule = log_w + 0.5 * t**2
         log_weight = _spread((log_weight + np.log(scale))[:, :, None] + of_rule)
         if i < s - 1:
-            again = modes(log_density, z, basis[..., i + 1 :], arrived)
+            again = modes(log_density, z, basis[..., i + 1 :], NEAR)
             z, information = again.z, again.information
     return z, log_weight - 0.5 * np.sum(z**2, axis=2)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from aleator.likelihood.individual.layout import Block
 from aleator.surrogates import Surface
-from aleator.surrogates.basis import products_with_gradient
+from aleator.surrogates.basis import products, products_with_gradient
 from aleator.surrogates.points import in_unit_box
 from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array, Indices
@@ -43,14 +43,15 @@ class OnSurfaces:
         z = in_unit_box(self.surface.box, inside[..., self._moving])
         experiments, nodes, n = z.shape
         flat = z.reshape(-1, n)
-        basis = products_with_gradient(self.surface.indices, flat)
-        basis = basis.reshape(len(basis), 1 + n, experiments, nodes)
+        indices = self.surface.indices
+        basis = products_with_gradient(indices, flat) if slopes else products(indices, flat)
+        basis = basis.reshape(len(indices), -1, experiments, nodes)
         terms = self._terms[self.of[block.rows]]
-        found = np.empty((1 + n if slopes else 1, len(terms), nodes))
+        found = np.empty((basis.shape[1], len(terms), nodes))
         step = max(1, LARGEST // (len(basis) * nodes))
         for first in range(0, len(terms), step):
             rows = slice(first, first + step)
-            own = basis[:, : len(found), block.owner[rows]]
+            own = basis[:, :, block.owner[rows]]
             found[:, rows] = np.einsum("mp,pdmj->dmj", terms[rows], own, optimize=False)
         if not slopes:
             return found[0], found[:0]

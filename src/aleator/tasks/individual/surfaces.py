@@ -39,7 +39,7 @@ COARSE = 0.1
 """Estimated error over the outcome's scatter on the region, of the first surfaces."""
 LOOSE = 0.2
 """Estimated error over the noise that the first refinement asks for; halved each round."""
-TIGHT = 0.05
+TIGHT = 0.025
 """... that it must come to before the answer may be calm."""
 FINEST = 1e-3
 ROUNDS = 16
