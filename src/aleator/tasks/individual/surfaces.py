@@ -39,14 +39,14 @@ COARSE = 0.1
 """Estimated error over the outcome's scatter on the region, of the first surfaces."""
 LOOSE = 0.2
 """Estimated error over the noise that the first refinement asks for; halved each round."""
-TIGHT = 0.025
+TIGHT = 0.0125
 """... that it must come to before the answer may be calm."""
 FINEST = 1e-3
 ROUNDS = 16
 STILL = 0.1
 """A step of alpha, in the metric of the information, that is none."""
-CHANGE = 0.05
-"""A change of the log-likelihood that is none; a thousandth an experiment if that is more."""
+CHANGE = 0.01
+"""A change of the log-likelihood that is none; a ten-thousandth an experiment if that is more."""
 WIDER = 1.2
 """Runs are placed so much farther out than the laws say."""
 SHRINK = 0.6
@@ -260,4 +260,4 @@ def _calm(before: Settled, after: Settled, inference: Inference) -> bool:
     step = (after.alpha - before.alpha)[inference.identified]
     length = float(step @ inference.information @ step)
     change = abs(after.value - before.value)
-    return length < STILL**2 and change < max(CHANGE, 1e-3 * after.likelihood.count)
+    return length < STILL**2 and change < max(CHANGE, 1e-4 * after.likelihood.count)
