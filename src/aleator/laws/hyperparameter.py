@@ -132,7 +132,8 @@ def resolve(
         if not isinstance(specification, Real):
             raise InputsError(
                 f"{name} = {specification!r} is neither a number nor Free(lower, upper)",
-                f"write {name}=Free(lower, upper) to identify it, or a number to fix it",
+                f"write {name}=Free(lower, upper) to identify it, a number to fix it, or "
+                f'{name}=By("1 + temperature") to let it follow covariates',
             )
         value = float(specification)
         _require(math.isfinite(value), f"{name} = {value} is not finite", "give a finite number")

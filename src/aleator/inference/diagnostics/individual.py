@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,6 +69,20 @@ def check_refusals(change: float, error: float) -> list[Diagnostic]:
             "surfaces are not exact enough",
             "lower the surfaces' tolerance (propagation.tolerance), or narrow the limits",
         )
+    ]
+
+
+def held_warnings(held: Mapping[str, Indices], ids: Sequence[str]) -> list[Diagnostic]:
+    """Experiments whose covariates would take a value of their law beyond its limits."""
+    return [
+        Diagnostic(
+            "bounds",
+            f"{named(which, ids)}: the formula of {name} leads beyond the limits of {name}, "
+            "where it is held",
+            f"widen the limits of {name} if they are not physical, or take another formula",
+            chosen(which, ids),
+        )
+        for name, which in held.items()
     ]
 
 

@@ -44,6 +44,8 @@ FEWEST = 3
 MANY = 400
 """Experiments from where on the search is made on a sample of them."""
 SAMPLE = 300
+TOLD = 3
+"""Optima besides the best whose log-likelihood is computed as that of the answer is."""
 BEST = 3
 """Optima of a sample that are climbed from with all experiments."""
 
@@ -144,7 +146,7 @@ def answered(question: Question, ledger: Ledger) -> Answer:
         way = ByResponseSurfaces(runner, question.likelihood, searched, ledger)
         surfaced = way.answer(begun)
         end, found, surfaces = surfaced.settled, surfaced.found, surfaced.surfaces
-    found = replace(found, alpha=end.alpha, log_likelihood=end.value)
+    found = _told(found, end)
     with ledger.stage("inference"):
         end, found, inference, profile = inferred(end, found)
         others = rivals(end, inference, found)
@@ -181,6 +183,18 @@ class _Searched:
                 progress=self.ledger.progress,
             )
             return found if few else _with_all(likelihood, found)
+
+
+def _told(found: SearchResult, end: Settled) -> SearchResult:
+    """The settled answer as the best optimum, the next ones with as many nodes as it has."""
+    first, *others = found.optima
+    again = []
+    for optimum in others[:TOLD]:
+        value = end.likelihood.adapted(optimum.alpha).evaluate(optimum.alpha).total
+        again.append(replace(optimum, log_likelihood=min(value, end.value)))
+    again.sort(key=lambda optimum: -optimum.log_likelihood)
+    optima = (Optimum(end.alpha, end.value, first.starts), *again, *others[TOLD:])
+    return replace(found, alpha=end.alpha, log_likelihood=end.value, optima=optima)
 
 
 def _with_all(likelihood: IndividualLikelihood, found: SearchResult) -> SearchResult:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,11 +11,13 @@ from aleator.densities import Status
 from aleator.inference.diagnostics.failures import failure_report, failure_warnings
 from aleator.inference.diagnostics.individual import (
     check_refusals,
+    held_warnings,
     review_data,
     review_individual,
     rival_warnings,
     without_surfaces,
 )
+from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import (
     IndividualLikelihood,
     IndividualParameters,
@@ -37,7 +41,7 @@ from aleator.tasks.results.summary import (
     versions,
 )
 from aleator.tasks.results.values import IndividualReport, LogLikelihoodReport
-from aleator.types import Array, Flags
+from aleator.types import Array, Flags, Indices
 
 
 def assembled(
@@ -72,6 +76,7 @@ def assembled(
             *lost,
             *differing,
             *warnings,
+            *held_warnings(_held(inputs, alpha), table.ids),
             *rival_warnings(answer.rivals, hyperparameters),
             *review_data(question.table.observations, table.observations, failing, table.ids),
             *failure_warnings(failures),
@@ -125,6 +130,12 @@ def _lost(likelihood: IndividualLikelihood) -> Flags:
     if not isinstance(predictor, OnSurfaces):
         return np.zeros(likelihood.layout.experiment.size, dtype=np.bool_)
     return np.asarray(np.isinf(predictor.surface.error[predictor.of]))
+
+
+def _held(inputs: Inputs, alpha: Array) -> Mapping[str, Indices]:
+    """The experiments whose covariates lead beyond the limits of a law's value, by its name."""
+    model = inputs.covariate_model
+    return {} if model is None else model.held(alpha)
 
 
 def _log_likelihood(total: float, check: Checked | None) -> LogLikelihoodReport:
