@@ -88,7 +88,7 @@ def test_nodes_of_the_law_miss_an_experiment_that_is_sharper_than_the_law():
     alpha = ALPHA * [1.0, 1.0, 1.0, 1.0, 1.0, 0.03]
     frame = table(decay, alpha)
     frame = frame[frame.groupby("id")["y"].transform("size") > 3].reset_index(drop=True)
-    wanted = [by_grid(decay, own, alpha, 6001, 6.0) for _, own in frame.groupby("id", sort=False)]
+    wanted = [by_grid(decay, own, alpha, 2501, 6.0) for _, own in frame.groupby("id", sort=False)]
     law = likelihood_of(decay, frame, nodes=21)
     assert np.abs(law.evaluate(alpha).each - wanted).max() > 1.0
     adapted = law.by(GaussHermite(9), alpha)
