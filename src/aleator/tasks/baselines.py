@@ -17,7 +17,7 @@ from aleator.likelihood.predictive import FromMoments
 from aleator.likelihood.problem import Problem
 from aleator.observations.noise import Noise
 from aleator.search import Search
-from aleator.surrogates.responses import Response
+from aleator.surrogates.responses import Response, moving_parameters
 from aleator.types import Array, Indices
 
 HUGE = 1e100
@@ -72,7 +72,7 @@ def least_squares(
     Parameters whose box has no width stay at their value. Cost: some tens of evaluations of
     the response with its gradient at one point. A local method: it may end in a local minimum.
     """
-    moving = np.flatnonzero(box[:, 1] > box[:, 0])
+    moving = moving_parameters(box)
     width = box[moving, 1] - box[moving, 0]
 
     def at(u: Array) -> tuple[Array, Array]:

@@ -30,6 +30,8 @@ SURE = 3.0
 """Standard errors of alpha by which the region is widened."""
 PAD = 0.1
 """Share of its width by which a region is widened on either side."""
+LEAST = 0.01
+"""The same of the box, at least."""
 FINE = 0.15
 """Surface error, over the outcome's sd under the law, that needs no narrower region."""
 SHRINK = 0.6
@@ -91,7 +93,7 @@ def _pilot_region(
     linear = linear_gaussian(
         response, model, fit.x, local, outcomes[rows], GradientMultistart(3), seed=seed
     )
-    return _within(inputs.box, known_region(model, linear.alpha))
+    return within(inputs.box, known_region(model, linear.alpha))
 
 
 def known_region(model: Model, alpha: Array) -> Array:
@@ -105,12 +107,12 @@ def known_region(model: Model, alpha: Array) -> Array:
             moved = alpha.copy()
             moved[k] = min(max(value, h.lower), h.upper)
             wide.append(moved)
-    return _padded(law_region(inputs, wide), inputs.box)
+    return padded(law_region(inputs, wide), inputs.box)
 
 
 def own_region(inputs: Inputs, alpha: Array) -> Array:
     """The region of one law, for when alpha is not to be moved: a tenth wider on either side."""
-    return _padded(law_region(inputs, [alpha]), inputs.box)
+    return padded(law_region(inputs, [alpha]), inputs.box)
 
 
 def next_region(
@@ -131,17 +133,17 @@ def next_region(
     width = np.diff(region, axis=1)[:, 0]
     if np.any(_beyond(region, law_region(problem.model.inputs, [alpha]))):
         # beyond the region the likelihood is flat, so that how far beyond alpha lies says nothing
-        wanted = _padded(_likely_region(problem, alpha, likely), box)
+        wanted = padded(_likely_region(problem, alpha, likely), box)
         reach = region + width[:, None] * np.array([-1.0, 1.0])
-        return _hull(region, np.clip(wanted, reach[:, :1], reach[:, 1:]))
+        return hull(region, np.clip(wanted, reach[:, :1], reach[:, 1:]))
     sd = problem.predictive.moments(alpha).sd
     rough = surface.error[problem.condition] / np.where(sd > 0.0, sd, np.inf)
     if np.quantile(rough, 0.9 if likely is None else 1.0) <= FINE:
         return None
-    wanted = _padded(_likely_region(problem, alpha, likely), box)
+    wanted = padded(_likely_region(problem, alpha, likely), box)
     if likely is not None:
         # these laws are wide enough, and no run inside is lost
-        wanted = _within(region, _likely_region(problem, alpha, likely))
+        wanted = within(region, _likely_region(problem, alpha, likely))
     shares = np.diff(wanted, axis=1)[problem.moving, 0] / width[problem.moving]
     return wanted if np.prod(shares) < (SHRINK if likely is None else SLIGHT) else None
 
@@ -168,18 +170,18 @@ def interval_region(
     beyond = _beyond(problem.region, wanted)
     if not np.any(beyond):
         return None
-    hull = _hull(problem.region, wanted)
+    whole = hull(problem.region, wanted)
     if not generous:
-        return _within(inputs.box, hull)
-    pad = 0.5 * np.diff(hull, axis=1) * np.array([-1.0, 1.0])
-    return _within(inputs.box, hull + np.where(beyond, pad, 0.0))
+        return within(inputs.box, whole)
+    pad = 0.5 * np.diff(whole, axis=1) * np.array([-1.0, 1.0])
+    return within(inputs.box, whole + np.where(beyond, pad, 0.0))
 
 
 def widened(region: Array, box: Array) -> Array:
     """The region twice as wide about its middle, within the box."""
     middle, half = region.mean(axis=1), np.diff(region, axis=1)[:, 0]
     half = np.maximum(half, 0.05 * np.diff(box, axis=1)[:, 0])
-    return _within(box, np.stack([middle - half, middle + half], axis=1))
+    return within(box, np.stack([middle - half, middle + half], axis=1))
 
 
 def _likely_region(problem: Problem, alpha: Array, likely: Sequence[Array] | None) -> Array:
@@ -187,7 +189,7 @@ def _likely_region(problem: Problem, alpha: Array, likely: Sequence[Array] | Non
     inputs, hyperparameters = problem.model.inputs, problem.model.hyperparameters
     if likely is not None:
         some = law_region(inputs, [other[: inputs.size] for other in likely], OPEN_TAIL)
-        return _hull(law_region(inputs, [alpha]), some)
+        return hull(law_region(inputs, [alpha]), some)
     alphas = [alpha]
     error = infer(problem.objective, alpha, hyperparameters).standard_error
     for k in np.flatnonzero(np.isfinite(error[: inputs.size])):
@@ -207,19 +209,21 @@ def _beyond(region: Array, other: Array) -> NDArray[np.bool_]:
     return np.stack([below, above], axis=1)
 
 
-def _hull(region: Array, other: Array) -> Array:
+def hull(region: Array, other: Array) -> Array:
+    """The smallest region (n, 2) that holds both."""
     return np.stack(
         [np.minimum(region[:, 0], other[:, 0]), np.maximum(region[:, 1], other[:, 1])], axis=1
     )
 
 
-def _padded(region: Array, box: Array) -> Array:
-    """The region a tenth wider on either side, at least a hundredth of the box, within the box."""
-    pad = np.maximum(PAD * np.diff(region, axis=1), 0.01 * np.diff(box, axis=1))
-    return _within(box, region + pad * np.array([-1.0, 1.0]))
+def padded(region: Array, box: Array, share: float = PAD, least: float = LEAST) -> Array:
+    """The region wider by a share on either side, at least by one of the box, within the box."""
+    pad = np.maximum(share * np.diff(region, axis=1), least * np.diff(box, axis=1))
+    return within(box, region + pad * np.array([-1.0, 1.0]))
 
 
-def _within(box: Array, region: Array) -> Array:
+def within(box: Array, region: Array) -> Array:
+    """The part of a region that lies in the box."""
     return np.stack(
         [np.maximum(region[:, 0], box[:, 0]), np.minimum(region[:, 1], box[:, 1])], axis=1
     )

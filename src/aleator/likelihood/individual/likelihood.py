@@ -136,6 +136,10 @@ class IndividualLikelihood:
     def sums(self, alpha: Array, block: Block, xi: Array) -> Array:
         """sum_k log p(y_k | eta_k) (B, J) at variates xi (B, J, s)."""
         eta = self.predictor.values(block, self._individual(alpha, block, xi).x)
+        return self.sums_of(alpha, block, eta)
+
+    def sums_of(self, alpha: Array, block: Block, eta: Array) -> Array:
+        """The same (B, J) of simulated values eta (m, J) that are known."""
         return block.summed(self._terms(alpha, block, eta).value)
 
     def _individual(self, alpha: Array, block: Block, xi: Array) -> Individual:

@@ -25,6 +25,7 @@ from aleator.observations.noise import Noise
 from aleator.search import Optimum, Search, SearchResult, WarmStart
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
+from aleator.surrogates.responses import moving_parameters
 from aleator.tasks.baselines import start_point
 from aleator.tasks.individual.cost import cheap
 from aleator.tasks.individual.failed import lost_observations
@@ -129,11 +130,10 @@ def answered(question: Question, ledger: Ledger) -> Answer:
     hyperparameters = (*inputs.hyperparameters, *question.errors.hyperparameters)
     region = first_region(inputs, hyperparameters, len(question.table.ids))
     if cheap(runner, inputs, start_point(inputs), region):
-        moving = np.flatnonzero(inputs.box[:, 1] > inputs.box[:, 0])
         question = question.without(
             lost_observations(runner, region, question.unit, question.column)
         )
-        likelihood = question.likelihood(Direct(runner, moving, inputs.box))
+        likelihood = question.likelihood(Direct(runner, moving_parameters(inputs.box), inputs.box))
         found = _Searched(question, ledger)(likelihood, [])
         with ledger.stage("search"):
             end, surfaces = settled(likelihood, found.alpha), None

@@ -53,8 +53,8 @@ def checked(likelihood: IndividualLikelihood, alpha: Array, runner: Runner) -> C
         part = block.experiments
         xi, log_weight = _likeliest(few, alpha, block)
         x = inputs.individual(alpha[: inputs.size], xi, part).x
-        by_surface = _sums(few, alpha, block, few.predictor.values(block, x)) + log_weight
-        by_simulator = _sums(few, alpha, block, simulator.values(block, x)) + log_weight
+        by_surface = few.sums_of(alpha, block, few.predictor.values(block, x)) + log_weight
+        by_simulator = few.sums_of(alpha, block, simulator.values(block, x)) + log_weight
         known, share = mean_of(by_surface)
         change[part] = mean_of(by_simulator)[0] - known
         with np.errstate(all="ignore"):
@@ -82,8 +82,3 @@ def _likeliest(likelihood: IndividualLikelihood, alpha: Array, block: Block) -> 
     best = np.argsort(-total, axis=1)[:, :POINTS]
     chosen = np.take_along_axis(xi, best[..., None], axis=1)
     return chosen, np.take_along_axis(log_weight, best, axis=1)
-
-
-def _sums(likelihood: IndividualLikelihood, alpha: Array, block: Block, eta: Array) -> Array:
-    terms = likelihood.errors.terms(alpha[likelihood.inputs.size :], eta, block.rows)
-    return block.summed(terms.value)

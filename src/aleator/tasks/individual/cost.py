@@ -8,6 +8,7 @@ import numpy as np
 
 from aleator.laws.inputs import Inputs
 from aleator.simulators import Runner
+from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array, Indices
 
 SLOW = 2e-3
@@ -39,7 +40,7 @@ def cheap(runner: Runner, inputs: Inputs, x: Array, region: Array) -> bool:
     runner.takes_arrays(region)
     every = np.repeat(np.arange(runner.units), SAMPLE)
     seconds = _timed(runner, every, x) / SAMPLE
-    moving = int(np.sum(inputs.box[:, 1] > inputs.box[:, 0]))
+    moving = moving_parameters(inputs.box).size
     nodes = NODES ** min(inputs.scattering, 3)
     return bool(seconds * nodes * (2 * moving + 1) * EVALUATIONS < LONGEST)
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import optimize
 
 from aleator.likelihood.individual import IndividualLikelihood
+from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array
 
 HUGE = 1e100
@@ -31,7 +32,7 @@ def pooled_fit(likelihood: IndividualLikelihood, y: Array, start: Array) -> Pool
     """
     inputs = likelihood.inputs
     box = inputs.box
-    moving = np.flatnonzero(box[:, 1] > box[:, 0])
+    moving = moving_parameters(box)
     width = box[moving, 1] - box[moving, 0]
 
     def placed(u: Array) -> Array:

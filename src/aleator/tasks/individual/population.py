@@ -10,6 +10,7 @@ from scipy.stats import qmc
 
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
+from aleator.tasks.region import padded, within
 from aleator.types import Array
 
 DRAWS = 512
@@ -63,35 +64,11 @@ def first_region(
     """
     if inputs.bounded:
         return inputs.box
-    ends = [
-        np.array([h.start if h.log else end(h) for h in hyperparameters])
-        for end in (_lower, _upper)
-    ]
-    return within(inputs.box, held_region(inputs, ends, experiments, LIKELY))
+    lower = np.array([h.start if h.log else h.lower for h in hyperparameters])
+    upper = np.array([h.start if h.log else h.upper for h in hyperparameters])
+    return within(inputs.box, held_region(inputs, [lower, upper], experiments, LIKELY))
 
 
-def padded(region: Array, box: Array) -> Array:
+def around(region: Array, box: Array) -> Array:
     """The region somewhat wider on either side, within the box; what is known stays known."""
-    whole = np.diff(box, axis=1)
-    pad = np.maximum(PAD * np.diff(region, axis=1), LEAST * whole)
-    return within(box, region + pad * np.array([-1.0, 1.0]))
-
-
-def hull(region: Array, other: Array) -> Array:
-    """The smallest region that holds both."""
-    return np.stack(
-        [np.minimum(region[:, 0], other[:, 0]), np.maximum(region[:, 1], other[:, 1])], axis=1
-    )
-
-
-def within(box: Array, region: Array) -> Array:
-    """The part of a region that lies in the box."""
-    return np.clip(region, box[:, :1], box[:, 1:])
-
-
-def _lower(h: Hyperparameter) -> float:
-    return h.lower
-
-
-def _upper(h: Hyperparameter) -> float:
-    return h.upper
+    return padded(region, box, PAD, LEAST)

@@ -8,7 +8,7 @@ from aleator.likelihood.individual import Direct, OnSurfaces, Predictor
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
 from aleator.surrogates.responses import moving_parameters
-from aleator.tasks.individual.population import padded, within
+from aleator.tasks.individual.population import around
 from aleator.tasks.individual.surfaces import Sites
 from aleator.types import Array
 
@@ -21,13 +21,13 @@ MOST = 512
 def direct(runner: Runner, box: Array, region: Array) -> Predictor:
     """The simulator itself, with arrays where it takes them."""
     runner.takes_arrays(region)
-    return Direct(runner, np.flatnonzero(box[:, 1] > box[:, 0]), box)
+    return Direct(runner, moving_parameters(box), box)
 
 
 def about(runner: Runner, box: Array, x: Array, choice: ResponseSurface) -> Predictor:
     """Surfaces that are exact where points x (D, n) of the law lie."""
     ends = np.stack([x.min(axis=0), x.max(axis=0)], axis=1)
-    region = within(box, padded(ends, box))
+    region = around(ends, box)
     moving, sites = moving_parameters(region), Sites.seen(runner, runner.unit, runner.column)
     if not moving.size:
         return direct(runner, box, region)

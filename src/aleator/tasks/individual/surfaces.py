@@ -22,15 +22,14 @@ from aleator.surrogates.responses import Run, moving_parameters
 from aleator.tasks.individual.population import (
     FAR,
     LIKELY,
+    around,
     draws,
     held_region,
-    hull,
-    padded,
-    within,
 )
 from aleator.tasks.individual.settle import HARDLY, Settled, settled
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.likely import likely_alphas
+from aleator.tasks.region import hull
 from aleator.types import Array, Flags, Indices
 
 SURFACE = "response surface"
@@ -217,7 +216,7 @@ def _next_region(surfaced: Surfaced, likely: Array) -> Array:
     inputs, region = likelihood.inputs, surfaced.region
     certain = held_region(inputs, [alpha], likelihood.count, FAR)
     possible = held_region(inputs, [*likely], likelihood.count, LIKELY)
-    wanted = within(inputs.box, padded(hull(certain, possible), inputs.box))
+    wanted = around(hull(certain, possible), inputs.box)
     moving = moving_parameters(region)
     width = np.diff(region, axis=1)[moving, 0]
     slack = 0.02 * np.diff(region, axis=1)[:, 0]
