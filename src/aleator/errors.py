@@ -36,6 +36,10 @@ class SimulatorError(AleatorError):
     """The simulator cannot be imported, raised, or returned something that is not an outcome."""
 
 
+class SurroundingsError(AleatorError):
+    """A run could not be made: a full disk, no process, no memory, a license that is refused."""
+
+
 class StoreError(AleatorError):
     """The store of runs cannot be opened, read or written."""
 

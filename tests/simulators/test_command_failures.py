@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from aleator.errors import SimulatorError
+from aleator.errors import SimulatorError, SurroundingsError
 from aleator.simulators import RunFailed
 from aleator.simulators.command import (
     CommandSimulator,
@@ -270,7 +270,7 @@ def test_a_hook_that_fails(tmp_path: Path) -> None:
 def test_a_program_that_is_not_one_for_this_machine(tmp_path: Path) -> None:
     (tmp_path / "program").write_bytes(b"\x7fELF garbage")
     (tmp_path / "program").chmod(0o755)
-    with pytest.raises(RunFailed, match="cannot be started: Exec format error"):
+    with pytest.raises(SurroundingsError, match="cannot be started: Exec format error"):
         CommandSimulator(["./program"], base=tmp_path).run_one({}, {})
 
 

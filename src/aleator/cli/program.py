@@ -11,6 +11,11 @@ import click
 
 from aleator.errors import AleatorError
 
+NO_MEMORY = AleatorError(
+    "there is no memory left",
+    "end other programs, or ask for fewer --workers, and give the same command again: every run "
+    "that was made is kept",
+)
 STOPPED = 130  # what shells report for a program ended by Ctrl-C
 
 COMMANDS = {
@@ -28,11 +33,24 @@ COMMANDS = {
 
 @contextmanager
 def misuse_told(ctx: click.Context) -> Iterator[None]:
-    """Misuse is one message and exit code 2, Ctrl-C is 130; a defect keeps its traceback."""
+    """Misuse, and what the machine refuses, is one message and exit code 2, Ctrl-C is 130.
+
+    A defect keeps its traceback.
+    """
     try:
         yield
     except AleatorError as error:
         click.echo(f"aleator: error: {error}", err=True)
+        ctx.exit(2)
+    except OSError as error:
+        from aleator.simulators.surroundings import cause
+
+        if (prevented := cause(error, "the command cannot go on")) is None:
+            raise
+        click.echo(f"aleator: error: {prevented}", err=True)
+        ctx.exit(2)
+    except MemoryError:
+        click.echo(f"aleator: error: {NO_MEMORY}", err=True)
         ctx.exit(2)
     except KeyboardInterrupt:
         click.echo("aleator: stopped by Ctrl-C", err=True)

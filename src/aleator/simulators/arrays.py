@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.errors import SurroundingsError
 from aleator.simulators.bound import Bound
 from aleator.types import Array, Indices
 
@@ -97,7 +98,7 @@ def elementwise(bound: Bound, case: Indices, x: Array) -> bool:
         together = Together(bound)(case, x)
         returned = bound.simulator(*bound.columns(case, x))
         each = bound.form.some(case).shaped(bound.simulator, returned, len(case))
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SurroundingsError):
         raise
     except BaseException:
         return False

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aleator.errors import SimulatorError
+from aleator.errors import AleatorError
 from aleator.simulators.arrays import CHECKED, Together, elementwise
 from aleator.simulators.bound import Bound
 from aleator.simulators.function import FunctionSimulator
@@ -49,7 +49,8 @@ class Direct:
         """Values (R, W) of runs of `case` (R,) with parameters `x` (R, n), as they were returned.
 
         A run that raises is NaN; a number that is not finite stays as it is. Raises SimulatorError
-        for a wrong shape or type. Cost: some 20 ns a run of a vectorized function beside its own.
+        for a wrong shape or type, SurroundingsError for what the machine did to a run. Cost: some
+        20 ns a run of a vectorized function beside its own.
         """
         together = max(ARRAY_BLOCK // self._form.width, 1)
         size = together if self._together else self._simulator.block
@@ -102,7 +103,7 @@ class Direct:
                 return self._together(case, x), {}
             returned = self._simulator(*self._bound.columns(case, x))
             return self._form.some(case).shaped(self._simulator, returned, len(case)), {}
-        except (SimulatorError, KeyboardInterrupt):
+        except (AleatorError, KeyboardInterrupt):
             raise
         except BaseException as error:
             if isinstance(error.__cause__, KeyboardInterrupt) and isinstance(error, RunStopped):

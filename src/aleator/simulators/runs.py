@@ -44,7 +44,8 @@ class Runs:
     `outcome` (R, W) are the values of each run in the simulator's units, all NaN where there are
     none or none yet. `failures` says by run why there are none. `seconds` (R,) is what each run
     took on `host`; `named` says whether the simulator named its responses. Where fewer runs were
-    made than were asked for, `stopped` is the interruption, or None if the time was up.
+    made than were asked for, `stopped` is what ended them (Ctrl-C, or the surroundings), or None if
+    the time was up.
 
     >>> asked = Runs.asked(np.array([0, 2]), np.array([[0.5], [0.7]]))
     >>> len(asked), asked.outcome.tolist()

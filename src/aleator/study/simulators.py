@@ -28,6 +28,7 @@ from aleator.simulators.command import (
 )
 from aleator.simulators.fmu import Course, FMUSimulator, Operation
 from aleator.simulators.fmu.description import read_description
+from aleator.simulators.surroundings import STOP_ON
 from aleator.study.fmu import Inputs, Outcome, Time, reductions, signals
 from aleator.study.keys import Section, fault
 from aleator.study.kinds import Kinds
@@ -145,6 +146,7 @@ def command(
     shell: bool = False,
     success_codes: tuple[int, ...] = (0,),
     timeout: float | None = None,
+    stop_on: str = STOP_ON,
     keep: Literal["failed", "all", "none"] = "failed",
     version: str = "",
     allow_unused: bool = False,
@@ -180,6 +182,7 @@ def command(
         shell=shell,
         link=link,
         timeout=timeout,
+        stop_on=stop_on,
         version=version,
         allow_unused=allow_unused,
         series=series,

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import math
 import os
+import re
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -10,7 +13,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from aleator.errors import SimulatorError, SurroundingsError
 from aleator.simulators.failure import RunFailed
+from aleator.simulators.surroundings import (
+    NEARLY_FULL,
+    STOP_ON,
+    full_disk,
+    prevented,
+    printed,
+)
 
 STDIN, STDOUT, STDERR = "aleator.stdin", "aleator.stdout", "aleator.stderr"
 # What a message or a log keeps of a text without end.
@@ -21,10 +32,37 @@ _GRACE = 1.0
 
 @dataclass(frozen=True)
 class Limits:
-    """When a run has ended well: its exit code, within `timeout` seconds (None: no limit)."""
+    """When a run has ended well: its exit code, within `timeout` seconds (None: no limit).
+
+    One that has not is not a run where it printed `stop_on`, or where the disk is full.
+
+    Raises SimulatorError for what cannot be these.
+    """
 
     success_codes: tuple[int, ...] = (0,)
     timeout: float | None = None
+    stop_on: str = STOP_ON
+
+    def __post_init__(self) -> None:
+        if self.timeout is not None and not 0 < self.timeout < math.inf:
+            raise SimulatorError(
+                f"timeout = {self.timeout:g} is no time", "give seconds, or leave it out: no limit"
+            )
+        if not self.success_codes:
+            raise SimulatorError("success_codes is empty: every run would fail", "write [0]")
+        try:
+            re.compile(self.stop_on)
+        except re.error as error:
+            raise SimulatorError(
+                f"stop_on = {self.stop_on!r} is no regular expression: {error}",
+                "in TOML write it between single quotes, such as '(?i)license'",
+            ) from None
+
+    def judged(self, failure: RunFailed, folder: Path) -> RunFailed | SurroundingsError:
+        """A failure in `folder` with what was printed there; or what the machine did."""
+        said = failure.log or log(folder)
+        fault = printed(said, self.stop_on) or full_disk(folder, NEARLY_FULL)
+        return fault or RunFailed(failure.message, said)
 
 
 def run(
@@ -35,7 +73,8 @@ def run(
     Its whole process group ends with it, whatever happens here. Files and not pipes: a run that
     prints without end, or leaves a child that holds its output, cannot block.
 
-    Raises RunFailed if it cannot be started, takes too long, or ends with another exit code.
+    Raises RunFailed if its arguments are none that a program can be given, if it takes too long, or
+    ends with another exit code; SurroundingsError if the system does not start it.
     """
     stdin = folder / STDIN
     source = stdin if stdin.exists() else Path(os.devnull)
@@ -55,8 +94,10 @@ def run(
                 start_new_session=True,
             )
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise RunFailed(f"'{arguments[0]}' cannot be started: {reason}") from None
+            if isinstance(error, ValueError) or error.errno == errno.E2BIG:
+                reason = getattr(error, "strerror", None) or str(error)
+                raise RunFailed(f"'{arguments[0]}' cannot be started: {reason}") from None
+            raise prevented(error, f"'{arguments[0]}' cannot be started") from error
         try:
             code = process.wait(limits.timeout)
         except subprocess.TimeoutExpired:

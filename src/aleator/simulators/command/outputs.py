@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from aleator.errors import SimulatorError, nearest
+from aleator.simulators import surroundings
 from aleator.simulators.command.child import STDERR, STDOUT, read_text
 from aleator.simulators.command.feeds import within
 from aleator.simulators.command.numbers import finite, number
@@ -61,6 +62,8 @@ class OutputFile:
         try:
             return read_text(path)
         except OSError as error:
+            if surroundings.cause(error):
+                raise
             wrote = [p.name for p in folder.iterdir() if p.name not in (STDOUT, STDERR)]
             what = "wrote no file" if isinstance(error, FileNotFoundError) else "left unreadable"
             raise RunFailed(

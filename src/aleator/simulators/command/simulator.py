@@ -13,7 +13,7 @@ import numpy as np
 
 from aleator.errors import SimulatorError, nearest
 from aleator.simulators import protocol
-from aleator.simulators.command.child import STDIN, Limits, log, run
+from aleator.simulators.command.child import STDIN, Limits, run
 from aleator.simulators.command.feeds import CsvFeed, Feed, InputFile, within
 from aleator.simulators.command.folder import Folder, Keep, contents
 from aleator.simulators.command.outputs import Output, OutputFile
@@ -21,6 +21,7 @@ from aleator.simulators.command.placeholders import Columns, Text, Value, Values
 from aleator.simulators.command.program import STUDY, Program
 from aleator.simulators.failure import RunFailed
 from aleator.simulators.protocol import Returned, one_by_one
+from aleator.simulators.surroundings import STOP_ON, prevented, require_space
 
 # The placeholder for the name of the input file, where there is exactly one.
 INPUT = "input"
@@ -40,7 +41,9 @@ class CommandSimulator:
     `command`, `shell`, `environment`: see `Program`; placeholders are the names of conditions and
     parameters, `{study}` (the folder `base`) and `{input}` (the one input file). What the program
     reads: its arguments, its environment, the `inputs`, and `stdin`. `output` says where its
-    outcome is. `files`, `link`, `keep`: see `Folder`. `timeout` is in seconds. `version` is a tag
+    outcome is. `files`, `link`, `keep`: see `Folder`. `timeout` is in seconds. `stop_on` is a
+    regular expression: a failed run that printed it was not made, and stops the study (default:
+    full disks and refused licenses; "": none). `version` is a tag
     to change when something changes that is not seen here, so that no old runs are taken up. Every
     parameter must appear somewhere, unless `allow_unused`.
 
@@ -67,6 +70,7 @@ class CommandSimulator:
     shell: bool = False
     success_codes: tuple[int, ...] = (0,)
     timeout: float | None = None
+    stop_on: str = STOP_ON
     keep: Keep = Keep.FAILED
     version: str = ""
     allow_unused: bool = False
@@ -74,6 +78,7 @@ class CommandSimulator:
     rows: str = "rows.csv"
     program: Program = field(init=False, repr=False)
     folder: Folder = field(init=False, repr=False)
+    _limits: Limits = field(init=False, repr=False)
     # One run a call, so that progress is told after every run.
     block: int = field(default=1, init=False, repr=False)
 
@@ -82,12 +87,7 @@ class CommandSimulator:
         program = Program(self.command, self.base, self.shell, self.environment)
         object.__setattr__(self, "folder", folder)
         object.__setattr__(self, "program", program)
-        if self.timeout is not None and not 0 < self.timeout < np.inf:
-            raise SimulatorError(
-                f"timeout = {self.timeout:g} is no time", "give seconds, or leave it out: no limit"
-            )
-        if not self.success_codes:
-            raise SimulatorError("success_codes is empty: every run would fail", "write [0]")
+        object.__setattr__(self, "_limits", Limits(self.success_codes, self.timeout, self.stop_on))
         within(self.rows, "the table of rows")
         taken = [path.name for path in folder.sources]
         written = [file.name for file in self.inputs]
@@ -153,8 +153,9 @@ class CommandSimulator:
     def run_one(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> Any:
         """The outcome of one run: a number, or one for each response; of a series a list.
 
-        Raises RunFailed, with the last of what the program printed, and SimulatorError for a
-        placeholder of a condition that varies within the experiment.
+        Raises RunFailed, with the last of what the program printed; SurroundingsError where the run
+        could not be made (`stop_on`, a full disk, no process); and SimulatorError for a placeholder
+        of a condition that varies within the experiment.
         """
         plain = _plain(conditions) | _plain(parameters)
         varying = {name: value for name, value in plain.items() if isinstance(value, list)}
@@ -162,24 +163,39 @@ class CommandSimulator:
         self._require_constant(varying)
         written = [file.name for file in self.inputs]
         stale = {one.file for one in self._outputs().values() if one.file}
-        with self.folder.made(plain, sorted(stale.difference(written))) as folder:
-            values: Values = {**constant, **self._own_values()}
-            if self.series:
-                (folder / self.rows).write_text(CsvFeed().write(varying), encoding="utf-8")
-            for file in self.inputs:
-                _write(folder / file.name, file.feed, plain, values)
-            if self.stdin is not None:
-                _write(folder / STDIN, self.stdin, plain, values)
-            settings = self.program.settings(values)
-            limits = Limits(self.success_codes, self.timeout)
-            run(self.program.arguments(values), folder, settings, limits)
-            try:
-                found = {
-                    name: self._read(one, folder, varying) for name, one in self._outputs().items()
-                }
-            except RunFailed as failure:
-                raise RunFailed(failure.message, log(folder)) from failure.__cause__
+        try:
+            with self.folder.made(plain, sorted(stale.difference(written))) as folder:
+                found = self._made(folder, plain, {**constant, **self._own_values()}, varying)
+        except OSError as error:
+            raise prevented(error, "the folder of a run could not be made") from error
         return found if isinstance(self.output, Mapping) else found[""]
+
+    def _made(
+        self, folder: Path, plain: Columns, values: Values, varying: Mapping[str, list[Value]]
+    ) -> dict[str, Any]:
+        """The outcomes of a run in its folder by response, unless the surroundings are at fault."""
+        try:
+            self._feed(folder, plain, values, varying)
+            settings = self.program.settings(values)
+            run(self.program.arguments(values), folder, settings, self._limits)
+            found = {
+                name: self._read(one, folder, varying) for name, one in self._outputs().items()
+            }
+        except RunFailed as failure:
+            raise self._limits.judged(failure, folder) from failure.__cause__
+        require_space(folder)
+        return found
+
+    def _feed(
+        self, folder: Path, plain: Columns, values: Values, varying: Mapping[str, list[Value]]
+    ) -> None:
+        """Write what the program reads."""
+        if self.series:
+            (folder / self.rows).write_text(CsvFeed().write(varying), encoding="utf-8")
+        for file in self.inputs:
+            _write(folder / file.name, file.feed, plain, values)
+        if self.stdin is not None:
+            _write(folder / STDIN, self.stdin, plain, values)
 
     def __call__(self, conditions: protocol.Columns, parameters: protocol.Columns) -> Returned:
         """Run R times, one after the other; raises RunStopped with the outcomes before."""

@@ -21,6 +21,7 @@ from aleator.simulators.fmu.session import Job, Trajectory
 from aleator.simulators.fmu.settings import Course, Operation, Span
 from aleator.simulators.fmu.signals import Signal, assembled, checked_input
 from aleator.simulators.protocol import SINGLE_BLOCK, Columns, Returned, one_by_one
+from aleator.simulators.surroundings import printed
 from aleator.types import Array
 
 DEFAULT_COURSE = Course()
@@ -228,7 +229,10 @@ class FMUSimulator:
             step=span.step,
             points=span.points,
         )
-        return self._engine.run(job)
+        try:
+            return self._engine.run(job)
+        except RunFailed as failure:
+            raise printed(str(failure)) or failure from None
 
     def _constants(self, given: Mapping[str, Value]) -> dict[str, Value]:
         constants: dict[str, Value] = {}

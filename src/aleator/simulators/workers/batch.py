@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from aleator.errors import SimulatorError
+from aleator.errors import AleatorError, SimulatorError, SurroundingsError
 from aleator.simulators.failure import RunFailed, describe
 from aleator.simulators.form import Form, is_named
 from aleator.simulators.protocol import Columns, Returned, RunStopped, Simulator
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
+from aleator.simulators.surroundings import cause
 from aleator.types import Array
 
 _ALONE = 0.02
@@ -33,9 +34,10 @@ def make(
 
     `conditions` are those of the runs asked for, columns (R,) by name; `parameters` names the
     columns of x; `form` is what the runs are to return. An exception is the failure of one run,
-    found by halves where the simulator takes many at once. Raises SimulatorError for what no other
-    parameters would mend: a wrong shape or type, and a simulator that raises for many runs but for
-    none of them alone.
+    found by halves where the simulator takes many at once. What the machine did to a run (see
+    `surroundings`) is none: it ends the batch before that run, as Ctrl-C does, and is `stopped` of
+    what is returned. Raises SimulatorError for what no other parameters would mend: a wrong shape
+    or type, and a simulator that raises for many runs but for none of them alone.
 
     >>> from aleator.simulators.function import FunctionSimulator
     >>> def inverse(x):
@@ -116,7 +118,9 @@ def _attempted(
     try:
         returned = simulator(conditions, parameters)
         values = form.shaped(simulator, returned, count)
-    except SimulatorError:
+    except SurroundingsError as stop:
+        return replace(asked.some(slice(0)), stopped=stop)
+    except AleatorError:
         raise
     except RunStopped as stop:
         return _before(simulator, stop, form, asked, time.perf_counter() - began)
@@ -124,6 +128,8 @@ def _attempted(
         return replace(asked.some(slice(0)), stopped=stop)
     except BaseException as error:
         if count == 1:
+            if prevented := cause(error):
+                return replace(asked.some(slice(0)), stopped=prevented)
             return _failed(asked, time.perf_counter() - began, error)
         return _halves(simulator, conditions, parameters, form, asked, error)
     return _made(asked, values, form, time.perf_counter() - began, is_named(returned))
@@ -131,17 +137,18 @@ def _attempted(
 
 def _before(simulator: Simulator, stop: RunStopped, form: Form, asked: Runs, took: float) -> Runs:
     """What a simulator that runs one at a time did until it stopped."""
-    done, cause = len(stop.completed), stop.__cause__ or stop
-    if isinstance(cause, SimulatorError):
-        raise cause
+    done, error = len(stop.completed), stop.__cause__ or stop
+    stopping = error if isinstance(error, KeyboardInterrupt) else cause(error)
+    if isinstance(error, AleatorError) and not stopping:
+        raise error
     form = form.some(slice(done))
     values = form.shaped(simulator, stop.completed, done)
     each = took / (done + 1)
     named = done > 0 and is_named(stop.completed)
     made = _made(asked.some(slice(done)), values, form, each * done, named)
-    if isinstance(cause, KeyboardInterrupt):
-        return replace(made, stopped=cause)
-    return Runs.joined([made, _failed(asked.some(slice(done, done + 1)), each, cause)])
+    if stopping:
+        return replace(made, stopped=stopping)
+    return Runs.joined([made, _failed(asked.some(slice(done, done + 1)), each, error)])
 
 
 def _made(asked: Runs, values: Array, form: Form, seconds: float, named: bool) -> Runs:

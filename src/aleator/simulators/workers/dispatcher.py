@@ -11,7 +11,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from dataclasses import replace
 
-from aleator.errors import AleatorError, SimulatorError
+from aleator.errors import AleatorError, SimulatorError, SurroundingsError
 from aleator.simulators.bound import Bound
 from aleator.simulators.failure import WorkerLost, describe
 from aleator.simulators.protocol import Simulator
@@ -60,10 +60,11 @@ class Dispatcher:
     halves until the run at fault is found, which is a failure like any other; each half alone,
     unless the executor told which batch it was (WorkerLost). After Ctrl-C nothing more is submitted
     and what was running is yielded, then KeyboardInterrupt is raised; a second Ctrl-C does so at
-    once. `rest` yields what is running for whoever stops of its own.
+    once. What stops a batch (see `make` of `batch`) stops the others likewise. `rest` yields what
+    is running for whoever stops of its own.
 
-    Raises SimulatorError for a simulator that cannot be sent to another process, or be unpacked
-    there.
+    Raises SurroundingsError for workers that cannot live, SimulatorError for a simulator that
+    cannot be sent to another process, or be unpacked there.
     """
 
     def __init__(self, bound: Bound, executor: Executor) -> None:
@@ -73,6 +74,7 @@ class Dispatcher:
         self._running: dict[Future[Runs], Runs] = {}
         self._waiting: deque[Runs] = deque()
         self._suspect: list[Runs] = []
+        self._stopped: BaseException | None = None
         self._each = 0.0
         self._most = MOST
 
@@ -102,6 +104,9 @@ class Dispatcher:
                     stopping(len(self._running))
                     yield from self.rest()
                     raise KeyboardInterrupt
+                if self._stopped:
+                    yield from self.rest()
+                    raise self._stopped
 
     def rest(self) -> Iterator[Runs]:
         """What is running, when it is done; what is not begun is taken back."""
@@ -155,6 +160,7 @@ class Dispatcher:
                 # small batches for a while: the next death then costs fewer runs
                 self._most = max(1, len(batch) // 4)
                 if len(batch) == 1 and not self._running and len(ready) == 1:
+                    self._require_life()
                     yield _dead(batch, death)
                 else:
                     self._suspect += batch.halves()
@@ -168,11 +174,24 @@ class Dispatcher:
                     f"simulator '{self._simulator.name}' cannot run on a worker: {describe(error)}",
                     "let the workers have the same Python, packages and files as this process",
                 ) from error
-            self._each = float(made.seconds.mean()) + 1e-9
+            if len(made):
+                self._each = float(made.seconds.mean()) + 1e-9
             self._most = min(2 * self._most, MOST)
+            self._stopped = self._stopped or made.stopped
             if len(made) < len(batch):
                 self._waiting.appendleft(batch.some(slice(len(made), None)))
             yield made
+
+    def _require_life(self) -> None:
+        """Raise SurroundingsError where a worker dies without any run, too."""
+        try:
+            self._executor.submit(os.getpid).result()
+        except BrokenExecutor as death:
+            raise SurroundingsError(
+                f"the workers end before they have run anything ({death})",
+                'let a script begin its work under `if __name__ == "__main__":`; or ask for fewer '
+                "workers, if memory or processes run out",
+            ) from death
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from typing import Any, ParamSpec, TypeVar
 from threadpoolctl import threadpool_limits
 
 from aleator.errors import InputsError
+from aleator.simulators.surroundings import prevented
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -24,7 +25,8 @@ class ProcessPool(Executor):
     Where a worker dies (out of memory, a crash in compiled code, a kill) the futures of that moment
     raise BrokenProcessPool, and the next submission starts new workers. Workers are started afresh,
     not forked; they ignore Ctrl-C, which the process that submits answers, and leave linear algebra
-    to one thread each. Raises InputsError for fewer than one worker.
+    to one thread each. Raises InputsError for fewer than one worker, and SurroundingsError where
+    the system starts none.
 
     >>> with ProcessPool(1) as pool:
     ...     pool.submit(divmod, 7, 2).result()
@@ -41,11 +43,14 @@ class ProcessPool(Executor):
         """Hand a call to a worker, to a new one where the last ones died."""
         with _no_interruption():
             try:
-                return self._inner.submit(fn, *args, **kwargs)
-            except BrokenProcessPool:
-                self._inner.shutdown(wait=False)
-                self._inner = self._started()
-                return self._inner.submit(fn, *args, **kwargs)
+                try:
+                    return self._inner.submit(fn, *args, **kwargs)
+                except BrokenProcessPool:
+                    self._inner.shutdown(wait=False)
+                    self._inner = self._started()
+                    return self._inner.submit(fn, *args, **kwargs)
+            except OSError as error:
+                raise prevented(error, "a worker process could not be started") from error
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the workers; without `wait` those that are busy are killed."""

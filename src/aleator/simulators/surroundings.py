@@ -1,0 +1,124 @@
+"""What the machine did, and no parameter: a run that ends by it has not failed, it was not made."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from aleator.errors import SurroundingsError
+
+_PACKAGE = Path(__file__).parents[1]
+
+_ERRORS = frozenset(
+    {
+        errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO,  # disks
+        errno.EAGAIN, errno.ENOMEM, errno.EMFILE, errno.ENFILE,  # processes, memory, open files
+        errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH,  # servers, of licenses say
+    }
+)  # fmt: skip
+
+_REFUSED = (
+    r"errors?|fail\w*|denied|refused|expired|invalid|missing|exceeded|unavailable|unreachable|"
+    r"cannot|can't|could\ not|unable|not\ (?:be|available|found|valid)|is\ down|in\ use|timed\ out"
+)
+STOP_ON = (
+    r"(?xi) no\ space\ left\ on\ device | disk\ quota\ exceeded | too\ many\ open\ files"
+    r"| resource\ temporarily\ unavailable | cannot\ fork"
+    rf"| \b(?:licen[cs](?:e|es|ing)|flexnet|flexlm)\b [^\n.;]{{0,60}} \b(?:{_REFUSED})\b"
+    rf"| \b(?:{_REFUSED})\b [^\n.;]{{0,60}} \blicen[cs](?:e|es|ing)\b"
+    r"| \bno\ (?:\w+\ ){0,3} licen[cs]es?\b"
+)
+"""What a program prints where a disk is full, processes run out, or a license is refused."""
+
+NEARLY_FULL = 2**20
+"""Bytes that are free on a disk where a failed run is not believed to be its own."""
+
+_NOT_MADE = "a run could not be made"
+_AGAIN = "every run that was made is kept, and this one is not taken for a failure"
+_REMEDY = f"mend that, and give the same command again: {_AGAIN}"
+
+
+def cause(error: BaseException, what: str = _NOT_MADE) -> SurroundingsError | None:
+    """What the machine did to a run that raised `error`; None where the run itself is at fault.
+
+    Disks, processes, open files, servers that do not answer, and memory that Aleator itself did not
+    get. A simulator that asks for too much memory has failed. `what` begins the message.
+
+    >>> print(cause(OSError(errno.ENOSPC, "No space left on device", "/tmp/run")))
+    a run could not be made: No space left on device: '/tmp/run'
+      Remedy: mend that, and give the same command again: ...
+    >>> cause(FileNotFoundError(errno.ENOENT, "No such file")) is None
+    True
+    """
+    for one in _chain(error):
+        if isinstance(one, SurroundingsError):
+            return one
+        if isinstance(one, OSError) and one.errno in _ERRORS:
+            return prevented(one, what)
+        if isinstance(one, MemoryError) and _is_ours(one):
+            return SurroundingsError(f"{what}: there is no memory left", _REMEDY)
+    return None
+
+
+def prevented(error: OSError, what: str = _NOT_MADE) -> SurroundingsError:
+    """The error for what the system refused, whatever its reason is."""
+    place = f": {error.filename!r}" if error.filename else ""
+    return SurroundingsError(f"{what}: {error.strerror or error}{place}", _REMEDY)
+
+
+def printed(log: str, stop_on: str = STOP_ON) -> SurroundingsError | None:
+    """What a failed run said about the machine, as far as it has the words `stop_on`; or None.
+
+    >>> str(printed("begun\\nERROR: could not connect to license server\\n")).splitlines()[0]
+    'a run could not be made; it said: ERROR: could not connect to license server'
+    >>> printed("There is NO WARRANTY; see the license\\npressure too high") is None
+    True
+    """
+    found = re.search(stop_on, log) if stop_on else None
+    if found is None:
+        return None
+    line = log[log.rfind("\n", 0, found.start()) + 1 :].partition("\n")[0].strip()
+    return SurroundingsError(f"{_NOT_MADE}; it said: {line[:300]}", _REMEDY)
+
+
+def require_space(folder: Path) -> None:
+    """Raise SurroundingsError for a disk without a byte: an outcome on it may be cut off."""
+    if full := full_disk(folder, 0):
+        raise full
+
+
+def full_disk(folder: Path, most: int) -> SurroundingsError | None:
+    """The error for a disk on which no more than `most` bytes are free, None for others."""
+    try:
+        disk = os.statvfs(folder)
+    except (OSError, AttributeError):  # Windows has no such function
+        return None
+    blocks = disk.f_bfree if os.geteuid() == 0 else disk.f_bavail
+    free = blocks * disk.f_frsize
+    if disk.f_blocks == 0 or free > most:
+        return None
+    return SurroundingsError(
+        f"the disk of {folder.parent} is full ({free:,} bytes are free): what a run writes there "
+        "may be cut off",
+        f"free some space, or name another folder by TMPDIR, and go on: {_AGAIN}",
+    )
+
+
+def _chain(error: BaseException) -> Iterator[BaseException]:
+    seen: set[int] = set()
+    one: BaseException | None = error
+    while one is not None and id(one) not in seen:
+        yield one
+        seen.add(id(one))
+        one = one.__cause__
+
+
+def _is_ours(error: MemoryError) -> bool:
+    """Whether it was raised by a line of Aleator, and not by one of the simulator."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace is not None and _PACKAGE in Path(trace.tb_frame.f_code.co_filename).parents
