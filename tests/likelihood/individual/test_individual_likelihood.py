@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pytest
 from individual_cases import (
     ALPHA,
@@ -9,7 +10,8 @@ from individual_cases import (
 )
 from scipy import integrate, stats
 
-from aleator import Constant, Free, Inputs, Normal
+from aleator import Constant, Free, Inputs, Noise, Normal
+from aleator.inference.information import infer
 from aleator.likelihood.individual import GaussHermite, Layout, individual_parameters
 from aleator.likelihood.individual import layout as layout_module
 
@@ -153,3 +155,29 @@ def test_the_layout_finds_the_runs_of_each_experiment():
     assert block.units[block.place].tolist() == [4, 2, 0, 3, 3]
     assert block.unit_owner[block.place].tolist() == [0, 0, 1, 2, 2]
     assert block.summed(np.arange(5.0)).tolist() == [1.0, 2.0, 7.0]
+
+
+@pytest.mark.parametrize("noise", [1.0, 1e-2, 1e-4])
+def test_the_information_is_exact_however_sharp_the_individual_laws_are(noise):
+    """Of N means of m exact values each: the variance of the mean is (sd^2 + noise^2/m)/N."""
+    rng, groups, each = np.random.default_rng(2), 20, 3
+    centers = 50.0 + rng.standard_normal(groups)
+    frame = pd.DataFrame(
+        {"id": np.repeat(np.arange(groups), each), "time": 0.0, "y": np.repeat(centers, each)}
+    )
+    frame["y"] += noise * rng.standard_normal(len(frame))
+    one = Inputs({"a": Normal(Free(0.0, 100.0), Free(0.0, 10.0))})
+    likelihood = likelihood_of(lambda _, x: x[0], frame, one, 3, Noise(Free(1e-6, 5.0)))
+    between, within = balanced(frame["y"].to_numpy().reshape(groups, each))
+    alpha = np.array([frame["y"].mean(), between, within])
+    about = infer(likelihood.adapted(alpha).followed, alpha, likelihood.hyperparameters)
+    wanted = ((between**2 + within**2 / each) / groups) ** 0.5
+    assert about.standard_error[0] == pytest.approx(wanted, rel=1e-3)
+    assert about.edm < 1e-4
+
+
+def balanced(y: np.ndarray) -> tuple[float, float]:
+    """The most likely sds between and within groups of one size, y (N, m)."""
+    groups, each = y.shape
+    within = np.sum((y - y.mean(axis=1, keepdims=True)) ** 2) / (groups * (each - 1))
+    return float(np.sqrt(np.var(y.mean(axis=1)) - within / each)), float(np.sqrt(within))

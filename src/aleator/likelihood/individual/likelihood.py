@@ -125,7 +125,15 @@ class IndividualLikelihood:
     @property
     def continued(self) -> Following:
         """What a search climbs."""
-        return Following(self)
+        return Following(self, NEAR)
+
+    @property
+    def followed(self) -> Following:
+        """What derivatives by alpha are taken of: nodes that are held lose a sharp individual law.
+
+        The law of all experiments moves by more than its width in the least step of alpha.
+        """
+        return Following(self, ARRIVED)
 
     def at(self, alpha: Array, block: Block, xi: Array) -> Evaluated:
         """Some experiments at variates xi (B, J, s) of their own, with slopes."""
@@ -185,15 +193,15 @@ class IndividualLikelihood:
 
 
 class Following:
-    """The objective of one search: nodes are adapted to every alpha that is asked for.
+    """An objective whose nodes are adapted to every alpha that is asked for.
 
     Its score is exact but for the error of the quadrature. Modes are sought from the last ones,
     which is the only thing that it remembers: where an experiment has one mode, the value is a
-    function of alpha alone.
+    function of alpha alone. Modes are found to `arrived` in log-density.
     """
 
-    def __init__(self, likelihood: IndividualLikelihood) -> None:
-        self._last = likelihood
+    def __init__(self, likelihood: IndividualLikelihood, arrived: float) -> None:
+        self._last, self._arrived = likelihood, arrived
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """Value and score at alpha (K,)."""
@@ -204,7 +212,7 @@ class Following:
         return np.array([self._adapted(a).evaluate(a).total for a in np.asarray(alphas)])
 
     def _adapted(self, alpha: Array) -> IndividualLikelihood:
-        found = self._last.adapted(alpha, NEAR)
+        found = self._last.adapted(alpha, self._arrived)
         if np.all(np.isfinite(found.nodes.mode)):
             self._last = found
         return found

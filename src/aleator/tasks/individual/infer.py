@@ -12,11 +12,11 @@ CLIMBS = 3
 
 
 def inferred(end: Settled, found: SearchResult) -> tuple[Settled, SearchResult, Inference, Profile]:
-    """The information with nodes held, profiles with as few nodes as serve, that follow."""
+    """The information, and profiles with as few nodes as serve."""
     for _ in range(CLIMBS):
         likelihood, alpha = end.likelihood, end.alpha
         hyperparameters = likelihood.hyperparameters
-        inference = infer(likelihood, alpha, hyperparameters)
+        inference = infer(likelihood.followed, alpha, hyperparameters)
         profile = profile_intervals(end.coarse.continued, alpha, hyperparameters, inference)
         if profile.better is None:
             break

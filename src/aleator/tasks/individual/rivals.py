@@ -53,7 +53,7 @@ def rivals(end: Settled, inference: Inference, found: SearchResult) -> tuple[Riv
 def _judged(
     held: IndividualLikelihood, alpha: Array, end: Settled, inference: Inference
 ) -> Rival | None:
-    about = infer(held, alpha, held.hyperparameters)
+    about = infer(held.followed, alpha, held.hyperparameters)
     stuck = [a for a, b in zip(about.at_bound, inference.at_bound, strict=True) if a and a != b]
     if stuck or not about.positive or not about.edm < LARGEST_EDM:
         return None

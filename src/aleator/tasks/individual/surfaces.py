@@ -251,7 +251,7 @@ def _noise(surfaced: Surfaced) -> Array:
 
 
 def _infer(answer: Settled) -> Inference:
-    return infer(answer.likelihood, answer.alpha, answer.likelihood.hyperparameters)
+    return infer(answer.likelihood.followed, answer.alpha, answer.likelihood.hyperparameters)
 
 
 def _calm(before: Settled, after: Settled, inference: Inference) -> bool:
