@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from aleator.errors import SimulatorError
@@ -115,10 +115,10 @@ class Text:
         named = (piece.name for piece in self.pieces if isinstance(piece, Placeholder))
         return tuple(dict.fromkeys(named))
 
-    def fill(self, values: Values, quote: Callable[[str], str] = str) -> str:
-        """The text with the values written in, each through `quote`."""
+    def fill(self, values: Values) -> str:
+        """The text with the values written in."""
         return "".join(
-            piece if isinstance(piece, str) else quote(piece.write(values[piece.name]))
+            piece if isinstance(piece, str) else piece.write(values[piece.name])
             for piece in self.pieces
         )
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from aleator.errors import SimulatorError, nearest
 from aleator.simulators.command.placeholders import Text, Values
+from aleator.simulators.command.shell import filled
 
 # The placeholder for the study's folder, which is not the folder that a program runs in.
 STUDY = "study"
@@ -77,9 +78,12 @@ class Program:
         return " ".join([own, *named[:1]])
 
     def arguments(self, values: Values) -> list[str]:
-        """What is started, with the values in place; in a shell each value is quoted."""
+        """What is started, with the values in place.
+
+        Raises SimulatorError for a value that a shell would read (see `shell`).
+        """
         if self.shell:
-            return [str(self.executable), "-c", self.texts[0].fill(values, shlex.quote)]
+            return [str(self.executable), "-c", filled(self.texts[0], values)]
         return [str(self.executable), *(text.fill(values) for text in self.texts[1:])]
 
     def settings(self, values: Values) -> dict[str, str]:
