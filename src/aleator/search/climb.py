@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy import optimize
 
+from aleator.search.approach import approached
 from aleator.search.coordinates import Coordinates
 from aleator.search.counted import FLOOR, CountedObjective
 from aleator.search.interface import Ascent
+from aleator.search.joining import Reached, joined
 from aleator.search.limits import outsized
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
@@ -21,24 +25,34 @@ LITTLE = 1e-6
 
 
 def climb(
-    objective: CountedObjective, coordinates: Coordinates, start: Array, evaluations: int
+    objective: CountedObjective,
+    coordinates: Coordinates,
+    start: Array,
+    evaluations: int,
+    reached: list[Reached],
 ) -> Ascent:
     """Climb from the alpha `start` (K,) with at most so many evaluations.
 
     The variables are steps in units of the standard errors, as the outer product of the scores
     estimates them. Far from the maximum that estimate is poor: where it no longer holds at the
-    end, another leg begins there in new units.
+    end, another leg begins there in new units. A climb that joins one of those that `reached` an
+    optimum ends with it; the end of any other is added to them.
     """
-    at = objective(start)
+    alpha, count = approached(objective, coordinates, start, evaluations - 1)
+    at, count, settled = objective(alpha), count + 1, False
     if at.total <= FLOOR:
-        return Ascent(start, start, -np.inf, 1, converged=False)
-    alpha, count, settled = start, 1, False
+        return Ascent(start, start, -np.inf, count, converged=False)
     while not settled:
-        leg = _Leg(objective, coordinates, alpha, at, evaluations - count)
+        leg = _Leg(objective, coordinates, alpha, at, evaluations - count, reached)
         arrived = leg.run()
         gain, count = leg.best.total - at.total, count + leg.count
+        if leg.joined is not None:
+            return Ascent(start, leg.joined.alpha, leg.joined.at.total, count, converged=True)
         alpha, at = leg.highest, leg.best
-        settled = not arrived or gain < LITTLE or _settled(coordinates, alpha, at)
+        little = max(LITTLE, objective.resolution)
+        settled = not arrived or gain < little or _settled(coordinates, alpha, at)
+    if arrived:
+        reached.append(Reached(alpha, at))
     return Ascent(start, alpha, at.total, count, arrived)
 
 
@@ -52,15 +66,19 @@ class _Leg:
         start: Array,
         at: LogLikelihood,
         most: int,
+        reached: Sequence[Reached],
     ) -> None:
         self._objective, self._coordinates, self._most = objective, coordinates, most
+        self._reached, self.joined = reached, joined(reached, start, at)
         self._start, self._at, self._least = start, at, at.total
         self._scale = _scale(coordinates, at, start)
         self.highest, self.best, self.count = start, at, 0
 
     def run(self) -> bool:
         """Whether it came to its own end within the evaluations."""
-        unit = self._coordinates.to_unit(self._start)
+        if self.joined is not None:
+            return True
+        unit, resolution = self._coordinates.to_unit(self._start), self._objective.resolution
         try:
             end = optimize.minimize(
                 self._negative,
@@ -68,10 +86,14 @@ class _Leg:
                 jac=True,
                 method="L-BFGS-B",
                 bounds=list(zip(-unit / self._scale, (1.0 - unit) / self._scale, strict=True)),
-                options={"ftol": 1e-11, "gtol": FLAT, "maxcor": 20},
+                options={
+                    "ftol": max(1e-11, resolution / max(1.0, abs(self._at.total))),
+                    "gtol": max(FLAT, resolution**0.5),
+                    "maxcor": 20,
+                },
             )
-        except _SpentError:
-            return False
+        except _EndedError:
+            return self.joined is not None
         return bool(end.success)
 
     def _negative(self, v: Array) -> tuple[float, Array]:
@@ -84,12 +106,15 @@ class _Leg:
         self._least = min(self._least, result.total)
         if result.total > self.best.total:
             self.highest, self.best = alpha, result
+            self.joined = joined(self._reached, alpha, result)
+            if self.joined is not None:
+                raise _EndedError
         return -result.total, -self._coordinates.gradient(alpha, result.score) * self._scale
 
     def _asked(self, alpha: Array) -> LogLikelihood:
         if self.count >= self._most:
             # the method's own limit is not looked at within a line search
-            raise _SpentError
+            raise _EndedError
         self.count += 1
         return self._objective(alpha)
 
@@ -116,5 +141,5 @@ def _scale(coordinates: Coordinates, at: LogLikelihood, alpha: Array) -> Array:
     return np.asarray(1.0 / np.clip(np.sqrt(information), 1.0, finest))
 
 
-class _SpentError(Exception):
-    """All evaluations of a start are used up."""
+class _EndedError(Exception):
+    """All evaluations of a start are used up, or the rest of its way is known."""

@@ -90,7 +90,7 @@ class CMAES(TaskSearch):
             return Ascent(start, start, -np.inf, count, converged=False)
         if not self.polish:
             return Ascent(start, alpha, value, count, converged)
-        end = climb(task.counted, coordinates, alpha, POLISH)
+        end = climb(task.counted, coordinates, alpha, POLISH, [])
         return Ascent(start, end.alpha, end.log_likelihood, count + end.evaluations, end.converged)
 
     def _strategy(self, u: Array, rng: np.random.Generator) -> Any:

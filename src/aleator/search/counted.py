@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from aleator.search.interface import Objective, Scored, Step, objective_of
+from aleator.search.interface import Guiding, Objective, Scored, Step, objective_of
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
@@ -73,6 +73,23 @@ class CountedObjective:
             best = int(np.argmax(values))
             self._note(alphas[best], float(values[best]))
         return values
+
+    @property
+    def resolution(self) -> float:
+        """A difference of the log-likelihood that means nothing; 0 where the objective says none."""
+        return float(getattr(self._objective, "resolution", 0.0))
+
+    def toward(self, alpha: Array) -> tuple[float, Array] | None:
+        """The log-likelihood at alpha (K,) and the next alpha, where the objective knows one."""
+        if not isinstance(self._objective, Guiding):
+            return None
+        with np.errstate(all="ignore"):
+            value, ahead = self._objective.toward(alpha)
+        self.evaluations += 1
+        if not np.isfinite(value) or not np.all(np.isfinite(ahead)):
+            return FLOOR, alpha
+        self._note(alpha, value)
+        return value, ahead
 
     def _note(self, alpha: Array, value: float) -> None:
         if self.best is None or value > self.best[1]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from aleator.errors import InputsError
 from aleator.search.climb import climb
 from aleator.search.interface import Ascent, SearchResult
+from aleator.search.joining import Reached
 from aleator.search.optima import gathered
 from aleator.search.starts import starting_points
 from aleator.search.task import Task, TaskSearch
@@ -45,8 +46,9 @@ class GradientMultistart(TaskSearch):
     def _search(self, task: Task) -> SearchResult:
         """Climb from every start and gather the distinct optima, best first."""
         ascents: list[Ascent] = []
+        reached: list[Reached] = []
         for start in starting_points(task.coordinates, task.guesses, self.starts, task.seed):
-            ascents.append(climb(task.counted, task.coordinates, start, self.evaluations))
+            ascents.append(climb(task.counted, task.coordinates, start, self.evaluations, reached))
             text = f"start {len(ascents)} of {self.starts}, {task.counted.standing}"
             task.progress.update(text, len(ascents), self.starts)
         return gathered(ascents, task.counted, task.hyperparameters)

@@ -37,6 +37,14 @@ class Continuable(Protocol):
         """What a search climbs in its place."""
 
 
+@runtime_checkable
+class Guiding(Protocol):
+    """A log-likelihood that knows where it may be larger, as by expectation and maximization."""
+
+    def toward(self, alpha: Array) -> tuple[float, Array]:
+        """The total at alpha (K,), and the next alpha; limits need not be kept."""
+
+
 @dataclass(frozen=True)
 class _Looped:
     """A plain function as an Objective."""

@@ -55,7 +55,7 @@ def finished(task: Task, *, converged: bool, polish: bool) -> SearchResult:
         raise nowhere_finite(task.hyperparameters, counted.evaluations)
     alpha, value = counted.best
     if polish:
-        end = climb(counted, coordinates, alpha, POLISH)
+        end = climb(counted, coordinates, alpha, POLISH, [])
         if end.log_likelihood >= value:
             alpha, value, converged = end.alpha, end.log_likelihood, end.converged
     only = Ascent(coordinates.start, alpha, value, counted.evaluations, converged)

@@ -17,10 +17,13 @@ from aleator.likelihood.individual.modes import ARRIVED, FARTHEST, NEAR, modes
 from aleator.likelihood.individual.nodes import Nodes, adapted_nodes
 from aleator.likelihood.individual.predictor import Predictor
 from aleator.likelihood.individual.rule import GaussHermite
+from aleator.likelihood.individual.toward import toward
 from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
+VALUE = 0.01
+"""Error of a log-likelihood over what its modes are found to."""
 AROUND = (-2.0, -1.0, 1.0, 2.0)
 """Where modes are sought along each variate, besides about the last one."""
 
@@ -114,6 +117,15 @@ class IndividualLikelihood:
             xi[part], log_weight[part] = adapted_nodes(curved, found, self.rule)
         return replace(self, nodes=Nodes(xi, log_weight, mode, information, x))
 
+    def weighed(self, alpha: Array, block: Block) -> tuple[Array, Array, Individual, Terms]:
+        """log L_l (B,), the share (B, J) of each node in it, and the parameters and terms there."""
+        individual = self._individual(alpha, block, self.nodes.xi[block.experiments])
+        terms = self._terms(alpha, block, self.predictor.values(block, individual.x))
+        each, share = mean_of(
+            block.summed(terms.value) + self.nodes.log_weight[block.experiments]
+        )
+        return each, share, individual, terms
+
     def by(self, rule: GaussHermite, alpha: Array) -> IndividualLikelihood:
         """The same with other nodes, adapted to alpha."""
         return replace(self, rule=rule).adapted(alpha)
@@ -202,6 +214,7 @@ class Following:
 
     def __init__(self, likelihood: IndividualLikelihood, arrived: float) -> None:
         self._last, self._arrived = likelihood, arrived
+        self.resolution = VALUE * arrived
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """Value and score at alpha (K,)."""
@@ -210,6 +223,10 @@ class Following:
     def values(self, alphas: Array) -> Array:
         """The totals (A,) at alphas (A, K)."""
         return np.array([self._adapted(a).evaluate(a).total for a in np.asarray(alphas)])
+
+    def toward(self, alpha: Array) -> tuple[float, Array]:
+        """log L at alpha, and where it may be larger (see `toward`)."""
+        return toward(self._adapted(alpha), alpha)
 
     def _adapted(self, alpha: Array) -> IndividualLikelihood:
         found = self._last.adapted(alpha, self._arrived)
