@@ -1,9 +1,11 @@
-"""The first steps of an ascent, which the objective knows itself."""
+"""Steps of an ascent that the objective knows itself."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from aleator.search.coordinates import Coordinates
-from aleator.search.counted import FLOOR, CountedObjective
+from aleator.search.counted import CountedObjective
 from aleator.types import Array
 
 LEAST = 1.0
@@ -14,20 +16,19 @@ STEPS = 10
 def approached(
     objective: CountedObjective, coordinates: Coordinates, start: Array, most: int
 ) -> tuple[Array, int]:
-    """The alpha (K,) to climb from, and how many evaluations it took.
+    """The best alpha (K,) on the objective's own way from `start`, and how many evaluations.
 
-    It is the start itself where the objective knows no way (see `Guiding`).
+    It is the start itself where no step gains, or none is known (see `Guiding`).
     """
-    known, best, alpha = start, FLOOR, start
+    best, alpha, value = start, start, -np.inf
     for count in range(min(STEPS, most)):
         found = objective.toward(alpha)
         if found is None:
             return start, 0
-        value, ahead = found
-        gain = value - best
+        gain = found[0] - value
         if gain > 0.0:
-            known, best = alpha, value
+            best, value = alpha, found[0]
         if gain < LEAST:
-            return known, count + 1
-        alpha = coordinates.filled(ahead[coordinates.free])
-    return known, min(STEPS, most)
+            return best, count + 1
+        alpha = coordinates.filled(found[1][coordinates.free])
+    return best, max(min(STEPS, most), 0)

@@ -20,6 +20,8 @@ FLAT = 1e-4
 """Slope, in log-likelihood a standard error of the leg's own start, at which a leg ends."""
 SETTLED = 0.05
 """... of the leg's end, above which another leg follows: a millesimal gain is possible."""
+LEG = 10
+"""Evaluations of a leg, where the objective knows a way of its own that may be tried again."""
 LITTLE = 1e-6
 """A leg that gains less than this in log-likelihood is the last."""
 
@@ -35,24 +37,32 @@ def climb(
 
     The variables are steps in units of the standard errors, as the outer product of the scores
     estimates them. Far from the maximum that estimate is poor: where it no longer holds at the
-    end, another leg begins there in new units. A climb that joins one of those that `reached` an
+    end, another leg begins there in new units. Where the objective knows a way of its own (see
+    `Guiding`), it is tried before every leg. A climb that joins one of those that `reached` an
     optimum ends with it; the end of any other is added to them.
     """
-    alpha, count = approached(objective, coordinates, start, evaluations - 1)
-    at, count, settled = objective(alpha), count + 1, False
+    alpha, spent = approached(objective, coordinates, start, evaluations - 1)
+    at, count, settled = objective(alpha), spent + 1, False
     if at.total <= FLOOR:
         return Ascent(start, start, -np.inf, count, converged=False)
     while not settled:
-        leg = _Leg(objective, coordinates, alpha, at, evaluations - count, reached)
+        left = evaluations - count
+        leg = _Leg(objective, coordinates, alpha, at, min(left, LEG) if spent else left, reached)
         arrived = leg.run()
         gain, count = leg.best.total - at.total, count + leg.count
         if leg.joined is not None:
             return Ascent(start, leg.joined.alpha, leg.joined.at.total, count, converged=True)
         alpha, at = leg.highest, leg.best
-        little = max(LITTLE, objective.resolution)
-        settled = not arrived or gain < little or _settled(coordinates, alpha, at)
+        little = gain < max(LITTLE, objective.resolution)
+        done = little or _settled(coordinates, alpha, at)
+        settled = done if arrived else leg.count >= left
+        if spent and not settled:
+            ahead, spent = approached(objective, coordinates, alpha, evaluations - count - 1)
+            count += spent
+            if ahead is not alpha:
+                alpha, at, count = ahead, objective(ahead), count + 1
     if arrived:
-        reached.append(Reached(alpha, at))
+        reached.append(Reached(alpha, at, coordinates.free))
     return Ascent(start, alpha, at.total, count, arrived)
 
 

@@ -76,15 +76,18 @@ class CountedObjective:
 
     @property
     def resolution(self) -> float:
-        """A difference of the log-likelihood that means nothing; 0 where the objective says none."""
+        """A difference of the log-likelihood that means nothing; 0 where none is known."""
         return float(getattr(self._objective, "resolution", 0.0))
 
     def toward(self, alpha: Array) -> tuple[float, Array] | None:
-        """The log-likelihood at alpha (K,) and the next alpha, where the objective knows one."""
+        """The log-likelihood at alpha (K,) and the next alpha; None where none is known."""
         if not isinstance(self._objective, Guiding):
             return None
         with np.errstate(all="ignore"):
-            value, ahead = self._objective.toward(alpha)
+            found = self._objective.toward(alpha)
+        if found is None:
+            return None
+        value, ahead = found
         self.evaluations += 1
         if not np.isfinite(value) or not np.all(np.isfinite(ahead)):
             return FLOOR, alpha

@@ -47,6 +47,8 @@ def toward(likelihood: IndividualLikelihood, alpha: Array) -> tuple[float, Array
             count[p] += len(rows)
     counted = ~np.isnan(mean[:, 0])
     found = alpha.copy()
+    if not np.isfinite(value) or not np.all(np.isfinite(mean[counted])):
+        return value, found
     _place(inputs, found, mean, np.sqrt(np.mean(square[counted], axis=0)), counted)
     _place_errors(errors, found[inputs.size :], slope / np.maximum(count, 1.0))
     return value, found
@@ -75,11 +77,11 @@ def _place(inputs: Inputs, alpha: Array, mean: Array, sd: Array, counted: Array)
         if model is None:
             alpha[at : at + 2] = np.mean(mean[counted, i]), sd[i]
             continue
-        for entry, values in zip(model.entries[at : at + 2], (mean[counted, i], sd[i]), strict=True):
+        for entry, own in zip(model.entries[at : at + 2], (mean[counted, i], sd[i]), strict=True):
             if entry.design is None:
-                alpha[entry.places] = np.mean(values)
-            elif np.ndim(values):
-                alpha[entry.places] = np.linalg.lstsq(entry.design.matrix[counted], values)[0]
+                alpha[entry.places] = np.mean(own)
+            elif np.ndim(own):
+                alpha[entry.places] = np.linalg.lstsq(entry.design.matrix[counted], own)[0]
 
 
 def _place_errors(errors: MeasurementErrors, values: Array, slope: Array) -> None:

@@ -1,0 +1,97 @@
+"""The step that individual parameters show, held against closed forms of linear models."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from individual_cases import ALPHA, PAIR, likelihood_of, straight_line, table
+
+from aleator import Constant, Free, Inputs, Noise, Normal
+from aleator.laws import By
+
+ONE = Inputs(
+    {"a": Normal(Free(-10.0, 10.0), Free(0.01, 5.0)), "b": Constant(Free(-5.0, 5.0))},
+)
+
+
+def balanced(experiments=6, observations=4, seed=1) -> pd.DataFrame:
+    """y_lk = a_l + e_lk, as many values of each."""
+    rng = np.random.default_rng(seed)
+    own = 2.0 + 0.8 * rng.standard_normal(experiments)
+    y = np.repeat(own, observations) + 0.5 * rng.standard_normal(experiments * observations)
+    ids = np.repeat([f"e{l}" for l in range(experiments)], observations)
+    return pd.DataFrame({"id": ids, "time": 0.0, "y": y})
+
+
+def individual_laws(frame, mean, sd, noise):
+    """Means (N,) and variance of a_l given the observations of l."""
+    groups = frame.groupby("id", sort=False)["y"]
+    precision = sd**-2 + groups.size().to_numpy() * noise**-2
+    return (mean / sd**2 + groups.sum().to_numpy() / noise**2) / precision, 1.0 / precision
+
+
+def test_a_step_of_normal_laws_and_errors_is_that_of_expectation_and_maximization():
+    frame, alpha = balanced(), np.array([1.0, 0.7, 0.0, 0.6])
+    value, found = likelihood_of(straight_line, frame, ONE).adapted(alpha).continued.toward(alpha)
+    mean, variance = individual_laws(frame, 1.0, 0.7, 0.6)
+    assert value == pytest.approx(
+        likelihood_of(straight_line, frame, ONE).adapted(alpha).evaluate(alpha).total, abs=1e-9
+    )
+    assert found[0] == pytest.approx(mean.mean(), abs=1e-9)
+    # the mean square is about the mean that the law had
+    assert found[1] ** 2 == pytest.approx(np.mean((mean - 1.0) ** 2 + variance), abs=1e-9)
+    assert found[2] == 0.0
+    residual = frame["y"].to_numpy() - np.repeat(mean, 4)
+    assert found[3] ** 2 == pytest.approx(np.mean(residual**2 + np.repeat(variance, 4)), abs=1e-9)
+
+
+def test_steps_end_at_the_maximum_of_a_balanced_table():
+    """Of a balanced table the maximum is known from sums of squares within and between."""
+    frame = balanced(experiments=8, observations=5)
+    means = frame.groupby("id", sort=False)["y"].mean().to_numpy()
+    within = np.mean((frame["y"].to_numpy() - np.repeat(means, 5)) ** 2) * 5 / 4
+    between = np.mean((means - means.mean()) ** 2) - within / 5
+    following = likelihood_of(straight_line, frame, ONE).continued
+    alpha, before = np.array([-3.0, 0.2, 0.0, 2.0]), -np.inf
+    for _ in range(60):
+        value, alpha = following.toward(alpha)
+        assert value > before - 1e-6
+        before = value
+    assert alpha == pytest.approx([means.mean(), between**0.5, 0.0, within**0.5], abs=1e-5)
+
+
+def test_errors_grow_twofold_at_most_so_that_laws_explain_more():
+    alpha = np.array([9.0, 0.02, 0.0, 0.05])
+    following = likelihood_of(straight_line, balanced(), ONE).continued
+    assert following.toward(alpha)[1][3] == pytest.approx(0.1)
+
+
+def test_a_formula_follows_the_individual_means():
+    frame = balanced(experiments=7)
+    covariate = pd.DataFrame({"z": np.arange(7.0)}, index=frame["id"].unique())
+    laws = {"a": Normal(By("1 + z", -10.0, 10.0), Free(0.01, 5.0)), "b": ONE.laws["b"]}
+    inputs = Inputs(laws).resolved(covariate)
+    alpha = np.array([2.0, 0.1, 0.7, 0.0, 0.6])
+    found = likelihood_of(straight_line, frame, inputs).continued.toward(alpha)[1]
+    mean, variance = individual_laws(frame, 2.0 + 0.1 * covariate["z"].to_numpy(), 0.7, 0.6)
+    wanted = np.polynomial.polynomial.polyfit(covariate["z"], mean, 1)
+    assert found[:2] == pytest.approx(wanted, abs=1e-9)
+    away = mean - (2.0 + 0.1 * covariate["z"].to_numpy())
+    assert found[2] ** 2 == pytest.approx(np.mean(away**2 + variance), abs=1e-9)
+
+
+def test_what_is_no_mean_and_no_sd_stays():
+    frame = table(straight_line)
+    noise = Noise(Free(0.01, 5.0), relative=Free(0.001, 1.0))
+    likelihood = likelihood_of(straight_line, frame, PAIR, noise=noise)
+    alpha = np.append(ALPHA, 0.1)
+    found = likelihood.continued.toward(alpha)[1]
+    assert found[[4, 6]] == pytest.approx(alpha[[4, 6]])
+    assert np.all(found[[0, 1, 2, 3, 5]] != alpha[[0, 1, 2, 3, 5]])
+
+
+def test_where_nothing_is_possible_no_step_is_made():
+    likelihood = likelihood_of(lambda time, x: x[0] * np.nan * time, balanced(), ONE)
+    alpha = np.array([1.0, 0.7, 0.0, 0.6])
+    value, found = likelihood.continued.toward(alpha)
+    assert value == -np.inf
+    np.testing.assert_array_equal(found, alpha)
