@@ -118,7 +118,7 @@ def reached(alpha: Array, at: LogLikelihood) -> Reached:
 
 def test_a_climb_joins_what_is_near_if_its_slope_leads_there():
     top = SAMPLE.mean(axis=0)
-    there, near = reached(top, sample(top)), top + [0.15, -0.1]
+    there, near = reached(top, sample(top)), top + np.array([0.15, -0.1])
     at = sample(near)
     assert there.joins(near, at)
     assert not there.joins(top + 2.0, sample(top + 2.0))
