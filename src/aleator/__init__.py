@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from aleator.laws import Free as Free
     from aleator.laws import Gamma as Gamma
     from aleator.laws import LogNormal as LogNormal
+    from aleator.laws import Mixture as Mixture
     from aleator.laws import Normal as Normal
     from aleator.laws import ScipyLaw as ScipyLaw
     from aleator.laws import TruncatedNormal as TruncatedNormal
@@ -80,7 +81,7 @@ _HOMES = {
     "simulators.derived": ["derived"],
     "simulators.fmu": ["FMUSimulator"],
     "laws": [
-        "Normal", "TruncatedNormal", "Uniform", "Beta", "Gamma", "LogNormal", "ScipyLaw",
+        "Normal", "TruncatedNormal", "Uniform", "Beta", "Gamma", "LogNormal", "Mixture", "ScipyLaw",
         "By", "Constant", "Free",
     ],
     "laws.correlation": ["full"],

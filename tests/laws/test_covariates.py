@@ -66,7 +66,7 @@ def test_scores_are_those_of_differences_for_tied_laws_with_covariates() -> None
     ])  # fmt: skip
     rng = np.random.default_rng(2)
     xi, weight = rng.normal(size=(6, 3, 2)), rng.normal(size=(6, 3, 3))
-    score = inputs.individual(alpha, xi, ALL).score(weight)
+    score = inputs.individual(alpha, xi, ALL).score(weight, np.ones(weight.shape[:2]))
     for k in range(alpha.size):
         h = 1e-6 * np.eye(alpha.size)[k]
         ends = [inputs.individual(alpha + sign * h, xi, ALL).x for sign in (1.0, -1.0)]
@@ -79,7 +79,15 @@ def test_a_value_is_held_within_its_limits_and_no_longer_moves() -> None:
     alpha = np.array([5.0, 2.0, 1.0])
     individual = inputs.individual(alpha, np.zeros((6, 1, 1)), ALL)
     assert individual.x.ravel().tolist() == [5.0, 7.0, 9.0, 10.0, 10.0, 10.0]
-    assert individual.score(np.ones((6, 1, 1)))[:, 1].tolist() == [0.0, 1.0, 2.0, 0.0, 0.0, 0.0]
+    score = individual.score(np.ones((6, 1, 1)), np.ones((6, 1)))
+    assert score[:, 1].tolist() == [
+        0.0,
+        1.0,
+        2.0,
+        0.0,
+        0.0,
+        0.0,
+    ]
     assert inputs.covariate_model is not None
     assert inputs.covariate_model.held(alpha)["k.mean"].tolist() == [3, 4, 5]
 

@@ -15,6 +15,7 @@ from aleator.laws.hyperparameter import (
 from aleator.laws.inputs import Inputs
 from aleator.laws.law import Law, MeanSd, Rule, Standard
 from aleator.laws.lognormal import LogNormal
+from aleator.laws.mixture import Mixture
 from aleator.laws.normal import Normal
 from aleator.laws.quantile_law import QuantileLaw
 from aleator.laws.scipy_law import ScipyLaw
@@ -33,6 +34,7 @@ __all__ = [
     "Law",
     "LogNormal",
     "MeanSd",
+    "Mixture",
     "Normal",
     "QuantileLaw",
     "Rule",

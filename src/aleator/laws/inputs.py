@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from scipy import linalg, special
@@ -17,9 +18,10 @@ from aleator.laws.design import Table, variables
 from aleator.laws.hyperparameter import Hyperparameter, Specification
 from aleator.laws.individual import Individual
 from aleator.laws.law import Law
+from aleator.laws.mixture import Mixture
 from aleator.laws.normal import Normal
 from aleator.threads import single_threaded
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 STANDARD_NORMAL: Law = Normal(0.0, 1.0)
 """The law of the variate that a correlated parameter is made of."""
@@ -72,6 +74,13 @@ class Inputs:
         self.laws = dict(laws)
         scattered = [name for name, law in laws.items() if law.scatters]
         self.correlation: Correlation = between(scattered, correlation or {})
+        for i in self.correlated:
+            if isinstance(list(laws.values())[i], Mixture):
+                raise InputsError(
+                    f"parameter '{self.names[i]}' is correlated with another, and its law is a "
+                    "mixture",
+                    "take the correlation away, or a law of one component",
+                )
         self.covariate_model: CovariateModel | None = None
 
     @cached_property
@@ -168,6 +177,17 @@ class Inputs:
     def scattered(self) -> tuple[int, ...]:
         """Which parameters vary between experiments; each is the image of a theta."""
         return tuple(i for i, law in enumerate(self.laws.values()) if law.scatters)
+
+    @cached_property
+    def classes(self) -> Indices:
+        """The component of each law (C, n) in each of C classes; one class without mixtures.
+
+        The classes of several mixtures are all their combinations.
+        """
+        counts = [
+            len(law.components) if isinstance(law, Mixture) else 1 for law in self.laws.values()
+        ]
+        return np.array(list(product(*(range(count) for count in counts))), dtype=np.intp)
 
     @cached_property
     def correlated(self) -> tuple[int, ...]:
@@ -304,6 +324,22 @@ class Inputs:
         model = self.covariate_model
         alpha[: self.partials.start] = own if model is None else model.about(own)
         return alpha
+
+    @property
+    def exchangeable(self) -> bool:
+        """Whether a law has components that are equal but for their order, and no covariates."""
+        return self.covariate_model is None and any(
+            isinstance(law, Mixture) and law.exchangeable for law in self.laws.values()
+        )
+
+    def ordered(self, alpha: Array) -> Array:
+        """The alpha (K,) of the same law with such components in their order."""
+        found = alpha.copy()
+        if self.exchangeable:
+            for law, part in zip(self.laws.values(), self.parts, strict=True):
+                if isinstance(law, Mixture):
+                    found[part] = law.ordered(alpha[part])
+        return found
 
     def individual(self, alpha: Array, xi: Array, experiments: slice) -> Individual:
         """Parameters of some experiments at standard normal variates xi (B, J, s) of their own."""

@@ -163,14 +163,8 @@ class QuantileLaw(ABC):
 
     def _points(self, values: Array) -> tuple[float, float, Array, Array]:
         """Mean, sd, and the law as standardized points z (Q,) with weights (Q,)."""
-        t, weights = gauss_legendre(POINTS)
-        theta = WIDEST * t
-        weights = weights * np.exp(-0.5 * theta**2)
-        weights /= weights.sum()
-        x = self._image(values, theta)
-        mean = float(weights @ x)
-        sd = float(np.sqrt(weights @ (x - mean) ** 2))
-        return mean, sd, (x - mean) / sd, weights
+        theta, weights = fine_points()
+        return standardized(self._image(values, theta), weights)
 
     def _rule(self, values: Array, nodes: int) -> tuple[Array, Array, Array]:
         mean, sd, z, fine = self._points(values)
@@ -189,3 +183,18 @@ class QuantileLaw(ABC):
 
             columns.append(difference(moved, at, STEP * (at if known.log else width)))
         return np.stack(columns, axis=-1)
+
+
+def fine_points() -> tuple[Array, Array]:
+    """Standard normal variates theta (Q,) and their weights, which sum to one."""
+    t, weights = gauss_legendre(POINTS)
+    theta = WIDEST * t
+    weights = weights * np.exp(-0.5 * theta**2)
+    return theta, weights / weights.sum()
+
+
+def standardized(x: Array, weights: Array) -> tuple[float, float, Array, Array]:
+    """Mean and sd of points x (Q,), the points standardized, and their weights."""
+    mean = float(weights @ x)
+    sd = float(np.sqrt(weights @ (x - mean) ** 2))
+    return mean, sd, (x - mean) / sd, weights

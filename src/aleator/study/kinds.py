@@ -206,7 +206,8 @@ def _in_toml(hint: Any) -> Any:
     if get_origin(hint) is tuple:
         least, most = (0, None) if parts[-1] is ... else (len(parts), len(parts))
         size = Field(min_length=least, max_length=most)
-        return Annotated[list[parts[0]], size, AfterValidator(tuple)]  # type: ignore[valid-type]
+        item = _in_toml(parts[0])
+        return Annotated[list[item], size, AfterValidator(tuple)]  # type: ignore[valid-type]
     if get_origin(hint) not in (Union, UnionType):
         return hint
     if Free in parts:

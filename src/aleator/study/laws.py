@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import PlainValidator
 from scipy import stats
 
 from aleator.errors import StudyError, nearest
@@ -12,13 +16,14 @@ from aleator.laws import (
     Gamma,
     Law,
     LogNormal,
+    Mixture,
     Normal,
     ScipyLaw,
     Specification,
     TruncatedNormal,
     Uniform,
 )
-from aleator.study.kinds import Kinds
+from aleator.study.kinds import Choice, Kinds
 
 
 def uniform(
@@ -71,6 +76,19 @@ def scipy_law(
     return ScipyLaw(kind(**given), mean, sd)
 
 
+def _of_component(value: Any) -> Choice[Law]:
+    return LAWS.read(value)
+
+
+def mixture(
+    components: tuple[Annotated[Choice[Law], PlainValidator(_of_component)], ...],
+    shares: tuple[Specification, ...] | None = None,
+    folder: Path = Path(),
+) -> Mixture:
+    """A mixture of laws, each a table of its own."""
+    return Mixture(tuple(component.build(folder) for component in components), shares)
+
+
 LAWS: Kinds[Law] = Kinds(
     "aleator.laws",
     "law",
@@ -82,6 +100,7 @@ LAWS: Kinds[Law] = Kinds(
         "gamma": Gamma,
         "lognormal": LogNormal,
         "scipy": scipy_law,
+        "mixture": mixture,
         "constant": Constant,
     },
 )

@@ -34,9 +34,10 @@ class IndividualLikelihood:
 
     x is the image of standard normal variates xi (see `Individual`), and the integral over them a
     quadrature at `nodes` that are adapted to each experiment (Pinheiro and Bates, 1995) and held:
-    called, it is smooth in alpha with an exact score (Fisher's identity). `adapted` returns the
-    same with nodes adapted to another alpha; nothing changes in place. Nodes that are held far
-    from where they were adapted integrate poorly.
+    called, it is smooth in alpha with an exact score (Fisher's identity). Where laws are mixtures
+    it is a sum over the classes, each with nodes of its own. `adapted` returns the same with nodes
+    adapted to another alpha; nothing changes in place. Nodes that are held far from where they
+    were adapted integrate poorly.
     """
 
     inputs: Inputs
@@ -56,7 +57,8 @@ class IndividualLikelihood:
         rule: GaussHermite,
     ) -> IndividualLikelihood:
         """The likelihood with the nodes of the law itself."""
-        nodes = Nodes.of_the_law(layout.count, inputs.scattering, rule)
+        classes = len(inputs.classes)
+        nodes = Nodes.of_the_law(layout.count, classes, inputs.scattering, rule)
         return cls(inputs, errors, predictor, layout, rule, nodes)
 
     @property
@@ -102,18 +104,19 @@ class IndividualLikelihood:
 
         Modes are found to `arrived` in log-density.
         """
-        s, n = self.inputs.scattering, len(self.inputs.names)
+        classes, n = self.inputs.classes.shape
+        s = self.inputs.scattering
         if not s:
             return self
-        count = self.rule.size(s)
+        count = classes * self.rule.size(s)
         xi, log_weight = np.zeros((self.count, count, s)), np.zeros((self.count, count))
-        mode, x = self.nodes.mode.copy(), np.zeros((self.count, n))
+        mode, x = self.nodes.mode.copy(), np.zeros((self.count, classes, n))
         information = self.nodes.information.copy()
         for block in self.layout.blocks(count):
             part, curved = block.experiments, partial(self._curved, alpha, block)
             found = modes(curved, self._best_start(alpha, block), arrived=arrived)
-            mode[part], information[part] = found.z[:, 0], found.information[:, 0]
-            x[part] = self._individual(alpha, block, found.z).x[:, 0]
+            mode[part], information[part] = found.z, found.information
+            x[part] = self._individual(alpha, block, found.z).x
             xi[part], log_weight[part] = adapted_nodes(curved, found, self.rule)
         return replace(self, nodes=Nodes(xi, log_weight, mode, information, x))
 
@@ -152,12 +155,13 @@ class IndividualLikelihood:
         return Evaluated(individual, eta, slopes, self._terms(alpha, block, eta), block)
 
     def sums(self, alpha: Array, block: Block, xi: Array) -> Array:
-        """sum_k log p(y_k | eta_k) (B, J) at variates xi (B, J, s)."""
-        eta = self.predictor.values(block, self._individual(alpha, block, xi).x)
-        return self.sums_of(alpha, block, eta)
+        """log P(class) + sum_k log p(y_k | eta_k) (B, J) at variates xi (B, J, s)."""
+        individual = self._individual(alpha, block, xi)
+        eta = self.predictor.values(block, individual.x)
+        return individual.log_weight + self.sums_of(alpha, block, eta)
 
     def sums_of(self, alpha: Array, block: Block, eta: Array) -> Array:
-        """The same (B, J) of simulated values eta (m, J) that are known."""
+        """sum_k log p(y_k | eta_k) (B, J) of simulated values eta (m, J) that are known."""
         return block.summed(self._terms(alpha, block, eta).value)
 
     def _individual(self, alpha: Array, block: Block, xi: Array) -> Individual:
@@ -167,26 +171,30 @@ class IndividualLikelihood:
         return self.errors.terms(alpha[self.inputs.size :], eta, block.rows)
 
     def _best_start(self, alpha: Array, block: Block) -> Array:
-        """Of the last modes, as variates and as parameters, and of points all about: the likeliest.
+        """The likeliest point (B, C, s) of each class: of the last modes, and of points all about.
 
-        Where the observations tell more than the law, it is the parameters that stay.
+        The last modes are tried as variates and as parameters: where the observations tell more
+        than the law, it is the parameters that stay.
         """
         s, last = self.inputs.scattering, self.nodes.mode[block.experiments]
         around = np.concatenate([np.zeros((1, s)), *(reach * np.eye(s) for reach in AROUND)])
-        around = np.tile(around, (len(last), 1, 1))
+        around = np.broadcast_to(around, (*last.shape[:2], *around.shape))
         again = self._again(alpha, block, last)
-        trial = np.concatenate([last[:, None], again[:, None], around], axis=1)
-        value = self.sums(alpha, block, trial) - 0.5 * np.sum(trial**2, axis=2)
-        return np.asarray(trial[np.arange(len(last)), np.argmax(value, axis=1)][:, None])
+        trial = np.concatenate([last[:, :, None], again[:, :, None], around], axis=2)
+        count, classes, points, _ = trial.shape
+        flat = trial.reshape(count, classes * points, s)
+        value = self.sums(alpha, block, flat) - 0.5 * np.sum(flat**2, axis=2)
+        best = np.argmax(value.reshape(count, classes, points), axis=2)
+        return np.take_along_axis(trial, best[:, :, None, None], axis=2)[:, :, 0]
 
     def _again(self, alpha: Array, block: Block, last: Array) -> Array:
-        """The variates (B, s) under alpha of the parameters that the last modes were."""
+        """The variates (B, C, s) under alpha of the parameters that the last modes were."""
         if self.nodes.x is None:
             return last
         with np.errstate(all="ignore"):
             own, x = alpha[: self.inputs.size], self.nodes.x[block.experiments]
             found = variates_of(self.inputs, own, x, block.experiments)
-        fine = np.all(np.abs(found) < FARTHEST, axis=1, keepdims=True)
+        fine = np.all(np.abs(found) < FARTHEST, axis=2, keepdims=True)
         return np.where(fine, found, last)
 
     def _curved(self, alpha: Array, block: Block, z: Array) -> tuple[Array, Array, Array]:
@@ -245,8 +253,8 @@ class Evaluated:
 
     @property
     def sums(self) -> Array:
-        """sum_k log p(y_k | eta_k), (B, J)."""
-        return self.block.summed(self.terms.value)
+        """log P(class) + sum_k log p(y_k | eta_k), (B, J)."""
+        return self.individual.log_weight + self.block.summed(self.terms.value)
 
     def scores(self, share: Array) -> Array:
         """The scores (B, K) where node j has this share (B, J) of the likelihood."""
@@ -256,7 +264,7 @@ class Evaluated:
                 with np.errstate(over="ignore", invalid="ignore"):
                     # where it is no number, the share is zero
                     gradient[..., i] = share * self.block.summed(self.terms.d_eta * slope)
-        law = self.individual.score(np.where(share[..., None] > 0.0, gradient, 0.0))
+        law = self.individual.score(np.where(share[..., None] > 0.0, gradient, 0.0), share)
         errors = np.zeros((len(share), len(self.terms.d_values)))
         for p, (rows, derivative) in enumerate(self.terms.d_values):
             owner = self.block.owner[rows]

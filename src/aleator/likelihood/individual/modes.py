@@ -46,7 +46,7 @@ def modes(
 ) -> Modes:
     """Climb from start (B, P, s) by Gauss-Newton steps, all points in one batch.
 
-    With a `basis` (B, 1, s, k) only in the directions of its columns. Levenberg's damping, raised
+    With a `basis` (B, P, s, k) only in the directions of its columns. Levenberg's damping, raised
     where a step does not gain, lowered where it does. Ends, without an error, when no point gains.
     """
     z = start

@@ -42,11 +42,14 @@ def individual_parameters(likelihood: IndividualLikelihood, alpha: Array) -> Ind
         x = found.individual.x
         mean[part] = np.einsum("lj,ljn->ln", share, x)
         sd[part] = np.sqrt(np.einsum("lj,ljn->ln", share, (x - mean[part, None]) ** 2))
-        variate[part] = np.einsum("lj,ljs->ls", share, found.individual.theta)
+        variate[part] = np.einsum("lj,ljs->ls", share, found.individual.normal_scores)
         known = np.where(share[owner] > 0.0, found.eta, 0.0)
         predicted[block.rows] = np.sum(share[owner] * known, axis=1)
-        at_mode = likelihood.nodes.mode[part][:, None]
-        mode[part] = inputs.individual(alpha[: inputs.size], at_mode, part).x[:, 0]
+        at_modes = likelihood.nodes.mode[part]
+        height = likelihood.sums(alpha, block, at_modes) - 0.5 * np.sum(at_modes**2, axis=2)
+        best = np.argmax(height, axis=1)[:, None, None]
+        x_of_modes = inputs.individual(alpha[: inputs.size], at_modes, part).x
+        mode[part] = np.take_along_axis(x_of_modes, best, axis=1)[:, 0]
     shrinkage = np.full(n, np.nan)
     shrinkage[list(inputs.scattered)] = 1.0 - np.var(variate, axis=0)
     return IndividualParameters(mode, mean, sd, predicted, shrinkage)

@@ -13,11 +13,12 @@ from aleator.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Standard normal variates xi (N, J, s) of each experiment, log weights (N, J), modes (N, s).
+    """Standard normal variates xi (N, J, s) of each experiment, and log weights (N, J).
 
-    int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j). `information` (N, s, s) is that of the
-    variates at the modes. `x` (N, n) are the modes as parameters,
-    under the alpha to which the nodes are adapted; None for the nodes of the law itself.
+    int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) over the nodes of each of C classes,
+    which stand one after the other (see `Individual`). `mode` (N, C, s) are the modes, and
+    `information` (N, C, s, s) is that of the variates there. `x` (N, C, n) are the modes as
+    parameters, under the alpha to which the nodes are adapted; None for the nodes of the law.
     """
 
     xi: Array
@@ -27,16 +28,16 @@ class Nodes:
     x: Array | None = None
 
     @classmethod
-    def of_the_law(cls, count: int, variates: int, rule: GaussHermite) -> Nodes:
+    def of_the_law(cls, count: int, classes: int, variates: int, rule: GaussHermite) -> Nodes:
         """Those of the standard normal law, the same in each of so many experiments."""
         t, log_w = rule.nodes(variates)
-        xi, log_weight = np.tile(t, (count, 1, 1)), np.tile(log_w, (count, 1))
-        information = np.tile(np.eye(variates), (count, 1, 1))
-        return cls(xi, log_weight, np.zeros((count, variates)), information)
+        xi, log_weight = np.tile(t, (count, classes, 1)), np.tile(log_w, (count, classes))
+        information = np.tile(np.eye(variates), (count, classes, 1, 1))
+        return cls(xi, log_weight, np.zeros((count, classes, variates)), information)
 
 
 def adapted_nodes(log_density: Curved, found: Modes, rule: GaussHermite) -> tuple[Array, Array]:
-    """Nodes xi (B, J, s) about the modes of B experiments, and their log weights (B, J).
+    """Nodes xi (B, C q, s) about the C modes of each of B experiments, and their log weights.
 
     The coordinates w = Q' xi are those of the eigenvectors Q of the information at the mode, the
     least informed first. Each has a Gauss-Hermite rule in turn, about its conditional mode given
@@ -50,10 +51,11 @@ def adapted_nodes(log_density: Curved, found: Modes, rule: GaussHermite) -> tupl
     """
     z, information = found.z, found.information
     s = z.shape[2]
-    basis = np.linalg.eigh(information[:, 0])[1][:, None]
+    basis = np.linalg.eigh(information)[1]
     log_weight = np.zeros(z.shape[:2])
     for i in range(s):
-        rest = basis[..., i:]
+        # those of one mode are next to each other
+        rest = np.repeat(basis, z.shape[1] // basis.shape[1], axis=1)[..., i:]
         left = np.linalg.inv(np.swapaxes(rest, -1, -2) @ information @ rest)
         scale = np.sqrt(left[..., 0, 0])
         # the others go along as the conditional normal law says
@@ -63,7 +65,8 @@ def adapted_nodes(log_density: Curved, found: Modes, rule: GaussHermite) -> tupl
         of_rule = log_w + 0.5 * t**2
         log_weight = _spread((log_weight + np.log(scale))[:, :, None] + of_rule)
         if i < s - 1:
-            again = modes(log_density, z, basis[..., i + 1 :], NEAR)
+            whole = np.repeat(rest, t.size, axis=1)[..., 1:]
+            again = modes(log_density, z, whole, NEAR)
             z, information = again.z, again.information
     return z, log_weight - 0.5 * np.sum(z**2, axis=2)
 

@@ -31,6 +31,7 @@ from aleator.tasks.individual.cost import cheap
 from aleator.tasks.individual.failed import lost_observations
 from aleator.tasks.individual.guess import PooledFit, guesses, pooled_fit
 from aleator.tasks.individual.infer import inferred
+from aleator.tasks.individual.order import ordered
 from aleator.tasks.individual.population import first_region
 from aleator.tasks.individual.rivals import rivals
 from aleator.tasks.individual.settle import Settled, climbed, settled
@@ -182,7 +183,7 @@ class _Searched:
                 guesses=known,
                 progress=self.ledger.progress,
             )
-            return found if few else _with_all(likelihood, found)
+            return ordered(found if few else _with_all(likelihood, found), question.inputs)
 
 
 def _told(found: SearchResult, end: Settled) -> SearchResult:

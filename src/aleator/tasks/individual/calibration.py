@@ -58,7 +58,8 @@ def _of_block(
         terms = likelihood.errors.terms(of_errors, eta, rows).value
         below = _cdf(likelihood, of_errors, seen.lower[rows], eta, rows)
         above = _cdf(likelihood, of_errors, seen.upper[rows], eta, rows)
-    known = mean_of(_before(terms, block) + log_weight[block.owner])[1]
+    prior = individual.log_weight + log_weight
+    known = mean_of(_before(terms, block) + prior[block.owner])[1]
     effective = 1.0 / np.maximum(np.sum(known**2, axis=1), 1e-300)
     low, high = np.sum(known * below, axis=1), np.sum(known * above, axis=1)
     return np.where(effective > FEWEST, low + share * (high - low), np.nan)

@@ -51,15 +51,14 @@ def checked(likelihood: IndividualLikelihood, alpha: Array, runner: Runner) -> C
     change, error = np.zeros(likelihood.count), np.zeros(likelihood.count)
     for block in few.blocks:
         part = block.experiments
-        xi, log_weight = _likeliest(few, alpha, block)
-        x = inputs.individual(alpha[: inputs.size], xi, part).x
+        x, log_weight = _likeliest(few, alpha, block)
         by_surface = few.sums_of(alpha, block, few.predictor.values(block, x)) + log_weight
         by_simulator = few.sums_of(alpha, block, simulator.values(block, x)) + log_weight
         known, share = mean_of(by_surface)
         change[part] = mean_of(by_simulator)[0] - known
         with np.errstate(all="ignore"):
             ratio = np.exp(by_simulator - by_surface - change[part, None])
-            error[part] = np.sqrt(np.sum(share * (ratio - 1.0) ** 2, axis=1)) / xi.shape[1]
+            error[part] = np.sqrt(np.sum(share * (ratio - 1.0) ** 2, axis=1)) / x.shape[1]
     return Checked(change, np.nan_to_num(error, nan=np.inf))
 
 
@@ -75,10 +74,14 @@ class _Remembered(Evaluator):
 
 
 def _likeliest(likelihood: IndividualLikelihood, alpha: Array, block: Block) -> tuple[Array, Array]:
-    """The nodes xi (B, P, s) with the largest shares, and their log weights (B, P)."""
-    xi = likelihood.nodes.xi[block.experiments]
-    log_weight = likelihood.nodes.log_weight[block.experiments]
-    total = likelihood.sums(alpha, block, xi) + log_weight
+    """The nodes with the largest shares as parameters x (B, P, n), and their log weights (B, P)."""
+    part = block.experiments
+    found = likelihood.inputs.individual(
+        alpha[: likelihood.inputs.size], likelihood.nodes.xi[part], part
+    )
+    log_weight = likelihood.nodes.log_weight[part] + found.log_weight
+    eta = likelihood.predictor.values(block, found.x)
+    total = likelihood.sums_of(alpha, block, eta) + log_weight
     best = np.argsort(-total, axis=1)[:, :POINTS]
-    chosen = np.take_along_axis(xi, best[..., None], axis=1)
+    chosen = np.take_along_axis(found.x, best[..., None], axis=1)
     return chosen, np.take_along_axis(log_weight, best, axis=1)

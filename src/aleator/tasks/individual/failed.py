@@ -35,14 +35,14 @@ def lost_observations(runner: Runner, region: Array, unit: Indices, column: Indi
 
 def failing_share(likelihood: IndividualLikelihood, alpha: Array) -> Array:
     """The share (N,) of each experiment's law at whose parameters a run of it has no value."""
-    found = np.zeros(likelihood.count)
-    points = standard_points(POINTS, likelihood.inputs.scattering)
+    inputs, found = likelihood.inputs, np.zeros(likelihood.count)
+    points = standard_points(POINTS, inputs.scattering)
     for block in likelihood.layout.blocks(POINTS):
-        xi = np.broadcast_to(points, (len(block), *points.shape))
+        xi = np.tile(points, (len(block), len(inputs.classes), 1))
         with np.errstate(all="ignore"):
-            x = likelihood.inputs.individual(
-                alpha[: likelihood.inputs.size], xi, block.experiments
-            ).x
-            none = np.isnan(likelihood.predictor.values(block, x))
-        found[block.experiments] = np.mean(block.summed(none.astype(float)) > 0.0, axis=1)
+            individual = inputs.individual(alpha[: inputs.size], xi, block.experiments)
+            none = np.isnan(likelihood.predictor.values(block, individual.x))
+        failed = block.summed(none.astype(float)) > 0.0
+        weights = np.exp(individual.log_weight) / len(points)
+        found[block.experiments] = np.sum(failed * weights, axis=1)
     return found

@@ -33,9 +33,11 @@ class Draws:
     @classmethod
     def new(cls, inputs: Inputs, alpha: Array, experiments: int) -> Draws:
         """Of experiments that nothing is known of but their law."""
-        xi = np.tile(standard_points(POINTS, inputs.scattering), (experiments, 1, 1))
-        x = inputs.individual(alpha[: inputs.size], xi, slice(0, experiments)).x
-        return cls(x, np.full(x.shape[:2], 1.0 / x.shape[1]))
+        points = standard_points(POINTS, inputs.scattering)
+        xi = np.tile(points, (experiments, len(inputs.classes), 1))
+        found = inputs.individual(alpha[: inputs.size], xi, slice(0, experiments))
+        weights = np.exp(found.log_weight) / len(points)
+        return cls(found.x, np.broadcast_to(weights, found.x.shape[:2]))
 
     @classmethod
     def old(cls, likelihood: IndividualLikelihood, alpha: Array, which: int) -> Draws:

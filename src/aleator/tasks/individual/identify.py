@@ -32,10 +32,10 @@ def wanted(table: Experiments, inputs: Inputs, noise: Noises | None) -> bool:
     """Whether a study needs the integral over individual parameters.
 
     It does where an experiment has several observations, or one that is censored, where the noise
-    is not of one standard deviation, and where a law follows covariates.
+    is not of one standard deviation, and where a law follows covariates or is a mixture.
     """
     simple = noise is None or (isinstance(noise, Noise) and noise.simple)
-    return not (table.simple and simple) or inputs.regressed
+    return not (table.simple and simple) or inputs.regressed or len(inputs.classes) > 1
 
 
 def identified(
@@ -101,6 +101,11 @@ def asked(
         raise InputsError(
             "one surface for all experiments takes one exact outcome each",
             "leave out shared = true: each experiment has surfaces of its own",
+        )
+    if noise is None and table.simple and not inputs.regressed:
+        raise InputsError(
+            "the likelihood of a mixture is known with measurement noise only",
+            "add noise: [noise] sd, or noise=Noise(...), which may be small",
         )
     if noise is None:
         raise InputsError(

@@ -33,7 +33,7 @@ def draws(inputs: Inputs, alphas: Sequence[Array], experiments: int, wide: float
     power = int(np.ceil(np.log2(each * experiments)))
     u = qmc.Sobol(max(inputs.scattering, 1), rng=0).random_base2(power)[: each * experiments]
     xi = wide * special.ndtri(np.clip(u[:, : inputs.scattering], 1e-9, 1.0 - 1e-9))
-    xi = xi.reshape(experiments, each, inputs.scattering)
+    xi = np.tile(xi.reshape(experiments, each, inputs.scattering), (1, len(inputs.classes), 1))
     everyone = slice(0, experiments)
     x = [inputs.individual(a[: inputs.size], xi, everyone).x for a in alphas]
     whole = np.concatenate([part.reshape(-1, len(inputs.names)) for part in x])
@@ -46,11 +46,12 @@ def held_region(inputs: Inputs, alphas: Sequence[Array], experiments: int, far: 
     low, high = np.full(n, np.inf), np.full(n, -np.inf)
     for alpha in alphas:
         own = alpha[: inputs.size]
-        nothing = np.zeros((experiments, 1, s))
+        nothing = np.zeros((experiments, len(inputs.classes), s))
         mixing = inputs.individual(own, nothing, slice(0, experiments)).mixing
         # a row of L has length one: this is where its theta is as far out as it may be
         xi = far * np.concatenate([np.zeros((1, s)), mixing, -mixing])
-        x = inputs.individual(own, np.tile(xi, (experiments, 1, 1)), slice(0, experiments)).x
+        all_of = np.tile(xi, (experiments, len(inputs.classes), 1))
+        x = inputs.individual(own, all_of, slice(0, experiments)).x
         low, high = np.minimum(low, x.min(axis=(0, 1))), np.maximum(high, x.max(axis=(0, 1)))
     return np.stack([low, high], axis=1)
 

@@ -26,21 +26,22 @@ def standard_points(count: int, dimensions: int) -> Array:
 
 
 def proposed(mode: Array, information: Array, count: int) -> tuple[Array, Array]:
-    """Points xi (B, J, s) about modes (B, s), half of them of the standard normal law itself.
+    """Points xi (B, C J, s) about C modes (B, C, s), half of them of the standard normal law.
 
-    log weights (B, J) such that sum_j exp(log_weight_j) g(xi_j) is near int g(xi) phi(xi) dxi
-    (defensive importance sampling: Hesterberg, 1995). `information` (B, s, s) is the curvature of
-    each individual law at its mode.
+    log weights (B, C J) such that sum_j exp(log_weight_j) g(xi_j) is near int g(xi) phi(xi) dxi
+    over the J points of each mode (defensive importance sampling: Hesterberg, 1995).
+    `information` (B, C, s, s) is the curvature of each individual law at its mode.
     """
-    half, (experiments, s) = count // 2, mode.shape
+    half, (experiments, classes, s) = count // 2, mode.shape
     t = standard_points(half, s)
     root = WIDER * np.linalg.cholesky(np.linalg.inv(information))
-    near = mode[:, None] + np.einsum("nst,jt->njs", root, t)
-    xi = np.concatenate([np.broadcast_to(t, (experiments, *t.shape)), near], axis=1)
-    log_law = -0.5 * np.sum(xi**2, axis=2)
-    away = xi - mode[:, None]
-    curved = np.einsum("njs,nst,njt->nj", away, information / WIDER**2, away)
-    log_det = np.log(np.einsum("nss->ns", root)).sum(axis=1)
-    log_near = -0.5 * curved - log_det[:, None]
-    mixture = np.logaddexp(log_law, log_near) - np.log(2.0)
-    return xi, log_law - mixture - np.log(2.0 * half)
+    near = mode[:, :, None] + np.einsum("ncst,jt->ncjs", root, t)
+    law = np.broadcast_to(t, (experiments, classes, *t.shape))
+    xi = np.concatenate([law, near], axis=2)
+    log_law = -0.5 * np.sum(xi**2, axis=3)
+    away = xi - mode[:, :, None]
+    curved = np.einsum("ncjs,ncst,ncjt->ncj", away, information / WIDER**2, away)
+    log_det = np.log(np.einsum("ncss->ncs", root)).sum(axis=2)
+    log_near = -0.5 * curved - log_det[..., None]
+    log_weight = log_law - np.logaddexp(log_law, log_near) + np.log(2.0) - np.log(2.0 * half)
+    return xi.reshape(experiments, -1, s), log_weight.reshape(experiments, -1)

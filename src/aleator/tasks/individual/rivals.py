@@ -9,6 +9,7 @@ from aleator.inference.diagnostics.individual import Rival
 from aleator.inference.information import Inference, infer
 from aleator.likelihood.individual import GaussHermite, IndividualLikelihood
 from aleator.search import SearchResult
+from aleator.tasks.individual.order import in_order
 from aleator.tasks.individual.settle import Settled, climbed
 from aleator.types import Array
 
@@ -41,6 +42,7 @@ def rivals(end: Settled, inference: Inference, found: SearchResult) -> tuple[Riv
         if any(_near(optimum.alpha, other, inference) for other in known):
             continue
         held, alpha = climbed(likelihood, optimum.alpha)
+        alpha = in_order(alpha, end.likelihood.inputs)
         if any(_near(alpha, one, inference) for one in known):
             continue
         known.append(alpha)

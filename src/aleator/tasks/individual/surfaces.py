@@ -242,9 +242,8 @@ def _noise(surfaced: Surfaced) -> Array:
     least = np.full(len(surfaced.sites), np.inf)
     of_errors = alpha[likelihood.inputs.size :]
     for block in likelihood.blocks:
-        xi = likelihood.nodes.mode[block.experiments][:, None]
-        eta = likelihood.at(alpha, block, xi).eta
-        scale = likelihood.errors.scale(of_errors, eta, block.rows)[:, 0]
+        eta = likelihood.at(alpha, block, likelihood.nodes.mode[block.experiments]).eta
+        scale = likelihood.errors.scale(of_errors, eta, block.rows).min(axis=1)
         np.minimum.at(least, surfaced.sites.of[block.rows], scale)
     # a site of observations that are left out is compared with nothing
     return np.where(np.isfinite(least), least, 1.0)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from aleator.laws.individual import drawn
 from aleator.laws.inputs import Inputs
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Experiments
@@ -28,9 +29,7 @@ def virtual_observations(
     fail are NaN: they are not measured.
     """
     seen = table.observations
-    count = len(table.ids)
-    xi = rng.standard_normal((count, 1, inputs.scattering))
-    x = inputs.individual(alpha[: inputs.size], xi, slice(0, count)).x[:, 0]
+    x = drawn(inputs, alpha[: inputs.size], len(table.ids), rng)
     units, place = np.unique(runner.unit, return_inverse=True)
     values = runner.values(units, x[runner.experiment[units]])
     eta = values[place, runner.column][:, None]

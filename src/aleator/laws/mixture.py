@@ -1,0 +1,249 @@
+"""A law of several components: each experiment belongs to one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy import special
+from scipy.optimize import elementwise
+
+from aleator.errors import InputsError
+from aleator.laws.hyperparameter import OPEN, Free, Hyperparameter, Specification, resolve
+from aleator.laws.image import slope, to_score
+from aleator.laws.law import Law, Standard
+from aleator.laws.quantile_law import QuantileLaw, fine_points, standardized
+from aleator.types import Array
+
+LEAST = 1e-6
+"""A share this small stands for none."""
+
+
+@dataclass(frozen=True)
+class Mixture(QuantileLaw):
+    """Mixture of laws, f(x) = sum_c w_c f_c(x) (McLachlan and Peel, 2000).
+
+    `components` are two laws or more that scatter. `shares` are those of all components but the
+    last, each of what the components before it leave, in (0, 1): w_1 = v_1, w_2 = v_2 (1 - v_1),
+    ..., and of two components v_1 is the weight of the first. Left out, they are identified.
+    Hyperparameters are named by component: ``x.1.mean``, ``x.2.sd``, ``x.1.share``. Which component
+    an experiment belongs to is not known; with measurement noise the likelihood is the sum over
+    all. Equal components can change places: the likelihood has a maximum for each order, and
+    `identify` tells the one with the first location first. Raises InputsError for fewer than
+    two components, one that does not scatter, and shares that are not one fewer.
+
+    >>> from aleator.laws import Free, Normal
+    >>> law = Mixture((Normal(Free(0, 1), 0.1), Normal(Free(1, 2), 0.1)))
+    >>> [h.name for h in law.hyperparameters]
+    ['1.mean', '1.sd', '2.mean', '2.sd', '1.share']
+    >>> values = np.array([0.0, 0.1, 1.0, 0.1, 0.25])
+    >>> law.quantile(values, np.array([0.125, 0.625])).round(6).tolist()    # the two medians
+    [0.0, 1.0]
+    """
+
+    components: tuple[Law, ...]
+    shares: tuple[Specification, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        object.__setattr__(self, "components", tuple(self.components))
+        if len(self.components) < 2:
+            raise InputsError(
+                f"a mixture needs two components or more, not {len(self.components)}",
+                "add a law to components, or take the only one as the law",
+            )
+        for c, law in enumerate(self.components):
+            if not law.scatters or isinstance(law, Mixture):
+                kind = "is a mixture itself" if law.scatters else "does not scatter"
+                raise InputsError(
+                    f"component {c + 1} of a mixture {kind}",
+                    "take a law with a standard deviation of its own, which may be small",
+                )
+        if self.shares is not None and len(self.shares) != len(self.components) - 1:
+            raise InputsError(
+                f"{len(self.components)} components need {len(self.components) - 1} shares, "
+                f"not {len(self.shares)}: the last component has what is left",
+                "leave shares out to identify them, or give one for each component but the last",
+            )
+        _ = self.hyperparameters
+
+    @cached_property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of the components, then the shares."""
+        numbered = enumerate(self.components, start=1)
+        own = [h.named(str(c)) for c, law in numbered for h in law.hyperparameters]
+        left = len(self.components) - 1
+        shares = self.shares or (OPEN,) * left
+        return (*own, *(_share(c, share, left + 1 - c) for c, share in enumerate(shares)))
+
+    @cached_property
+    def parts(self) -> tuple[slice, ...]:
+        """Where each component's hyperparameters stand, and last where the shares do."""
+        sizes = [len(law.hyperparameters) for law in self.components]
+        ends = np.cumsum([0, *sizes, len(self.components) - 1]).tolist()
+        return tuple(slice(a, b) for a, b in pairwise(ends))
+
+    @cached_property
+    def placed(self) -> tuple[tuple[Law, slice], ...]:
+        """Each component, and where its hyperparameters stand."""
+        return tuple(zip(self.components, self.parts[:-1], strict=True))
+
+    @property
+    def box(self) -> tuple[float, float]:
+        """What holds the boxes of all components."""
+        boxes = [law.box for law in self.components]
+        return min(low for low, _ in boxes), max(high for _, high in boxes)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the boxes of all components are stated."""
+        return all(law.bounded for law in self.components)
+
+    def log_weights(self, values: Array) -> tuple[Array, Array]:
+        """log w (C, ...) at values (k, ...), and the derivatives (C, k, ...) by the values.
+
+        >>> from aleator.laws import Normal
+        >>> law = Mixture((Normal(0.0, 1.0),) * 3, shares=(0.5, 0.2))
+        >>> np.exp(law.log_weights(np.array([0, 1, 0, 1, 0, 1, 0.5, 0.2]))[0]).round(6).tolist()
+        [0.5, 0.1, 0.4]
+        """
+        v = values[self.parts[-1]]
+        count = len(self.components)
+        found = np.zeros((count, *v.shape[1:]))
+        slopes = np.zeros((count, *values.shape))
+        first = self.parts[-1].start
+        for c in range(count):
+            for b in range(min(c, count - 1)):
+                found[c] += np.log1p(-v[b])
+                slopes[c, first + b] = -1.0 / (1.0 - v[b])
+            if c < count - 1:
+                found[c] += np.log(v[c])
+                slopes[c, first + c] = 1.0 / v[c]
+        return found, slopes
+
+    def log_density(self, values: Array, x: Array) -> Array:
+        """log sum_c w_c f_c(x)."""
+        log_w = self.log_weights(values)[0]
+        own = [law.log_density(values[part], x) for law, part in self.placed]
+        return np.asarray(special.logsumexp(np.stack(own), axis=0, b=_beside(np.exp(log_w), x)))
+
+    def normal_score(self, values: Array, x: Array) -> Array:
+        """Phi^-1(sum_c w_c F_c(x)), by the tail that is nearer."""
+        scores = self._scores(values, x)
+        w = _beside(np.exp(self.log_weights(values)[0]), x)
+        below, above = (np.sum(w * special.ndtr(sign * scores), axis=0) for sign in (1.0, -1.0))
+        return to_score(below, above)
+
+    def quantile(self, values: Array, probability: Array) -> Array:
+        """Where the components' probabilities add up to this one, by bracketing."""
+        return self._at(values, special.ndtri(probability))
+
+    def standard(self, values: Array, theta: Array) -> Standard:
+        """The quantile at Phi(theta), of (k,) values; derivatives are means over the components.
+
+        dx/dv_c = w_c f_c(x)/f(x) dx_c/dv_c for a value of component c, with x_c its own image;
+        dx/dw_c = -F_c(x)/f(x).
+        """
+        flat = theta.ravel()
+        x = self._at(values, flat)
+        log_w, log_slopes = self.log_weights(values)
+        w, log_f = np.exp(log_w), self.log_density(values, x)
+        scores = self._scores(values, x)
+        found = np.zeros((flat.size, values.size))
+        for c, (law, part) in enumerate(self.placed):
+            share = w[c] * np.exp(law.log_density(values[part], x) - log_f)
+            inside = share > 0.0
+            own = law.standard(values[part], np.where(inside, scores[c], 0.0))
+            found[:, part] = np.where(inside, share, 0.0)[:, None] * own.dvalues
+            # of two tails the one that is small keeps its digits; the weights' changes sum to zero
+            tail = np.where(flat < 0.0, special.ndtr(scores[c]), -special.ndtr(-scores[c]))
+            found[:, self.parts[-1]] -= np.outer(
+                tail * np.exp(-log_f) * w[c], log_slopes[c, self.parts[-1]]
+            )
+        dtheta = slope(flat, log_f)
+        return Standard(
+            x.reshape(theta.shape), dtheta.reshape(theta.shape), found.reshape(*theta.shape, -1)
+        )
+
+    @cached_property
+    def exchangeable(self) -> bool:
+        """Whether the components are equal but for their order, which is then arbitrary."""
+        free = all(h.free and h.lower <= LEAST for h in self.hyperparameters[self.parts[-1]])
+        return free and all(law == self.components[0] for law in self.components)
+
+    def ordered(self, values: Array) -> Array:
+        """The same law with its components in the order of their first hyperparameters.
+
+        >>> from aleator.laws import Normal
+        >>> law = Mixture((Normal(Free(0, 2), 0.1), Normal(Free(0, 2), 0.1)))
+        >>> law.ordered(np.array([1.5, 0.1, 0.5, 0.1, 0.25])).tolist()
+        [0.5, 0.1, 1.5, 0.1, 0.75]
+        """
+        if not self.exchangeable:
+            return values
+        order = np.argsort([values[part.start] for part in self.parts[:-1]], kind="stable")
+        w = np.exp(self.log_weights(values)[0])[order]
+        left = 1.0 - np.concatenate([[0.0], np.cumsum(w)[:-2]])
+        shares = np.clip(w[:-1] / np.maximum(left, LEAST), LEAST, 1.0 - LEAST)
+        return np.concatenate([*(values[self.parts[c]] for c in order), shares])
+
+    def filling(self, center: float, sd: float | None = None) -> Array:
+        """Components of equal shares beside each other about the center."""
+        count = len(self.components)
+        parts = [_spread(law, center, sd, c, count) for c, law in enumerate(self.components)]
+        shares = [h.start for h in self.hyperparameters[self.parts[-1]]]
+        return np.concatenate([*parts, shares])
+
+    def _scores(self, values: Array, x: Array) -> Array:
+        """Normal scores (C, ...) of x under each component."""
+        return np.stack([law.normal_score(values[part], x) for law, part in self.placed])
+
+    def _at(self, values: Array, theta: Array) -> Array:
+        """x whose normal score is theta: between the components' own images of theta."""
+        images = np.stack([law.standard(values[part], theta).x for law, part in self.placed])
+        low, high = images.min(axis=0), images.max(axis=0)
+        apart = high > low
+
+        def away(x: Array, wanted: Array) -> Array:
+            return self.normal_score(values, x) - wanted
+
+        x = low.copy()
+        if np.any(apart):
+            bracket = (low[apart], high[apart])
+            x[apart] = elementwise.find_root(away, bracket, args=(theta[apart],)).x
+        return np.asarray(x)
+
+    def _points(self, values: Array) -> tuple[float, float, Array, Array]:
+        """Mean, sd, and the law as standardized points z (Q,): those of all its components."""
+        theta, weights = fine_points()
+        own = [law.standard(values[part], theta).x for law, part in self.placed]
+        w = np.exp(self.log_weights(values)[0])
+        return standardized(np.concatenate(own), np.outer(w, weights).ravel())
+
+
+def _share(c: int, share: Specification, left: int) -> Hyperparameter:
+    """The share of component c of what `left` components share."""
+    if isinstance(share, Free) and share.start is None and share.lower is None:
+        share = replace(share, start=1.0 / left)
+    h = resolve(f"{c + 1}.share", share, (0.0, 1.0))
+    if not (h.lower >= 0.0 and h.upper <= 1.0):
+        raise InputsError(
+            f"{h.name}: a share lies between 0 and 1, not between {h.lower:g} and {h.upper:g}",
+            "give limits between 0 and 1",
+        )
+    lower, upper, start = np.clip([h.lower, h.upper, h.start], LEAST, 1.0 - LEAST).tolist()
+    return replace(h, lower=lower, upper=upper, start=start)
+
+
+def _spread(law: Law, center: float, sd: float | None, c: int, count: int) -> Array:
+    """Component c of so many: beside the center by as many sds as it is beside the middle one."""
+    values = law.filling(center, sd)
+    beside = law.mean_and_sd(values).sd * (2.0 * c - (count - 1.0))
+    return law.filling(center + beside, sd)
+
+
+def _beside(weights: Array, x: Array) -> Array:
+    """Weights (C, ...) that broadcast against values (C, *x.shape)."""
+    return weights.reshape(*weights.shape, *[1] * (x.ndim + 1 - weights.ndim))
