@@ -341,6 +341,14 @@ class Inputs:
                     found[part] = law.ordered(alpha[part])
         return found
 
+    def apart(self, alpha: Array, x: Array) -> Array:
+        """The alpha (K,) with the components of mixtures about groups of points x (N, n)."""
+        found = alpha.copy()
+        for i, law in enumerate(self.laws.values()):
+            if isinstance(law, Mixture) and self.covariate_model is None:
+                found[self.parts[i]] = law.apart(x[:, i])
+        return found
+
     def individual(self, alpha: Array, xi: Array, experiments: slice) -> Individual:
         """Parameters of some experiments at standard normal variates xi (B, J, s) of their own."""
         return Individual.of(self, alpha, xi, experiments)

@@ -8,10 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 from scipy import special
+from scipy.cluster.vq import kmeans2
 from scipy.optimize import elementwise
 
 from aleator.errors import InputsError
-from aleator.laws.hyperparameter import OPEN, Free, Hyperparameter, Specification, resolve
+from aleator.laws.hyperparameter import OPEN, Free, Hyperparameter, Specification, resolve, within
 from aleator.laws.image import slope, to_score
 from aleator.laws.law import Law, Standard
 from aleator.laws.quantile_law import QuantileLaw, fine_points, standardized
@@ -195,6 +196,26 @@ class Mixture(QuantileLaw):
         parts = [_spread(law, center, sd, c, count) for c, law in enumerate(self.components)]
         shares = [h.start for h in self.hyperparameters[self.parts[-1]]]
         return np.concatenate([*parts, shares])
+
+    def apart(self, x: Array) -> Array:
+        """The values (k,) of components about groups of points x (N,): Lloyd's k-means.
+
+        >>> from aleator.laws import Normal
+        >>> law = Mixture((Normal(Free(0, 9), Free(0.01, 1)), Normal(Free(0, 9), Free(0.01, 1))))
+        >>> law.apart(np.array([1.0, 1.2, 1.4, 5.9, 6.1])).round(3).tolist()
+        [1.2, 0.163, 6.0, 0.1, 0.6]
+        """
+        count = len(self.components)
+        centers = np.quantile(x, (np.arange(count) + 0.5) / count)
+        centers, label = kmeans2(x, centers, minit="matrix", missing="warn")
+        parts, left, shares = [], x.size, []
+        for c, law in enumerate(self.components):
+            own = x[label == c]
+            parts.append(law.filling(float(centers[c]), float(np.std(own)) if own.size else None))
+            shares.append(own.size / max(left, 1))
+            left -= own.size
+        values = np.concatenate([*parts, shares[:-1]])
+        return within(self.hyperparameters, values.tolist())
 
     def _scores(self, values: Array, x: Array) -> Array:
         """Normal scores (C, ...) of x under each component."""

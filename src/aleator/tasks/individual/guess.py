@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from aleator.likelihood.individual import IndividualLikelihood
+from aleator.likelihood.individual import IndividualLikelihood, individual_parameters
 from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array
 
@@ -65,7 +65,10 @@ def pooled_fit(likelihood: IndividualLikelihood, y: Array, start: Array) -> Pool
 
 
 def guesses(likelihood: IndividualLikelihood, fit: PooledFit) -> list[Array]:
-    """Laws about the pooled fit with their sds at the start, noise and all, and much narrower."""
+    """Laws about the pooled fit with their sds at the start, noise and all, and much narrower.
+
+    Where laws are mixtures, also components about groups of the experiments' own parameters.
+    """
     hyperparameters = likelihood.hyperparameters
     around = np.array([h.start for h in hyperparameters])
     inputs = likelihood.inputs
@@ -78,4 +81,12 @@ def guesses(likelihood: IndividualLikelihood, fit: PooledFit) -> list[Array]:
     for k, h in enumerate(hyperparameters[: inputs.size]):
         if h.log and h.free:
             narrow[k] = np.clip(0.1 * around[k], lower[k], upper[k])
-    return [around, narrow]
+    if len(inputs.classes) == 1:
+        return [around, narrow]
+    # wide laws leave each experiment's parameters to its observations
+    wide, own = around.copy(), slice(inputs.size)
+    scales = [k for k, h in enumerate(inputs.hyperparameters) if h.log]
+    wide[scales] = upper[scales]
+    x = individual_parameters(likelihood.adapted(wide), wide).mode
+    apart = np.concatenate([inputs.apart(around[own], x), around[inputs.size :]])
+    return [apart, around, narrow]
