@@ -325,30 +325,6 @@ class Inputs:
         alpha[: self.partials.start] = own if model is None else model.about(own)
         return alpha
 
-    @property
-    def exchangeable(self) -> bool:
-        """Whether a law has components that are equal but for their order, and no covariates."""
-        return self.covariate_model is None and any(
-            isinstance(law, Mixture) and law.exchangeable for law in self.laws.values()
-        )
-
-    def ordered(self, alpha: Array) -> Array:
-        """The alpha (K,) of the same law with such components in their order."""
-        found = alpha.copy()
-        if self.exchangeable:
-            for law, part in zip(self.laws.values(), self.parts, strict=True):
-                if isinstance(law, Mixture):
-                    found[part] = law.ordered(alpha[part])
-        return found
-
-    def apart(self, alpha: Array, x: Array) -> Array:
-        """The alpha (K,) with the components of mixtures about groups of points x (N, n)."""
-        found = alpha.copy()
-        for i, law in enumerate(self.laws.values()):
-            if isinstance(law, Mixture) and self.covariate_model is None:
-                found[self.parts[i]] = law.apart(x[:, i])
-        return found
-
     def individual(self, alpha: Array, xi: Array, experiments: slice) -> Individual:
         """Parameters of some experiments at standard normal variates xi (B, J, s) of their own."""
         return Individual.of(self, alpha, xi, experiments)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
+from aleator.laws.classes import apart
 from aleator.likelihood.individual import IndividualLikelihood, individual_parameters
 from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array
@@ -84,9 +85,9 @@ def guesses(likelihood: IndividualLikelihood, fit: PooledFit) -> list[Array]:
     if len(inputs.classes) == 1:
         return [around, narrow]
     # wide laws leave each experiment's parameters to its observations
-    wide, own = around.copy(), slice(inputs.size)
+    wide = around.copy()
     scales = [k for k, h in enumerate(inputs.hyperparameters) if h.log]
     wide[scales] = upper[scales]
     x = individual_parameters(likelihood.adapted(wide), wide).mode
-    apart = np.concatenate([inputs.apart(around[own], x), around[inputs.size :]])
-    return [apart, around, narrow]
+    groups = np.concatenate([apart(inputs, around[: inputs.size], x), around[inputs.size :]])
+    return [groups, around, narrow]

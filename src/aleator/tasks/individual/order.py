@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from aleator.laws import classes
 from aleator.laws.inputs import Inputs
 from aleator.search import Optimum, SearchResult
 from aleator.types import Array
@@ -16,7 +17,7 @@ SAME = 1e-2
 
 def ordered(found: SearchResult, inputs: Inputs) -> SearchResult:
     """Optima that differ in the order of equal components only are one."""
-    if not inputs.exchangeable:
+    if not classes.exchangeable(inputs):
         return found
     optima: list[Optimum] = []
     for optimum in found.optima:
@@ -33,4 +34,4 @@ def ordered(found: SearchResult, inputs: Inputs) -> SearchResult:
 
 def in_order(alpha: Array, inputs: Inputs) -> Array:
     """The same alpha (K,) with equal components in the order of their first hyperparameters."""
-    return np.concatenate([inputs.ordered(alpha[: inputs.size]), alpha[inputs.size :]])
+    return np.concatenate([classes.ordered(inputs, alpha[: inputs.size]), alpha[inputs.size :]])
