@@ -33,6 +33,7 @@ def length(load, bench, softness):
 """
 TABLE = "id,load,bench,length\nA,1,007,0.93\nB,2,007,2.1\nC,3,b,3.2\nD,4,c,3.7\nE,5,c,5.4\n"
 STORE = Path("springs/runs.sqlite")
+COLUMNS = "condition.load,condition.bench,parameter.softness,outcome"
 
 
 def run(*arguments: object) -> Result:
@@ -140,12 +141,12 @@ def test_an_import_does_not_change_what_is_there(study: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "name"),
     [
-        ("parameter.x,outcome\n1.0,2.0,3.0\n", "line 2"),
-        ("parameter.x,outcome\n1.0,2.0\n1.0,soft\n", "line 3"),
-        ("parameter.x,outcome\nnan,2.0\n", "nan"),
-        ("parameter.x,outcome\n1.0,\n", "line 2"),
-        ("parameter.x,outcome,failure\n1.0,2.0,broke\n", "line 2"),
-        ("parameter.x,outcome,attempt\n1.0,2.0,often\n", "line 2"),
+        ("parameter.softness,outcome\n1.0,2.0,3.0\n", "line 2"),
+        (f"{COLUMNS}\n1,b,1.0,2.0\n1,b,1.0,soft\n", "line 3"),
+        ("parameter.softness,outcome\nnan,2.0\n", "nan"),
+        ("parameter.softness,outcome\n1.0,\n", "line 2"),
+        ("parameter.softness,outcome,failure\n1.0,2.0,broke\n", "line 2"),
+        ("parameter.softness,outcome,attempt\n1.0,2.0,often\n", "line 2"),
         ("x,outcome\n1.0,2.0\n", "'x'"),
         ("parameter.x\n1.0\n", "'outcome'"),
         ("outcome\n1.0\n", "'parameter.NAME'"),

@@ -13,7 +13,8 @@ import pytest
 
 from aleator.errors import StoreError
 from aleator.observations.experiments import Conditions
-from aleator.simulators import FunctionSimulator, Runner, Store, notified
+from aleator.simulators import FunctionSimulator, Runner, Store, exchange, notified
+from aleator.simulators.records import holdings, stored_runs
 
 TABLE = Conditions(("A",), pd.DataFrame({"load": [2.0]}))
 NOBODY = 65534
@@ -97,6 +98,49 @@ def test_a_damaged_store_is_told_and_not_written_to(tmp_path: Path) -> None:
         runner(store)([0], [[1.0]])
     assert "move the file aside" in told.value.remedy
     assert path.read_bytes()[4096:] == whole[4096:]
+
+
+DAMAGE = {
+    "conditions": "UPDATE cases SET conditions = '{'",
+    "conditions that are none": "UPDATE cases SET conditions = '[1]'",
+    "names": "UPDATE cases SET parameters = '[]'",
+    "parameters": "UPDATE runs SET x = x'00'",
+    "outcome": "UPDATE runs SET outcome = x'00'",
+    "a text": "UPDATE runs SET outcome = 'abc'",
+    "time": "UPDATE runs SET time = 1e300",
+    "bytes that are no text": "UPDATE simulators SET name = CAST(x'ff' AS TEXT)",
+}
+
+
+@pytest.mark.parametrize("statement", DAMAGE.values(), ids=DAMAGE)
+def test_what_the_file_does_not_notice_is_told_too(tmp_path: Path, statement: str) -> None:
+    path = tmp_path / "runs.sqlite"
+    with Store(path) as store:
+        runner(store)([0], [[1.0]])
+        store.connection.execute(statement)
+    with Store(path) as store:
+        with pytest.raises(StoreError, match=r"runs\.sqlite: .*damaged|decode"):
+            exchange.write(stored_runs(store), tmp_path / "runs.csv")
+        if "outcome" in statement:
+            with pytest.raises(StoreError, match="a run of 'double' is damaged"):
+                runner(store)([0], [[1.0]])
+        if "time" in statement or "name =" in statement:
+            with pytest.raises(StoreError, match=r"runs\.sqlite"):
+                holdings(store)
+    assert not (tmp_path / "runs.csv").exists()
+
+
+def test_a_table_whose_very_layout_is_damaged_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    with Store(path) as store:
+        runner(store)([0], [[1.0]])
+    whole = path.read_bytes()
+    assert b"CREATE TABLE simulators" in whole
+    path.write_bytes(
+        whole.replace(b"CREATE TABLE simulators", b"CREATE TABLE \xc5\xc5\xc5\xc5\xc5tors")
+    )
+    with pytest.raises(StoreError, match="damaged"):
+        Store(path)
 
 
 def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path) -> None:

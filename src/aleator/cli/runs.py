@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import click
@@ -13,7 +14,7 @@ from rich.console import Console
 from aleator.cli.running import FILE
 from aleator.errors import AleatorError, StoreError
 from aleator.report import runs as report
-from aleator.simulators import Identity, Store, exchange, records
+from aleator.simulators import Simulator, Store, exchange, imports, records
 from aleator.study import load_study
 
 TARGET = click.argument("target", type=FILE, metavar="STUDY.toml|STORE")
@@ -25,12 +26,12 @@ class Target:
     """A store, and the simulator of the study that it was named by, if it was."""
 
     store: Store
-    simulator: Identity | None
+    simulator: Simulator | None
 
-    @property
+    @cached_property
     def fingerprint(self) -> str | None:
         """That of the study's simulator."""
-        return None if self.simulator is None else self.simulator.fingerprint
+        return None if self.simulator is None else self.simulator.fingerprint()
 
 
 @contextmanager
@@ -39,7 +40,7 @@ def opened(target: Path, new: bool = False) -> Iterator[Target]:
     path, simulator = target, None
     if target.suffix == ".toml" or target.is_dir():
         study = load_study(target)
-        path, simulator = study.store, Identity.of(study.simulator)
+        path, simulator = study.store, study.simulator
     if not path.exists() and not new:
         raise StoreError(
             f"{path}: there is no store of runs",
@@ -75,7 +76,7 @@ def list_(target: Path) -> None:
 
 @runs.command()
 @TARGET
-@click.argument("number", type=int, required=False, metavar="[RUN]")
+@click.argument("number", type=click.IntRange(1, 2**63 - 1), required=False, metavar="[RUN]")
 @click.option("--failures", is_flag=True, help="Only runs that failed.")
 def show(target: Path, number: int | None, failures: bool) -> None:
     """Show one RUN with its log, or the last runs, or the last failures."""
@@ -123,7 +124,7 @@ def import_(target: Path, file: Path) -> None:
     with opened(target, new=True) as at:
         if not at.store.writable:
             raise StoreError(f"{at.store.path} is read-only", "name another store")
-        found = exchange.read(at.store, file, at.simulator)
+        found = imports.read(at.store, file, at.simulator)
     click.echo(f"{found.added:,} runs added, {found.present:,} were there already")
     if found.different:
         click.echo(f"{found.different:,} of these have another outcome there, which stays")

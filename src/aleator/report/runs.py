@@ -19,6 +19,9 @@ MINUTES = 16
 SHORT = 8
 """Letters of a fingerprint that are shown, and suffice to name it."""
 
+READ = 10_000
+"""Letters of a failure or a log that are shown."""
+
 HOLDINGS: Sequence[Column] = (
     ("simulator", "left"), ("fingerprint", "left"), ("runs", "right"), ("failed", "right"),
     ("seconds", "right"), ("last run", "left"), ("", "fold"),
@@ -73,12 +76,12 @@ def one(run: StoredRun) -> RenderableType:
         *((f"condition {name}", _value(value)) for name, value in run.conditions.items()),
         *((f"parameter {name}", repr(value)) for name, value in run.parameters.items()),
         *_outcomes(run),
-        ("failure", run.failure or "none"),
+        ("failure", _cut(run.failure or "none")),
         ("seconds", "-" if run.seconds is None else f"{run.seconds:.3g}"),
         ("when", f"{moment(run.time)}, attempt {run.attempt}, on {run.host or 'an unknown host'}"),
     ]
     table = Rows((("run", "left"), (str(run.number), "fold")), rows)
-    return Group(table, *([Text("Its log:"), Text(run.log)] if run.log else []))
+    return Group(table, *([Text("Its log:"), Text(_cut(run.log, start=False))] if run.log else []))
 
 
 def _outcome(outcome: float | tuple[float, ...]) -> str:
@@ -102,9 +105,17 @@ def moment(seconds: float) -> str:
     return datetime.fromtimestamp(seconds).strftime("%Y-%m-%d %H:%M:%S")
 
 
+def _cut(text: str, start: bool = True) -> str:
+    """A text that somebody may read: programs that fail may print millions of letters."""
+    if len(text) <= READ:
+        return text
+    left_out = f"... ({len(text) - READ:,} letters are left out) ..."
+    return f"{text[:READ]} {left_out}" if start else f"{left_out} {text[-READ:]}"
+
+
 def _told(run: StoredRun) -> str:
     """Conditions and parameters of a run, and why it failed."""
-    parts = [_values(run.conditions), _values(run.parameters), run.failure or ""]
+    parts = [_values(run.conditions), _values(run.parameters), _cut(run.failure or "")]
     return "; ".join(part for part in parts if part)
 
 

@@ -70,10 +70,7 @@ class Case:
         >>> Case.of({"load": 1.0, "bench": "A"}, ["y", "x"])
         Case(conditions='{"bench": "A", "load": 1.0}', parameters=('x', 'y'))
         """
-        plain = {
-            k: v.tolist() if isinstance(v, (np.generic, np.ndarray)) else v
-            for k, v in conditions.items()
-        }
+        plain = {name: _plain(value) for name, value in conditions.items()}
         if rows is not None or responses:
             plain[""] = {"rows": rows or 1, "responses": [*responses]}
         text = json.dumps(plain, sort_keys=True, ensure_ascii=False, default=repr)
@@ -88,3 +85,9 @@ class Case:
     def hash(self) -> str:
         """A short text that no other case of the simulator has."""
         return hashlib.sha256(f"{self.conditions}\n{self.names}".encode()).hexdigest()[:32]
+
+
+def _plain(value: Any) -> Any:
+    """A condition as JSON knows it; 2 is the same condition as 2.0."""
+    value = value.tolist() if isinstance(value, (np.generic, np.ndarray)) else value
+    return float(value) if type(value) is int else value

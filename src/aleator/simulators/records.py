@@ -12,9 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from aleator.errors import StoreError
 from aleator.simulators import store_file
 from aleator.simulators.identity import Identity
 from aleator.simulators.store import Store
+
+LAST_MOMENT = 253_370_764_800.0
+"""Seconds from 1970 to the year 9999, the last that a date can tell everywhere."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,19 @@ def holdings(store: Store) -> list[Holding]:
             'LEFT JOIN runs ON runs."case" = cases.id '
             "GROUP BY simulators.id ORDER BY max(time) DESC, first_seen DESC"
         ).fetchall()
-    return [Holding(Identity(*r[:4]), r[4], int(r[5]), *r[6:]) for r in rows]
+    found = [Holding(Identity(*r[:4]), r[4], int(r[5]), *r[6:]) for r in rows]
+    for held in found:
+        if not all(moment is None or _is_moment(moment) for moment in (held.first, held.last)):
+            raise _damaged(store, f"a run of '{held.simulator.name}'")
+    return found
+
+
+def _damaged(store: Store, what: str) -> StoreError:
+    return StoreError(f"{store.path}: {what} is damaged", store_file.MOVE_ASIDE)
+
+
+def _is_moment(value: object) -> bool:
+    return isinstance(value, (int, float)) and 0.0 <= value <= LAST_MOMENT
 
 
 def stored_runs(
@@ -110,7 +126,13 @@ def stored_runs(
     values = [value for clause, value in chosen.items() if "?" in clause]
     with store_file.told(store.path):
         for row in store.connection.execute(query, values):
-            yield _stored_run(row)
+            try:
+                run = _stored_run(row)
+            except (AttributeError, TypeError, ValueError, RecursionError):
+                raise StoreError(
+                    f"{store.path}: run {row[0]} is damaged", store_file.MOVE_ASIDE
+                ) from None
+            yield run
 
 
 # Runs of one case come together: its texts are read once, and a million runs share them.
@@ -119,19 +141,27 @@ _identity = lru_cache(maxsize=64)(Identity)
 
 
 def _stored_run(row: Sequence[Any]) -> StoredRun:
+    """One row of the file; raises TypeError or ValueError where it is not what was written."""
     names, x = _read(row[6]), np.frombuffer(row[7], dtype="<f8").tolist()
     conditions = dict(_read(row[5]))
     form = conditions.pop("", {})
-    outcome = row[8]
+    outcome, failure, log, seconds, host, moment, attempt = row[8:]
     if isinstance(outcome, bytes):
         outcome = tuple(np.frombuffer(outcome, dtype="<f8").tolist())
+    elif outcome is not None:
+        outcome = float(outcome)
+    texts = (*row[1:5], failure or "", log or "", host or "")
+    if not all(isinstance(text, str) for text in texts) or outcome == ():
+        raise TypeError
+    if not _is_moment(moment) or (seconds is not None and not seconds >= 0.0):
+        raise ValueError
     return StoredRun(
         row[0],
         _identity(*row[1:5]),
         conditions,
         dict(zip(names, x, strict=True)),
         outcome,
-        *row[9:],
+        *(failure, log, seconds, host, moment, attempt),
         *[form.get("rows"), tuple(form.get("responses", ()))],
     )
 
@@ -156,6 +186,6 @@ def forget(store: Store, fingerprints: Sequence[str]) -> int:
         for statement in _FORGET:
             store.connection.executemany(statement, [(text,) for text in fingerprints])
     # The file shrinks unless another process is using it.
-    with suppress(sqlite3.OperationalError):
+    with store_file.told(store.path), suppress(sqlite3.OperationalError):
         store.connection.execute("VACUUM")
     return gone

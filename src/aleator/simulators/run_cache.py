@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from aleator.errors import StoreError
+from aleator.simulators import store_file
 from aleator.simulators.bound import Bound
 from aleator.simulators.identity import Case, Identity
 from aleator.simulators.runs import Failure, Runs
 from aleator.simulators.store import Store
 from aleator.simulators.units import Units
+from aleator.types import Array
 
 _TOGETHER = 8192
 """Runs that are sought in one query: what it takes in memory stays small."""
@@ -55,12 +58,22 @@ class RunCache:
                     if message is not None:
                         failures[start + place] = Failure(message, attempts=attempts)
                         continue
-                    if isinstance(value, bytes):
-                        outcome[start + place, : len(value) // 8] = np.frombuffer(value, "<f8")
-                    else:
-                        outcome[start + place, 0] = value
+                    outcome[start + place] = self._read(value, outcome.shape[1])
         worked = {k: failure for k, failure in failures.items() if np.isnan(outcome[k]).all()}
         return replace(asked, outcome=outcome, failures=worked)
+
+    def _read(self, value: float | bytes | None, width: int) -> Array:
+        """The values of a run as the store has them, NaN behind the last; raises StoreError."""
+        values = np.full(width, np.nan)
+        try:
+            found = np.frombuffer(value, "<f8") if isinstance(value, bytes) else np.array([value])
+            values[: len(found)] = found
+        except (TypeError, ValueError):
+            raise StoreError(
+                f"{self.store.path}: a run of '{self.identity.name}' is damaged",
+                store_file.MOVE_ASIDE,
+            ) from None
+        return values
 
     def add(self, made: Runs) -> None:
         """Commit runs as they were made."""

@@ -190,9 +190,11 @@ def told(path: Path) -> Iterator[None]:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
         problem, remedy = _TROUBLES.get(code, (f"{error}", "see that the file can be written"))
         raise StoreError(f"{path}: {problem}", remedy) from error
+    except UnicodeDecodeError as error:  # SQLite quotes the damaged bytes
+        raise StoreError(f"{path}: the store of runs is damaged", MOVE_ASIDE) from error
 
 
-_MOVE_ASIDE = (
+MOVE_ASIDE = (
     "move the file aside (it is left as it is) and start again; `sqlite3 FILE .recover` may save "
     "runs from it"
 )
@@ -205,8 +207,8 @@ _TROUBLES = {
         "the disk cannot be read or written (it may be full)",
         "see to the disk and start again: every run that was written before is kept",
     ),
-    sqlite3.SQLITE_NOTADB: ("this is not a store of runs, or it is damaged", _MOVE_ASIDE),
-    sqlite3.SQLITE_CORRUPT: ("the store of runs is damaged", _MOVE_ASIDE),
+    sqlite3.SQLITE_NOTADB: ("this is not a store of runs, or it is damaged", MOVE_ASIDE),
+    sqlite3.SQLITE_CORRUPT: ("the store of runs is damaged", MOVE_ASIDE),
     sqlite3.SQLITE_BUSY: (
         f"another process has been writing to it for {_PATIENCE:.0f} s",
         "end that process, or name another file with --store",
