@@ -196,6 +196,52 @@ def test_bad_predictions_are_one_message(
     assert name in done.stderr
 
 
+DOCUMENT = (
+    '{"alpha": {"softness.mean": {"estimate": 1.0}, "softness.sd": {"estimate": 0.1}}, '
+    '"log_likelihood": {}, "experiments": [], "study": {"file": "study.toml"}}'
+)
+DAMAGED = [
+    "[" * 100_000,
+    '{"alpha": ' + "[" * 100_000,
+    *(DOCUMENT.replace('{"estimate": 0.1}', entry) for entry in ("1", "[]", "{}")),
+    *(
+        DOCUMENT.replace("0.1", value)
+        for value in ("1e300", "1" + "0" * 400, "1e400", "NaN", "-0.1", "0", "true", '"0.1"')
+    ),
+    *(DOCUMENT.replace('{"file": "study.toml"}', entry) for entry in ("[1]", "5", "null")),
+    *(DOCUMENT.replace("study.toml", name) for name in ("a" * 10_000, "\\u0000", "\\ud800")),
+]
+
+
+@pytest.mark.parametrize("document", range(len(DAMAGED)))
+def test_a_damaged_identification_is_one_message(folder: Path, document: int) -> None:
+    (folder / "law.json").write_text(DAMAGED[document])
+    (folder / "new.csv").write_text("load\n1\n")
+    done = CliRunner().invoke(main, ["predict", "law.json", "--conditions", "new.csv", "--quiet"])
+    assert done.exit_code == 2, done.output
+    assert done.stderr.count("aleator: error: ") == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["identify", "?"],
+        ["identify", "study.toml", "--output", "?"],
+        ["identify", "study.toml", "--store", "?"],
+        ["predict", "?", "--conditions", "new.csv"],
+        ["runs", "list", "?"],
+        ["runs", "export", "study.toml", "?.csv"],
+        ["runs", "show", "study.toml", "1" + "0" * 30],
+    ],
+)
+@pytest.mark.usefixtures("folder")
+def test_a_name_that_no_file_can_have_is_one_message(arguments: list[str]) -> None:
+    words = [word.replace("?", "a" * 10_000) for word in arguments]
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 2, done.output
+    assert done.stderr.count("rror: ") == 1
+
+
 def test_the_program_itself_prints_no_traceback(folder: Path) -> None:
     table("2.1", "long")(folder)
     command = [sys.executable, "-c", "from aleator.cli import main; main()", "identify"]

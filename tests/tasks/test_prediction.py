@@ -10,7 +10,7 @@ import pytest
 from problems import BINDING, GROWTH, NOISY, PRODUCT, REGRESSION, Problem, title
 from scipy import stats
 
-from aleator import Collocation, Gaussian, MaximumEntropy
+from aleator import Collocation, Free, Gaussian, Inputs, MaximumEntropy, Noise, Normal
 from aleator.errors import InputsError
 from aleator.tasks.predict import predict
 
@@ -120,3 +120,17 @@ def test_alpha_must_fit_the_model(change, named) -> None:
     with pytest.raises(InputsError, match=named) as caught:
         predict(GROWTH.simulator, pd.DataFrame({"z": [1.0]}), GROWTH.inputs, alpha, vectorized=True)
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize("wrong", [np.inf, np.nan, 1e300, -0.1, 20.0])
+def test_a_law_beyond_its_limits_is_refused(wrong: float) -> None:
+    """Surfaces and nodes stand for what lies within them: 20 would be told as some 8."""
+    law = Inputs({"x": Normal(1.0, Free(0.01, 0.5))})
+    new = pd.DataFrame({"load": [10.0]})
+    for alpha in (
+        {"x.mean": 1.0, "x.sd": wrong, "noise.sd": 0.1},
+        {"x.mean": 1.0, "x.sd": 0.1, "noise.sd": wrong},
+        {"x.mean": wrong, "x.sd": 0.1, "noise.sd": 0.1},
+    ):
+        with pytest.raises(InputsError, match=r"outside its limits|the law says 1"):
+            predict(lambda load, x: load * x, new, law, alpha, noise=Noise(Free(0.01, 0.5)))

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.running import FILE, SEED, RunOptions, makes_runs, running
+from aleator.cli.running import FILE, FOLDER, SEED, RunOptions, makes_runs, running
 from aleator.cli.showing import shown
 from aleator.report import box as report
 from aleator.study import load_study
@@ -19,7 +19,7 @@ from aleator.tasks.results import documents
 @click.argument("study", type=FILE, metavar="STUDY.toml")
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     metavar="DIR",
     help="Write DIR/box.json.",
 )

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from aleator.cli.running import (
     FILE,
+    FOLDER,
     SEED,
     RunOptions,
     identified,
@@ -31,7 +32,7 @@ IDENTIFICATION = "identification.json"
 @click.argument("study", type=FILE, metavar="STUDY.toml")
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     metavar="DIR",
     help="Folder of the results [default: out/ and the name of the study's folder].",
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.running import FILE, SEED, RunOptions, identified, makes_runs, running
+from aleator.cli.running import FILE, FOLDER, SEED, RunOptions, identified, makes_runs, running
 from aleator.cli.showing import shown
 from aleator.errors import AleatorError, nearest
 from aleator.progress import Progress
@@ -30,7 +30,7 @@ from aleator.tasks.results import documents
 )
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     metavar="DIR",
     help="Write DIR/recovery.json, with every replicate.",
 )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import functools
+import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
@@ -23,7 +25,23 @@ from aleator.study import Study
 from aleator.tasks.identify import identify
 from aleator.tasks.results.identification import Identification
 
-FILE = click.Path(path_type=Path)
+
+class _Named(click.Path):
+    """A path whose name the system can hold; of any other even the question raises."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        try:
+            os.lstat(value)
+        except OSError as error:
+            if error.errno == errno.ENAMETOOLONG:
+                self.fail(f"{str(value)[:40]}...: the name is too long", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+FILE = _Named(path_type=Path)
+"""A file, there or not."""
+FOLDER = _Named(path_type=Path, file_okay=False)
+"""A folder, there or not."""
 SEED = click.option(
     "--seed", type=click.IntRange(min=0), help="Seed of everything random [default: the study's]."
 )
@@ -54,7 +72,7 @@ def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @click.option(
         "--store",
-        type=click.Path(path_type=Path, dir_okay=False),
+        type=_Named(path_type=Path, dir_okay=False),
         metavar="FILE",
         help="Keep the runs there [default: the study's, runs.sqlite beside it].",
     )

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from aleator.cli.running import (
     FILE,
+    FOLDER,
     SEED,
     RunOptions,
     makes_runs,
@@ -28,7 +29,7 @@ from aleator.tasks.screen import screen
 @click.argument("study", type=FILE, metavar="STUDY.toml")
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     metavar="DIR",
     help="Folder of the results [default: out/ and the name of the study].",
 )

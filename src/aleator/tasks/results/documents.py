@@ -6,6 +6,7 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +126,8 @@ def write_text(text: str, path: str | Path) -> None:
         draft.write_text(text, encoding="utf-8")
         draft.replace(path)
     except OSError as error:
-        draft.unlink(missing_ok=True)
+        with suppress(OSError):  # its name may be too long for this too
+            draft.unlink(missing_ok=True)
         raise AleatorError(
             f"{path}: the file cannot be written: {error.strerror}",
             "choose another folder with --output",
@@ -174,9 +176,16 @@ def estimates(document: Mapping[str, Any], path: str | Path) -> dict[str, float]
     {'x.mean': 1.5}
     """
     try:
-        return {name: float(entry["estimate"]) for name, entry in document["alpha"].items()}
+        found = {name: _finite(entry["estimate"]) for name, entry in document["alpha"].items()}
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise AleatorError(
             f"{path}: key 'alpha' does not hold an estimate for each hyperparameter",
             "run `aleator identify` again to write it anew",
         ) from None
+    return found
+
+
+def _finite(value: Any) -> float:
+    if isinstance(value, (bool, str)) or not math.isfinite(value):
+        raise ValueError
+    return float(value)

@@ -142,14 +142,7 @@ def given_values(
         given = {str(name): value for name, value in alpha.items()}
     else:
         given = _named(np.asarray(alpha, dtype=np.float64), [h.name for h in hyperparameters])
-    at = in_order({**values, **given}, hyperparameters)
-    for value, h in zip(at, hyperparameters, strict=True):
-        if not h.lower <= value <= h.upper:
-            raise InputsError(
-                f"{h.name} = {value:g} is outside its limits [{h.lower:g}, {h.upper:g}]",
-                "choose a value between them",
-            )
-    return at
+    return in_order({**values, **given}, hyperparameters)
 
 
 def _named(alpha: Array, names: Sequence[str]) -> dict[str, float]:

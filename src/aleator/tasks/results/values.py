@@ -12,6 +12,8 @@ from aleator.laws import Hyperparameter
 from aleator.types import Array
 
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+ROUNDING = 1e-9
+"""Share of a limit by which a value may lie beyond it, as it may have been written down."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,8 @@ def in_order(
 ) -> Array:
     """The values (K,) of named hyperparameters, in the order of the model.
 
-    Raises InputsError where one is missing or unknown.
+    Raises InputsError where one is missing or unknown, and for a value beyond its limits: surfaces
+    and nodes are made for what lies between these.
     """
     names = [h.name for h in hyperparameters]
     for name in alpha:
@@ -147,5 +150,17 @@ def in_order(
     missing = [name for name in names if name not in alpha]
     if missing:
         raise InputsError(f"alpha lacks {', '.join(missing)}", "give every hyperparameter a value")
-    values = (alpha[name] for name in names)
-    return np.array([v.estimate if isinstance(v, Estimate) else float(v) for v in values])
+    values = [alpha[name] for name in names]
+    at = np.array([v.estimate if isinstance(v, Estimate) else float(v) for v in values])
+    for value, h in zip(at.tolist(), hyperparameters, strict=True):
+        slack = ROUNDING * max(abs(h.lower), abs(h.upper))
+        if not h.lower - slack <= value <= h.upper + slack:
+            raise InputsError(
+                f"{h.name} = {value:g} is outside its limits [{h.lower:g}, {h.upper:g}]"
+                if h.free
+                else f"{h.name} = {value:g}, and the law says {h.lower:g}",
+                "choose a value between them, or widen them"
+                if h.free
+                else "give it limits, or that value",
+            )
+    return at
