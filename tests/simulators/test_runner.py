@@ -158,8 +158,8 @@ def test_the_box_of_points_that_worked_leaves_out_those_that_failed() -> None:
         (None, r"returned None for 2 runs, expected an array of shape \(2,\)"),
         (1.0, r"returned a single float for 2 runs.*\n.*vectorized = false"),
         (np.zeros((2, 1)), r"returned ndarray of shape \(2, 1\) for 2 runs"),
-        (np.array(["a", "b"]), "returned <U1 values"),
-        (np.zeros(2, complex), "returned complex128 values"),
+        (np.array(["a", "b"]), "returned values of type <U1"),
+        (np.zeros(2, complex), "returned values of type complex128"),
     ],
 )
 def test_a_wrong_shape_or_kind_is_told(returned: Any, words: str) -> None:

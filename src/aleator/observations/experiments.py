@@ -15,6 +15,7 @@ from aleator.observations import files, tables
 from aleator.observations.columns import Rows, rows_of
 from aleator.observations.conditions import Conditions as Conditions
 from aleator.observations.conditions import check_sizes
+from aleator.observations.numbers import real_numbers
 from aleator.observations.reading import Censored, Outcomes
 from aleator.observations.responses import Observations
 from aleator.observations.tables import Table
@@ -220,7 +221,12 @@ def _names(outcome: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def _simple(outcomes: ArrayLike, count: int, name: str, transform: Transform) -> Observations:
-    values = np.array(outcomes, dtype=np.float64)
+    try:
+        values = real_numbers(outcomes)
+    except TypeError as error:
+        raise ExperimentsError(
+            f"the outcomes are {error}", "give one finite outcome for each experiment"
+        ) from None
     if values.shape != (count,) or not np.all(np.isfinite(values)):
         raise ExperimentsError(
             f"outcomes of shape {values.shape} for {count} experiments, "

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import SurroundingsError
+from aleator.observations.numbers import real_numbers
 from aleator.simulators.bound import Bound
 from aleator.types import Array, Indices
 
@@ -113,7 +114,7 @@ def _flat(column: NDArray[Any], rows: Indices) -> NDArray[Any]:
 
 
 def _numbers(part: Any, rows: int) -> Array:
-    numbers = np.asarray(part)
-    if numbers.shape not in ((), (rows,)) or numbers.dtype.kind not in "fiu":
-        raise TypeError(f"it returned {numbers.dtype} values of shape {numbers.shape}")
-    return numbers.astype(np.float64)
+    numbers = real_numbers(part)
+    if numbers.shape not in ((), (rows,)):
+        raise TypeError(f"it returned values of shape {numbers.shape}")
+    return numbers

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError, nearest
+from aleator.observations.numbers import real_numbers
 from aleator.simulators.cases import Cases
 from aleator.simulators.protocol import Simulator
 from aleator.simulators.units import Units
@@ -109,7 +110,8 @@ class Form:
             for j, part in enumerate(parts):
                 if np.ndim(part) and np.shape(part) != (rows,):
                     raise self._wrong_length(simulator, k, j, np.shape(part)[0], rows)
-                values[k, j : rows * size : size] = part
+                number = part if isinstance(part, float) else _real(simulator, part)
+                values[k, j : rows * size : size] = number
         return values
 
     def _of(self, simulator: Simulator, answer: Mapping[str, Any]) -> list[Any]:
@@ -164,9 +166,13 @@ def _numbers(simulator: Simulator, returned: object, count: int) -> Array:
             "set vectorized = false if it computes one run at a time (as float() and the "
             "functions of math do); else let it return one number a run",
         )
-    if np.asarray(returned).dtype.kind not in "fiu":
+    return _real(simulator, returned)
+
+
+def _real(simulator: Simulator, part: object) -> Array:
+    try:
+        return real_numbers(part)
+    except TypeError as error:
         raise SimulatorError(
-            f"simulator '{simulator.name}' returned {np.asarray(returned).dtype} values",
-            "let it return real numbers",
-        )
-    return np.asarray(returned, dtype=np.float64)
+            f"simulator '{simulator.name}' returned {error}", "let it return real numbers"
+        ) from None

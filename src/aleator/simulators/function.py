@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from aleator.errors import SimulatorError, nearest
+from aleator.observations.numbers import real_numbers
 from aleator.simulators.loading import digests, load_function, require_same, source, sources
 from aleator.simulators.protocol import (
     ARRAY_BLOCK,
@@ -209,13 +210,16 @@ def _array(value: Any) -> float | Array:
     """What a series returned: an array (m,), or one number for all rows."""
     if value is None or isinstance(value, (str, bytes)) or np.ndim(value) == 0:
         return _scalar(value)
-    values = np.asarray(value)
-    if values.ndim != 1 or values.dtype.kind not in "fiu":
+    try:
+        values = real_numbers(value)
+    except TypeError as error:
+        raise TypeError(f"it returned {error} instead of real numbers") from None
+    if values.ndim != 1:
         raise TypeError(
-            f"it returned {values.dtype} values of shape {values.shape} instead of one real number "
-            "for each row of the experiment"
+            f"it returned values of shape {values.shape} instead of one real number for each row "
+            "of the experiment"
         )
-    return values.astype(np.float64)
+    return values
 
 
 def _scalar(value: Any) -> float:
@@ -227,9 +231,12 @@ def _scalar(value: Any) -> float:
         raise TypeError(
             f"it returned an array of shape {np.shape(value)} instead of one number a run"
         )
-    if isinstance(value, (str, bytes, complex)):
+    if isinstance(value, (str, bytes)):
         raise TypeError(f"it returned {value!r} instead of a number")
-    return float(value)
+    try:
+        return float(real_numbers(value))
+    except TypeError:
+        raise TypeError(f"it returned {value!r} instead of a number") from None
 
 
 def _arguments(
