@@ -1,6 +1,7 @@
 # Arguments that a test's simulator does not use still say what it is given.
-# ruff: noqa: ARG002, ARG005
+# ruff: noqa: ARG001, ARG002, ARG005
 import math
+import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
@@ -285,3 +286,35 @@ def test_any_class_that_fills_the_protocol_is_a_simulator() -> None:
     simulator = Doubling()
     assert as_simulator(simulator) is simulator
     assert Runner(simulator, TABLE, ["x"])([1], [[1.0]]).tolist() == [4.0]
+
+
+@pytest.mark.parametrize("seconds", [0.0, np.inf])
+def test_where_a_batch_ends_does_not_decide_whether_too_many_runs_failed(
+    monkeypatch: pytest.MonkeyPatch, seconds: float
+) -> None:
+    """The first unit fails everywhere; a batch ends after each run, or never."""
+    monkeypatch.setattr("aleator.simulators.workers.dispatcher.HERE", seconds)
+    table = Conditions([*"abcdefgh"], pd.DataFrame({"load": np.arange(8.0)}))
+    asked, x = np.repeat(np.arange(8), 20), np.tile(points(20), (8, 1))
+    eighth = Counted(lambda load, x: load == 0.0)
+    outcome = Runner(FunctionSimulator(eighth), table, ["x"]).attempt(asked, x)
+    np.testing.assert_array_equal(np.isnan(outcome), asked == 0)
+    quarter = Runner(FunctionSimulator(Counted(lambda load, x: load < 2.0)), table, ["x"])
+    with pytest.raises(NoOutcome, match="too many to go on"):
+        quarter.attempt(asked, x)
+
+
+def test_a_simulator_that_works_nowhere_is_given_up_after_a_few_runs() -> None:
+    table = Conditions([*map(str, range(50))], pd.DataFrame({"load": np.arange(50.0)}))
+    tried = []
+
+    def broken(load: float, x: float) -> float:
+        tried.append(load)
+        time.sleep(0.005)
+        raise ValueError("no license")
+
+    with pytest.raises(NoOutcome, match="no run of it worked"):
+        Runner(FunctionSimulator(broken), table, ["x"]).attempt(
+            np.repeat(np.arange(50), 20), np.tile(points(20), (50, 1))
+        )
+    assert len(set(tried)) == len(tried) < 50

@@ -238,12 +238,13 @@ class Runner:
         memory = self._memory
         before, share = len(memory.failures), self.max_failed if most is None else most
         self._workshop.recall(distinct, failures=True)
-        missing = [key for key in distinct if key not in memory]
+        missing = self._each_unit_first([key for key in distinct if key not in memory])
+        whole = len(memory) + len(missing)
         with self._making(missing, len(distinct)) as batches:
             for _ in batches:
-                if self._too_many(before, share):
+                if self._too_many(before, share, whole) or (share < 1.0 and self._works_nowhere()):
                     break
-        if self._too_many(before, share):
+        if self._too_many(before, share, len(memory)):
             tried = memory.known([key for key in distinct if key in memory])
             raise self._messages.too_many(tried, len(memory.failures), len(memory))
         return memory.values(keys)
@@ -290,10 +291,27 @@ class Runner:
         progress = RunProgress(self.progress, len(missing), asked - len(missing))
         return closing(self._workshop.make(missing, progress))
 
-    def _too_many(self, before: int, most: float) -> bool:
-        """Whether there are failures more than `before`, and all are too large a share of runs."""
+    def _too_many(self, before: int, most: float, whole: int) -> bool:
+        """Whether there are failures more than `before`, and all are too large a share of `whole`.
+
+        Of all runs, also those that are not made yet: where a batch ends then decides nothing.
+        """
         failed = len(self._memory.failures)
-        return failed > before and failed >= FEW and failed > most * len(self._memory)
+        return failed > before and failed >= FEW and failed > most * whole
+
+    def _works_nowhere(self) -> bool:
+        """Whether no run worked, of ten units or more."""
+        if self._memory.places or len(self._memory.failures) < FEW:
+            return False
+        return bool(np.unique(self.failures.case).size >= min(FEW, len(self.cases)))
+
+    def _each_unit_first(self, keys: list[bytes]) -> list[bytes]:
+        """The same runs, but one of each case before all others: is there one that works?"""
+        if not keys:
+            return keys
+        first = np.unique(self._memory.asked(keys).case, return_index=True)[1]
+        chosen = set(first.tolist())
+        return [keys[k] for k in first] + [key for k, key in enumerate(keys) if k not in chosen]
 
 
 def _check(retries: int, max_failed: float) -> None:
