@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from pathlib import Path
 
 
 class AleatorError(Exception):
@@ -62,6 +63,19 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """
     close = difflib.get_close_matches(name, list(known), n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""
+
+
+def short(path: Path) -> str:
+    """A path as messages write it: relative to the current folder where it lies there.
+
+    >>> short(Path.cwd() / "out" / "runs.sqlite"), short(Path("/elsewhere/runs.sqlite"))
+    ('out/runs.sqlite', '/elsewhere/runs.sqlite')
+    """
+    try:
+        here = Path.cwd()
+    except OSError:  # it was removed
+        return str(path)
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
 def require_filled(value: object, interface: type, place: str) -> None:

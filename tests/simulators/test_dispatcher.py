@@ -5,7 +5,8 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +64,16 @@ def interrupting(load, x):
 def many_interrupting(load, x):
     if np.any(x > 0.9):
         raise KeyboardInterrupt
+    return load * x
+
+def closing(load, x):
+    if x > 0.9:
+        raise GeneratorExit
+    return load * x
+
+def many_closing(load, x):
+    if np.any(x > 0.9):
+        raise GeneratorExit
     return load * x
 
 def leaving(load, x):
@@ -130,6 +141,8 @@ def test_a_function_that_no_file_holds_is_sent_whole(pool: ProcessPool) -> None:
     [
         ("aborting", "Abort: out of license"),
         ("leaving", "SystemExit: 3"),
+        ("closing", "GeneratorExit"),
+        ("many_closing", "GeneratorExit"),
         ("interrupting", "it raised KeyboardInterrupt"),
         ("many_interrupting", "it raised KeyboardInterrupt"),
     ],
@@ -141,6 +154,24 @@ def test_whatever_a_run_raises_in_a_worker_is_its_own_failure(
     outcome = run.attempt(INDEX, X, most=1.0)
     np.testing.assert_array_equal(np.isnan(outcome), X[:, 0] > 0.9)
     assert all(words in message for message in messages(run.failures))
+
+
+class Cancelled(Executor):
+    """Returns batches without a run, which something ended."""
+
+    slots = 1
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        made = fn(*args, **kwargs)
+        future.set_result(replace(made.some(slice(0)), stopped=CancelledError()))
+        return future
+
+
+def test_what_ends_a_batch_ends_the_study_and_is_not_asked_for_again(model: Path) -> None:
+    run = Runner(named(model, "product"), TABLE, ["x"], executor=Cancelled())
+    with pytest.raises(CancelledError):
+        run(INDEX, X)
 
 
 def test_an_exception_of_any_kind_is_a_failure_here_too(model: Path) -> None:

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from aleator.cli.running import FILE, FOLDER, SEED, RunOptions, makes_runs, running
 from aleator.cli.showing import shown
+from aleator.errors import short
 from aleator.report import box as report
 from aleator.study import load_study
 from aleator.tasks.box import feasible_box
@@ -49,4 +50,4 @@ def box(
         Console().print(report.render(found))
     if output is not None:
         documents.write_json(report.document(found), output / "box.json")
-        click.echo(f"Written: {output / 'box.json'}")
+        click.echo(f"Written: {short(output / 'box.json')}")

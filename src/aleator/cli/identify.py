@@ -20,6 +20,7 @@ from aleator.cli.running import (
     running,
 )
 from aleator.cli.showing import can_draw, say, shown
+from aleator.errors import short
 from aleator.plot.identification import save_figures
 from aleator.report import terminal
 from aleator.study import load_study
@@ -112,8 +113,8 @@ def identify(
       [verification] samples = 1000 simulator runs an experiment; 0 = off
     docs/study.md explains them all.
     """
+    folder, study_file = output or (Path("out") / name_of(study)).absolute(), study.absolute()
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
-    folder = output or Path("out") / name_of(study)
     documents.make_folder(folder)
     for line in () if options.quiet else value.told():
         say(f"{value.simulator.name}, {line}")
@@ -121,10 +122,10 @@ def identify(
         result = identified(value, runner, progress)
     called = {"simulator": {"name": value.simulator.name, "notes": value.told()}}
     document = documents.linked(
-        result.to_dict() | called, value.title, study, value.sha256, outcome_of(value), folder
+        result.to_dict() | called, value.title, study_file, value.sha256, outcome_of(value), folder
     )
     documents.write_json(document, folder / IDENTIFICATION)
-    files = [str(folder / IDENTIFICATION)]
+    files = [short(folder / IDENTIFICATION)]
     if not no_figures:
         files += _figures(document, folder, options.quiet)
     if options.quiet:
@@ -135,4 +136,4 @@ def identify(
 
 def _figures(document: dict[str, Any], folder: Path, quiet: bool) -> list[str]:
     """Draw the figures, or say what they need."""
-    return [str(path) for path in save_figures(document, folder)] if can_draw(quiet=quiet) else []
+    return [short(path) for path in save_figures(document, folder)] if can_draw(quiet=quiet) else []

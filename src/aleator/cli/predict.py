@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from aleator.cli.running import FILE, RunOptions, makes_runs, running
+from aleator.cli.running import FILE, RESULT, RunOptions, makes_runs, running
 from aleator.cli.showing import shown
-from aleator.errors import AleatorError
+from aleator.errors import AleatorError, short
 from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions
 from aleator.observations.transform import Transform
@@ -41,7 +41,7 @@ from aleator.types import Indices
     help="Table of new conditions, written as the study's table is; it needs no outcomes.",
 )
 @click.option(
-    "--output", type=FILE, metavar="FILE.csv", help="Write the predictions there, not printed."
+    "--output", type=RESULT, metavar="FILE.csv", help="Write the predictions there, not printed."
 )
 @click.option(
     "--study",
@@ -77,12 +77,12 @@ def predict(
     same id are one new experiment. With --of they are further measurements of an experiment that
     was measured, under the law that its own observations leave of its parameters.
     """
-    document = documents.read_json(identification)
+    new, document = conditions.absolute(), documents.read_json(identification)
     alpha = documents.estimates(document, identification)
     value = load_study(study or documents.study_file(document, identification))
     if value.sha256 != documents.study_entry(document).get("sha256"):
         click.echo(f"aleator: note: {value.file} has changed since the identification", err=True)
-    table = value.read_conditions(conditions)
+    table = value.read_conditions(Path(short(new)))
     with running(value, options, table) as runner, shown(options.quiet) as progress:
         progress.stage("prediction")
         if document.get("observations"):
@@ -95,7 +95,7 @@ def predict(
         for name in reversed([name for name in table.conditions if name not in found]):
             found.insert(1, name, table.conditions[name].to_numpy()[row])
         documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
-        click.echo(f"Written: {output}")
+        click.echo(f"Written: {short(output)}")
     else:
         names = {r.name: str(r.transform) for r in value.experiments.observations.responses}
         found["id"] = _labels(found, table)

@@ -8,9 +8,18 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.running import FILE, FOLDER, SEED, RunOptions, identified, makes_runs, running
+from aleator.cli.running import (
+    FILE,
+    FOLDER,
+    RESULT,
+    SEED,
+    RunOptions,
+    identified,
+    makes_runs,
+    running,
+)
 from aleator.cli.showing import shown
-from aleator.errors import AleatorError, nearest
+from aleator.errors import AleatorError, nearest, short
 from aleator.progress import Progress
 from aleator.report import recovery
 from aleator.simulators import Runner
@@ -37,7 +46,7 @@ from aleator.tasks.results import documents
 @SEED
 @click.option(
     "--law",
-    type=FILE,
+    type=RESULT,
     metavar="IDENTIFICATION.json",
     help="Take the true law from there [default: the study is identified first].",
 )
@@ -84,7 +93,7 @@ def recover(
     document = {"title": value.title, "seed": value.seed, **recovery.document(found)}
     if output is not None:
         documents.write_json(document, output / "recovery.json")
-        files.append(str(output / "recovery.json"))
+        files.append(short(output / "recovery.json"))
     if options.quiet:
         click.echo(recovery.verdict(document))
     else:

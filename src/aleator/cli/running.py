@@ -38,9 +38,19 @@ class _Named(click.Path):
         return super().convert(value, param, ctx)
 
 
+class _Placed(_Named):
+    """A path from the root: a simulator may change the current folder before it is used."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path: Path = super().convert(value, param, ctx)
+        return path.absolute()
+
+
 FILE = _Named(path_type=Path)
+"""A file, there or not, that is read before anything is simulated."""
+RESULT = _Placed(path_type=Path, dir_okay=False)
 """A file, there or not."""
-FOLDER = _Named(path_type=Path, file_okay=False)
+FOLDER = _Placed(path_type=Path, file_okay=False)
 """A folder, there or not."""
 SEED = click.option(
     "--seed", type=click.IntRange(min=0), help="Seed of everything random [default: the study's]."
@@ -72,7 +82,7 @@ def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @click.option(
         "--store",
-        type=_Named(path_type=Path, dir_okay=False),
+        type=RESULT,
         metavar="FILE",
         help="Keep the runs there [default: the study's, runs.sqlite beside it].",
     )
@@ -100,6 +110,8 @@ def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(command)
     def collected(**given: Any) -> Any:
         chosen = {field.name: given.pop(field.name) for field in fields(RunOptions)}
+        if chosen["dask"] and chosen["dask"].endswith(".json"):
+            chosen["dask"] = str(Path(chosen["dask"]).absolute())
         return command(options=RunOptions(**chosen), **given)
 
     return collected

@@ -12,7 +12,7 @@ import click
 from rich.console import Console
 
 from aleator.cli.running import FILE
-from aleator.errors import AleatorError, StoreError
+from aleator.errors import AleatorError, StoreError, short
 from aleator.report import runs as report
 from aleator.simulators import Simulator, Store, exchange, imports, records
 from aleator.study import load_study
@@ -43,7 +43,7 @@ def opened(target: Path, new: bool = False) -> Iterator[Target]:
         path, simulator = study.store, study.simulator
     if not path.exists() and not new:
         raise StoreError(
-            f"{path}: there is no store of runs",
+            f"{short(path)}: there is no store of runs",
             "`aleator identify` makes it with the first run; name the file if it lies elsewhere",
         )
     with Store(path) as store:
@@ -71,7 +71,7 @@ def list_(target: Path) -> None:
     """Tell for every simulator how many runs there are, failures, seconds and the last date."""
     with opened(target) as at:
         found = records.holdings(at.store)
-        Console().print(report.holdings(found, at.fingerprint, str(at.store.path)))
+        Console().print(report.holdings(found, at.fingerprint, short(at.store.path)))
 
 
 @runs.command()
@@ -85,7 +85,7 @@ def show(target: Path, number: int | None, failures: bool) -> None:
             found = [*records.stored_runs(at.store, number=number)]
             if not found:
                 raise StoreError(
-                    f"{at.store.path} has no run {number}",
+                    f"{short(at.store.path)} has no run {number}",
                     "`aleator runs show` lists the last ones",
                 )
             Console().print(report.one(found[0]))
@@ -123,7 +123,7 @@ def import_(target: Path, file: Path) -> None:
     """
     with opened(target, new=True) as at:
         if not at.store.writable:
-            raise StoreError(f"{at.store.path} is read-only", "name another store")
+            raise StoreError(f"{short(at.store.path)} is read-only", "name another store")
         found = imports.read(at.store, file, at.simulator)
     click.echo(f"{found.added:,} runs added, {found.present:,} were there already")
     if found.different:
@@ -173,5 +173,5 @@ def forget(target: Path, old: bool, everything: bool, fingerprint: str | None, y
             records.forget(at.store, [held.simulator.fingerprint for held in chosen])
             click.echo(f"{count:,} runs are forgotten")
         else:
-            Console().print(report.holdings(chosen, at.fingerprint, str(at.store.path)))
+            Console().print(report.holdings(chosen, at.fingerprint, short(at.store.path)))
             raise AleatorError(f"{count:,} runs would be forgotten for good", "say --yes to do it")

@@ -18,6 +18,7 @@ from aleator.cli.running import (
     running,
 )
 from aleator.cli.showing import can_draw, shown
+from aleator.errors import short
 from aleator.plot.sensitivity import save_sensitivity
 from aleator.report import sensitivity as report
 from aleator.study import load_study
@@ -65,8 +66,8 @@ def sensitivity(
     Writes DIR/sensitivity.json (all), DIR/sensitivity.csv (a row for each experiment and
     parameter) and DIR/sensitivity.png if matplotlib is installed.
     """
+    folder, study_file = output or (Path("out") / name_of(study)).absolute(), study.absolute()
     value = load_study(study).overridden(seed)
-    folder = output or Path("out") / name_of(study)
     documents.make_folder(folder)
     ids = None if experiments is None else [name.strip() for name in experiments.split(",")]
     with running(value, options) as runner, shown(options.quiet) as progress:
@@ -84,7 +85,7 @@ def sensitivity(
     result = documents.plain(
         documents.linked(
             {**report.document(found), "runs": runner.runs, "seed": value.seed},
-            value.title, study, value.sha256, outcome_of(value), folder,
+            value.title, study_file, value.sha256, outcome_of(value), folder,
         )
     )  # fmt: skip
     files = [folder / "sensitivity.json", folder / "sensitivity.csv"]
@@ -95,4 +96,4 @@ def sensitivity(
     if options.quiet:
         click.echo(report.verdict(result))
     else:
-        Console().print(report.render(result, [str(file) for file in files]))
+        Console().print(report.render(result, [short(file) for file in files]))

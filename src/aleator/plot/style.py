@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from aleator.errors import AleatorError
+from aleator.errors import AleatorError, short
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,7 +100,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
                 figure.savefig(path, metadata=metadata)
             except OSError as error:
                 raise AleatorError(
-                    f"{path}: the figure cannot be written: {error.strerror}",
+                    f"{short(path)}: the figure cannot be written: {error.strerror}",
                     "choose another folder with --output",
                 ) from None
     return path

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from aleator.errors import short
 from aleator.simulators.run_cache import RunCache
 
 
@@ -25,14 +26,14 @@ def notified(
     except BaseException:
         if cache.added:
             say(
-                f"{cache.added:,} new runs are kept in {cache.store.path}: the same command goes "
-                "on from there"
+                f"{cache.added:,} new runs are kept in {short(cache.store.path)}: the same command "
+                "goes on from there"
             )
         raise
 
 
 def _tell_at_start(cache: RunCache, study: str, say: Callable[[str], None]) -> None:
-    path, identity = cache.store.path, cache.identity
+    path, identity = short(cache.store.path), cache.identity
     stored = cache.at_start
     if stored.runs:
         failed = f", {stored.failures:,} of them failures" if stored.failures else ""

@@ -73,7 +73,7 @@ class Store:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+        self.path = Path(path).absolute()  # a simulator may change the current folder
         self.connection, self.writable = store_file.connected(self.path)
         self._unsynced = 0.0
 

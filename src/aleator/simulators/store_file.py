@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from aleator.errors import StoreError
+from aleator.errors import StoreError, short
 
 FORMAT = 1
 """The version of the tables below; a store of a higher one is left alone."""
@@ -71,11 +71,11 @@ def connected(path: Path) -> tuple[sqlite3.Connection, bool]:
     written nor read.
     """
     if path.is_dir():
-        raise StoreError(f"{path} is a folder, not a store of runs", "name a file in it")
+        raise StoreError(f"{short(path)} is a folder, not a store of runs", "name a file in it")
     writable = os.access(path.parent, os.W_OK) and (not path.exists() or os.access(path, os.W_OK))
     if not writable and not path.exists():
         raise StoreError(
-            f"{path}: a store of runs cannot be made in the folder {path.parent}: "
+            f"{short(path)}: a store of runs cannot be made in the folder {short(path.parent)}: "
             + ("it is read-only" if path.parent.is_dir() else "there is no such folder"),
             "name a file elsewhere (--store FILE), or keep no runs (--no-store)",
         )
@@ -116,7 +116,7 @@ def _read_only(path: Path) -> sqlite3.Connection:
     try:
         _check(connection, path)
         if _number(connection, "user_version") == 0:
-            raise StoreError(f"{path} is empty, and cannot be written", "name another store")
+            raise StoreError(f"{short(path)} is empty, and cannot be written", "name another store")
         connection.executescript(_SOUGHT)
     except BaseException:
         connection.close()
@@ -130,13 +130,13 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
     tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
     if mark != _MARK and (mark or version or tables):
         raise StoreError(
-            f"{path} is an SQLite database, but not a store of runs",
+            f"{short(path)} is an SQLite database, but not a store of runs",
             "name another file: this one is left as it is",
         )
     if version > FORMAT:
         raise StoreError(
-            f"{path} was written by a newer Aleator: its format is {version}, and this version "
-            f"knows {FORMAT}",
+            f"{short(path)} was written by a newer Aleator: its format is {version}, and this "
+            f"version knows {FORMAT}",
             "install that version, or name another file with --store; this one is left as it is",
         )
 
@@ -189,9 +189,9 @@ def told(path: Path) -> Iterator[None]:
     except sqlite3.Error as error:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
         problem, remedy = _TROUBLES.get(code, (f"{error}", "see that the file can be written"))
-        raise StoreError(f"{path}: {problem}", remedy) from error
+        raise StoreError(f"{short(path)}: {problem}", remedy) from error
     except UnicodeDecodeError as error:  # SQLite quotes the damaged bytes
-        raise StoreError(f"{path}: the store of runs is damaged", MOVE_ASIDE) from error
+        raise StoreError(f"{short(path)}: the store of runs is damaged", MOVE_ASIDE) from error
 
 
 MOVE_ASIDE = (

@@ -178,7 +178,8 @@ class Study:
 def load_study(path: str | Path) -> Study:
     """Read a study file with its table of experiments and its simulator.
 
-    Paths in the file are relative to it. Raises StudyError naming file, key, value, cause and
+    Paths in the file are relative to it; those of the simulator and of its
+    store are from the root in the end. Raises StudyError naming file, key, value, cause and
     remedy, ExperimentsError for the table, SimulatorError for a function that cannot be imported
     or does not take the table's conditions and the study's parameters.
     """
@@ -245,12 +246,14 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     inputs = made("parameters", lambda: Inputs(laws))
     if file.correlation:
         inputs = made("correlation", lambda: Inputs(laws, pairs(file.correlation)))
-    simulator = built(f"simulator.{file.simulator.kind}", file.simulator)
-    if file.derived:
-        simulator = made("derived", lambda: derived(simulator, file.derived))
     experiments = table.read(folder, columns_of(errors))
     if errors is not None:
         made("noise", lambda: MeasurementErrors.of(errors, experiments))
+    # last, and from the root: a simulator may change the current folder, even when it is imported
+    folder = folder.absolute()
+    simulator = built(f"simulator.{file.simulator.kind}", file.simulator)
+    if file.derived:
+        simulator = made("derived", lambda: derived(simulator, file.derived))
     return Study(
         file=path,
         sha256=sha256,

@@ -142,6 +142,7 @@ class HookOutput:
     base: Path = Path(".")
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "base", self.base.absolute())
         load_function(self.reference, self.base)
 
     @property

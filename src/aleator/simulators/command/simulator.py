@@ -83,6 +83,8 @@ class CommandSimulator:
     block: int = field(default=1, init=False, repr=False)
 
     def __post_init__(self) -> None:
+        # a hook may change the current folder
+        object.__setattr__(self, "base", self.base.absolute())
         folder = Folder(self.base, self.files, self.link, self.keep)
         program = Program(self.command, self.base, self.shell, self.environment)
         object.__setattr__(self, "folder", folder)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from aleator.errors import AleatorError
+from aleator.errors import AleatorError, short
 
 # What a reader looks for first comes first; keys that are not named here follow as they came.
 _ORDER = (
@@ -109,7 +109,7 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise AleatorError(
-            f"{folder}: the folder cannot be made: {error.strerror}",
+            f"{short(folder)}: the folder cannot be made: {error.strerror}",
             "choose another folder with --output",
         ) from None
 
@@ -129,7 +129,7 @@ def write_text(text: str, path: str | Path) -> None:
         with suppress(OSError):  # its name may be too long for this too
             draft.unlink(missing_ok=True)
         raise AleatorError(
-            f"{path}: the file cannot be written: {error.strerror}",
+            f"{short(path)}: the file cannot be written: {error.strerror}",
             "choose another folder with --output",
         ) from None
 
