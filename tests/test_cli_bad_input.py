@@ -81,6 +81,15 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "NaN": (table("3.2", "nan"), ["springs.csv: row 4, column 'length'", "'nan'"]),
     "blank": (table("3.2", ""), ["springs.csv: row 4, column 'length'"]),
     "blank id": (table("C,", ","), ["springs.csv: row 4, column 'id'"]),
+    "more than": (
+        table("3.2", "> 20"),
+        ["springs.csv: row 4, column 'length'", "the bound, 20,", 'right = "above"', "biased"],
+    ),
+    "less than": (table("3.2", "<=0.5"), ["the bound, 0.5,", 'left = "below"', "biased"]),
+    "list of outcomes": (
+        study('"length"\n', '["length", "load"]\n'),
+        ["study.toml: key 'experiments.outcome'", 'outcomes = ["length", "load"]'],
+    ),
     "censored without a bound": (
         all_of(
             lambda folder: (folder / "springs.csv").write_text(CENSORED) and None,

@@ -11,7 +11,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from aleator.errors import ExperimentsError, nearest
-from aleator.observations.tables import Table, check_header, short
+from aleator.observations.cells import short
+from aleator.observations.tables import Table, check_header
 
 DELIMITERS = {",": "a comma", ";": "a semicolon", "\t": "a tab", "|": "a vertical bar"}
 _KEY = {"\t": r"\t"}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.errors import ExperimentsError
+from aleator.observations.cells import UNMEASURED
 from aleator.observations.censoring import Censoring, Values
 from aleator.observations.responses import Observations, Response, require_known, responses_of
 from aleator.observations.tables import Table
@@ -124,7 +125,7 @@ class Outcomes:
             raise ExperimentsError(
                 f"{table.where(row, self.columns[0])}: the cell is blank, a number is needed"
                 + (f" there or in {', '.join(self.columns[1:])}" if len(self.columns) > 1 else ""),
-                "write what was measured there, or delete the row",
+                UNMEASURED,
             )
 
     def _censoring(self, response: str) -> Censoring | None:

@@ -5,23 +5,25 @@ What is wrong with a cell is told with its place, the offending text and what to
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import ExperimentsError, nearest
+from aleator.observations.cells import (
+    has_decimal_comma,
+    is_blank,
+    number_of,
+    outcome_remedy,
+    remedy,
+    text_of,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
-
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-_MISSING = ("NAType", "NaTType")  # what pandas puts where there is nothing
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class Table:
         if _at_once(cells, self.decimal) is not None:
             return np.ones(len(self), dtype=bool)
         return np.array(
-            [_number(cell, self.decimal)[1] == "" or _has_decimal_comma(cell) for cell in cells]
+            [number_of(cell, self.decimal)[1] == "" or has_decimal_comma(cell) for cell in cells]
         )
 
     def is_blank(self, column: str) -> NDArray[np.bool_]:
@@ -81,12 +83,12 @@ class Table:
         cells = self.columns[column]
         if isinstance(cells, np.ndarray):
             return np.asarray(np.isnan(cells))
-        return np.array([_is_blank(cell) for cell in cells])
+        return np.array([is_blank(cell) for cell in cells])
 
     def texts(self, column: str) -> list[str]:
         """The N cells of a column as stripped texts, "" where a cell holds nothing."""
         cells = self.columns[column]
-        return ["" if _is_blank(cell) else _text(cell) for cell in cells]
+        return ["" if is_blank(cell) else text_of(cell) for cell in cells]
 
     def numbers(self, column: str) -> NDArray[np.float64]:
         """The N numbers of a column, float64 (N,), all finite.
@@ -99,9 +101,9 @@ class Table:
             return found
         numbers = np.empty(len(self.places))
         for row, cell in enumerate(cells):
-            numbers[row], fault = _number(cell, self.decimal)
+            numbers[row], fault = number_of(cell, self.decimal)
             if fault:
-                raise ExperimentsError(f"{self.where(row, column)}: {fault}", _remedy(cell))
+                raise ExperimentsError(f"{self.where(row, column)}: {fault}", remedy(cell))
         return numbers
 
     def numbers_or_blank(self, column: str) -> NDArray[np.float64]:
@@ -115,11 +117,11 @@ class Table:
             return found
         numbers = np.full(len(self.places), np.nan)
         for row, cell in enumerate(cells):
-            if _is_blank(cell):
+            if is_blank(cell):
                 continue
-            numbers[row], fault = _number(cell, self.decimal)
+            numbers[row], fault = number_of(cell, self.decimal)
             if fault:
-                raise ExperimentsError(f"{self.where(row, column)}: {fault}", _remedy(cell))
+                raise ExperimentsError(f"{self.where(row, column)}: {fault}", outcome_remedy(cell))
         return numbers
 
 
@@ -147,52 +149,6 @@ def _at_once(cells: Sequence[object] | NDArray[Any], decimal: str) -> NDArray[np
     except ValueError:
         return None
     return numbers if np.all(np.isfinite(numbers)) else None
-
-
-def _number(cell: object, decimal: str) -> tuple[float, str]:
-    """The number in a cell and "", or NaN and what is wrong with the cell."""
-    if isinstance(cell, Real) and not isinstance(cell, (bool, np.bool_)):
-        number = float(cell)
-    else:
-        text = _text(cell)
-        if not text:
-            return math.nan, "the cell is blank, a number is needed"
-        try:
-            # float() also takes 1_000, which is a slip of the pen in a table.
-            number = math.nan if "_" in text else float(text.replace(decimal, "."))
-        except ValueError:
-            return math.nan, f"'{short(text)}' is not a number"
-        if "_" in text:
-            return math.nan, f"'{short(text)}' is not a number"
-    if not math.isfinite(number):
-        return math.nan, f"'{short(str(cell))}' is not a finite number"
-    return number, ""
-
-
-def _is_blank(cell: object) -> bool:
-    """Whether a cell holds nothing; a NaN that is a number, as pandas writes it, is nothing."""
-    return (isinstance(cell, Real) and cell != cell) or not _text(cell)
-
-
-def _text(cell: object) -> str:
-    """A cell as stripped text; whatever pandas calls missing is blank."""
-    missing = cell is None or type(cell).__name__ in _MISSING
-    return "" if missing else str(cell).strip()
-
-
-def short(text: str) -> str:
-    """A text cut to forty characters."""
-    return text if len(text) <= 40 else text[:37] + "..."
-
-
-def _has_decimal_comma(cell: object) -> bool:
-    return _DECIMAL_COMMA.fullmatch(_text(cell)) is not None
-
-
-def _remedy(cell: object) -> str:
-    if _has_decimal_comma(cell):
-        return 'write a decimal point, or say so with the key decimal = ","'
-    return "write a finite number there, or delete the row of an experiment that has none"
 
 
 def from_frame(frame: pd.DataFrame) -> Table:

@@ -12,7 +12,7 @@ from aleator.observations.censoring import Censoring
 from aleator.observations.experiments import Experiments
 from aleator.observations.reading import Censored
 from aleator.observations.transform import Transform
-from aleator.study.keys import Section, fault, missing
+from aleator.study.keys import Section, fault, in_toml, missing
 
 TransformName = Annotated[Transform, Field(strict=False)]
 
@@ -20,6 +20,13 @@ TransformName = Annotated[Transform, Field(strict=False)]
 def _words(value: Any) -> Any:
     """A word or a number in place of a list of them."""
     return value if isinstance(value, list) else [value]
+
+
+def _one(value: Any) -> Any:
+    """Not several: these are another key."""
+    if isinstance(value, list):
+        raise fault(f"{in_toml(value)} is a list", f"write outcomes = {in_toml(value)}")
+    return value
 
 
 Words = Annotated[list[str | int], BeforeValidator(_words)]
@@ -53,7 +60,7 @@ class ExperimentsSection(Section):
     """`[experiments]`: the table, and what its columns are."""
 
     file: str
-    outcome: str | None = None
+    outcome: Annotated[str | None, BeforeValidator(_one)] = None
     outcomes: list[str] | None = None
     response: str | None = None
     id: str | None = None
