@@ -16,6 +16,7 @@ from aleator.simulators.form import Form, is_named
 from aleator.simulators.protocol import Columns, Returned, RunStopped, Simulator
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.simulators.surroundings import cause
+from aleator.simulators.workers.orphans import Orphaned
 from aleator.types import Array
 
 _ALONE = 0.02
@@ -118,6 +119,8 @@ def _attempted(
     try:
         returned = simulator(conditions, parameters)
         values = form.shaped(simulator, returned, count)
+    except Orphaned:
+        raise
     except SurroundingsError as stop:
         return replace(asked.some(slice(0)), stopped=stop)
     except AleatorError:
@@ -139,7 +142,7 @@ def _before(simulator: Simulator, stop: RunStopped, form: Form, asked: Runs, too
     """What a simulator that runs one at a time did until it stopped."""
     done, error = len(stop.completed), stop.__cause__ or stop
     stopping = error if isinstance(error, KeyboardInterrupt) else cause(error)
-    if isinstance(error, AleatorError) and not stopping:
+    if isinstance(error, (AleatorError, Orphaned)) and not stopping:
         raise error
     form = form.some(slice(done))
     values = form.shaped(simulator, stop.completed, done)

@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from aleator.errors import InputsError
 from aleator.simulators.surroundings import prevented
+from aleator.simulators.workers.orphans import at_work, end_with_parent
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -24,9 +25,9 @@ class ProcessPool(Executor):
 
     Where a worker dies (out of memory, a crash in compiled code, a kill) the futures of that moment
     raise BrokenProcessPool, and the next submission starts new workers. Workers are started afresh,
-    not forked; they ignore Ctrl-C, which the process that submits answers, and leave linear algebra
-    to one thread each. Raises InputsError for fewer than one worker, and SurroundingsError where
-    the system starts none.
+    not forked; they ignore Ctrl-C, which the process that submits answers, end when it ends, and
+    leave linear algebra to one thread each. Raises InputsError for fewer than one worker, and
+    SurroundingsError where the system starts none.
 
     >>> with ProcessPool(1) as pool:
     ...     pool.submit(divmod, 7, 2).result()
@@ -44,19 +45,21 @@ class ProcessPool(Executor):
         with _no_interruption():
             try:
                 try:
-                    return self._inner.submit(fn, *args, **kwargs)
+                    return self._inner.submit(at_work, fn, *args, **kwargs)
                 except BrokenProcessPool:
                     self._inner.shutdown(wait=False)
                     self._inner = self._started()
-                    return self._inner.submit(fn, *args, **kwargs)
+                    return self._inner.submit(at_work, fn, *args, **kwargs)
             except OSError as error:
                 raise prevented(error, "a worker process could not be started") from error
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the workers; without `wait` those that are busy are killed."""
+        # its own workers: the caller may have other children. There is no public name before 3.14
+        workers = [*(self._inner._processes or {}).values()]
         self._inner.shutdown(wait=wait, cancel_futures=cancel_futures)
         if not wait:
-            for process in multiprocessing.active_children():
+            for process in workers:
                 process.kill()
 
     def _started(self) -> ProcessPoolExecutor:
@@ -84,4 +87,5 @@ def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    end_with_parent()
     _limits.append(threadpool_limits(1))
