@@ -61,7 +61,10 @@ class Draws:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Mean, sd (M,) and quantiles (M, P) of M values; `lost` (M,) is the share that failed."""
+    """Mean, sd (M,) and quantiles (M, P) of M values; `lost` (M,) is the share that failed.
+
+    Where some of what is simulated is infinite, so are the mean and quantiles, and there is no sd.
+    """
 
     mean: Array
     sd: Array
@@ -90,24 +93,70 @@ def forecast(
         rows = block.rows
         with np.errstate(all="ignore"):
             eta = predictor.values(block, draws.x[block.experiments])
+        every = draws.weights[block.experiments][block.owner]
+        found.lost[rows] = np.sum(every, axis=1, where=np.isnan(eta))
         known = np.isfinite(eta)
-        weights = np.where(known, draws.weights[block.experiments][block.owner], 0.0)
-        whole = weights.sum(axis=1, keepdims=True)
-        found.lost[rows] = 1.0 - whole[:, 0]
+        weights = np.where(known, every, 0.0)
+        endless = _Endless.of(eta, every)
         with np.errstate(all="ignore"):
-            weights, eta = weights / whole, np.where(known, eta, 0.0)
+            weights = weights / weights.sum(axis=1, keepdims=True)
+        eta = np.where(known, eta, 0.0)
         mean, variance = (
             (eta, np.zeros(eta.shape)) if errors is None else errors.moments(of_errors, eta, rows)
         )
         found.mean[rows] = np.sum(weights * mean, axis=1)
         spread = (mean - found.mean[rows][:, None]) ** 2
         found.sd[rows] = np.sqrt(np.sum(weights * (spread + variance), axis=1))
-        found.quantiles[rows] = (
-            _weighted(eta, weights, probabilities)
+        among = endless.among_finite(probabilities)
+        found.quantiles[rows] = endless.quantiles(
+            probabilities,
+            _weighted(eta, weights, among)
             if errors is None
-            else _inverted(errors, of_errors, eta, weights, rows, probabilities)
+            else _inverted(errors, of_errors, eta, weights, rows, among),
         )
+        finite = endless.mean == 0.0
+        found.mean[rows] = np.where(finite, found.mean[rows], endless.mean)
+        found.sd[rows] = np.where(finite, found.sd[rows], np.nan)
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Endless:
+    """The shares (m,) of what is simulated that are minus and plus infinity."""
+
+    below: Array
+    above: Array
+
+    @classmethod
+    def of(cls, eta: Array, weights: Array) -> _Endless:
+        """Of values (m, J) with weights; those that are NaN count as nothing."""
+        whole = np.sum(weights, axis=1, where=~np.isnan(eta))
+        with np.errstate(all="ignore"):
+            below, above = (
+                np.sum(weights, axis=1, where=eta == end) / whole for end in (-np.inf, np.inf)
+            )
+        return cls(below, above)
+
+    @property
+    def mean(self) -> Array:
+        """What they add to a mean (m,): nothing, an infinity, or NaN where there are both."""
+        low, high = (np.where(share > 0.0, np.inf, 0.0) for share in (self.below, self.above))
+        with np.errstate(invalid="ignore"):
+            return np.asarray(high - low)
+
+    def among_finite(self, probabilities: Array) -> Array:
+        """Which probability (m, P) of the finite values is one of all values."""
+        finite = 1.0 - self.below - self.above
+        with np.errstate(all="ignore"):
+            among = (probabilities - self.below[:, None]) / finite[:, None]
+        return np.clip(np.nan_to_num(among, nan=0.5), 1e-12, 1.0 - 1e-12)
+
+    def quantiles(self, probabilities: Array, finite: Array) -> Array:
+        """Those (m, P) of all values, given those of the finite ones."""
+        low = probabilities < self.below[:, None]
+        return np.where(
+            low, -np.inf, np.where(probabilities > 1.0 - self.above[:, None], np.inf, finite)
+        )
 
 
 def _weighted(eta: Array, weights: Array, probabilities: Array) -> Array:
@@ -115,8 +164,11 @@ def _weighted(eta: Array, weights: Array, probabilities: Array) -> Array:
     order = np.argsort(eta, axis=1)
     value, share = (np.take_along_axis(array, order, axis=1) for array in (eta, weights))
     reached = np.cumsum(share, axis=1) - 0.5 * share
-    pairs = zip(reached, value, share, strict=True)
-    return np.array([np.interp(probabilities, at[w > 0.0], y[w > 0.0]) for at, y, w in pairs])
+    found = np.full(probabilities.shape, np.nan)
+    for k in np.flatnonzero(np.any(share > 0.0, axis=1)):
+        counted = share[k] > 0.0
+        found[k] = np.interp(probabilities[k], reached[k, counted], value[k, counted])
+    return found
 
 
 def _inverted(
@@ -139,10 +191,9 @@ def _inverted(
     def pdf(y: Array) -> Array:
         return np.asarray((cdf(y + step) - cdf(y - step)) / (2.0 * step))
 
-    ends = [errors.quantile(of_errors, np.full((len(eta), 1), p), eta, rows) for p in probabilities]
+    ends = [errors.quantile(of_errors, p[:, None], eta, rows) for p in probabilities.T]
     low = np.stack([np.min(np.where(counted, end, np.inf), axis=1) for end in ends], axis=1)
     high = np.stack([np.max(np.where(counted, end, -np.inf), axis=1) for end in ends], axis=1)
     lost = ~np.isfinite(low) | ~np.isfinite(high)
     low, high = np.where(lost, 0.0, low), np.where(lost, 1.0, high)
-    wanted = np.broadcast_to(probabilities, low.shape)
-    return np.where(lost, np.nan, invert(cdf, pdf, wanted, low, high))
+    return np.where(lost, np.nan, invert(cdf, pdf, probabilities, low, high))

@@ -199,6 +199,9 @@ def _individual(row: Entry) -> IndividualReport:
 
 def _observation(row: Entry) -> ObservationReport:
     numbers = {key: _number(row[key]) for key in ("predicted", "scale", "residual")}
+    if row["predicted"] is None:
+        # only of a bound, and on its open side, can an infinite prediction have a likelihood
+        numbers["predicted"] = math.inf if row["upper"] is None else -math.inf
     return ObservationReport(**{**row, **numbers, "conditions": dict(row["conditions"])})
 
 
