@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from aleator.cli.starting import STOPPED, TOLD, ended_at_once
 from aleator.errors import AleatorError
 
 NO_MEMORY = AleatorError(
@@ -16,7 +17,6 @@ NO_MEMORY = AleatorError(
     "end other programs, or ask for fewer --workers, and give the same command again: every run "
     "that was made is kept",
 )
-STOPPED = 130  # what shells report for a program ended by Ctrl-C
 
 COMMANDS = {
     "identify": "Identify the law that STUDY.toml asks for.",
@@ -53,7 +53,7 @@ def misuse_told(ctx: click.Context) -> Iterator[None]:
         click.echo(f"aleator: error: {NO_MEMORY}", err=True)
         ctx.exit(2)
     except KeyboardInterrupt:
-        click.echo("aleator: stopped by Ctrl-C", err=True)
+        click.echo(TOLD, err=True)
         ctx.exit(STOPPED)
 
 
@@ -68,7 +68,8 @@ class _Commands(click.Group):
         """The command of that name, in the module of that name."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = getattr(import_module(f"aleator.cli.{cmd_name}"), cmd_name)
+        with ended_at_once():
+            command: click.Command = getattr(import_module(f"aleator.cli.{cmd_name}"), cmd_name)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
