@@ -117,10 +117,12 @@ class LogNormal(ByMeanAndSd):
         distance = values[0] - self.lower
         c = values[1] / distance
         s = _log_sd(c)
-        above = distance * np.exp(s * (theta - 0.5 * s))
+        share = np.exp(s * (theta - 0.5 * s))
+        above = distance * share
         # d log(x - lower)/ds = theta - s, and ds/dc = c/(s (1 + c^2))
-        by_c = above * (theta - s) * c / (s * (1.0 + c**2))
-        dvalues = np.stack([(above - c * by_c) / distance, by_c / distance], axis=-1)
+        dvalues = np.empty((*above.shape, 2))
+        dvalues[..., 1] = by_sd = share * (theta - s) * (c / (s * (1.0 + c**2)))
+        dvalues[..., 0] = share - c * by_sd
         return Standard(self.lower + above, s * above, dvalues)
 
 

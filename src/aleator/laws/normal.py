@@ -92,5 +92,6 @@ class Normal(ByMeanAndSd):
 
     def standard(self, values: Array, theta: Array) -> Standard:
         """mean + sd theta."""
-        dvalues = np.stack([np.ones(theta.shape), theta], axis=-1)
+        dvalues = np.ones((*theta.shape, 2))
+        dvalues[..., 1] = theta
         return Standard(values[0] + values[1] * theta, np.full(theta.shape, values[1]), dvalues)

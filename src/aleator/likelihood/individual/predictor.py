@@ -57,25 +57,30 @@ class Direct:
 
     def with_slopes(self, block: Block, x: Array) -> tuple[Array, Array]:
         """2 n + 1 evaluations a unit and node, in one call; slope 0 where one is not finite."""
-        nodes = x.shape[1]
-        width = self.box[:, 1] - self.box[:, 0]
-        size = np.sqrt(np.mean(x**2, axis=(0, 1)))
-        points, gaps = [x], []
-        for i in self.moving:
-            step = max(STEP * size[i], SMALLEST_STEP * width[i])
-            low = np.minimum(x[..., i], self.box[i, 0])
-            high = np.maximum(x[..., i], self.box[i, 1])
-            up, down = x.copy(), x.copy()
-            np.clip(x[..., i] + step, low, high, out=up[..., i])
-            np.clip(x[..., i] - step, low, high, out=down[..., i])
-            gaps.append(up[..., i] - down[..., i])
-            points += [up, down]
-        found = self.values(block, np.concatenate(points, axis=1))
-        parts = found.reshape(len(found), len(points), nodes)
-        slopes = np.zeros((x.shape[2], len(found), nodes))
+        points, gaps = self._points(x)
+        found = self.values(block, points.reshape(len(x), -1, x.shape[2]))
+        parts = found.reshape(len(found), points.shape[1], -1)
+        slopes = np.zeros((x.shape[2], len(found), x.shape[1]))
         for k, i in enumerate(self.moving):
             with np.errstate(invalid="ignore"):
                 rise = parts[:, 1 + 2 * k] - parts[:, 2 + 2 * k]
             # an infinite value, such as a life without end, stays what it is
             slopes[i] = np.where(np.isfinite(rise), rise, 0.0) / gaps[k][block.owner]
         return parts[:, 0], slopes
+
+    def _points(self, x: Array) -> tuple[Array, list[Array]]:
+        """x (B, J, n) and steps up and down from it (B, 2 n + 1, J, n), and how far they are apart.
+
+        Steps stay in the box; where x is beyond it, on their side of x.
+        """
+        size = np.sqrt(np.mean(x**2, axis=(0, 1)))
+        points = np.repeat(x[:, None], 1 + 2 * self.moving.size, axis=1)
+        gaps = []
+        for k, i in enumerate(self.moving):
+            own, (low, high) = x[..., i], self.box[i]
+            step = max(STEP * size[i], SMALLEST_STEP * (high - low))
+            up, down = points[:, 1 + 2 * k, :, i], points[:, 2 + 2 * k, :, i]
+            np.minimum(own + step, np.maximum(own, high), out=up)
+            np.maximum(own - step, np.minimum(own, low), out=down)
+            gaps.append(up - down)
+        return points, gaps
