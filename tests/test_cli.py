@@ -209,7 +209,7 @@ def test_runs_of_a_simulator_that_has_changed_are_not_taken(study: Path) -> None
     study.with_name("model.py").write_text(MODEL.replace("load *", "1.0 * load *"))
     changed = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
     assert "none is repeated" not in changed.stderr
-    assert "runs of an earlier version of 'length'" in changed.stderr
+    assert "runs of 'length' with other files or settings" in changed.stderr
 
 
 def test_a_version_keeps_runs_valid_whatever_happens_to_the_source(study: Path) -> None:

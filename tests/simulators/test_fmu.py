@@ -11,7 +11,7 @@ import pytest
 
 from aleator.errors import SimulatorError
 from aleator.observations.experiments import Conditions
-from aleator.simulators import Runner
+from aleator.simulators import Runner, Store
 from aleator.simulators.fmu import (
     Course,
     Crossing,
@@ -230,6 +230,24 @@ def test_the_runner_runs_an_fmu(spring: Path) -> None:
     assert "the spring broke at 2000 N/mm" in str(raised.value)
     assert run.completed.outcome[:, 0].tolist() == [0.25, 0.75, 0.375, 0.2]
     simulator.close()
+
+
+def test_another_outcome_of_the_same_fmu_is_no_older_version(
+    fmus: dict[int, Path], tmp_path: Path
+) -> None:
+    table = Conditions(("A",), pd.DataFrame(index=[0]))
+
+    def others(outcome: Final | Extreme, **course: float) -> int:
+        simulator = FMUSimulator(fmus[2], outcome, variables=K, course=Course(**course))
+        with Store(tmp_path / "runs.sqlite") as store:
+            run = Runner(simulator, table, ["k"], store=store)
+            run([0], [[1.0]])
+            simulator.close()
+            assert run.cache is not None
+            return run.cache.at_start.other
+
+    assert others(Final("T")) == others(Extreme("T", "max")) == others(Final("T")) == 0
+    assert others(Final("T"), stop_time=1.0) == 1
 
 
 def test_the_fingerprint_sees_whatever_changes_the_outcome(

@@ -9,10 +9,14 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from aleator.simulators import RunFailed
+from aleator.errors import SimulatorError, SurroundingsError
+from aleator.observations.experiments import Conditions
+from aleator.simulators import RunFailed, Runner, Store
 from aleator.simulators.fmu import Course, Crossing, Final, FMUSimulator, Hook, Operation
+from aleator.simulators.records import stored_runs
 
 K = {"k": "surface.k"}
 
@@ -54,6 +58,24 @@ def test_a_fault_is_a_failed_run_and_the_next_run_is_sound(
         assert log in raised.value.log
         assert simulator.run_one({"trap": "none"}, {"k": 1.0}) == pytest.approx(cooled(1.0))
     simulator.close()
+
+
+@pytest.mark.parametrize("isolated", [True, False])
+def test_an_instance_that_cannot_be_made_is_no_failed_run(
+    fmus: dict[int, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, isolated: bool
+) -> None:
+    """None at the start is a misuse; none later stops the study, and nothing is stored of it."""
+    ways = Operation(reuse="recreate", isolated=isolated)
+    for most, error in (("0", SimulatorError), ("1", SurroundingsError)):
+        monkeypatch.setenv("COOLING_LICENSES", most)
+        simulator = FMUSimulator(fmus[2], Final("T"), variables=K, operation=ways)
+        table = Conditions(("A",), pd.DataFrame(index=[0]))
+        with Store(tmp_path / f"{most}.sqlite") as store:
+            run = Runner(simulator, table, ["k"], store=store)
+            with pytest.raises(error, match="cannot be instantiated"):
+                run.attempt([0, 0, 0], [[1.0], [2.0], [3.0]])
+            assert [kept.failure for kept in stored_runs(store)] == [None] * int(most)
+        simulator.close()
 
 
 @pytest.mark.parametrize("kind", ["co_simulation", "model_exchange"])

@@ -121,11 +121,13 @@ def test_a_block_is_written_whole_or_not_at_all(path: Path) -> None:
 
 
 def test_runs_are_counted_with_those_of_other_fingerprints(path: Path) -> None:
-    other, stranger = Identity("e" * 64, "spring"), Identity("d" * 64, "damper")
+    other = Identity("e" * 64, MODEL.name, MODEL.description)
+    stranger, elsewhere = Identity("d" * 64, "damper"), Identity("c" * 64, MODEL.name, "its force")
     with Store(path) as store:
         store.add(MODEL, [CASE], [row(1.0, 1.0), row(2.0, None)])
         store.add(other, [CASE], [row(1.0, 1.0)])
         store.add(stranger, [CASE], [row(1.0, 1.0)])
+        store.add(elsewhere, [CASE], [row(1.0, 1.0)])  # another outcome of it is no older version
         counts = store.counts(MODEL)
     assert (counts.runs, counts.failures, counts.other) == (2, 1, 1)
     assert counts.seconds == pytest.approx(2e-3)

@@ -40,7 +40,7 @@ def _tell_at_start(cache: RunCache, study: str, say: Callable[[str], None]) -> N
         say(f"{path} has {stored.runs:,} runs of this simulator{failed}; none is repeated")
     if stored.other:
         say(
-            f"{path} has {stored.other:,} runs of an earlier version of '{identity.name}'; "
+            f"{path} has {stored.other:,} runs of '{identity.name}' with other files or settings; "
             f"they are not used (aleator runs list {study})"
         )
     if not cache.store.writable:

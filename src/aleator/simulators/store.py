@@ -42,7 +42,10 @@ _AGAIN = (
 
 @dataclass(frozen=True)
 class Counts:
-    """Runs of one simulator, failures among them, what they took, and runs of others so named."""
+    """Runs of one simulator, failures among them, what they took, and runs of it as it was.
+
+    Those are the runs of others with its name and its description, which tells what is recorded.
+    """
 
     runs: int
     failures: int
@@ -147,16 +150,19 @@ class Store:
         return added
 
     def counts(self, simulator: Identity) -> Counts:
-        """How many runs there are of a simulator, and of others that have its name."""
+        """How many runs there are of a simulator, and of it under other fingerprints."""
         with store_file.told(self.path):
             rows = self.connection.execute(
                 "SELECT fingerprint = ?, count(*), sum(failure IS NOT NULL), total(seconds) "
                 "FROM runs "
                 'JOIN cases ON runs."case" = cases.id '
                 "JOIN simulators ON cases.simulator = simulators.id "
-                "WHERE fingerprint = ? OR name = ? GROUP BY 1",
-                (simulator.fingerprint, simulator.fingerprint, simulator.name),
-            ).fetchall()
+                "WHERE fingerprint = ? OR (name = ? AND description = ?) GROUP BY 1",
+                (
+                    simulator.fingerprint, simulator.fingerprint, simulator.name,
+                    simulator.description,
+                ),
+            ).fetchall()  # fmt: skip
         found = {bool(own): (runs, failures, seconds) for own, runs, failures, seconds in rows}
         nothing = (0, 0, 0.0)
         return Counts(*found.get(True, nothing), found.get(False, nothing)[0])

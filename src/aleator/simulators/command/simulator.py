@@ -108,8 +108,10 @@ class CommandSimulator:
 
     @property
     def description(self) -> str:
-        """The command, as one text."""
-        return self.command if isinstance(self.command, str) else shlex.join(self.command)
+        """The command, and where its outcomes are, as one text."""
+        command = self.command if isinstance(self.command, str) else shlex.join(self.command)
+        outputs = (getattr(one, "reference", repr(one)) for one in self._outputs().values())
+        return f"{command}: {', '.join(outputs)}"
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
         """The conditions that have a placeholder, or all of them if JSON or CSV is written.

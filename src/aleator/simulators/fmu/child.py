@@ -38,7 +38,7 @@ class Child:
     def __init__(self, setup: Setup) -> None:
         self.runs = 0
         self.note = ""
-        self._folder = setup["folder"]
+        self._fmu, self._folder = setup["fmu"], setup["folder"]
         self._printed = tempfile.TemporaryFile("a+b")  # noqa: SIM115 # as long as the process
         self._process = subprocess.Popen(
             [sys.executable, "-c", _program()],
@@ -72,6 +72,8 @@ class Child:
             log = failure.log or self._tail(before)
             if failure.fatal:
                 self.kill()
+            if not failure.begun:
+                raise unusable(self._fmu, failure.message, log, begun=True) from None
             raise RunFailed(failure.message, log) from None
         _, trajectory, self.note = answer
         return trajectory  # type: ignore[no-any-return] # as `serve` sends it

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from aleator.errors import SimulatorError
+from aleator.errors import AleatorError, SimulatorError, SurroundingsError
 from aleator.simulators.failure import RunFailed
 from aleator.simulators.fmu.session import Failed, Job, Session, Setup, Trajectory
 
@@ -17,6 +17,7 @@ class Inside:
         self.runs = 0
         self.note = ""
         self.alive = True
+        self._fmu = setup["fmu"]
         try:
             self._session = Session(setup)
         except Exception as error:
@@ -31,6 +32,8 @@ class Inside:
         try:
             trajectory = self._session.run(job, logging)
         except Failed as failure:
+            if not failure.begun:
+                raise unusable(self._fmu, failure.message, failure.log, begun=True) from None
             raise RunFailed(failure.message, failure.log) from None
         self.note = self._session.note
         return trajectory
@@ -41,10 +44,11 @@ class Inside:
         self._session.close()
 
 
-def unusable(fmu: str, message: str, log: str) -> SimulatorError:
-    """The error for an FMU that cannot be instantiated."""
+def unusable(fmu: str, message: str, log: str, begun: bool = False) -> AleatorError:
+    """The error for an FMU that cannot be instantiated, or not again where runs have `begun`."""
     printed = f"; it said: {' '.join(log.split())[-300:]}" if log else ""
-    return SimulatorError(
-        f"the FMU {Path(fmu).name} cannot be instantiated: {message}{printed}",
+    kind, again = (SurroundingsError, " again") if begun else (SimulatorError, "")
+    return kind(
+        f"the FMU {Path(fmu).name} cannot be instantiated{again}: {message}{printed}",
         "see that its libraries, files and licenses are on this machine",
     )

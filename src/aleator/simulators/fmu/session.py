@@ -63,11 +63,14 @@ class Job(TypedDict):
 
 
 class Failed(Exception):
-    """A run that gave no whole trajectory; after a fatal one the process must not be used again."""
+    """A run that gave no whole trajectory; after a fatal one the process must not be used again.
 
-    def __init__(self, message: str, log: str, fatal: bool) -> None:
-        super().__init__(message, log, fatal)
-        self.message, self.log, self.fatal = message, log, fatal
+    `begun` is false where not even an instance could be made, which no parameter can be blamed for.
+    """
+
+    def __init__(self, message: str, log: str, fatal: bool, begun: bool = True) -> None:
+        super().__init__(message, log, fatal, begun)
+        self.message, self.log, self.fatal, self.begun = message, log, fatal, begun
 
 
 class Session:
@@ -159,7 +162,8 @@ class Session:
                 debug_logging=self._logging,
             )
         except Exception as error:
-            raise self._failed(error) from error
+            failed = self._failed(error)
+            raise Failed(failed.message, failed.log, failed.fatal, begun=False) from error
         finally:
             os.chdir(here)
         self._used = None
@@ -370,7 +374,7 @@ def serve() -> None:
             try:
                 reply("done", session.run(job, logging), session.note)
             except Failed as failure:
-                reply("failed", failure.message, failure.log, failure.fatal)
+                reply("failed", *failure.args)
     except (EOFError, BrokenPipeError):
         pass  # whoever asked has closed the session, or was killed while the FMU ran
     finally:

@@ -189,6 +189,15 @@ class FMUSimulator:
             lines.append(f"no variables of the FMU, hence not passed: {', '.join(left)}")
         return tuple(lines)
 
+    @property
+    def description(self) -> str:
+        """What is recorded of it, as one text."""
+        parts = (
+            f"{type(one).__name__}({getattr(one, 'signal', getattr(one, 'reference', ''))})"
+            for one in self.outcomes.values()
+        )
+        return f"{self.name}: {', '.join(parts)}"
+
     def describe(self) -> str:
         """The variables that can be set and those that can be recorded, with units."""
         chosen = [v for v in self.fmu.variables.values() if v.settable or v.causality == "output"]
