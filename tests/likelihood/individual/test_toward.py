@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from individual_cases import ALPHA, PAIR, likelihood_of, straight_line, table
 
-from aleator import Constant, Free, Inputs, Noise, Normal
+from aleator import Constant, Free, Inputs, Mixture, Noise, Normal
 from aleator.laws import By
 
 ONE = Inputs(
@@ -95,6 +95,17 @@ def test_what_is_no_mean_and_no_sd_stays():
     found = likelihood.continued.toward(alpha)[1]
     assert found[[4, 6]] == pytest.approx(alpha[[4, 6]])
     assert np.all(found[[0, 1, 2, 3, 5]] != alpha[[0, 1, 2, 3, 5]])
+
+
+def test_of_a_mixture_only_the_rest_moves():
+    parts = (Normal(Free(-10.0, 10.0), Free(0.01, 5.0)), Normal(Free(-10.0, 10.0), 0.3))
+    inputs = Inputs({"a": Mixture(parts), "b": ONE.laws["b"]})
+    likelihood = likelihood_of(straight_line, balanced(), inputs)
+    alpha = np.array([1.0, 0.7, 3.0, 0.3, 0.4, 0.0, 0.6])
+    value, found = likelihood.continued.toward(alpha)
+    assert value == pytest.approx(likelihood.adapted(alpha).evaluate(alpha).total, abs=1e-9)
+    np.testing.assert_array_equal(found[:6], alpha[:6])
+    assert found[6] != 0.6
 
 
 def test_where_nothing_is_possible_no_step_is_made():

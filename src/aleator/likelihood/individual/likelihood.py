@@ -124,7 +124,8 @@ class IndividualLikelihood:
         """log L_l (B,), the share (B, J) of each node in it, and the parameters and terms there."""
         individual = self._individual(alpha, block, self.nodes.xi[block.experiments])
         terms = self._terms(alpha, block, self.predictor.values(block, individual.x))
-        each, share = mean_of(block.summed(terms.value) + self.nodes.log_weight[block.experiments])
+        sums = individual.log_weight + block.summed(terms.value)
+        each, share = mean_of(sums + self.nodes.log_weight[block.experiments])
         return each, share, individual, terms
 
     def by(self, rule: GaussHermite, alpha: Array) -> IndividualLikelihood:
