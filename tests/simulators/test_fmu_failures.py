@@ -113,6 +113,10 @@ def test_an_exception_in_a_python_fmu_is_told(spring: Path) -> None:
         simulator.run_one({}, {"stiffness": 200.0})
     assert "the spring gives up" in raised.value.log
     assert simulator.run_one({}, {"stiffness": 4.0}) == 0.25
+    course, refused = Course(stop_time=1.0, step=0.5), Operation(stop_on="spring (broke|gives up)")
+    simulator = FMUSimulator(spring, Final("travel"), course=course, operation=refused)
+    with pytest.raises(SurroundingsError, match="the spring gives up"):
+        simulator.run_one({}, {"stiffness": 200.0})
     simulator.close()
 
 

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from aleator.errors import SurroundingsError
+from aleator.errors import SimulatorError, SurroundingsError
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -69,6 +69,17 @@ def prevented(error: OSError, what: str = _NOT_MADE) -> SurroundingsError:
     return SurroundingsError(f"{what}: {error.strerror or error}{place}", _REMEDY)
 
 
+def require_pattern(stop_on: str) -> None:
+    """Raise SimulatorError for words to stop on that are no regular expression."""
+    try:
+        re.compile(stop_on)
+    except re.error as error:
+        raise SimulatorError(
+            f"stop_on = {stop_on!r} is no regular expression: {error}",
+            "in TOML write it between single quotes, such as '(?i)license'",
+        ) from None
+
+
 def printed(log: str, stop_on: str = STOP_ON) -> SurroundingsError | None:
     """What a failed run said about the machine, as far as it has the words `stop_on`; or None.
 
@@ -81,7 +92,10 @@ def printed(log: str, stop_on: str = STOP_ON) -> SurroundingsError | None:
     if found is None:
         return None
     line = log[log.rfind("\n", 0, found.start()) + 1 :].partition("\n")[0].strip()
-    return SurroundingsError(f"{_NOT_MADE}; it said: {line[:300]}", _REMEDY)
+    return SurroundingsError(
+        f"{_NOT_MADE}; it said: {line[:300]}",
+        f"{_REMEDY}; where it is one nevertheless, say by stop_on what is none",
+    )
 
 
 def require_space(folder: Path) -> None:

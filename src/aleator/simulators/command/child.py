@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import math
 import os
-import re
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -21,6 +20,7 @@ from aleator.simulators.surroundings import (
     full_disk,
     prevented,
     printed,
+    require_pattern,
 )
 
 STDIN, STDOUT, STDERR = "aleator.stdin", "aleator.stdout", "aleator.stderr"
@@ -50,13 +50,7 @@ class Limits:
             )
         if not self.success_codes:
             raise SimulatorError("success_codes is empty: every run would fail", "write [0]")
-        try:
-            re.compile(self.stop_on)
-        except re.error as error:
-            raise SimulatorError(
-                f"stop_on = {self.stop_on!r} is no regular expression: {error}",
-                "in TOML write it between single quotes, such as '(?i)license'",
-            ) from None
+        require_pattern(self.stop_on)
 
     def judged(self, failure: RunFailed, folder: Path) -> RunFailed | SurroundingsError:
         """A failure in `folder` with what was printed there; or what the machine did."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from aleator.errors import SimulatorError
 from aleator.simulators.fmu.description import DEFAULT_POINTS, Description, Kind
+from aleator.simulators.surroundings import STOP_ON, require_pattern
 from aleator.types import Array
 
 CLOSE = 1e-9  #: relative difference of times that FMPy takes for equal
@@ -221,15 +222,18 @@ class Operation:
 
     `reuse="reset"` resets one instance before every run, `"recreate"` makes a new one; after
     `recycle` runs the process is ended and started anew. `timeout` (s) kills a run that takes
-    longer. `isolated=False` runs the FMU in this process, without a time limit.
+    longer. `isolated=False` runs the FMU in this process, without a time limit. `stop_on` is a
+    regular expression: a failed run that logged it was not made (see `surroundings`; "": none).
     """
 
     reuse: Literal["reset", "recreate"] = "reset"
     recycle: int = 1000
     timeout: float | None = None
     isolated: bool = True
+    stop_on: str = STOP_ON
 
     def __post_init__(self) -> None:
+        require_pattern(self.stop_on)
         if self.recycle < 1:
             raise SimulatorError(f"recycle = {self.recycle} is less than one run", "write 1000")
         if self.timeout is not None and not self.timeout > 0.0:

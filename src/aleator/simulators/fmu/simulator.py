@@ -241,7 +241,8 @@ class FMUSimulator:
         try:
             return self._engine.run(job)
         except RunFailed as failure:
-            raise printed(str(failure)) or failure from None
+            said = f"{failure.message}\n{failure.log}"
+            raise printed(said, self.operation.stop_on) or failure from None
 
     def _constants(self, given: Mapping[str, Value]) -> dict[str, Value]:
         constants: dict[str, Value] = {}
