@@ -24,7 +24,7 @@ from aleator.types import Array
 TARGET = float(np.sqrt(stats.chi2.ppf(LEVEL, 1)))
 CLOSE = 0.02
 """An end is found to this share of a standard error."""
-CLIMBED = 5e-4
+CLIMBED = 2e-3
 """A conditional maximum is found to this in log-likelihood, as far as its curvature is known."""
 TRIALS = 8
 BETTER = 0.01
