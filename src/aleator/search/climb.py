@@ -18,8 +18,10 @@ from aleator.types import Array
 
 FLAT = 1e-4
 """Slope, in log-likelihood a standard error of the leg's own start, at which a leg ends."""
-SETTLED = 0.05
-"""... of the leg's end, above which another leg follows: a millesimal gain is possible."""
+SETTLED = 1e-3
+"""... of the leg's end, above which another leg follows: other starts may join this one."""
+NOISE = 5.0
+"""Roots of the objective's resolution below which a slope is none."""
 LEG = 10
 """Evaluations of a leg, where the objective knows a way of its own that may be tried again."""
 LITTLE = 1e-6
@@ -54,7 +56,7 @@ def climb(
             return Ascent(start, leg.joined.alpha, leg.joined.at.total, count, converged=True)
         alpha, at = leg.highest, leg.best
         little = gain < max(LITTLE, objective.resolution)
-        done = little or _settled(coordinates, alpha, at)
+        done = little or _settled(coordinates, alpha, at, objective.resolution)
         settled = done if arrived else leg.count >= left
         if spent and not settled:
             ahead, spent = approached(objective, coordinates, alpha, evaluations - count - 1)
@@ -129,12 +131,13 @@ class _Leg:
         return self._objective(alpha)
 
 
-def _settled(coordinates: Coordinates, alpha: Array, at: LogLikelihood) -> bool:
+def _settled(coordinates: Coordinates, alpha: Array, at: LogLikelihood, resolution: float) -> bool:
     """Whether no direction within the limits has a slope worth another leg."""
     slope = coordinates.gradient(alpha, at.score) * _scale(coordinates, at, alpha)
     unit = coordinates.to_unit(alpha)
     outward = ((unit <= 0.0) & (slope < 0.0)) | ((unit >= 1.0) & (slope > 0.0))
-    return bool(np.all((np.abs(slope) < SETTLED) | outward))
+    level = max(SETTLED, NOISE * resolution**0.5)
+    return bool(np.all((np.abs(slope) < level) | outward))
 
 
 def _scale(coordinates: Coordinates, at: LogLikelihood, alpha: Array) -> Array:
