@@ -63,11 +63,11 @@ class Messages:
             _failed(tried),
         )
 
-    def not_repeatable(self, x: Array, first: float, again: float) -> SimulatorError:
-        """The first experiment has two outcomes at x (n,)."""
+    def not_repeatable(self, runs: Runs, row: int, first: float, again: float) -> SimulatorError:
+        """One of the runs has two outcomes."""
         return SimulatorError(
             f"simulator '{self.simulator.name}' returned {first:.8g} and then {again:.8g} for the "
-            f"same run: {self._unit(0)} with {self._parameters(x)}",
+            f"same run: {self._run(runs, row)}",
             "let it return the same outcome every time: fix the seed of its random numbers, keep "
             "no state from run to run, and leave measurement noise to [noise]",
         )

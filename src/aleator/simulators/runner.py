@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Generator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from aleator.simulators.form import Form
 from aleator.simulators.function import as_simulator
 from aleator.simulators.messages import Messages
 from aleator.simulators.protocol import Simulator
+from aleator.simulators.repeats import REPEATABLE, Repeats, differing
 from aleator.simulators.run_cache import RunCache
 from aleator.simulators.run_progress import RunProgress
 from aleator.simulators.runs import Runs
@@ -30,9 +32,6 @@ from aleator.types import Array, Indices
 if TYPE_CHECKING:
     from aleator.observations.experiments import Conditions, Experiments
     from aleator.observations.transform import Transform
-
-REPEATABLE = 1e-6
-"""Relative difference of two outcomes of the same run that is no cause for concern."""
 
 MAX_FAILED = 0.2
 """Share of failed runs at which a study stops."""
@@ -127,6 +126,7 @@ class Runner:
         self._workshop = Workshop(bound, served, self.cache, executor, retries)
         self._memory = self._workshop.memory
         self._direct = Direct(bound)
+        self._repeats = Repeats()
         self._messages = Messages(self.simulator, self.ids, self.parameters, self.cases, served)
 
     @property
@@ -198,6 +198,7 @@ class Runner:
         tried = self._memory.known([key for key in missing if key in self._memory])
         if tried.failures:
             raise self._messages.first(tried)
+        self._repeat(missing)
         return self._single(self._memory.values(keys))
 
     def attempt(self, index: ArrayLike, x: ArrayLike, most: float | None = None) -> Array:
@@ -222,8 +223,12 @@ class Runner:
         For functions that are cheaper than remembering. `runs` counts all of them. A run that
         raises is NaN; an infinity stays one: a life beyond every limit, say.
         """
-        case = self.cases.condition[np.asarray(unit, dtype=np.intp)]
-        return self._served.transformed(self._direct(case, np.asarray(x, dtype=np.float64)))
+        case, x = self.cases.condition[np.asarray(unit, dtype=np.intp)], np.asarray(x, np.float64)
+        values = self._direct(case, x)
+        if len(again := self._repeats.chosen(len(case))):
+            first = replace(Runs.asked(case[again], x[again]), outcome=values[again])
+            self._compare(first, self._direct(first.case, first.x))
+        return self._served.transformed(values)
 
     def takes_arrays(self, region: Array) -> bool:
         """Whether `straight` makes many runs in one call, found at 16 points of `region` (n, 2).
@@ -247,6 +252,7 @@ class Runner:
         if self._too_many(before, share, len(memory)):
             tried = memory.known([key for key in distinct if key in memory])
             raise self._messages.too_many(tried, len(memory.failures), len(memory))
+        self._repeat(missing)
         return memory.values(keys)
 
     def _single(self, values: Array) -> Array:
@@ -261,8 +267,8 @@ class Runner:
     def require_repeatable(self, x: ArrayLike) -> None:
         """Run the first experiment at x (n,) twice, and once only if that run is known.
 
-        It is the one run that is ever repeated: it finds out, too, that a simulator no longer does
-        what it did when its runs were stored. Where that run fails there is nothing to compare.
+        It finds out, too, that a simulator no longer does what it did when its runs were stored.
+        Where that run fails there is nothing to compare.
 
         Raises SimulatorError where the outcomes differ by more than a millionth: a simulator that
         draws random numbers has neither a response surface nor runs that can be reused.
@@ -271,14 +277,34 @@ class Runner:
         first = self.values(at, point)[0]
         if np.all(np.isnan(first)):
             return
+        known = Runs.asked(self.cases.condition[at], point, len(first))
         for _ in range(1 + self.retries):
-            (made,) = self._workshop.made(Runs.asked(self.cases.condition[at], point, len(first)))
-            again = self._served.transformed(made.outcome)[0]
-            same = np.isclose(first, again, rtol=REPEATABLE, atol=0.0, equal_nan=True)
-            if np.all(same):
+            again = self._served.transformed(self._workshop.again(known))
+            if not np.all(np.isnan(again)) and differing(first[None], again) is None:
                 return
-        differs = int(np.argmin(same))
-        raise self._messages.not_repeatable(point[0], float(first[differs]), float(again[differs]))
+        column = int(np.argmin(np.isclose(first, again[0], rtol=REPEATABLE, equal_nan=True)))
+        raise self._messages.not_repeatable(known, 0, float(first[column]), float(again[0, column]))
+
+    def repeat_some(self) -> None:
+        """Make some of the runs from now on again, at most 24: a check that costs next to nothing.
+
+        A call that makes runs then raises SimulatorError where a run has another outcome.
+        """
+        self._repeats.begin()
+
+    def _repeat(self, keys: Sequence[bytes]) -> None:
+        """Make some of these runs again that were made just now."""
+        made = [key for key in keys if key in self._memory.places]
+        first = self._memory.known([made[k] for k in self._repeats.chosen(len(made)).tolist()])
+        if len(first):
+            self._compare(first, self._workshop.again(first))
+
+    def _compare(self, first: Runs, again: Array) -> None:
+        values, others = (self._served.transformed(part) for part in (first.outcome, again))
+        if found := differing(values, others):
+            raise self._messages.not_repeatable(
+                first, found[0], float(values[found]), float(others[found])
+            )
 
     def _keys(self, index: ArrayLike, x: ArrayLike) -> tuple[list[bytes], list[bytes]]:
         """The key of each run, and the distinct ones in the order of their first appearance."""

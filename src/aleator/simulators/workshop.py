@@ -16,6 +16,7 @@ from aleator.simulators.run_progress import RunProgress
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.simulators.units import Units
 from aleator.simulators.workers.dispatcher import Dispatcher, made_here
+from aleator.types import Array
 
 
 class Workshop:
@@ -78,6 +79,16 @@ class Workshop:
             for made in workers.rest():
                 self._received(made)
             raise
+
+    def again(self, runs: Runs) -> Array:
+        """Outcomes (R, W) of runs that are made once more and kept nowhere, NaN if they fail."""
+        found = {
+            key: row
+            for made in self.made(runs.some(slice(None)))
+            for key, row in zip(made.keys(), made.outcome, strict=True)
+        }
+        lost = np.full(runs.outcome.shape[1], np.nan)
+        return np.array([found.get(key, lost) for key in runs.keys()])  # noqa: SIM118  a method
 
     def _received(self, made: Runs) -> Runs:
         """Keep runs that were made, in the store and here; with the failures of the transform."""

@@ -75,6 +75,7 @@ def identify(
     """
     table = _experiments(experiments, outcome)
     runner = as_runner(simulator, table, inputs.names, vectorized, executor)
+    runner.repeat_some()
     ledger = Ledger(runner, progress or Silent())
     if individual.wanted(table, inputs, noise):
         if density is not None:
