@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator import cli
+from aleator.simulators.repeats import MOST
 from aleator.study.laws import LAWS
 from aleator.study.propagation import PROPAGATIONS
 from aleator.study.sections import DENSITIES, SEARCHES, StudyFile
@@ -186,15 +188,16 @@ def test_completed_runs_survive_and_are_taken_up(study: Path) -> None:
     stopped = run("identify", study, "--no-figures", "--output", "result")
     assert stopped.exit_code == 130
     assert "aleator: stopped by Ctrl-C" in stopped.stderr
-    # The first run was repeated, to see whether it can be.
-    assert "48 new runs are kept in springs/runs.sqlite" in stopped.stderr
+    # The first run was repeated, and a few of the others, to see whether they can be.
+    kept = int(re.findall(r"(\d+) new runs are kept in springs/runs.sqlite", stopped.stderr)[0])
+    assert 49 - 8 <= kept <= 48
     assert "Traceback" not in stopped.output
     assert not Path("result/identification.json").exists()
     Path("stops").unlink()
     done = run("identify", study, "--no-figures", "--output", "result")
     assert done.exit_code == 0
-    assert "springs/runs.sqlite has 48 runs of this simulator" in done.stderr
-    assert int(counter.read_text()) == calls - 48
+    assert f"springs/runs.sqlite has {kept} runs of this simulator" in done.stderr
+    assert abs(int(counter.read_text()) - (calls - kept)) <= MOST
     # Resumed or not, the answer is the same, and so is the number of runs that it rests on.
     one, two = (json.loads(Path(f, "identification.json").read_text()) for f in ("whole", "result"))
     del one["seconds"], two["seconds"]

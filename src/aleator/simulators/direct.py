@@ -52,8 +52,7 @@ class Direct:
         for a wrong shape or type, SurroundingsError for what the machine did to a run. Cost: some
         20 ns a run of a vectorized function beside its own.
         """
-        together = max(ARRAY_BLOCK // self._form.width, 1)
-        size = together if self._together else self._simulator.block
+        size = self._size
         self.count += len(case)
         values = np.empty((len(case), self._form.width))
         for start in range(0, len(case), size):
@@ -61,6 +60,16 @@ class Direct:
             values[rows], failures = self._block(case[rows], x[rows])
             self._note(case[rows], x[rows], values[rows], failures)
         return values
+
+    def again(self, case: Indices, x: Array) -> Array:
+        """Values (R, W) of runs that are made once more; none is counted."""
+        parts = (slice(start, start + self._size) for start in range(0, len(case), self._size))
+        return np.concatenate([self._block(case[rows], x[rows])[0] for rows in parts])
+
+    @property
+    def _size(self) -> int:
+        together = max(ARRAY_BLOCK // self._form.width, 1)
+        return together if self._together else self._simulator.block
 
     def find_arrays(self, region: Array) -> bool:
         """Whether the simulator takes arrays: it is vectorized, or a function found `elementwise`.

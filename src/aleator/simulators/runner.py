@@ -227,7 +227,7 @@ class Runner:
         values = self._direct(case, x)
         if len(again := self._repeats.chosen(len(case))):
             first = replace(Runs.asked(case[again], x[again]), outcome=values[again])
-            self._compare(first, self._direct(first.case, first.x))
+            self._compare(first, self._direct.again(first.case, first.x))
         return self._served.transformed(values)
 
     def takes_arrays(self, region: Array) -> bool:
