@@ -170,12 +170,13 @@ def test_a_stochastic_frontier_is_found_as_well_as_its_moments_tell(order, close
     density = Gaussian() if order == 2 else MaximumEntropy(order)
     found = identified(problem, y, density, samples=256 if order == 4 else 0)
     alpha = estimates(found)[[0, 1, 3, 4]]
-    distance = np.abs(alpha - truth) / error
     if closeness is None:
-        assert distance[2] > 3.0
+        # all along a ridge the likelihood is the same, so that where it ends says nothing
+        assert not found.accepted
+        assert "identifiability" in {warning.about for warning in found.warnings}
         assert found.log_likelihood.estimated < value - 2.0
         return
-    assert distance.max() < closeness
+    assert np.max(np.abs(alpha - truth) / error) < closeness
     assert found.log_likelihood.estimated == pytest.approx(value, abs=gap)
     assert found.accepted
     if found.log_likelihood.verified is not None:
