@@ -29,6 +29,7 @@ from aleator.simulators.command import (
     OutputFile,
     RegexOutput,
     Template,
+    janitor,
 )
 from aleator.simulators.command.placeholders import Text
 
@@ -314,4 +315,7 @@ def test_a_fingerprint_does_not_change_when_the_study_moves(tmp_path: Path) -> N
 def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     once(CommandSimulator(DIVIDE))
+    (home,) = tmp_path.iterdir()  # of this process, as long as it lives
+    assert os.listdir(home) == []
+    janitor.close()
     assert os.listdir(tmp_path) == []

@@ -326,6 +326,33 @@ def test_a_value_that_does_not_have_the_format() -> None:
         CommandSimulator(["echo", "{bench:.3f}"], keep=Keep.NONE).run_one({"bench": "A"}, {})
 
 
+def test_nothing_is_left_of_a_run_whose_caller_is_killed(tmp_path: Path) -> None:
+    program = script(tmp_path, f"sleep 60 & echo $$ $! > {tmp_path}/pids; wait")
+    (tmp_path / "folders").mkdir()
+    code = (
+        "from pathlib import Path\n"
+        "from aleator.simulators.command import CommandSimulator\n"
+        f"CommandSimulator([{program!r}], base=Path({str(tmp_path)!r})).run_one({{}}, {{}})\n"
+    )
+    caller = subprocess.Popen(
+        [sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(tmp_path / "folders")}
+    )
+    pids = tmp_path / "pids"
+    while not (pids.exists() and pids.read_text().strip()):
+        assert caller.poll() is None
+        time.sleep(0.01)
+    assert len([*(tmp_path / "folders").iterdir()]) == 1
+    time.sleep(0.1)  # the caller takes note of what it started
+    caller.kill()
+    caller.wait()
+    assert all(gone(int(pid)) for pid in pids.read_text().split())
+    for _ in range(200):
+        if not [*(tmp_path / "folders").iterdir()]:
+            break
+        time.sleep(0.01)
+    assert [*(tmp_path / "folders").iterdir()] == []
+
+
 @pytest.mark.slow
 def test_ctrl_c_ends_the_program_and_passes_on(tmp_path: Path) -> None:
     program = script(tmp_path, f"echo $$ > {tmp_path}/pid; sleep 60")

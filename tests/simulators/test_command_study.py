@@ -123,7 +123,7 @@ def test_every_key(folder: Path) -> None:
         version="2.1",
         allow_unused=True,
     )
-    assert simulator.description == "./spring.sh {stiffness:.3f}"
+    assert simulator.description.startswith("./spring.sh {stiffness:.3f}: CsvOutput(file='o.csv'")
 
 
 @pytest.mark.parametrize(

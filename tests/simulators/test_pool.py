@@ -80,7 +80,10 @@ def test_workers_and_their_programs_end_with_a_parent_that_is_killed(
         os.kill(parent.pid, signal.SIGKILL)
     assert all(gone(worker, 10.0) for worker in workers)
     assert gone(int((tmp_path / "program").read_text()), 1.0)
-    assert [*(tmp_path / "folders").iterdir()] == []
+    give_up = time.monotonic() + 5.0
+    while [*(tmp_path / "folders").iterdir()]:  # somebody else removes them
+        assert time.monotonic() < give_up
+        time.sleep(0.01)
 
 
 def test_a_pool_that_gives_up_ends_its_own_workers_only() -> None:

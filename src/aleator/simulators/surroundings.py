@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -115,8 +116,8 @@ def full_disk(folder: Path, most: int) -> SurroundingsError | None:
     if disk.f_blocks == 0 or free > most:
         return None
     return SurroundingsError(
-        f"the disk of {folder.parent} is full ({free:,} bytes are free): what a run writes there "
-        "may be cut off",
+        f"the disk of {tempfile.gettempdir()} is full ({free:,} bytes are free): what a run writes "
+        "there may be cut off",
         f"free some space, or name another folder by TMPDIR, and go on: {_AGAIN}",
     )
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aleator.errors import SimulatorError, SurroundingsError
+from aleator.simulators.command.janitor import leads
 from aleator.simulators.failure import RunFailed
 from aleator.simulators.surroundings import (
     NEARLY_FULL,
@@ -64,8 +65,8 @@ def run(
 ) -> None:
     """Run a program in `folder`; it reads STDIN there if that exists, and prints to files.
 
-    Its whole process group ends with it, whatever happens here. Files and not pipes: a run that
-    prints without end, or leaves a child that holds its output, cannot block.
+    Its whole process group ends with it, or with this process, whatever happens. Files and not
+    pipes: a run that prints without end, or leaves a child that holds its output, cannot block.
 
     Raises RunFailed if its arguments are none that a program can be given, if it takes too long, or
     ends with another exit code; SurroundingsError if the system does not start it.
@@ -93,7 +94,8 @@ def run(
                 raise RunFailed(f"'{arguments[0]}' cannot be started: {reason}") from None
             raise prevented(error, f"'{arguments[0]}' cannot be started") from error
         try:
-            code = process.wait(limits.timeout)
+            with leads(folder, process.pid):
+                code = process.wait(limits.timeout)
         except subprocess.TimeoutExpired:
             _ask_to_end(process)
             raise RunFailed(f"it was stopped after its {limits.timeout:g} s", log(folder)) from None

@@ -142,3 +142,14 @@ def within(name: str, what: str) -> None:
             f"{what} {name!r} is not a file in the folder of a run",
             "name it relative to that folder, without '..'",
         )
+
+
+def written(path: Path, feed: Feed, plain: Columns, values: Values) -> None:
+    """Write the file that a run reads: of `values`, or of the `plain` ones if it names none.
+
+    Raises RunFailed for a value that cannot be written.
+    """
+    text = feed.write(plain if feed.names is None else values)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)  # it may be a link to a file of the study, which stays as it is
+    path.write_bytes(text.encode("utf-8", "surrogateescape"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from enum import Enum
 from pathlib import Path
 
 from aleator.errors import SimulatorError, nearest
+from aleator.simulators.command.janitor import watched
 from aleator.simulators.command.placeholders import Columns
 from aleator.simulators.failure import RunFailed
 
@@ -69,7 +69,7 @@ class Folder:
 
         A RunFailed that leaves the block tells where the folder is kept.
         """
-        folder = Path(tempfile.mkdtemp(prefix="aleator_run_"))
+        folder = watched()
         try:
             self._fill(folder)
             for output in outputs:
@@ -99,7 +99,7 @@ class Folder:
         if failure is not None and _crowded(home):
             return f"not kept: {home} holds {_MOST_FAILED} runs"
         told = {"values": dict(values), "failure": failure and failure.message}
-        target = home / folder.name.removeprefix("aleator_")
+        target = home / folder.name
         try:
             (folder / TOLD).write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
             home.mkdir(parents=True, exist_ok=True)

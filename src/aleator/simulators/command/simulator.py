@@ -14,7 +14,7 @@ import numpy as np
 from aleator.errors import SimulatorError, nearest
 from aleator.simulators import protocol
 from aleator.simulators.command.child import STDIN, Limits, run
-from aleator.simulators.command.feeds import CsvFeed, Feed, InputFile, within
+from aleator.simulators.command.feeds import CsvFeed, Feed, InputFile, within, written
 from aleator.simulators.command.folder import Folder, Keep, contents
 from aleator.simulators.command.outputs import Output, OutputFile
 from aleator.simulators.command.placeholders import Columns, Text, Value, Values
@@ -179,7 +179,11 @@ class CommandSimulator:
     ) -> dict[str, Any]:
         """The outcomes of a run in its folder by response, unless the surroundings are at fault."""
         try:
-            self._feed(folder, plain, values, varying)
+            if self.series:
+                (folder / self.rows).write_text(CsvFeed().write(varying), encoding="utf-8")
+            fed = {folder / file.name: file.feed for file in self.inputs}
+            for path, feed in (fed | ({folder / STDIN: self.stdin} if self.stdin else {})).items():
+                written(path, feed, plain, values)
             settings = self.program.settings(values)
             run(self.program.arguments(values), folder, settings, self._limits)
             found = {
@@ -189,17 +193,6 @@ class CommandSimulator:
             raise self._limits.judged(failure, folder) from failure.__cause__
         require_space(folder)
         return found
-
-    def _feed(
-        self, folder: Path, plain: Columns, values: Values, varying: Mapping[str, list[Value]]
-    ) -> None:
-        """Write what the program reads."""
-        if self.series:
-            (folder / self.rows).write_text(CsvFeed().write(varying), encoding="utf-8")
-        for file in self.inputs:
-            _write(folder / file.name, file.feed, plain, values)
-        if self.stdin is not None:
-            _write(folder / STDIN, self.stdin, plain, values)
 
     def __call__(self, conditions: protocol.Columns, parameters: protocol.Columns) -> Returned:
         """Run R times, one after the other; raises RunStopped with the outcomes before."""
@@ -284,10 +277,3 @@ def _plain(values: Mapping[str, Any]) -> dict[str, Value | list[Value]]:
         name: v if isinstance(v, str) else v.tolist() if np.ndim(v) else float(v)
         for name, v in values.items()
     }
-
-
-def _write(path: Path, feed: Feed, plain: Columns, values: Values) -> None:
-    text = feed.write(plain if feed.names is None else values)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)  # it may be a link to a file of the study, which stays as it is
-    path.write_bytes(text.encode("utf-8", "surrogateescape"))
