@@ -234,15 +234,16 @@ import sys
 from aleator.simulators.fmu import Course, Final, FMUSimulator
 simulator = FMUSimulator(sys.argv[1], Final("travel"), course=Course(stop_time=1.0, step=0.5))
 print(simulator.run_one({}, {"nap": 0.0}), flush=True)
-simulator.run_one({}, {"nap": 0.5})
+simulator.run_one({}, {"nap": float(sys.argv[2])})
 """
 
 
+@pytest.mark.parametrize("nap", ["0.5", "600"])  # it ends by itself, or hangs
 def test_nothing_is_left_of_a_program_that_is_killed_while_the_fmu_runs(
-    spring: Path, tmp_path: Path
+    spring: Path, tmp_path: Path, nap: str
 ) -> None:
     program = subprocess.Popen(
-        [sys.executable, "-c", BUSY, str(spring)],
+        [sys.executable, "-c", BUSY, str(spring), nap],
         env={**os.environ, "TMPDIR": str(tmp_path)},
         stdout=subprocess.PIPE,
     )

@@ -12,6 +12,8 @@ import pickle
 import shutil
 import signal
 import sys
+import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any, TypedDict
@@ -25,6 +27,7 @@ Values = dict[str, float | int | bool | str]
 LOGGED = 50  #: messages of the FMU that are kept, the last ones
 STALLED = 1000  #: events without any advance of time after which a run is given up
 FATAL = 4  #: the status after which no function of the FMU may be called any more
+_SOON = 1.0  #: s between two looks for the process that asks, and to the end after it
 # What the solver of a model exchange calls from C, where an exception would be lost.
 _CALLED_BACK = (
     "setTime",
@@ -344,6 +347,15 @@ def _same(one: Trajectory, other: Trajectory) -> bool:
     )
 
 
+def _end_with(asker: int, folder: str) -> None:
+    """End this process soon after the one that asks, even where the FMU hangs."""
+    while os.getppid() == asker:
+        time.sleep(_SOON)
+    time.sleep(_SOON)  # in which an FMU that does not hang is freed
+    shutil.rmtree(folder, ignore_errors=True)
+    os._exit(1)
+
+
 def serve() -> None:
     """Read a Setup and then jobs from stdin, write a reply to each to stdout, until stdin ends.
 
@@ -360,7 +372,9 @@ def serve() -> None:
         pickle.dump(message, replies)
         replies.flush()
 
+    asker = os.getppid()
     setup = pickle.load(requests)
+    threading.Thread(target=_end_with, args=(asker, setup["folder"]), daemon=True).start()
     try:
         session = Session(setup)
     except Exception as error:
