@@ -75,6 +75,12 @@ class Conditions:
         return found.pop() if len(found) == 1 else Transform.NONE
 
     @property
+    def simple(self) -> bool:
+        """Whether each experiment is one row of which one value is asked for."""
+        alone = np.array_equal(self.experiment, np.arange(len(self.ids)))
+        return len(self.responses) == 1 and alone
+
+    @property
     def observations(self) -> Observations:
         """What is asked for: every response at every row. The values are NaN."""
         order = np.argsort(self.experiment, kind="stable")

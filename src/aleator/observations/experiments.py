@@ -100,13 +100,13 @@ class Experiments:
 
     @property
     def simple(self) -> bool:
-        """Whether each experiment is one row with one exact value, all of one response."""
+        """Whether each experiment is one row with one value, not censored, all of one response."""
         seen, each = self.observations, np.arange(len(self.ids))
         return (
             len(seen.responses) == 1
             and np.array_equal(self.experiment, each)
             and np.array_equal(seen.row, each)
-            and bool(np.all(seen.measured))
+            and not np.any(seen.censored)
         )
 
     @property

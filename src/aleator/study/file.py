@@ -85,11 +85,10 @@ class Study:
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """All that the study identifies or knows, in the order of alpha."""
-        if individual.wanted(self.experiments, self.inputs, self.noise):
-            wanted = individual.asked(
-                self.experiments, self.inputs, self.noise, self.propagation, self.search
-            )
-            return (*wanted.inputs.hyperparameters, *wanted.errors.hyperparameters)
+        table, inputs, noise = self.experiments, self.inputs, self.noise
+        if individual.wanted(table, inputs, noise, self.propagation, self.density):
+            asked = individual.asked(table, inputs, noise, self.propagation, self.search)
+            return asked.hyperparameters
         return self.model.hyperparameters
 
     @property

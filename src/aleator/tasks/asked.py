@@ -8,6 +8,8 @@ from typing import Any
 
 import pandas as pd
 
+from aleator.errors import InputsError
+from aleator.laws import Hyperparameter
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.search import GradientMultistart
 from aleator.simulators import Runner, Simulator, as_runner
@@ -38,3 +40,14 @@ def runner_on(
     if isinstance(table, pd.DataFrame):
         table = Conditions.from_frame(table)
     return as_runner(simulator, table, parameters, vectorized, executor)
+
+
+def require_enough(table: Experiments, hyperparameters: Sequence[Hyperparameter]) -> None:
+    """Raise InputsError where there are fewer observations than hyperparameters to identify."""
+    free, count = sum(h.free for h in hyperparameters), len(table.observations)
+    if count < free:
+        raise InputsError(
+            f"{count} observations of {len(table.ids)} experiments cannot identify {free} "
+            "hyperparameters",
+            "fix some hyperparameters, or add experiments (ten for each is a start)",
+        )

@@ -25,7 +25,7 @@ from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks import individual
 from aleator.tasks.answer import Answer, Question, answered
-from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH
+from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH, require_enough
 from aleator.tasks.baselines import baselines_of, start_point
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.results import summary
@@ -77,7 +77,7 @@ def identify(
     runner = as_runner(simulator, table, inputs.names, vectorized, executor)
     runner.repeat_some()
     ledger = Ledger(runner, progress or Silent())
-    if individual.wanted(table, inputs, noise):
+    if individual.wanted(table, inputs, noise, propagation, density):
         if density is not None:
             raise InputsError(
                 f"a density ({density.name}) is that of one exact outcome an experiment",
@@ -97,7 +97,7 @@ def identify(
         )
     assert noise is None or isinstance(noise, Noise)
     model = Model.of(inputs, noise, propagation, density)
-    _check_count(table, model)
+    require_enough(table, model.hyperparameters)
     question = Question(runner, table.outcomes, table.ids, model, search, seed)
     with diagnostics.boxes_proposed(runner, inputs):
         with ledger.stage("repeated run"):
@@ -142,12 +142,3 @@ def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -
             'say which column holds the measured outcome: identify(..., outcome="...")',
         )
     return Experiments.from_frame(experiments, outcome=outcome)
-
-
-def _check_count(table: Experiments, model: Model) -> None:
-    free = sum(h.free for h in model.hyperparameters)
-    if len(table.ids) < free:
-        raise InputsError(
-            f"{len(table.ids)} experiments cannot identify {free} hyperparameters",
-            "fix some hyperparameters, or add experiments (ten for each is a start)",
-        )

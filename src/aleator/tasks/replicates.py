@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+import pandas as pd
 
 from aleator.densities import Density, NodeDensity
-from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
-from aleator.observations.responses import Observations
+from aleator.observations.responses import Observations, responses_of
 from aleator.progress import Silent
 from aleator.search import Search
 from aleator.simulators import Runner
@@ -67,7 +67,7 @@ class IndividualJob:
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """Those of the laws, then those of the errors."""
-        return (*self.asked.inputs.hyperparameters, *self.asked.errors.hyperparameters)
+        return self.asked.hyperparameters
 
     @property
     def table(self) -> Experiments:
@@ -141,11 +141,22 @@ def job_of(
     search: Search,
 ) -> Job:
     """The kind of study that this is. Raises InputsError for choices that do not go together."""
-    if isinstance(experiments, Experiments) and individual.wanted(experiments, inputs, noise):
+    if not isinstance(experiments, Experiments):
+        experiments = _unmeasured(experiments, noise)
+    if individual.wanted(experiments, inputs, noise, propagation, density):
         return IndividualJob(individual.asked(experiments, inputs, noise, propagation, search))
-    if isinstance(noise, Mapping):
-        raise InputsError(
-            "recover: a noise for each response, and a table with one outcome",
-            "give `Experiments` with these responses",
-        )
+    assert noise is None or isinstance(noise, Noise)
     return OutcomesJob(Model.of(inputs, noise, propagation, density), search)
+
+
+def _unmeasured(
+    asked: Conditions | pd.DataFrame, noise: Noise | Mapping[str, Noise] | None
+) -> Experiments:
+    """Experiments of which nothing was measured; a data frame has the responses of the noise."""
+    if isinstance(asked, pd.DataFrame):
+        named = responses_of([*noise]) if isinstance(noise, Mapping) else ()
+        asked = Conditions.from_frame(asked, responses=named)
+    return Experiments(
+        asked.ids, asked.conditions, asked.observations,
+        table=asked.table, experiment=asked.experiment, places=asked.places,
+    )  # fmt: skip

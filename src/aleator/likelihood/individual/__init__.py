@@ -5,7 +5,7 @@ from aleator.likelihood.individual.likelihood import IndividualLikelihood
 from aleator.likelihood.individual.moments import IndividualParameters, individual_parameters
 from aleator.likelihood.individual.on_surfaces import OnSurfaces
 from aleator.likelihood.individual.predictor import Direct, Evaluator, Predictor
-from aleator.likelihood.individual.rule import GaussHermite
+from aleator.likelihood.individual.rule import GaussHermite, Panels, Rule
 
 __all__ = [
     "Direct",
@@ -15,6 +15,8 @@ __all__ = [
     "IndividualParameters",
     "Layout",
     "OnSurfaces",
+    "Panels",
     "Predictor",
+    "Rule",
     "individual_parameters",
 ]

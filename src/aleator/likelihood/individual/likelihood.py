@@ -14,9 +14,10 @@ from aleator.laws.individual import Individual, variates_of
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual.layout import Block, Layout
 from aleator.likelihood.individual.modes import ARRIVED, FARTHEST, NEAR, modes
-from aleator.likelihood.individual.nodes import Nodes, adapted_nodes
+from aleator.likelihood.individual.nodes import Nodes, adapted_nodes, joined
+from aleator.likelihood.individual.panels import panel_nodes
 from aleator.likelihood.individual.predictor import Predictor
-from aleator.likelihood.individual.rule import GaussHermite
+from aleator.likelihood.individual.rule import GaussHermite, Panels, Rule
 from aleator.likelihood.individual.toward import toward
 from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.value import LogLikelihood
@@ -44,7 +45,7 @@ class IndividualLikelihood:
     errors: MeasurementErrors
     predictor: Predictor
     layout: Layout
-    rule: GaussHermite
+    rule: Rule
     nodes: Nodes
 
     @classmethod
@@ -108,8 +109,7 @@ class IndividualLikelihood:
         s = self.inputs.scattering
         if not s:
             return self
-        count = classes * self.rule.size(s)
-        xi, log_weight = np.zeros((self.count, count, s)), np.zeros((self.count, count))
+        count, placed = classes * self.rule.size(s), list[tuple[slice, Array, Array]]()
         mode, x = self.nodes.mode.copy(), np.zeros((self.count, classes, n))
         information = self.nodes.information.copy()
         for block in self.layout.blocks(count):
@@ -117,7 +117,12 @@ class IndividualLikelihood:
             found = modes(curved, self._best_start(alpha, block), arrived=arrived)
             mode[part], information[part] = found.z, found.information
             x[part] = self._individual(alpha, block, found.z).x
-            xi[part], log_weight[part] = adapted_nodes(curved, found, self.rule)
+            if isinstance(self.rule, Panels):
+                value = partial(self._log_density, alpha, block)
+                placed.append((part, *panel_nodes(curved, value, found, self.rule)))
+            else:
+                placed.append((part, *adapted_nodes(curved, found, self.rule)))
+        xi, log_weight = joined(placed, self.count, classes)
         return replace(self, nodes=Nodes(xi, log_weight, mode, information, x))
 
     def weighed(self, alpha: Array, block: Block) -> tuple[Array, Array, Individual, Terms]:
@@ -128,7 +133,7 @@ class IndividualLikelihood:
         each, share = mean_of(sums + self.nodes.log_weight[block.experiments])
         return each, share, individual, terms
 
-    def by(self, rule: GaussHermite, alpha: Array) -> IndividualLikelihood:
+    def by(self, rule: Rule, alpha: Array) -> IndividualLikelihood:
         """The same with other nodes, adapted to alpha."""
         return replace(self, rule=rule).adapted(alpha)
 
@@ -170,6 +175,10 @@ class IndividualLikelihood:
 
     def _terms(self, alpha: Array, block: Block, eta: Array) -> Terms:
         return self.errors.terms(alpha[self.inputs.size :], eta, block.rows)
+
+    def _log_density(self, alpha: Array, block: Block, z: Array) -> Array:
+        """The log-density (B, P) of variates z (B, P, s) given the observations."""
+        return np.asarray(self.sums(alpha, block, z) - 0.5 * np.sum(z**2, axis=2))
 
     def _best_start(self, alpha: Array, block: Block) -> Array:
         """The likeliest point (B, C, s) of each class: of the last modes, and of points all about.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,6 +70,23 @@ def adapted_nodes(log_density: Curved, found: Modes, rule: GaussHermite) -> tupl
             again = modes(log_density, z, whole, NEAR)
             z, information = again.z, again.information
     return z, log_weight - 0.5 * np.sum(z**2, axis=2)
+
+
+def joined(
+    parts: Sequence[tuple[slice, Array, Array]], count: int, classes: int
+) -> tuple[Array, Array]:
+    """Nodes (N, J, s) and log weights (N, J) of parts of N experiments, class by class.
+
+    Those that need fewer nodes than others get some without weight.
+    """
+    most = max(xi.shape[1] for _, xi, _ in parts) // classes
+    nodes = np.zeros((count, classes, most, parts[0][1].shape[2]))
+    log_weights = np.full((count, classes, most), -np.inf)
+    for part, xi, log_weight in parts:
+        own = xi.shape[1] // classes
+        nodes[part, :, :own] = xi.reshape(len(xi), classes, own, -1)
+        log_weights[part, :, :own] = log_weight.reshape(len(xi), classes, own)
+    return nodes.reshape(count, classes * most, -1), log_weights.reshape(count, -1)
 
 
 def _spread(values: Array) -> Array:

@@ -12,6 +12,13 @@ from aleator.polynomials.gauss import polished_rule
 from aleator.polynomials.recurrence import hermite_recurrence
 from aleator.types import Array
 
+POINTS = 8
+"""Gauss-Legendre nodes of half a panel."""
+FINER = 12
+"""The same of those that tell how exact these are."""
+PANELS = 64
+"""Halves of panels that an experiment takes, about."""
+
 
 @dataclass(frozen=True)
 class GaussHermite:
@@ -44,12 +51,40 @@ class GaussHermite:
         """J, the number of all nodes."""
         return int(np.prod([self.coordinate(i)[0].size for i in range(dimensions)]))
 
-    def finer(self, dimensions: int) -> tuple[GaussHermite, ...]:
-        """The rules that tell how exact this one is: finer in the first, finer in the others."""
+    def finer(self, dimensions: int) -> tuple[Rule, ...]:
+        """The rules that tell how exact this one is.
+
+        Of one variate somewhat finer, and panels; else finer in the first, finer in the others.
+        """
         others = self.others or self.first
         whole = replace(self, others=others)
         in_first = replace(whole, first=_more(self.first))
-        return (in_first, replace(whole, others=_more(others)))[: min(dimensions, 2)]
+        if dimensions < 2:
+            return (in_first, Panels())[: 2 * dimensions]
+        return (in_first, replace(whole, others=_more(others)))
+
+
+@dataclass(frozen=True)
+class Panels:
+    """Gauss-Legendre nodes in panels of one variate, halved until they are enough.
+
+    `points` in each half of a panel. For an individual law with several modes, a plateau, a front,
+    a kink or a jump. Cost: some hundred nodes an experiment.
+    """
+
+    points: int = POINTS
+
+    def size(self, dimensions: int) -> int:  # noqa: ARG002  one interface for all rules
+        """Nodes that an experiment takes, about."""
+        return PANELS * self.points
+
+    def finer(self, dimensions: int) -> tuple[Rule, ...]:  # noqa: ARG002
+        """The rule that tells how exact this one is; none tells it of that."""
+        return (Panels(FINER),) if self.points < FINER else ()
+
+
+Rule = GaussHermite | Panels
+"""How the nodes of an experiment are placed."""
 
 
 def _more(nodes: int) -> int:

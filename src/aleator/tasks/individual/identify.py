@@ -7,17 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
+from aleator.inference import diagnostics
+from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.covariates import covariates
 from aleator.observations.errors import MeasurementErrors
-from aleator.observations.experiments import Experiments
+from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
 from aleator.observations.responses import Observations
 from aleator.search import Search
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.asked import require_enough
+from aleator.tasks.baselines import start_point
 from aleator.tasks.individual.answer import Question, answered
 from aleator.tasks.individual.assemble import assembled
 from aleator.tasks.individual.check import checked
@@ -26,16 +31,41 @@ from aleator.tasks.results.identification import Identification
 
 Noises = Noise | Mapping[str, Noise]
 """The noise of the only response, or of each by name."""
+MOST = 4
+"""Scattering parameters up to which one outcome goes by nodes of each experiment's own."""
 
 
-def wanted(table: Experiments, inputs: Inputs, noise: Noises | None) -> bool:
-    """Whether a study needs the integral over individual parameters.
+def wanted(
+    table: Experiments | Conditions,
+    inputs: Inputs,
+    noise: Noises | None,
+    propagation: ResponseSurface | Collocation,
+    density: Density | NodeDensity | None,
+) -> bool:
+    """Whether a study goes by the integral over individual parameters: the one choice of the way.
 
-    It does where an experiment has several observations, or one that is censored, where the noise
-    is not of one standard deviation, and where a law follows covariates or is a mixture.
+    It must where an experiment has several observations, or one that is censored, where the noise
+    is more than the standard deviation of normal errors, and where a law follows covariates or is a
+    mixture. One exact outcome with noise goes this way too, as exactly as by a density over the nodes of the
+    law and in a tenth of the time (docs/evidence.md). Two kinds of study do not: those that choose
+    what only densities of an outcome have (a density, collocation, surfaces that are shared, of a
+    tolerance or with nodes of their own), and those with more than four scattering parameters,
+    where moments of the outcome need far fewer nodes.
     """
-    simple = noise is None or (isinstance(noise, Noise) and noise.simple)
-    return not (table.simple and simple) or inputs.regressed or len(inputs.classes) > 1
+    plain = noise is None or (isinstance(noise, Noise) and noise.simple and noise.normal)
+    if not (table.simple and plain) or inputs.regressed or len(inputs.classes) > 1:
+        return True
+    chosen = density is not None or not _all_open(propagation)
+    return noise is not None and not chosen and inputs.scattering <= MOST
+
+
+def _all_open(propagation: ResponseSurface | Collocation) -> bool:
+    """Whether surfaces are left to follow the answer, and to whatever nodes it takes."""
+    return isinstance(propagation, ResponseSurface) and (
+        propagation.surfaces == "own"
+        and propagation.tolerance is None
+        and propagation.nodes is None
+    )
 
 
 def identified(
@@ -51,12 +81,16 @@ def identified(
 ) -> Identification:
     """The law of the parameters from all observations of each experiment."""
     asked_for = asked(table, inputs, noise, surfaces, search)
+    require_enough(table, asked_for.hyperparameters)
     question = asked_for.question(runner, table.observations, seed)
-    answer = answered(question, ledger)
-    check = None
-    if verified and answer.surfaces is not None:
-        with ledger.stage("verification"):
-            check = checked(answer.settled.likelihood, answer.settled.alpha, runner)
+    with diagnostics.boxes_proposed(runner, inputs):
+        with ledger.stage("repeated run"):
+            runner.require_repeatable(np.clip(start_point(question.inputs), *inputs.box.T))
+        answer = answered(question, ledger)
+        check = None
+        if verified and answer.surfaces is not None:
+            with ledger.stage("verification"):
+                check = checked(answer.settled.likelihood, answer.settled.alpha, runner)
     return assembled(question, answer, check, ledger)
 
 
@@ -74,6 +108,11 @@ class Asked:
     def errors(self) -> MeasurementErrors:
         """The measurement errors of the table's observations."""
         return MeasurementErrors.of(self.noise, self.table)
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of the laws, then those of the errors."""
+        return (*self.inputs.hyperparameters, *self.errors.hyperparameters)
 
     def question(self, runner: Runner, seen: Observations, seed: int) -> Question:
         """What to answer where this was observed, at the places of the table; NaN is nothing."""

@@ -31,7 +31,8 @@ def rivals(end: Settled, inference: Inference, found: SearchResult) -> tuple[Riv
         return ()
     known: list[Array] = [end.alpha]
     kept = []
-    few = GaussHermite(min(end.likelihood.rule.first, NODES))
+    rule = end.likelihood.rule
+    few = GaussHermite(min(rule.first, NODES)) if isinstance(rule, GaussHermite) else rule
     likelihood = end.likelihood.by(few, end.alpha)
     arrived = [a.alpha for a in found.ascents if a.converged]
     for optimum in found.optima[1:]:

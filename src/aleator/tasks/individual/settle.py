@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.laws import Hyperparameter
-from aleator.likelihood.individual import GaussHermite, IndividualLikelihood
+from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Panels, Rule
 from aleator.search.newton import ascended
 from aleator.types import Array, Indices
 
@@ -23,6 +23,8 @@ ENOUGH = 2e-3
 if that is more."""
 HARDLY = 0.02
 """A change of the log-likelihood with more nodes that does not matter to an interval."""
+SAMPLE = 300
+"""Experiments by which panels are tried, where there are many."""
 MOST = 3000
 """Nodes of an experiment beyond which no more are tried."""
 FINEST = 250
@@ -56,7 +58,7 @@ def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOU
     while True:
         held, alpha = climbed(likelihood, alpha)
         gaps = _gaps(held, alpha)
-        gap = float(sum(gaps.values()))
+        gap = _whole(gaps)
         coarse = held if coarse is None and abs(gap) < HARDLY else coarse
         finer = _finer(held, gaps, max(enough, 1e-5 * held.count))
         if finer is None:
@@ -64,27 +66,53 @@ def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOU
         likelihood = finer
 
 
-def _gaps(held: IndividualLikelihood, alpha: Array) -> dict[GaussHermite, float]:
-    """What each of the finer rules changes of the log-likelihood."""
-    value = held.evaluate(alpha).total
+def _gaps(held: IndividualLikelihood, alpha: Array) -> dict[Rule, float]:
+    """What each of the finer rules changes of the log-likelihood.
+
+    Panels are many nodes: of many experiments they are tried on a sample.
+    """
     return {
-        rule: held.by(rule, alpha).evaluate(alpha).total - value
+        rule: _change(held, rule, alpha, isinstance(rule, Panels) and held.count > 2 * SAMPLE)
         for rule in held.rule.finer(held.inputs.scattering)
     }
 
 
+def _change(held: IndividualLikelihood, rule: Rule, alpha: Array, on_sample: bool) -> float:
+    tried = held.sampled(SAMPLE) if on_sample else held
+    change = tried.by(rule, alpha).evaluate(alpha).total - tried.evaluate(alpha).total
+    return float(change * held.count / sum(len(block) for block in tried.blocks))
+
+
+def _whole(gaps: Mapping[Rule, float]) -> float:
+    """What more nodes change altogether: panels leave nothing out, other rules are a part each."""
+    panels = [gap for rule, gap in gaps.items() if isinstance(rule, Panels)]
+    return float(panels[0] if panels else sum(gaps.values()))
+
+
 def _finer(
-    held: IndividualLikelihood, gaps: Mapping[GaussHermite, float], enough: float
+    held: IndividualLikelihood, gaps: Mapping[Rule, float], enough: float
 ) -> IndividualLikelihood | None:
     """With more nodes where they change something, or None where all do enough or are too many."""
-    rule, variates = held.rule, held.inputs.scattering
-    for more, gap in gaps.items():
-        if abs(gap) > enough / len(gaps):
-            rule = GaussHermite(
-                max(rule.first, more.first), max(rule.others or rule.first, more.others or 0)
-            )
-    fits = rule.size(variates) <= MOST and max(rule.first, rule.others or 0) <= FINEST
-    return replace(held, rule=rule) if rule != held.rule and fits else None
+    whole = _whole(gaps)
+    if any(isinstance(rule, Panels) for rule in gaps):
+        if not abs(whole) > enough:
+            return None
+        # of the rules that tell the same as panels the first has the fewest nodes
+        return replace(held, rule=next(r for r, gap in gaps.items() if abs(gap - whole) <= enough))
+    wanted = [rule for rule, gap in gaps.items() if abs(gap) > enough / len(gaps)]
+    return _with_more(held, [rule for rule in wanted if isinstance(rule, GaussHermite)])
+
+
+def _with_more(
+    held: IndividualLikelihood, wanted: Sequence[GaussHermite]
+) -> IndividualLikelihood | None:
+    """With as many nodes in the first variate and in the others as the rules that are wanted."""
+    if not wanted:
+        return None
+    first = max(rule.first for rule in wanted)
+    rule = GaussHermite(first, max(rule.others or rule.first for rule in wanted))
+    fits = rule.size(held.inputs.scattering) <= MOST and first <= FINEST
+    return replace(held, rule=rule) if fits else None
 
 
 def climbed(likelihood: IndividualLikelihood, alpha: Array) -> tuple[IndividualLikelihood, Array]:

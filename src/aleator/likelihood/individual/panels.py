@@ -1,0 +1,222 @@
+"""Nodes of one variate over the whole of its law, where one centre does not do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.likelihood.individual.modes import NEAR, Curved, Modes, modes
+from aleator.likelihood.individual.rule import Panels
+from aleator.polynomials.gauss import gauss_legendre
+from aleator.types import Array, Flags
+
+FARTHEST = 8.5
+"""Variates beyond this have no mass: 1e-17 at either end."""
+STARTS = np.linspace(-4.0, 4.0, 17)
+"""Where modes are sought."""
+EVERYWHERE = np.linspace(-FARTHEST, FARTHEST, 13)
+"""Edges of the first panels; further ones lie about the modes, in their widths."""
+ABOUT = np.array([-12.0, -5.0, -2.0, 2.0, 5.0, 12.0])
+SAME = 1.0
+"""Distance of two modes in the width of the first, below which they are one."""
+DEEPEST = -30.0
+"""Logarithm of a share of the integral that is none: of a mode, and of a node."""
+SPLIT = 4
+"""Panels of an experiment that are halved at once."""
+ENOUGH = 1e-6
+"""Share of the integral that halving a panel may change where it is not halved again."""
+ROUNDS = 40
+"""Times that panels are halved; at a jump, twelve digits."""
+
+
+Valued = Callable[[Array], Array]
+"""The log-density (B, P) of variates z (B, P, 1)."""
+
+
+def panel_nodes(
+    curved: Curved, log_density: Valued, found: Modes, rule: Panels
+) -> tuple[Array, Array]:
+    """Nodes xi (B, C q, 1) of B experiments with C modes, a class each, and their log weights.
+
+    int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) in each class, where the log-density is
+    that of g(xi) exp(-xi^2/2). Adaptive quadrature (Gander and Gautschi, 2000): the panel is halved
+    whose integral the halves change most.
+    """
+    of_class = _OfClasses(curved, log_density, found.z.shape[1])
+    edges = _first_edges(of_class.curved, found.z.reshape(-1, 1, 1))
+    tree = _Tree.of(of_class, edges[:, :-1], edges[:, 1:], rule.points)
+    for _ in range(ROUNDS):
+        open_ = tree.open_
+        if not np.any(open_):
+            break
+        tree = tree.halved(of_class, min(SPLIT, int(open_.sum(axis=1).max())))
+    xi, log_weight = tree.nodes()
+    experiments = len(found.z)
+    return xi.reshape(experiments, -1, 1), log_weight.reshape(experiments, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class _OfClasses:
+    """The log-densities with each class as an experiment of its own, the classes side by side."""
+
+    together: Curved
+    values: Valued
+    classes: int
+
+    def __call__(self, z: Array) -> Array:
+        """Values (B C, P) at variates z (B C, P, 1)."""
+        return self.values(self._joint(z)).reshape(len(z), -1)
+
+    def curved(self, z: Array) -> tuple[Array, Array, Array]:
+        """Values, gradients (B C, P, 1) and information (B C, P, 1, 1)."""
+        value, gradient, information = self.together(self._joint(z))
+        own = (len(z), -1)
+        return (
+            value.reshape(own),
+            gradient.reshape(*own, 1),
+            information.reshape(*own, 1, 1),
+        )
+
+    def _joint(self, z: Array) -> Array:
+        return z.reshape(len(z) // self.classes, -1, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Tree:
+    """Panels [low, high] (B, P) of B experiments; `log_f` (B, P, 2 q) at the nodes of their halves.
+
+    `whole` (B, P) is the logarithm of each integral by the nodes of the panel itself.
+    """
+
+    low: Array
+    high: Array
+    log_f: Array
+    whole: Array
+    points: int
+
+    @classmethod
+    def of(cls, log_density: Valued, low: Array, high: Array, points: int) -> _Tree:
+        """Panels that nothing is known of."""
+        t, w = gauss_legendre(points)
+        whole = _log_sum(_evaluated(log_density, _placed(t, low, high)), w, high - low)
+        log_f = _evaluated(log_density, _halves(low, high, points))
+        return cls(low, high, log_f, whole, points)
+
+    @property
+    def by_halves(self) -> Array:
+        """The logarithm (B, P, 2) of the integral over each half."""
+        w = gauss_legendre(self.points)[1]
+        parts = self.log_f.reshape(*self.low.shape, 2, self.points)
+        return _log_sum(parts, w, 0.5 * (self.high - self.low)[..., None])
+
+    @property
+    def error(self) -> Array:
+        """What halving a panel changes (B, P), as a share of the integral of its experiment."""
+        halves = np.logaddexp(self.by_halves[..., 0], self.by_halves[..., 1])
+        top = halves.max(axis=1, keepdims=True)
+        top = np.where(np.isfinite(top), top, 0.0)
+        total = np.exp(halves - top).sum(axis=1, keepdims=True)
+        change = np.abs(np.exp(halves - top) - np.exp(self.whole - top))
+        return np.where(total > 0.0, change / np.where(total > 0.0, total, 1.0), 0.0)
+
+    @property
+    def open_(self) -> Flags:
+        """Which panels (B, P) are to be halved."""
+        return np.asarray(self.error > ENOUGH)
+
+    def halved(self, log_density: Valued, count: int) -> _Tree:
+        """With the worst `count` panels of each experiment halved."""
+        worst = np.argsort(-self.error, axis=1)[:, :count]
+        low, high = (np.take_along_axis(end, worst, axis=1) for end in (self.low, self.high))
+        middle = 0.5 * (low + high)
+        halves = np.take_along_axis(self.by_halves, worst[..., None], axis=1)
+        new_low = np.concatenate([low, middle], axis=1)
+        new_high = np.concatenate([middle, high], axis=1)
+        log_f = _evaluated(log_density, _halves(new_low, new_high, self.points))
+        kept = np.ones(self.low.shape, dtype=np.bool_)
+        np.put_along_axis(kept, worst, False, axis=1)
+        rest = (len(kept), -1)
+        return _Tree(
+            np.concatenate([self.low[kept].reshape(rest), new_low], axis=1),
+            np.concatenate([self.high[kept].reshape(rest), new_high], axis=1),
+            np.concatenate([self.log_f[kept].reshape(*rest, 2 * self.points), log_f], axis=1),
+            np.concatenate(
+                [self.whole[kept].reshape(rest), halves[..., 0], halves[..., 1]], axis=1
+            ),
+            self.points,
+        )
+
+    def nodes(self) -> tuple[Array, Array]:
+        """Nodes xi (B, J, 1) and log weights (B, J); J is the most that any experiment needs."""
+        experiments = len(self.low)
+        xi = _halves(self.low, self.high, self.points).reshape(experiments, -1)
+        t_weight = np.tile(np.log(gauss_legendre(self.points)[1]), 2)
+        with np.errstate(divide="ignore"):
+            width = np.log(0.5 * (self.high - self.low))
+        log_weight = (width[..., None] + t_weight).reshape(experiments, -1)
+        share = self.log_f.reshape(experiments, -1) + log_weight
+        top = share.max(axis=1, keepdims=True)
+        needed = share > np.where(np.isfinite(top), top, 0.0) + DEEPEST
+        most = max(1, int(needed.sum(axis=1).max()))
+        best = np.sort(np.argsort(-share, axis=1)[:, :most], axis=1)
+        xi, log_weight = (np.take_along_axis(part, best, axis=1) for part in (xi, log_weight))
+        log_law = -0.5 * xi**2 - 0.5 * np.log(2.0 * np.pi)
+        return xi[..., None], log_weight + log_law
+
+
+def _first_edges(curved: Curved, known: Array) -> Array:
+    """Edges (B, E) of panels over the law, and about each mode in its own width.
+
+    Modes are sought from everywhere, and from the `known` one (B, 1, 1).
+    """
+    experiments = len(known)
+    start = np.broadcast_to(STARTS[:, None], (experiments, STARTS.size, 1))
+    start = np.concatenate([known, start], axis=1)
+    at, width, own = _distinct(curved, modes(curved, start, arrived=ROUGHLY))
+    about = np.where(own[..., None], at[..., None] + width[..., None] * ABOUT, FARTHEST)
+    about = np.clip(about.reshape(experiments, -1), -FARTHEST, FARTHEST)
+    everywhere = np.broadcast_to(EVERYWHERE, (experiments, EVERYWHERE.size))
+    return np.sort(np.concatenate([everywhere, about], axis=1), axis=1)
+
+
+def _distinct(curved: Curved, found: Modes) -> tuple[Array, Array, Flags]:
+    """Modes (B, P), their widths, and which of them are: the highest first, each once."""
+    at, width = found.z[..., 0], 1.0 / np.sqrt(found.information[..., 0, 0])
+    value = np.nan_to_num(curved(found.z)[0], nan=-np.inf)
+    order = np.argsort(-value, axis=1)
+    at, width, value = (np.take_along_axis(part, order, axis=1) for part in (at, width, value))
+    own = value > value[:, :1] + DEEPEST
+    own[:, 0] = True
+    for k in range(1, at.shape[1]):
+        near = np.abs(at[:, k : k + 1] - at[:, :k]) < SAME * width[:, :k]
+        own[:, k] &= ~np.any(near & own[:, :k], axis=1)
+    first = np.argsort(~own, axis=1, kind="stable")[:, : int(own.sum(axis=1).max())]
+    at, width = (np.take_along_axis(part, first, axis=1) for part in (at, width))
+    return at, width, np.take_along_axis(own, first, axis=1)
+
+
+def _halves(low: Array, high: Array, points: int) -> Array:
+    """The nodes (B, P, 2 q) of the halves of panels."""
+    t, middle = gauss_legendre(points)[0], 0.5 * (low + high)
+    return np.concatenate([_placed(t, low, middle), _placed(t, middle, high)], axis=2)
+
+
+def _placed(t: Array, low: Array, high: Array) -> Array:
+    """Nodes t (q,) of [-1, 1] in panels: (B, P, q)."""
+    return np.asarray((0.5 * (low + high))[..., None] + (0.5 * (high - low))[..., None] * t)
+
+
+def _evaluated(log_density: Valued, at: Array) -> Array:
+    """The log-density (B, P, q) at points (B, P, q)."""
+    value = log_density(at.reshape(len(at), -1, 1))
+    return np.asarray(np.nan_to_num(value, nan=-np.inf).reshape(at.shape))
+
+
+def _log_sum(log_f: Array, weights: Array, width: Array) -> Array:
+    """log(width sum_j w_j f_j) (...,) of values (..., q)."""
+    top = log_f.max(axis=-1, keepdims=True)
+    safe = np.where(np.isfinite(top), top, 0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(safe[..., 0] + np.log(width * (np.exp(log_f - safe) @ weights)))
