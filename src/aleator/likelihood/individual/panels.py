@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.likelihood.individual.modes import NEAR, Curved, Modes, modes
+from aleator.likelihood.individual.modes import Curved, Modes, modes
 from aleator.likelihood.individual.rule import Panels
 from aleator.polynomials.gauss import gauss_legendre
 from aleator.types import Array, Flags
 
 FARTHEST = 8.5
 """Variates beyond this have no mass: 1e-17 at either end."""
+ROUGHLY = 1e-3
+"""What a step may gain in log-density where a mode is taken as found."""
 STARTS = np.linspace(-4.0, 4.0, 17)
 """Where modes are sought."""
 EVERYWHERE = np.linspace(-FARTHEST, FARTHEST, 13)
