@@ -10,7 +10,6 @@ from aleator import (
     GradientMultistart,
     Inputs,
     MonteCarlo,
-    Noise,
     ResponseSurface,
     TruncatedNormal,
     identify,
@@ -25,7 +24,6 @@ from aleator.types import Array
 Z = np.linspace(0.5, 2.0, 20)
 RANDOM = np.random.default_rng(5)
 X = 1.0 + 0.1 * RANDOM.standard_normal(20)
-NOISE = 0.02 * RANDOM.standard_normal(20)
 LAW = Inputs({"a": TruncatedNormal((0.2, 1.8), sd=Free(0.01, 0.4))})
 
 
@@ -34,13 +32,13 @@ def front(z: Array, a: Array) -> Array:
     return np.tanh(25.0 * (a - 0.35)) + np.exp(a * z)
 
 
-TABLE = pd.DataFrame({"z": Z, "y": front(Z, X) + NOISE})
+TABLE = pd.DataFrame({"z": Z, "y": front(Z, X)})
 
 
 def found(propagation: ResponseSurface, run: Runner | None = None) -> Identification:
     return identify(
         run or front, Experiments.from_frame(TABLE, outcome="y"), LAW, vectorized=True,
-        noise=Noise(0.02), propagation=propagation, search=GradientMultistart(3),
+        propagation=propagation, search=GradientMultistart(3),
         verification=MonteCarlo(0),
     )  # fmt: skip
 

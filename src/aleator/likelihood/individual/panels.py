@@ -16,8 +16,10 @@ FARTHEST = 8.5
 """Variates beyond this have no mass: 1e-17 at either end."""
 ROUGHLY = 1e-3
 """What a step may gain in log-density where a mode is taken as found."""
-STARTS = np.linspace(-4.0, 4.0, 17)
-"""Where modes are sought."""
+SEEN = np.linspace(-5.0, 5.0, 41)
+"""Where the log-density is looked at, to seek modes from its highest points."""
+MODES = 6
+"""Modes that are sought, besides the one that is known."""
 EVERYWHERE = np.linspace(-FARTHEST, FARTHEST, 13)
 """Edges of the first panels; further ones lie about the modes, in their widths."""
 ABOUT = np.array([-12.0, -5.0, -2.0, 2.0, 5.0, 12.0])
@@ -47,7 +49,7 @@ def panel_nodes(
     whose integral the halves change most.
     """
     of_class = _OfClasses(curved, log_density, found.z.shape[1])
-    edges = _first_edges(of_class.curved, found.z.reshape(-1, 1, 1))
+    edges = _first_edges(of_class, found.z.reshape(-1, 1, 1))
     tree = _Tree.of(of_class, edges[:, :-1], edges[:, 1:], rule.points)
     for _ in range(ROUNDS):
         open_ = tree.open_
@@ -168,25 +170,37 @@ class _Tree:
         return xi[..., None], log_weight + log_law
 
 
-def _first_edges(curved: Curved, known: Array) -> Array:
+def _first_edges(of_class: _OfClasses, known: Array) -> Array:
     """Edges (B, E) of panels over the law, and about each mode in its own width.
 
-    Modes are sought from everywhere, and from the `known` one (B, 1, 1).
+    Modes are sought from the `known` one (B, 1, 1) and from where the log-density has its tops.
     """
     experiments = len(known)
-    start = np.broadcast_to(STARTS[:, None], (experiments, STARTS.size, 1))
-    start = np.concatenate([known, start], axis=1)
-    at, width, own = _distinct(curved, modes(curved, start, arrived=ROUGHLY))
+    start = np.concatenate([known, _tops(of_class, experiments)], axis=1)
+    found = modes(of_class.curved, start, arrived=ROUGHLY)
+    at, width, own = _distinct(of_class, found)
     about = np.where(own[..., None], at[..., None] + width[..., None] * ABOUT, FARTHEST)
     about = np.clip(about.reshape(experiments, -1), -FARTHEST, FARTHEST)
     everywhere = np.broadcast_to(EVERYWHERE, (experiments, EVERYWHERE.size))
     return np.sort(np.concatenate([everywhere, about], axis=1), axis=1)
 
 
-def _distinct(curved: Curved, found: Modes) -> tuple[Array, Array, Flags]:
+def _tops(of_class: _OfClasses, experiments: int) -> Array:
+    """The highest points (B, MODES, 1) among neighbors; the very highest where there are fewer."""
+    points = np.broadcast_to(SEEN[:, None], (experiments, SEEN.size, 1))
+    value = np.nan_to_num(of_class(points), nan=-np.inf)
+    beside = np.pad(value, ((0, 0), (1, 1)), constant_values=-np.inf)
+    top = (value >= beside[:, :-2]) & (value > beside[:, 2:])
+    ranked = np.where(top, value, -np.inf)
+    best = np.argsort(-ranked, axis=1)[:, :MODES]
+    found = np.take_along_axis(ranked, best, axis=1)
+    return SEEN[np.where(np.isfinite(found), best, best[:, :1])][..., None]
+
+
+def _distinct(of_class: _OfClasses, found: Modes) -> tuple[Array, Array, Flags]:
     """Modes (B, P), their widths, and which of them are: the highest first, each once."""
     at, width = found.z[..., 0], 1.0 / np.sqrt(found.information[..., 0, 0])
-    value = np.nan_to_num(curved(found.z)[0], nan=-np.inf)
+    value = np.nan_to_num(of_class(found.z), nan=-np.inf)
     order = np.argsort(-value, axis=1)
     at, width, value = (np.take_along_axis(part, order, axis=1) for part in (at, width, value))
     own = value > value[:, :1] + DEEPEST

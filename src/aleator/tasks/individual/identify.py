@@ -45,12 +45,12 @@ def wanted(
     """Whether a study goes by the integral over individual parameters: the one choice of the way.
 
     It must where an experiment has several observations, or one that is censored, where the noise
-    is more than the standard deviation of normal errors, and where a law follows covariates or is a
-    mixture. One exact outcome with noise goes this way too, as exactly as by a density over the nodes of the
-    law and in a tenth of the time (docs/evidence.md). Two kinds of study do not: those that choose
-    what only densities of an outcome have (a density, collocation, surfaces that are shared, of a
-    tolerance or with nodes of their own), and those with more than four scattering parameters,
-    where moments of the outcome need far fewer nodes.
+    is more than the standard deviation of normal errors, and where a law follows covariates or is
+    a mixture. One exact outcome with noise goes this way too, more exactly than by a density over
+    the nodes of the law and in a fraction of the time (docs/evidence.md). Two kinds of study do
+    not: those that choose what only densities of an outcome have (a density, collocation, surfaces
+    that are shared, of a tolerance or with nodes of their own), and those with more than four
+    scattering parameters, where moments of the outcome need far fewer nodes.
     """
     plain = noise is None or (isinstance(noise, Noise) and noise.simple and noise.normal)
     if not (table.simple and plain) or inputs.regressed or len(inputs.classes) > 1:

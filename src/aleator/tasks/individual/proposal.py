@@ -44,4 +44,5 @@ def proposed(mode: Array, information: Array, count: int) -> tuple[Array, Array]
     log_det = np.log(np.einsum("ncss->ncs", root)).sum(axis=2)
     log_near = -0.5 * curved - log_det[..., None]
     log_weight = log_law - np.logaddexp(log_law, log_near) + np.log(2.0) - np.log(2.0 * half)
-    return xi.reshape(experiments, -1, s), log_weight.reshape(experiments, -1)
+    whole = (experiments, classes * 2 * half)
+    return xi.reshape(*whole, s), log_weight.reshape(whole)
