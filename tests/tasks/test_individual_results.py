@@ -107,14 +107,22 @@ def test_a_column_says_which_experiment_each_new_row_is(found: Identification) -
 
 def test_a_file_predicts_as_the_session_did(found: Identification, tmp_path) -> None:
     found.save(tmp_path / "found.json")
-    again = aleator.load(
-        tmp_path / "found.json", simulator=line, vectorized=True, inputs=PAIR,
-        noise=Noise(Free(0.01, 5.0)), experiments=TABLE,
-    )  # fmt: skip
+
+    def loaded(experiments: Experiments | None) -> Identification:
+        return aleator.load(
+            tmp_path / "found.json", simulator=line, vectorized=True, inputs=PAIR,
+            noise=Noise(Free(0.01, 5.0)), experiments=experiments,
+        )  # fmt: skip
+
     for of in (None, "e2"):
-        pd.testing.assert_frame_equal(again.predict(NEW, of=of), found.predict(NEW, of=of))
+        pd.testing.assert_frame_equal(loaded(TABLE).predict(NEW, of=of), found.predict(NEW, of=of))
+    without = loaded(None)
+    pd.testing.assert_frame_equal(without.predict(NEW), found.predict(NEW))
+    assert without.law.marginals["a"].mean == pytest.approx(found.law.marginals["a"].mean)
     with pytest.raises(AleatorError, match="experiments"):
-        aleator.load(tmp_path / "found.json", inputs=PAIR, noise=Noise(Free(0.01, 5.0)))
+        without.predict(NEW, of="e2")
+    with pytest.raises(AleatorError, match="noise"):
+        aleator.load(tmp_path / "found.json", inputs=PAIR)
 
 
 def test_slow_simulators_predict_on_surfaces(found: Identification) -> None:

@@ -10,7 +10,18 @@ import pytest
 from problems import BINDING, GROWTH, NOISY, PRODUCT, REGRESSION, Problem, title
 from scipy import stats
 
-from aleator import Collocation, Free, Gaussian, Inputs, MaximumEntropy, Noise, Normal
+from aleator import (
+    By,
+    Collocation,
+    Convolution,
+    Free,
+    Gaussian,
+    Inputs,
+    MaximumEntropy,
+    Noise,
+    Normal,
+    StudentError,
+)
 from aleator.errors import InputsError
 from aleator.tasks.predict import predict
 
@@ -87,6 +98,47 @@ def test_noise_is_part_of_the_prediction() -> None:
     table = predicted(NOISY)
     _, sd, _ = NOISY.exact_moments(2)
     np.testing.assert_allclose(table["standard_deviation"], np.hypot(sd, NOISY.noise_sd), rtol=1e-4)
+
+
+def test_noise_without_further_choices_goes_by_the_law_of_the_parameters() -> None:
+    """The same moments, and quantiles of z x + e with x truncated normal, by a fine sum."""
+    table = predicted(NOISY, density=None)
+    mean, sd, clean = NOISY.exact_moments(4)
+    total = np.hypot(sd, NOISY.noise_sd)
+    share = sd / total
+    kurtosis = 3.0 + (clean[:, 4] - 3.0) * share**4
+    np.testing.assert_allclose(table["mean"], mean, atol=1e-3 * sd.min())
+    np.testing.assert_allclose(table["standard_deviation"], total, rtol=1e-3)
+    np.testing.assert_allclose(table["skewness"], clean[:, 3] * share**3, atol=0.01)
+    np.testing.assert_allclose(table["kurtosis"], kurtosis, atol=0.02)
+    by_density = predicted(NOISY, density=Convolution())
+    worst = np.abs(table[COLUMNS].to_numpy() - by_density[COLUMNS].to_numpy()).max()
+    assert worst < 2e-3 * total.min()
+
+
+def test_series_of_new_experiments_are_predicted_from_a_law_that_is_given() -> None:
+    """y = a + b t of two responses, errors of Student's t in one: sums of variances."""
+    new = pd.DataFrame({"id": ["p", "p", "q"], "t": [0.0, 1.0, 2.0]})
+    law = Inputs({"a": Normal(1.0, 0.3), "b": Normal(0.5, 0.4)})
+    noise = {"y": Noise(0.2), "u": Noise(0.1, kind=StudentError(5))}
+    alpha = {"a.mean": 1.0, "a.sd": 0.3, "b.mean": 0.5, "b.sd": 0.4}
+    alpha |= {"noise.y.sd": 0.2, "noise.u.sd": 0.1}
+    table = predict(lambda t, a, b: {"y": a + b * t, "u": a - b * t}, new, law, alpha, noise=noise)
+    assert table["id"].tolist() == ["p"] * 4 + ["q"] * 2
+    assert table["response"].tolist() == ["y", "u"] * 3
+    t = np.repeat(new["t"].to_numpy(), 2)
+    sign = np.where(table["response"] == "y", 1.0, -1.0)
+    error = np.where(table["response"] == "y", 0.04, 0.01 * 5.0 / 3.0)
+    np.testing.assert_allclose(table["mean"], 1.0 + sign * 0.5 * t, atol=2e-3)
+    variance = 0.09 + 0.16 * t**2 + error
+    np.testing.assert_allclose(table["standard_deviation"], np.sqrt(variance), rtol=5e-3)
+
+
+def test_a_law_that_follows_covariates_is_predicted_by_its_identification() -> None:
+    law = Inputs({"a": Normal(By("1 + t", 0.0, 9.0), 0.3)})
+    with pytest.raises(InputsError, match="follows t") as caught:
+        predict(lambda t, a: a + t, pd.DataFrame({"t": [0.0]}), law, {}, noise=Noise(0.1))
+    assert "found.predict" in caught.value.remedy
 
 
 def test_collocation_predicts_the_same() -> None:

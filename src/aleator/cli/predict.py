@@ -157,8 +157,9 @@ def _individual(
 
     of = OWN if of is not None and of == value.table.id else of
     session = session_of(
-        document["propagation"], value.inputs, value.noise, value.experiments, surfaces, made
-    )
+        document["propagation"], value.inputs, value.noise,
+        value.experiments.observations.responses, value.experiments, surfaces, made,
+    )  # fmt: skip
     return session.predict(table, alpha, Transform.NONE, QUANTILES, None, of, not no_noise)
 
 

@@ -75,11 +75,7 @@ class MeasurementErrors:
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """All of the noise: `noise.sd`, or `noise.RESPONSE.sd` with several responses."""
-        return tuple(
-            h if len(self.parts) == 1 else replace(h, name=f"noise.{name}.{h.name[6:]}")
-            for name, part in zip(self.names, self.parts, strict=True)
-            for h in part.noise.hyperparameters
-        )
+        return _named({n: part.noise for n, part in zip(self.names, self.parts, strict=True)})
 
     @property
     def simple(self) -> bool:
@@ -137,14 +133,24 @@ class MeasurementErrors:
         """
         return self._asked("quantile", values, probability, eta, rows)
 
-    def moments(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array]:
-        """Mean and variance (m, J) of the values of the observations `rows`; NaN where none is."""
-        mean, variance = np.empty(eta.shape), np.empty(eta.shape)
+    def moments(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array, Array, Array]:
+        """Mean and central moments 2 to 4 (m, J) of the values of the observations `rows`.
+
+        NaN where there is none.
+        """
+        found = np.empty((4, *eta.shape))
         for part, own, at, mine in self._within(values, rows):
             scale = part.scale(mine, eta[at], slice(own, own + len(at))).value
-            _, first, second = part.model(mine).moments(2)
-            mean[at], variance[at] = eta[at] + first * scale, (second - first**2) * scale**2
-        return mean, variance
+            _, m1, m2, m3, m4 = part.model(mine).moments(4)
+            central = (
+                m2 - m1**2,
+                m3 - 3.0 * m1 * m2 + 2.0 * m1**3,
+                m4 - 4.0 * m1 * m3 + 6.0 * m1**2 * m2 - 3.0 * m1**4,
+            )
+            found[0, at] = eta[at] + m1 * scale
+            for k, moment in enumerate(central):
+                found[k + 1, at] = moment * scale ** (k + 2)
+        return found[0], found[1], found[2], found[3]
 
     def _asked(self, what: str, values: Array, at_what: Array, eta: Array, rows: slice) -> Array:
         found, at_what = np.empty(eta.shape), np.broadcast_to(at_what, eta.shape)
@@ -168,6 +174,26 @@ class MeasurementErrors:
             at = part.rows[first:last] - rows.start
             yield part, int(first), at, np.asarray(values[start : start + count]).tolist()
             start += count
+
+
+def noise_hyperparameters(
+    noise: Noise | Mapping[str, Noise] | None, names: tuple[str, ...]
+) -> tuple[Hyperparameter, ...]:
+    """Those of the noise of responses of these names; none without noise.
+
+    >>> from aleator.laws import Free
+    >>> [h.name for h in noise_hyperparameters({"a": Noise(1), "b": Noise(Free(1, 2))}, ("a", "b"))]
+    ['noise.a.sd', 'noise.b.sd']
+    """
+    return () if noise is None else _named(_each(noise, names))
+
+
+def _named(noises: Mapping[str, Noise]) -> tuple[Hyperparameter, ...]:
+    return tuple(
+        h if len(noises) == 1 else replace(h, name=f"noise.{name}.{h.name[6:]}")
+        for name, noise in noises.items()
+        for h in noise.hyperparameters
+    )
 
 
 def _blocks(at: Indices, nodes: int) -> Iterator[tuple[slice, slice | Indices]]:
@@ -196,4 +222,4 @@ def _each(noise: Noise | Mapping[str, Noise], names: tuple[str, ...]) -> Mapping
                 f"the response '{name}' has no noise",
                 f'give it one: noise={{"{name}": Noise(...), ...}}, or in a study [noise.{name}]',
             )
-    return noise
+    return {name: noise[name] for name in names}

@@ -114,6 +114,7 @@ def assembled(
         session=IndividualSession(
             inputs,
             question.noise,
+            question.table.observations.responses,
             question.table,
             runners(question.runner, question.table),
             end.likelihood,

@@ -61,13 +61,16 @@ class Draws:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Mean, sd (M,) and quantiles (M, P) of M values; `lost` (M,) is the share that failed.
+    """Moments (M,) and quantiles (M, P) of M values; `lost` (M,) is the share that failed.
 
-    Where some of what is simulated is infinite, so are the mean and quantiles, and there is no sd.
+    `kurtosis` is not in excess: 3 for a normal value. Where some of what is simulated is infinite,
+    so are the mean and quantiles, and there are no further moments.
     """
 
     mean: Array
     sd: Array
+    skewness: Array
+    kurtosis: Array
     quantiles: Array
     lost: Array
 
@@ -86,9 +89,8 @@ def forecast(
     fail are left out. Cost: a run for each point and unit.
     """
     size = layout.experiment.size
-    found = Forecast(
-        np.empty(size), np.empty(size), np.empty((size, len(probabilities))), np.empty(size)
-    )
+    mean, sd, skewness, kurtosis, lost = np.empty((5, size))
+    found = Forecast(mean, sd, skewness, kurtosis, np.empty((size, len(probabilities))), lost)
     for block in layout.blocks(draws.x.shape[1]):
         rows = block.rows
         with np.errstate(all="ignore"):
@@ -101,12 +103,12 @@ def forecast(
         with np.errstate(all="ignore"):
             weights = weights / weights.sum(axis=1, keepdims=True)
         eta = np.where(known, eta, 0.0)
-        mean, variance = (
-            (eta, np.zeros(eta.shape)) if errors is None else errors.moments(of_errors, eta, rows)
+        of_each = (
+            (eta, *np.zeros((3, *eta.shape)))
+            if errors is None
+            else errors.moments(of_errors, eta, rows)
         )
-        found.mean[rows] = np.sum(weights * mean, axis=1)
-        spread = (mean - found.mean[rows][:, None]) ** 2
-        found.sd[rows] = np.sqrt(np.sum(weights * (spread + variance), axis=1))
+        moments = _moments(weights, *of_each)
         among = endless.among_finite(probabilities)
         found.quantiles[rows] = endless.quantiles(
             probabilities,
@@ -115,8 +117,9 @@ def forecast(
             else _inverted(errors, of_errors, eta, weights, rows, among),
         )
         finite = endless.mean == 0.0
-        found.mean[rows] = np.where(finite, found.mean[rows], endless.mean)
-        found.sd[rows] = np.where(finite, found.sd[rows], np.nan)
+        found.mean[rows] = np.where(finite, moments[0], endless.mean)
+        for moment, own in zip(moments[1:], (found.sd, found.skewness, found.kurtosis), strict=True):
+            own[rows] = np.where(finite, moment, np.nan)
     return found
 
 
@@ -157,6 +160,21 @@ class _Endless:
         return np.where(
             low, -np.inf, np.where(probabilities > 1.0 - self.above[:, None], np.inf, finite)
         )
+
+
+def _moments(
+    weights: Array, mean: Array, second: Array, third: Array, fourth: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Mean, sd, skewness and kurtosis (m,) of a mixture of parts with central moments (m, J)."""
+    middle = np.sum(weights * mean, axis=1)
+    away = mean - middle[:, None]
+    sd = np.sqrt(np.sum(weights * (away**2 + second), axis=1))
+    cubes = away**3 + 3.0 * away * second + third
+    squares = away**4 + 6.0 * away**2 * second + 4.0 * away * third + fourth
+    with np.errstate(divide="ignore", invalid="ignore"):
+        skewness = np.sum(weights * cubes, axis=1) / sd**3
+        kurtosis = np.sum(weights * squares, axis=1) / sd**4
+    return middle, sd, skewness, kurtosis
 
 
 def _weighted(eta: Array, weights: Array, probabilities: Array) -> Array:

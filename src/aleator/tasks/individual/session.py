@@ -14,9 +14,10 @@ from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Layout, Predictor
 from aleator.observations.covariates import covariates
-from aleator.observations.errors import MeasurementErrors
+from aleator.observations.errors import MeasurementErrors, noise_hyperparameters
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
+from aleator.observations.responses import Response
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
 from aleator.simulators import Runner
@@ -44,15 +45,17 @@ Runners = Callable[[Experiments | Conditions], Runner]
 
 @dataclass(frozen=True, eq=False)
 class IndividualSession:
-    """The laws resolved by the table, the noise, the table; how runs are made, and the likelihood.
+    """Laws, noise and responses, the table, how runs are made, and the likelihood.
 
-    None for a simulator or a likelihood that is not at hand. `on_simulator` tells whether the
+    Laws that follow covariates are resolved by the table. None for a table, a simulator or a
+    likelihood that is not at hand. `on_simulator` tells whether the
     simulator itself is asked, or surfaces of it as in `surfaces`.
     """
 
     inputs: Inputs
-    noise: Noise | Mapping[str, Noise]
-    table: Experiments
+    noise: Noise | Mapping[str, Noise] | None
+    responses: tuple[Response, ...]
+    table: Experiments | None
     runner: Runners | None
     likelihood: IndividualLikelihood | None
     on_simulator: bool
@@ -61,7 +64,8 @@ class IndividualSession:
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """All of alpha."""
-        return (*self.inputs.hyperparameters, *self._errors(self.table).hyperparameters)
+        names = tuple(response.name for response in self.responses)
+        return (*self.inputs.hyperparameters, *noise_hyperparameters(self.noise, names))
 
     def law(
         self,
@@ -108,11 +112,10 @@ class IndividualSession:
         if self.runner is None:
             raise missing(
                 "a prediction needs the simulator",
-                "aleator.load(path, simulator=..., inputs=..., noise=..., experiments=...)",
+                "aleator.load(path, simulator=..., inputs=..., noise=...)",
             )
         if isinstance(conditions, pd.DataFrame):
-            responses = self.table.observations.responses
-            conditions = Conditions.from_frame(conditions, responses=responses)
+            conditions = Conditions.from_frame(conditions, responses=self.responses)
         if progress is not None:
             progress.stage("prediction")
         alpha = in_order(values, self.hyperparameters)
@@ -124,14 +127,11 @@ class IndividualSession:
             draws,
             self._predictor(runner, draws.x.reshape(-1, draws.x.shape[2])),
             layout,
-            self._errors(conditions) if noise else None,
+            MeasurementErrors.of(self.noise, conditions) if noise and self.noise else None,
             alpha[self.inputs.size :],
             np.array(quantiles),
         )
         return _framed(conditions, found, quantiles)
-
-    def _errors(self, table: Experiments | Conditions) -> MeasurementErrors:
-        return MeasurementErrors.of(self.noise, table)
 
     def _predictor(self, runner: Runner, x: Array) -> Predictor:
         box = self.inputs.box
@@ -147,59 +147,68 @@ class IndividualSession:
             if inputs.regressed:
                 inputs = inputs.resolved(covariates(conditions, inputs.covariates))
             return Draws.new(inputs, alpha, count)
-        likelihood = self._adapted(alpha)
-        ids = self._measured(conditions, of)
+        if self.table is None:
+            raise missing(
+                f"of '{of}': that needs the experiments that were measured",
+                "aleator.load(path, ..., experiments=...)",
+            )
+        likelihood = self._adapted(self.table, alpha)
+        ids = _measured(self.table, conditions, of)
         each = {
             name: Draws.old(likelihood, alpha, self.table.ids.index(name))
             for name in dict.fromkeys(ids)
         }
         return Draws.joined([each[name] for name in ids])
 
-    def _measured(self, conditions: Conditions, of: str) -> list[str]:
-        """The measured experiment that each new one is: a column's, or one for all."""
-        if of == OWN:
-            ids = [*conditions.ids]
-        elif of in conditions.table.columns:
-            ids = [_text(cell) for cell in covariates(conditions, [of])[of]]
-        else:
-            ids = [of] * len(conditions.ids)
-        for name in ids:
-            if name not in self.table.ids:
-                raise InputsError(
-                    f"of '{of}': there is no experiment '{name}'{nearest(name, self.table.ids)}",
-                    "name an experiment that was measured, or a column of the conditions with such",
-                )
-        return ids
-
-    def _adapted(self, alpha: Array) -> IndividualLikelihood:
+    def _adapted(self, table: Experiments, alpha: Array) -> IndividualLikelihood:
         """The likelihood of the measured experiments, made again where it was not kept."""
         if self.likelihood is not None:
             return self.likelihood
         assert self.runner is not None
-        runner, seen = self.runner(self.table), self.table.observations
-        x = Draws.new(self.inputs, alpha, len(self.table.ids)).x
+        assert self.noise is not None
+        runner, seen = self.runner(table), table.observations
+        x = Draws.new(self.inputs, alpha, len(table.ids)).x
         likelihood = IndividualLikelihood.of(
             self.inputs,
-            self._errors(self.table),
+            MeasurementErrors.of(self.noise, table),
             self._predictor(runner, x.reshape(-1, x.shape[2])),
-            Layout(len(self.table.ids), seen.experiment, runner.unit, runner.column),
+            Layout(len(table.ids), seen.experiment, runner.unit, runner.column),
             GaussHermite(NODES),
         )
         return likelihood.adapted(alpha)
+
+
+def _measured(table: Experiments, conditions: Conditions, of: str) -> list[str]:
+    """The measured experiment that each new one is: a column's, or one for all."""
+    if of == OWN:
+        ids = [*conditions.ids]
+    elif of in conditions.table.columns:
+        ids = [_text(cell) for cell in covariates(conditions, [of])[of]]
+    else:
+        ids = [of] * len(conditions.ids)
+    for name in ids:
+        if name not in table.ids:
+            raise InputsError(
+                f"of '{of}': there is no experiment '{name}'{nearest(name, table.ids)}",
+                "name an experiment that was measured, or a column of the conditions with such",
+            )
+    return ids
 
 
 def session_of(
     propagation: str,
     inputs: Inputs,
     noise: Noise | Mapping[str, Noise],
-    table: Experiments,
+    responses: tuple[Response, ...],
+    table: Experiments | None,
     surfaces: ResponseSurface,
     runner: Runners | None,
 ) -> IndividualSession:
     """The session of an answer that was read from a file; `propagation` is the answer's."""
-    if inputs.regressed and inputs.covariate_model is None:
+    if table is not None and inputs.regressed and inputs.covariate_model is None:
         inputs = inputs.resolved(covariates(table, inputs.covariates))
-    return IndividualSession(inputs, noise, table, runner, None, propagation == DIRECT, surfaces)
+    on_simulator = propagation == DIRECT
+    return IndividualSession(inputs, noise, responses, table, runner, None, on_simulator, surfaces)
 
 
 def runners(runner: Runner, table: Experiments) -> Runners:
@@ -223,6 +232,7 @@ def _framed(conditions: Conditions, found: Forecast, quantiles: tuple[float, ...
     if len(seen.responses) > 1:
         columns["response"] = [seen.responses[k].name for k in seen.response]
     columns["mean"], columns["standard_deviation"] = found.mean, found.sd
+    columns["skewness"], columns["kurtosis"] = found.skewness, found.kurtosis
     columns |= {f"q{p:g}": found.quantiles[:, i] for i, p in enumerate(quantiles)}
     columns["status"] = np.where(found.lost > LOST, "runs_failed", "solved")
     order = np.lexsort((seen.response, seen.row))

@@ -18,11 +18,12 @@ from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
+from aleator.observations.responses import Response
 from aleator.observations.transform import Transform
 from aleator.simulators import Runner, Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import DEFAULT_PROPAGATION
-from aleator.tasks.individual.session import IndividualSession, runners, session_of
+from aleator.tasks.individual.session import IndividualSession, Runners, runners, session_of
 from aleator.tasks.results import documents
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.session import OutcomeSession, Session
@@ -55,8 +56,8 @@ def load(
     """Read an identification that `found.save` or the command `aleator identify` wrote.
 
     All values come back as they were. What is no value is given again, as `identify` takes it:
-    `inputs` and `noise` for `found.law`, `simulator` as well for `found.predict`; of several
-    observations an experiment the `experiments` too. Raises
+    `inputs` and `noise` for `found.law`, `simulator` as well for `found.predict`; the `experiments`
+    too for predictions of one that was measured, and where a law follows covariates. Raises
     AleatorError that names the file and the key where it is no identification, InputsError where
     the inputs and the noise have other hyperparameters than those that were identified.
 
@@ -103,19 +104,34 @@ def _individual_session(
     experiments: Experiments | None,
     propagation: ResponseSurface | Collocation,
 ) -> IndividualSession:
-    if experiments is None or noise is None:
-        lacking = "experiments" if experiments is None else "noise"
+    regressed = inputs.regressed and inputs.covariate_model is None
+    if noise is None or (experiments is None and regressed):
+        lacking = "noise" if noise is None else "experiments, whose covariates make the law,"
         raise AleatorError(
-            f"{path} was identified from several observations an experiment, and what can be asked "
-            f"of it needs the {lacking} too",
-            f"aleator.load(path, ..., {lacking}=...)",
+            f"what can be asked of {path} needs the {lacking} too",
+            f"aleator.load(path, ..., {'noise' if noise is None else 'experiments'}=...)",
         )
     surfaces = propagation if isinstance(propagation, ResponseSurface) else ResponseSurface()
+    seen = tuple(Response(name, Transform(each)) for name, each in found.responses.items())
     return session_of(
-        found.propagation, inputs, noise, experiments, surfaces,
-        None if simulator is None
-        else runners(Runner(simulator, experiments, inputs.names), experiments),
+        found.propagation, inputs, noise, seen, experiments, surfaces,
+        _runners(found, simulator, inputs, experiments),
     )  # fmt: skip
+
+
+def _runners(
+    found: Identification,
+    simulator: Simulator | None,
+    inputs: Inputs,
+    experiments: Experiments | None,
+) -> Runners | None:
+    """What makes runs with the simulator, which gets arrays of what varied within experiments."""
+    if simulator is None:
+        return None
+    if experiments is not None:
+        return runners(Runner(simulator, experiments, inputs.names), experiments)
+    varying = {name for entry in found.observations for name in entry.conditions}
+    return lambda asked: Runner(simulator, asked, inputs.names, varying=varying)
 
 
 def from_document(document: Entry, path: str | Path) -> Identification:

@@ -18,7 +18,7 @@ from aleator.observations.experiments import Conditions
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
 from aleator.simulators import Simulator, as_runner
-from aleator.tasks.predict import predicted
+from aleator.tasks.outcome import predicted
 from aleator.tasks.results.law import JointLaw
 from aleator.tasks.results.values import Estimate, in_order
 from aleator.types import Array

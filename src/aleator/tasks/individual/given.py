@@ -1,0 +1,60 @@
+"""Predictions under a law that is given, and was not identified here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from aleator.errors import InputsError
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.propagation import Collocation
+from aleator.observations.errors import noise_hyperparameters
+from aleator.observations.experiments import Conditions
+from aleator.observations.noise import Noise
+from aleator.progress import Progress
+from aleator.simulators import Runner
+from aleator.surrogates import ResponseSurface
+from aleator.tasks.individual.cost import cheap
+from aleator.tasks.individual.population import FAR, held_region
+from aleator.tasks.individual.session import IndividualSession
+from aleator.tasks.results.values import Estimate, in_order
+from aleator.types import Array
+
+
+def predicted(
+    runner: Runner,
+    conditions: Conditions,
+    inputs: Inputs,
+    noise: Noise | Mapping[str, Noise] | None,
+    propagation: ResponseSurface | Collocation,
+    values: Mapping[str, float | Estimate],
+    quantiles: tuple[float, ...],
+    progress: Progress | None,
+) -> pd.DataFrame:
+    """A row for each row of the conditions and response, by the simulator itself or surfaces of it.
+
+    Raises InputsError for a law that follows covariates by a formula that no table has resolved.
+    """
+    if inputs.regressed and inputs.covariate_model is None:
+        raise InputsError(
+            f"the law follows {', '.join(inputs.covariates)}, by a formula that the experiments "
+            "resolved which it was identified from",
+            "ask the identification: found.predict(...), or aleator.load(...).predict(...)",
+        )
+    names = conditions.observations.names
+    known = (*inputs.hyperparameters, *noise_hyperparameters(noise, names))
+    alpha = in_order(values, known)[: inputs.size]
+    session = IndividualSession(
+        inputs, noise, conditions.responses, None, lambda _: runner, None,
+        _on_simulator(runner, inputs, alpha, len(conditions.ids)),
+        propagation if isinstance(propagation, ResponseSurface) else ResponseSurface(),
+    )  # fmt: skip
+    return session.predict(conditions, values, conditions.transform, quantiles, progress)
+
+
+def _on_simulator(runner: Runner, inputs: Inputs, alpha: Array, experiments: int) -> bool:
+    middle = np.zeros((experiments, len(inputs.classes), inputs.scattering))
+    x = inputs.individual(alpha, middle, slice(0, experiments)).x[0, 0]
+    return cheap(runner, inputs, x, held_region(inputs, [alpha], experiments, FAR))
