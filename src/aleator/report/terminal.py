@@ -298,7 +298,8 @@ def _surface(surface: Mapping[str, Any], experiments: int) -> str:
         for key in ("median_error", "worst_error")
         if surface.get(key) is not None
     ]
-    return ", ".join(parts) + f" of the outcome's scatter {surface.get('where', 'on the box')}"
+    against = surface.get("against", "the outcome's scatter")
+    return ", ".join(parts) + f" of {against} {surface.get('where', 'on the box')}"
 
 
 def _by_stage(total: float, stages: Mapping[str, float], form: str) -> str:

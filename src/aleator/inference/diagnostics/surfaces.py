@@ -43,16 +43,23 @@ def surface_errors(problem: Problem, checked: Verification | None) -> Array:
 
 def surface_report(problem: Problem) -> dict[str, Any] | None:
     """How good the surfaces are, relative to the outcome's scatter under the law or on the box."""
-    surface = problem.surface
-    if surface is None:
+    if problem.surface is None:
         return None
+    return judged(problem.surface, "under the law" if problem.model.follows else "on the box")
+
+
+def judged(
+    surface: Surface, where: str = "under the law", against: str = "the outcome's scatter"
+) -> dict[str, Any]:
+    """How good surfaces are, relative to what they were judged against."""
     relative = surface.error / np.where(surface.scatter > 0.0, surface.scatter, np.inf)
     return {
         "converged": int(surface.converged.sum()),
         "experiments": int(surface.converged.size),
         "median_error": float(np.median(relative)),
         "worst_error": float(np.max(relative)),
-        "where": "under the law" if problem.model.follows else "on the box",
+        "where": where,
+        "against": against,
         "runs": int(surface.total_runs),
     }
 

@@ -17,6 +17,7 @@ from aleator.inference.diagnostics.individual import (
     rival_warnings,
     without_surfaces,
 )
+from aleator.inference.diagnostics.surfaces import judged
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import (
     IndividualLikelihood,
@@ -86,7 +87,9 @@ def assembled(
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
         search=search_of(found, inference, hyperparameters),
-        surface=None,
+        surface=None
+        if answer.surfaces is None
+        else judged(answer.surfaces.surface(), against="the noise"),
         baselines=_baselines(answer, names),
         runs=sum(ledger.runs.values()),
         runs_by_stage=ledger.runs,
