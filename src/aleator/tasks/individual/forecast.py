@@ -118,7 +118,9 @@ def forecast(
         )
         finite = endless.mean == 0.0
         found.mean[rows] = np.where(finite, moments[0], endless.mean)
-        for moment, own in zip(moments[1:], (found.sd, found.skewness, found.kurtosis), strict=True):
+        for moment, own in zip(
+            moments[1:], (found.sd, found.skewness, found.kurtosis), strict=True
+        ):
             own[rows] = np.where(finite, moment, np.nan)
     return found
 
