@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -9,7 +10,7 @@ from typing import Any
 
 import click
 
-from aleator.cli.starting import STOPPED, TOLD, ended_at_once
+from aleator.cli.starting import ended_at_once, ending, termination_heard
 from aleator.errors import AleatorError
 
 NO_MEMORY = AleatorError(
@@ -35,10 +36,12 @@ COMMANDS = {
 def misuse_told(ctx: click.Context) -> Iterator[None]:
     """Misuse, and what the machine refuses, is one message and exit code 2, Ctrl-C is 130.
 
-    A defect keeps its traceback.
+    SIGTERM is 143. A defect keeps its traceback.
     """
+    heard: list[int] = []
     try:
-        yield
+        with termination_heard() as heard:
+            yield
     except AleatorError as error:
         click.echo(f"aleator: error: {error}", err=True)
         ctx.exit(2)
@@ -53,8 +56,9 @@ def misuse_told(ctx: click.Context) -> Iterator[None]:
         click.echo(f"aleator: error: {NO_MEMORY}", err=True)
         ctx.exit(2)
     except KeyboardInterrupt:
-        click.echo(TOLD, err=True)
-        ctx.exit(STOPPED)
+        told, code = ending(heard[-1] if heard else signal.SIGINT)
+        click.echo(told, err=True)
+        ctx.exit(code)
 
 
 class _Commands(click.Group):
@@ -93,5 +97,6 @@ def main() -> None:
     check on the simulator itself.
 
     Exit codes: 0 done, 1 a defect of Aleator or of its surroundings, 2 something in the input or
-    on the command line is to be mended (the message says what and how), 130 stopped by Ctrl-C.
+    on the command line is to be mended (the message says what and how), 130 stopped by Ctrl-C,
+    143 by SIGTERM.
     """

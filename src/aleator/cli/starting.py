@@ -1,4 +1,4 @@
-"""Ctrl-C while modules are imported: the program ends at once, in one line."""
+"""Ctrl-C and SIGTERM: how the program ends, and at once while modules are imported."""
 
 from __future__ import annotations
 
@@ -6,9 +6,41 @@ import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 
-STOPPED = 130  # what shells report for a program ended by Ctrl-C
-TOLD = "aleator: stopped by Ctrl-C"
+
+def ending(signum: int) -> tuple[str, int]:
+    """What the program says when a signal ended it, and the exit code that shells report then."""
+    name = "Ctrl-C" if signum == signal.SIGINT else signal.Signals(signum).name
+    return f"aleator: stopped by {name}", 128 + signum
+
+
+@contextmanager
+def termination_heard() -> Iterator[list[int]]:
+    """Let SIGTERM, which a batch system sends when the time is up, end a command as Ctrl-C does.
+
+    Yields the signals that came.
+    """
+    heard: list[int] = []
+
+    def end(signum: int, frame: FrameType | None) -> None:
+        heard.append(signum)
+        answer = signal.getsignal(signal.SIGINT)  # ignored in the background of a shell
+        if not callable(answer):
+            raise KeyboardInterrupt
+        answer(signum, frame)
+
+    try:
+        plain = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+        if plain:
+            signal.signal(signal.SIGTERM, end)
+    except ValueError:  # not the main thread, which answers signals
+        plain = False
+    try:
+        yield heard
+    finally:
+        if plain:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @contextmanager
@@ -31,6 +63,7 @@ def ended_at_once() -> Iterator[None]:
             signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _end(_signum: int, _frame: object) -> None:
-    os.write(2, f"{TOLD}\n".encode())
-    os._exit(STOPPED)
+def _end(signum: int, _frame: object) -> None:
+    told, code = ending(signum)
+    os.write(2, f"{told}\n".encode())
+    os._exit(code)

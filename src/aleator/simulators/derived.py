@@ -120,7 +120,7 @@ class DerivedFunction(FunctionSimulator):
     def __init__(self, inner: FunctionSimulator, expressions: Mapping[str, str]) -> None:
         super().__init__(
             _Calculated(inner, expressions), inner.vectorized, inner.version, inner.block,
-            inner.series,
+            inner.series, inner.timeout,
         )  # fmt: skip
         self.inner, self.expressions = inner, dict(expressions)
         self.description = inner.description

@@ -21,6 +21,7 @@ from aleator.simulators.protocol import (
     Simulator,
     one_by_one,
 )
+from aleator.simulators.time_limit import checked_limit, limited
 from aleator.types import Array
 
 
@@ -38,7 +39,8 @@ class FunctionSimulator:
     user's own name of what the function does: runs that were kept stay valid until it changes,
     whatever happens to the source. `block` is the most runs of one call with arrays (default 8192):
     where outcomes may differ in their last digits with the length of the arrays, runs are the same
-    only for the same block.
+    only for the same block. A call that takes longer than `timeout` seconds is stopped (see
+    `limited`), and the run has failed.
 
     Raises SimulatorError if `function` is not callable or has arguments without a name, and for
     a series that is vectorized.
@@ -59,6 +61,7 @@ class FunctionSimulator:
         version: str = "",
         block: int | None = None,
         series: bool = False,
+        timeout: float | None = None,
     ) -> None:
         if series and vectorized:
             raise SimulatorError(
@@ -76,6 +79,7 @@ class FunctionSimulator:
         self.vectorized = vectorized
         self.series = series
         self.version = version
+        self.timeout = checked_limit(timeout)
         self.block = block or (ARRAY_BLOCK if vectorized else SINGLE_BLOCK)
         self._reference: tuple[str, str] | None = None
         self._digests: dict[str, str] | None = None
@@ -92,6 +96,7 @@ class FunctionSimulator:
         version: str = "",
         block: int | None = None,
         series: bool = False,
+        timeout: float | None = None,
     ) -> FunctionSimulator:
         """The function that a reference names (see `load_function`), also in other processes.
 
@@ -101,7 +106,8 @@ class FunctionSimulator:
         >>> FunctionSimulator.named("statistics:fmean").name
         'fmean'
         """
-        simulator = cls(load_function(reference, base_dir), vectorized, version, block, series)
+        function = load_function(reference, base_dir)
+        simulator = cls(function, vectorized, version, block, series, timeout)
         simulator._reference = reference, str(Path(base_dir).resolve())
         simulator._digests = digests(simulator.function)
         return simulator
@@ -110,7 +116,7 @@ class FunctionSimulator:
         """By name where it was named; else the function itself, as far as it can be pickled."""
         origin: tuple[Any, ...] = self._reference or (self.function,)
         expected = digests(self.function) if self._digests is None else self._digests
-        options = (self.vectorized, self.version, self.block, self.series)
+        options = (self.vectorized, self.version, self.block, self.series, self.timeout)
         return _arrived, (expected, *origin, *options)
 
     def takes(self, name: str) -> bool:
@@ -155,16 +161,22 @@ class FunctionSimulator:
         """Run R times; raises what the function raises, in a RunStopped unless vectorized."""
         with np.errstate(all="ignore"):  # what is not finite is reported with its experiment
             if self.vectorized:
-                return self.function(**conditions, **parameters)  # type: ignore[no-any-return]
+                return self._timed({**conditions, **parameters})  # type: ignore[no-any-return]
             return one_by_one(self._series if self.series else self._row, conditions, parameters)
 
     def _row(self, cells: dict[str, Any]) -> Any:
-        return _answer(self.function(**cells), _scalar)
+        return _answer(self._timed(cells), _scalar)
 
     def _series(self, cells: dict[str, Any]) -> Any:
         # copies: a function that changes its arguments must not change the next run's
         own = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in cells.items()}
-        return _answer(self.function(**own), _array)
+        return _answer(self._timed(own), _array)
+
+    def _timed(self, cells: Mapping[str, Any]) -> Any:
+        if self.timeout is None:
+            return self.function(**cells)
+        with limited(self.timeout):
+            return self.function(**cells)
 
     def fingerprint(self) -> str:
         """A hash that changes with the source of the function and of the modules beside it.

@@ -53,9 +53,10 @@ def function(
     version: str = "",
     block: Annotated[int, Field(ge=1)] | None = None,
     series: bool = False,
+    timeout: float | None = None,
 ) -> FunctionSimulator:
     """A Python function."""
-    return FunctionSimulator.named(function, folder, vectorized, version, block, series)
+    return FunctionSimulator.named(function, folder, vectorized, version, block, series, timeout)
 
 
 # Of each way to find a program's outcome: the library's choice, and the keys beside the way's own.

@@ -75,6 +75,7 @@ class Dispatcher:
         self._waiting: deque[Runs] = deque()
         self._suspect: list[Runs] = []
         self._stopped: BaseException | None = None
+        self._ending: Callable[[], bool] = lambda: False
         self._each = 0.0
         self._most = MOST
 
@@ -94,6 +95,7 @@ class Dispatcher:
         """
         self._waiting = deque([asked] if len(asked) else [])
         with interruptions_noted() as interrupted:
+            self._ending = interrupted
             while self._waiting or self._running or self._suspect:
                 while self._waiting and not self._suspect and self._has_room():
                     self._submit(self._next())
@@ -151,12 +153,16 @@ class Dispatcher:
             try:
                 made = future.result()
             except WorkerLost as death:
+                if self._ending():
+                    continue  # what ends this process may end its workers: no run is at fault
                 if len(batch) == 1:
                     yield _dead(batch, death)
                 else:
                     self._waiting.extendleft(batch.halves())
                 continue
             except BrokenExecutor as death:
+                if self._ending():
+                    continue
                 # small batches for a while: the next death then costs fewer runs
                 self._most = max(1, len(batch) // 4)
                 if len(batch) == 1 and not self._running and len(ready) == 1:
