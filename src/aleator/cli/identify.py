@@ -46,6 +46,11 @@ IDENTIFICATION = "identification.json"
 @click.option("--no-verify", is_flag=True, help="Leave out the Monte Carlo check on the simulator.")
 @makes_runs
 @click.option("--no-figures", is_flag=True, help="Draw no figures.")
+@click.option(
+    "--details",
+    is_flag=True,
+    help="Report what other densities would change, all surfaces, and where the time went, too.",
+)
 def identify(
     study: Path,
     output: Path | None,
@@ -53,6 +58,7 @@ def identify(
     starts: int | None,
     no_verify: bool,
     no_figures: bool,
+    details: bool,
     options: RunOptions,
 ) -> None:
     """Identify the law that STUDY.toml asks for.
@@ -131,7 +137,7 @@ def identify(
     if options.quiet:
         click.echo(printed.verdict(document))
     else:
-        Console().print(terminal.render(document, files))
+        Console().print(terminal.render(document, files, details))
 
 
 def _figures(document: dict[str, Any], folder: Path, quiet: bool) -> list[str]:

@@ -31,19 +31,20 @@ PREDICTED: Sequence[Column] = (
 )  # fmt: skip
 
 
-def render(result: Result, files: Sequence[str] = ()) -> RenderableType:
+def render(result: Result, files: Sequence[str] = (), details: bool = False) -> RenderableType:
     """The report of a result document (see `Identification.to_dict`); `files` are named at its end.
 
-    Keys that the document lacks are left out of the report.
+    It has what helps to decide; `details` are the rest: what other densities would change, surfaces
+    that converged, and where the seconds went. Keys that the document lacks are left out.
     """
     parts = [
         _opening(result),
         _alpha(result),
         _log_likelihood(result),
-        _densities(result),
+        _densities(result) if details else None,
         individual.shrinkage(result) if individual.is_individual(result) else None,
         _worst(result),
-        _effort(result),
+        _effort(result, details),
         *_warnings(result),
         _verdict(result, files),
     ]
@@ -261,11 +262,11 @@ def _explained(experiment: Mapping[str, Any], log: bool) -> tuple[str, ...]:
     )
 
 
-def _effort(result: Result) -> RenderableType:
-    return Rows((("", "left"), ("", "fold")), [*_efforts(result)])
+def _effort(result: Result, details: bool) -> RenderableType:
+    return Rows((("", "left"), ("", "fold")), [*_efforts(result, details)])
 
 
-def _efforts(result: Result) -> Iterator[tuple[str, str]]:
+def _efforts(result: Result, details: bool) -> Iterator[tuple[str, str]]:
     search, surface = result.get("search"), result.get("surface")
     simulator = result.get("simulator") or {}
     if simulator.get("notes"):
@@ -280,14 +281,16 @@ def _efforts(result: Result) -> Iterator[tuple[str, str]]:
         distinct = search.get("distinct_optima", len(optima))
         text += f", {distinct} distinct optim{'um' if distinct == 1 else 'a'}"
         yield "search", f"{text}: {', '.join(optima)}" if optima else text
-    if surface:
-        yield "surface", _surface(surface, len(result["experiments"]))
+    experiments = len(result["experiments"])
+    done = surface and surface.get("converged") == surface.get("experiments", experiments)
+    if surface and (details or not done):
+        yield "surface", _surface(surface, experiments)
     if "runs" in result:
         yield "runs", _by_stage(result["runs"], result.get("runs_by_stage") or {}, "{:,.0f}")
     seconds = dict(result.get("seconds") or {})
     if seconds:
         total = seconds.pop("total", sum(seconds.values()))
-        yield "seconds", _by_stage(total, seconds, "{:.1f}")
+        yield "seconds", _by_stage(total, seconds if details else {}, "{:.1f}")
 
 
 def _surface(surface: Mapping[str, Any], experiments: int) -> str:
