@@ -86,6 +86,14 @@ CASES: dict[str, tuple[Change, list[str]]] = {
         ["springs.csv: row 4, column 'length'", "the bound, 20,", 'right = "above"', "biased"],
     ),
     "less than": (table("3.2", "<=0.5"), ["the bound, 0.5,", 'left = "below"', "biased"]),
+    "a formula without end": (
+        study("mean = {lower = 0.6, upper = 1.4}", f'mean = "{"1 + " * 1000}1"'),
+        ["study.toml: key 'parameters.softness.mean'", "4,001 characters"],
+    ),
+    "a store that no file can be": (
+        study("[parameters", f'store = "{"a" * 10_000}"\n[parameters'),
+        ["aaa"],
+    ),
     "list of outcomes": (
         study('"length"\n', '["length", "load"]\n'),
         ["study.toml: key 'experiments.outcome'", 'outcomes = ["length", "load"]'],

@@ -97,10 +97,11 @@ def identify(
                     Instead of function: command (a program) or fmu
       [parameters.NAME] law = "truncated_normal", "beta" (box, mean, sd), "normal" (mean,
                     sd), "uniform" (box; or mean, sd), "gamma", "lognormal" (mean, sd,
-                    lower = 0), "scipy" (distribution, args; mean, sd) or "constant"
-                    (value); mean, sd and value each a number, or to be identified within
-                    {lower = ..., upper = ..., start = ...}; mean and sd may follow
-                    columns of the table: mean = "1 + temperature"
+                    lower = 0), "scipy" (distribution, args; mean, sd), "mixture"
+                    (components, shares) or "constant" (value); mean, sd and value each a
+                    number, or to be identified within {lower = ..., upper = ...,
+                    start = ...}; mean and sd may follow columns of the table:
+                    mean = "1 + temperature"
       [correlation] a.b: of the parameters a and b, a number or {lower = ..., upper = ...}
       [derived]     a = "b * load": parameters from others and from conditions
       [noise]       sd: measurement noise, a number, {lower = ..., upper = ...} or a

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -41,7 +42,7 @@ def opened(target: Path, new: bool = False) -> Iterator[Target]:
     if target.suffix == ".toml" or target.is_dir():
         study = load_study(target)
         path, simulator = study.store, study.simulator
-    if not path.exists() and not new:
+    if not os.path.exists(path) and not new:
         raise StoreError(
             f"{short(path)}: there is no store of runs",
             "`aleator identify` makes it with the first run; name the file if it lies elsewhere",

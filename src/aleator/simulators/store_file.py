@@ -70,13 +70,15 @@ def connected(path: Path) -> tuple[sqlite3.Connection, bool]:
     Raises StoreError for what is not a store, is damaged, is of a newer format, or can be neither
     written nor read.
     """
-    if path.is_dir():
+    # of os, as the questions of a path raise for a name that is too long
+    there, above = os.path.exists(path), os.path.isdir(path.parent)
+    if os.path.isdir(path):
         raise StoreError(f"{short(path)} is a folder, not a store of runs", "name a file in it")
-    writable = os.access(path.parent, os.W_OK) and (not path.exists() or os.access(path, os.W_OK))
-    if not writable and not path.exists():
+    writable = os.access(path.parent, os.W_OK) and (not there or os.access(path, os.W_OK))
+    if not writable and not there:
         raise StoreError(
             f"{short(path)}: a store of runs cannot be made in the folder {short(path.parent)}: "
-            + ("it is read-only" if path.parent.is_dir() else "there is no such folder"),
+            + ("it is read-only" if above else "there is no such folder"),
             "name a file elsewhere (--store FILE), or keep no runs (--no-store)",
         )
     with told(path):
