@@ -115,7 +115,7 @@ def _exact(problem: Problem) -> Likelihood | None:
     """The likelihood of the convolution on the same surfaces, where there is one."""
     model, inputs = problem.model, problem.model.inputs
     on_lattice = 1 <= inputs.scattering <= MOST_ON_LATTICE
-    if model.surfaces is None or not model.normal_noise or not (model.noise or on_lattice):
+    if model.surfaces is None or not (model.noise or on_lattice):
         return None
     cubature = default_cubature(inputs, Convolution(), runs=False)
     grid = QuadraturePropagation(inputs, problem.response, cubature)

@@ -8,7 +8,6 @@ from aleator.densities import Convolution, Density, MaximumEntropy, NodeDensity
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.integral import NodeIntegral
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.noise import Noise
 from aleator.quadrature import GermGrid
@@ -56,7 +55,7 @@ class Model:
         propagation = propagation or ResponseSurface()
         bare = cls(inputs, noise, propagation, density or STAND_IN)
         if density is None:
-            bare = replace(bare, density=bare._first_density, open=bare.normal_noise)
+            bare = replace(bare, density=bare._first_density, open=True)
         bare._check()
         return bare
 
@@ -69,11 +68,6 @@ class Model:
     def noise_sd(self, alpha: Array) -> float:
         """The noise's standard deviation in alpha (K,); zero without noise."""
         return float(alpha[-1]) if self.noise else 0.0
-
-    @property
-    def normal_noise(self) -> bool:
-        """Whether there is no noise, or normal noise, which adds in closed form."""
-        return self.noise is None or self.noise.normal
 
     @property
     def surfaces(self) -> ResponseSurface | None:
@@ -93,7 +87,7 @@ class Model:
     @property
     def exact(self) -> bool:
         """Whether the density is that of the outcome itself, exact but for the number of nodes."""
-        return isinstance(self.density, Convolution | NodeIntegral)
+        return isinstance(self.density, Convolution)
 
     @property
     def at_nodes(self) -> bool:
@@ -118,23 +112,14 @@ class Model:
 
     def exactly(self) -> Model:
         """The same with the density of the outcome itself, which may still give way to moments."""
-        return replace(self, density=self.exact_density, open=True)
+        return replace(self, density=Convolution(), open=True)
 
     def by_moments(self) -> Model:
         """The same with four moments, for good."""
         return replace(self, density=STAND_IN, open=False)
 
     @property
-    def exact_density(self) -> ChosenDensity:
-        """The density of the outcome itself under this noise."""
-        if self.noise is not None and not self.noise.normal:
-            return NodeIntegral(self.noise.kind)
-        return Convolution()
-
-    @property
     def _first_density(self) -> ChosenDensity:
-        if not self.normal_noise:
-            return self.exact_density
         sure = self.noise is not None or (self.inputs.scattering == 1 and self.lattice)
         return Convolution() if self.surfaces is not None and sure else STAND_IN
 
@@ -145,15 +130,12 @@ class Model:
                 "most three scattering parameters, and `nodes` left out or given as a number",
                 "add noise ([noise] sd, or noise=Noise(...)), or take MaximumEntropy or LogSpline",
             )
-        if not self.normal_noise and not isinstance(self.density, NodeIntegral):
+        if self.noise is not None and not self.noise.normal:
             raise InputsError(
-                f"density {self.density.name} knows normal noise only, and the noise is "
-                f"{self.noise.kind.name if self.noise else 'none'}",
-                "leave the density out: it is then the integral over the law's nodes",
-            )
-        if not self.normal_noise and self.surfaces is None:
-            raise InputsError(
-                "noise that is not normal needs response surfaces", "leave out the collocation"
+                f"a density of the outcome takes normal noise only, and {self.noise.kind.name} is "
+                "none",
+                "leave out density and collocation: the likelihood is then an integral over each "
+                "experiment's own parameters",
             )
         if self.inputs.scattering == 0 and self.noise is None:
             raise InputsError(
