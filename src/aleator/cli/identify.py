@@ -65,8 +65,8 @@ def identify(
 
     Prints a report and writes DIR/identification.json; for one seed that file is always the same,
     but for its "seconds". Draws DIR/experiments.png (what was measured beside what is predicted)
-    and DIR/calibration.png if matplotlib is installed, and of experiments with several
-    observations DIR/parameters.png. Progress goes to the standard error.
+    and DIR/calibration.png if matplotlib is installed, and with measurement noise
+    DIR/parameters.png. Progress goes to the standard error.
 
     Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
     known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
@@ -110,9 +110,10 @@ def identify(
       [propagation] method = "response_surface" (tolerance: as exact as the answer needs;
                     max_runs = 1000, nodes)
                     or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
-      [density]     kind = "automatic": with response surfaces the convolution where there
-                    is noise, one scattering parameter, or two or three whose estimates
-                    it would move; else maximum entropy of order 4.
+      [density]     kind = "automatic": with noise none, but an integral over individual
+                    parameters; without, the convolution for one scattering parameter,
+                    or two or three whose estimates it would move; else maximum entropy
+                    of order 4.
                     Or "maximum_entropy" (order), "gaussian", "gaussian_mixture",
                     "convolution" (points = 400) or "logspline" (knots = 32, smoothing)
       [search]      method = "gradient" (starts = 10, evaluations = 60), "genetic",

@@ -57,9 +57,10 @@ def identify(
     `simulator` takes conditions and parameters by keyword and returns the outcome: once a run with
     floats, or with arrays of R runs if `vectorized`. `experiments` is an `Experiments`, or a data
     frame whose column `outcome` is the measured outcome and whose other columns are conditions.
-    `density` None takes the density of the outcome itself if there are response surfaces, if there
-    is noise or at most three parameters scatter, and if its nodes suffice; otherwise the density
-    of maximum entropy with four moments. Runs are made by the workers of `executor`, or here; the
+    With `noise` the likelihood is an integral over each experiment's own parameters. Without, and
+    with `density` None, it takes the density of the outcome itself if there are response surfaces,
+    at most three parameters scatter, and its nodes suffice; otherwise that of maximum entropy with
+    four moments. Runs are made by the workers of `executor`, or here; the
     result does not depend on it. Raises AleatorError for input that cannot be used; failures of
     numerics are statuses and warnings on the result. Cost: the runs of the surfaces and of the
     verification, and some milliseconds for each of some hundred evaluations of the likelihood.
