@@ -26,7 +26,7 @@ from aleator.tasks.individual.population import (
     draws,
     held_region,
 )
-from aleator.tasks.individual.settle import HARDLY, Settled, settled
+from aleator.tasks.individual.settle import Settled, settled
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.likely import likely_alphas
 from aleator.tasks.region import hull
@@ -46,6 +46,8 @@ STILL = 0.1
 """A step of alpha, in the metric of the information, that is none."""
 CHANGE = 0.01
 """A change of the log-likelihood that is none; a ten-thousandth an experiment if that is more."""
+ROUGHLY = 0.05
+"""A change of the log-likelihood with more nodes that does not matter while surfaces change."""
 WIDER = 1.2
 """Runs are placed so much farther out than the laws say."""
 SHRINK = 0.6
@@ -158,7 +160,7 @@ class ByResponseSurfaces:
             before = surfaced.settled
             likelihood = self.likelihood(before.likelihood.predictor)
             found = self.search(likelihood, [before.alpha])
-            again = settled(likelihood, found.alpha, HARDLY)
+            again = settled(likelihood, found.alpha, ROUGHLY)
             if again.value < before.value + CHANGE:
                 with self.ledger.stage("search"):
                     return replace(surfaced, settled=settled(likelihood, before.alpha), found=found)
@@ -168,7 +170,7 @@ class ByResponseSurfaces:
         surfaces, region, sites = begun.surfaces, begun.region, begun.sites
         likelihood = self.likelihood(OnSurfaces(surfaces.surface(), region, sites.of))
         found = self.search(likelihood, [])
-        return Surfaced(settled(likelihood, found.alpha, HARDLY), found, surfaces, region, sites)
+        return Surfaced(settled(likelihood, found.alpha, ROUGHLY), found, surfaces, region, sites)
 
     def _refined(self, surfaced: Surfaced) -> Surfaced:
         """Run where the laws are, and climb, until nothing moves."""
@@ -181,7 +183,9 @@ class ByResponseSurfaces:
                 OnSurfaces(moved.surfaces.surface(), moved.region, moved.sites.of)
             )
             with self.ledger.stage("search"):
-                after = settled(likelihood, surfaced.settled.alpha, HARDLY)
+                # the nodes of the last round will do again
+                likelihood = replace(likelihood, rule=surfaced.settled.likelihood.rule)
+                after = settled(likelihood, surfaced.settled.alpha, ROUGHLY)
             calm = _calm(surfaced.settled, after, inference)
             surfaced = replace(moved, settled=after)
             if calm and level <= TIGHT:
