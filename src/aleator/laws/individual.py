@@ -42,7 +42,7 @@ class Individual:
     def of(cls, inputs: Inputs, alpha: Array, xi: Array, experiments: slice) -> Individual:
         """The image of the variates under the law alpha (K,) of these experiments."""
         mixing, slope = _mixing(inputs, alpha)
-        theta = xi @ mixing.T
+        theta = xi @ mixing.T if inputs.correlation.members else xi
         place = {i: s for s, i in enumerate(inputs.scattered)}
         none = np.zeros(xi.shape[:2])
         values = inputs.values(alpha, experiments)
@@ -52,8 +52,11 @@ class Individual:
                 zip(inputs.laws.values(), inputs.classes.T, strict=True)
             )
         )
-        x = np.stack([part.x for part in own], axis=-1)
-        log_weight = np.repeat(_log_weights(inputs, values), xi.shape[1] // len(inputs.classes), 1)
+        x = np.empty((*none.shape, len(own)))
+        for i, part in enumerate(own):
+            x[..., i] = part.x
+        each = xi.shape[1] // len(inputs.classes)
+        log_weight = np.repeat(_log_weights(inputs, values), each, axis=1)
         return cls(inputs, xi, theta, x, own, log_weight, mixing, slope, values, alpha, experiments)
 
     def by_variates(self) -> Array:

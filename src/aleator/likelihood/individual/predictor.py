@@ -64,8 +64,9 @@ class Direct:
         for k, i in enumerate(self.moving):
             with np.errstate(invalid="ignore"):
                 rise = parts[:, 1 + 2 * k] - parts[:, 2 + 2 * k]
+            fine = np.isfinite(rise)
             # an infinite value, such as a life without end, stays what it is
-            slopes[i] = np.where(np.isfinite(rise), rise, 0.0) / gaps[k][block.owner]
+            slopes[i] = (rise if np.all(fine) else np.where(fine, rise, 0.0)) / gaps[k][block.owner]
         return parts[:, 0], slopes
 
     def _points(self, x: Array) -> tuple[Array, list[Array]]:
