@@ -28,6 +28,8 @@ LARGEST_CHANGE = 0.5
 """Change of the log-likelihood by the simulator, beyond its error, that refuses an answer."""
 NOTED_GAP = 0.01
 """... from where on it is told."""
+EQUAL = 0.01
+"""Maxima whose log-likelihoods differ by less are as high as each other."""
 NOTED_FAILING = 0.02
 """Share of a law at which runs fail that is told."""
 MOSTLY = 0.5
@@ -128,12 +130,14 @@ def rival_warnings(
         f"{hyperparameters[k].name} {best.alpha[k]:.4g} (here {best.here[k]:.4g})"
         for k in best.moved
     )
+    lower = f"has a log-likelihood lower by {best.drop:.3g}"
+    height = lower if best.drop > EQUAL else "is as high"
     more = f" (and {len(rivals) - 1} more)" if len(rivals) > 1 else ""
     return [
         Diagnostic(
             "search",
-            f"there are two maxima: another one{more} has a log-likelihood lower by "
-            f"{best.drop:.3g}, at {where}. The higher one need not be the physical one",
+            f"there are two maxima: another one{more} {height}, at {where}. The higher one need "
+            "not be the physical one",
             "judge by what the parameters may be; limits that leave out one of them give the other",
             tuple(hyperparameters[k].name for k in best.moved),
         )

@@ -1,16 +1,20 @@
 """The likelihood as an integral over each experiment's own parameters, at nodes adapted to it."""
 
+from aleator.likelihood.individual.gauss_hermite import GaussHermite
+from aleator.likelihood.individual.importance import ImportancePoints
 from aleator.likelihood.individual.layout import Layout
 from aleator.likelihood.individual.likelihood import IndividualLikelihood
 from aleator.likelihood.individual.moments import IndividualParameters, individual_parameters
 from aleator.likelihood.individual.on_surfaces import OnSurfaces
+from aleator.likelihood.individual.panels import Panels
 from aleator.likelihood.individual.predictor import Direct, Evaluator, Predictor
-from aleator.likelihood.individual.rule import GaussHermite, Panels, Rule
+from aleator.likelihood.individual.rule import Rule
 
 __all__ = [
     "Direct",
     "Evaluator",
     "GaussHermite",
+    "ImportancePoints",
     "IndividualLikelihood",
     "IndividualParameters",
     "Layout",

@@ -12,12 +12,20 @@ from aleator.densities import Status
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.individual import Individual, variates_of
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual.gauss_hermite import GaussHermite
 from aleator.likelihood.individual.layout import Block, Layout
-from aleator.likelihood.individual.modes import ARRIVED, FARTHEST, NEAR, modes
-from aleator.likelihood.individual.nodes import Nodes, adapted_nodes, joined
-from aleator.likelihood.individual.panels import panel_nodes
+from aleator.likelihood.individual.modes import (
+    ARRIVED,
+    FARTHEST,
+    NEAR,
+    Curved,
+    Modes,
+    highest,
+    modes,
+)
+from aleator.likelihood.individual.nodes import Nodes, joined
 from aleator.likelihood.individual.predictor import Predictor
-from aleator.likelihood.individual.rule import GaussHermite, Panels, Rule
+from aleator.likelihood.individual.rule import Rule
 from aleator.likelihood.individual.toward import toward
 from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.value import LogLikelihood
@@ -101,7 +109,7 @@ class IndividualLikelihood:
         return np.array([self.evaluate(alpha).total for alpha in np.asarray(alphas)])
 
     def adapted(self, alpha: Array, arrived: float = ARRIVED) -> IndividualLikelihood:
-        """The same with nodes adapted to alpha (see `adapted_nodes`).
+        """The same with nodes adapted to alpha (see `GaussHermite`, `ImportancePoints`).
 
         Modes are found to `arrived` in log-density.
         """
@@ -110,20 +118,17 @@ class IndividualLikelihood:
         if not s:
             return self
         count, placed = classes * self.rule.size(s), list[tuple[slice, Array, Array]]()
-        mode, x = self.nodes.mode.copy(), np.zeros((self.count, classes, n))
-        information = self.nodes.information.copy()
+        peaks, information = self.nodes.peaks(self.rule.centers)
+        x = np.zeros((self.count, classes, n))
         for block in self.layout.blocks(count):
             part, curved = block.experiments, partial(self._curved, alpha, block)
-            found = modes(curved, self._best_start(alpha, block), arrived=arrived)
-            mode[part], information[part] = found.z, found.information
-            x[part] = self._individual(alpha, block, found.z).x
-            if isinstance(self.rule, Panels):
-                value = partial(self._log_density, alpha, block)
-                placed.append((part, *panel_nodes(curved, value, found, self.rule)))
-            else:
-                placed.append((part, *adapted_nodes(curved, found, self.rule)))
+            found = self._modes(alpha, block, curved, arrived)
+            peaks[part], information[part] = found.z, found.information
+            x[part] = self._individual(alpha, block, found.z[:, :, 0]).x
+            valued = partial(self._log_density, alpha, block)
+            placed.append((part, *self.rule.about(curved, valued, found, part.start)))
         xi, log_weight = joined(placed, self.count, classes)
-        return replace(self, nodes=Nodes(xi, log_weight, mode, information, x))
+        return replace(self, nodes=Nodes(xi, log_weight, peaks, information, x))
 
     def weighed(self, alpha: Array, block: Block) -> tuple[Array, Array, Individual, Terms]:
         """log L_l (B,), the share (B, J) of each node in it, and the parameters and terms there."""
@@ -180,22 +185,29 @@ class IndividualLikelihood:
         """The log-density (B, P) of variates z (B, P, s) given the observations."""
         return np.asarray(self.sums(alpha, block, z) - 0.5 * np.sum(z**2, axis=2))
 
-    def _best_start(self, alpha: Array, block: Block) -> Array:
-        """The likeliest point (B, C, s) of each class: of the last modes, and of points all about.
+    def _modes(self, alpha: Array, block: Block, curved: Curved, arrived: float) -> Modes:
+        """The modes (B, C, M, s) that the rule's nodes lie about.
 
-        The last modes are tried as variates and as parameters: where the observations tell more
-        than the law, it is the parameters that stay.
+        They are sought from the last modes, as variates and as parameters, because where the
+        observations tell more than the law it is the parameters that stay, and from points all
+        about. One mode is sought from the likeliest of these alone.
         """
         s, last = self.inputs.scattering, self.nodes.mode[block.experiments]
         around = np.concatenate([np.zeros((1, s)), *(reach * np.eye(s) for reach in AROUND)])
         around = np.broadcast_to(around, (*last.shape[:2], *around.shape))
         again = self._again(alpha, block, last)
         trial = np.concatenate([last[:, :, None], again[:, :, None], around], axis=2)
+        if self.rule.centers > 1:
+            known = arrived >= NEAR and self.nodes.x is not None
+            begun = self.nodes.modes[block.experiments] if known else trial
+            return highest(curved, begun, self.rule.centers, arrived)
         count, classes, points, _ = trial.shape
         flat = trial.reshape(count, classes * points, s)
         value = self.sums(alpha, block, flat) - 0.5 * np.sum(flat**2, axis=2)
         best = np.argmax(value.reshape(count, classes, points), axis=2)
-        return np.take_along_axis(trial, best[:, :, None, None], axis=2)[:, :, 0]
+        start = np.take_along_axis(trial, best[:, :, None, None], axis=2)[:, :, 0]
+        found = modes(curved, start, arrived=arrived)
+        return Modes(found.z[:, :, None], found.information[:, :, None], found.value[..., None])
 
     def _again(self, alpha: Array, block: Block, last: Array) -> Array:
         """The variates (B, C, s) under alpha of the parameters that the last modes were."""

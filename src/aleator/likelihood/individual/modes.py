@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,6 +19,10 @@ FEW_STEPS = 6
 """... of modes that only have to be near: where alpha is absurd, so are they."""
 LEAST = 0.1
 """Damping below this, over the information, is none."""
+APART = 2.0
+"""Standard deviations between two modes that are not one."""
+LITTLE = -7.0
+"""Logarithm of a mode's share of the first one's mass from where on it is none."""
 FARTHEST = 8.0
 """Variates beyond this have no mass: no step goes farther."""
 
@@ -33,12 +38,17 @@ class Curved(Protocol):
         """Value, gradient and information at P points of each of B experiments."""
 
 
+Valued = Callable[[Array], Array]
+"""The log-density (B, P) of variates z (B, P, s)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Modes z (B, P, s), and the information (B, P, s, s) there."""
+    """Modes z (B, ..., s), the information (B, ..., s, s) and the log-density (B, ...) there."""
 
     z: Array
     information: Array
+    value: Array
 
 
 def modes(
@@ -72,7 +82,38 @@ def modes(
         information = np.where(better[..., None, None], new_information, information)
         harder = np.where(open_, np.maximum(raised * damping, 1.0), damping)
         damping = np.where(better, lowered * damping * (damping > LEAST), harder)
-    return Modes(z, information)
+    return Modes(z, information, value)
+
+
+def highest(log_density: Curved, start: Array, count: int, arrived: float = ARRIVED) -> Modes:
+    """The modes (B, C, M, s) of most mass that climbs from starts (B, C, T, s) end in.
+
+    Modes nearer to each other than two of their standard deviations are one, and one of less than
+    a thousandth of the first one's mass is none. Where there are fewer than M, the first stands in
+    for the others.
+    """
+    shape = start.shape[:3]
+    flat = start.reshape(shape[0], -1, start.shape[3])
+    found = modes(log_density, flat, arrived=arrived)
+    z, value = found.z.reshape(start.shape), found.value.reshape(shape)
+    information = found.information.reshape(*start.shape, start.shape[3])
+    mass = value - 0.5 * np.linalg.slogdet(information)[1]
+    mass = np.where(np.isfinite(mass), mass, -np.inf)
+    least = mass.max(axis=2, keepdims=True) + LITTLE
+    chosen = np.zeros((*shape[:2], count), dtype=np.intp)
+    for m in range(count):
+        best = np.argmax(mass, axis=2)[..., None]
+        known = np.take_along_axis(mass, best, axis=2) > least
+        chosen[..., m] = np.where(known, best, chosen[..., :1])[..., 0]
+        here = np.take_along_axis(z, best[..., None], axis=2)
+        about = np.take_along_axis(information, best[..., None, None], axis=2)[:, :, 0]
+        away = np.einsum("bcts,bcsr,bctr->bct", z - here, about, z - here)
+        mass = np.where(away < APART**2, -np.inf, mass)
+    return Modes(
+        np.take_along_axis(z, chosen[..., None], axis=2),
+        np.take_along_axis(information, chosen[..., None, None], axis=2),
+        np.take_along_axis(value, chosen, axis=2),
+    )
 
 
 def _within(gradient: Array, information: Array, basis: Array | None) -> tuple[Array, Array]:

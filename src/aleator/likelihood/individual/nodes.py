@@ -1,4 +1,4 @@
-"""Nodes adapted to what each experiment's observations leave open of its variates."""
+"""Nodes of all experiments, each with its own."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.likelihood.individual.modes import NEAR, Curved, Modes, modes
-from aleator.likelihood.individual.rule import GaussHermite
+from aleator.likelihood.individual.gauss_hermite import GaussHermite
 from aleator.types import Array
 
 
@@ -17,14 +16,15 @@ class Nodes:
     """Standard normal variates xi (N, J, s) of each experiment, and log weights (N, J).
 
     int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) over the nodes of each of C classes,
-    which stand one after the other (see `Individual`). `mode` (N, C, s) are the modes, and
-    `information` (N, C, s, s) is that of the variates there. `x` (N, C, n) are the modes as
-    parameters, under the alpha to which the nodes are adapted; None for the nodes of the law.
+    which stand one after the other (see `Individual`). `modes` (N, C, M, s) are those that they lie
+    about, the highest first, and `information` (N, C, M, s, s) is that of the variates there. `x`
+    (N, C, n) are the highest modes as parameters, under the alpha to which the nodes are adapted;
+    None for the nodes of the law.
     """
 
     xi: Array
     log_weight: Array
-    mode: Array
+    modes: Array
     information: Array
     x: Array | None = None
 
@@ -33,43 +33,18 @@ class Nodes:
         """Those of the standard normal law, the same in each of so many experiments."""
         t, log_w = rule.nodes(variates)
         xi, log_weight = np.tile(t, (count, classes, 1)), np.tile(log_w, (count, classes))
-        information = np.tile(np.eye(variates), (count, classes, 1, 1))
-        return cls(xi, log_weight, np.zeros((count, classes, variates)), information)
+        information = np.tile(np.eye(variates), (count, classes, 1, 1, 1))
+        return cls(xi, log_weight, np.zeros((count, classes, 1, variates)), information)
 
+    def peaks(self, count: int) -> tuple[Array, Array]:
+        """So many copies of the highest modes, and of the information there."""
+        modes, information = self.modes[:, :, :1], self.information[:, :, :1]
+        return np.repeat(modes, count, axis=2), np.repeat(information, count, axis=2)
 
-def adapted_nodes(log_density: Curved, found: Modes, rule: GaussHermite) -> tuple[Array, Array]:
-    """Nodes xi (B, C q, s) about the C modes of each of B experiments, and their log weights.
-
-    The coordinates w = Q' xi are those of the eigenvectors Q of the information at the mode, the
-    least informed first. Each has a Gauss-Hermite rule in turn, about its conditional mode given
-    those before it and as wide as the information there says:
-
-        w_i = w_i*(t_1 .. t_(i-1)) + c_i(t_1 .. t_(i-1)) t_i,
-        weight = w_j prod_i c_i phi(xi)/phi(t).
-
-    So the nodes follow a curved ridge, which is what fewer observations than parameters leave.
-    Where the log-density is quadratic they are those of Liu and Pierce (1994).
-    """
-    z, information = found.z, found.information
-    s = z.shape[2]
-    basis = np.linalg.eigh(information)[1]
-    log_weight = np.zeros(z.shape[:2])
-    for i in range(s):
-        # those of one mode are next to each other
-        rest = np.repeat(basis, z.shape[1] // basis.shape[1], axis=1)[..., i:]
-        left = np.linalg.inv(np.swapaxes(rest, -1, -2) @ information @ rest)
-        scale = np.sqrt(left[..., 0, 0])
-        # the others go along as the conditional normal law says
-        along = (rest @ (left[..., :, :1] / scale[..., None, None]))[..., 0]
-        t, log_w = rule.coordinate(i)
-        z = _spread(z[:, :, None] + t[:, None] * along[:, :, None])
-        of_rule = log_w + 0.5 * t**2
-        log_weight = _spread((log_weight + np.log(scale))[:, :, None] + of_rule)
-        if i < s - 1:
-            whole = np.repeat(rest, t.size, axis=1)[..., 1:]
-            again = modes(log_density, z, whole, NEAR)
-            z, information = again.z, again.information
-    return z, log_weight - 0.5 * np.sum(z**2, axis=2)
+    @property
+    def mode(self) -> Array:
+        """The highest modes (N, C, s)."""
+        return np.asarray(self.modes[:, :, 0])
 
 
 def joined(
@@ -87,8 +62,3 @@ def joined(
         nodes[part, :, :own] = xi.reshape(len(xi), classes, own, -1)
         log_weights[part, :, :own] = log_weight.reshape(len(xi), classes, own)
     return nodes.reshape(count, classes * most, -1), log_weights.reshape(count, -1)
-
-
-def _spread(values: Array) -> Array:
-    """(B, P, q, ...) as (B, P q, ...)."""
-    return values.reshape(values.shape[0], -1, *values.shape[3:])

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.likelihood.individual.modes import Curved, Modes, modes
-from aleator.likelihood.individual.rule import Panels
+from aleator.likelihood.individual.modes import Curved, Modes, Valued, modes
 from aleator.polynomials.gauss import gauss_legendre
 from aleator.types import Array, Flags
 
+POINTS = 8
+"""Gauss-Legendre nodes of half a panel."""
+FINER = 12
+"""The same of those that tell how exact these are."""
+PANELS = 64
+"""Halves of panels that an experiment takes, about."""
 FARTHEST = 8.5
 """Variates beyond this have no mass: 1e-17 at either end."""
 ROUGHLY = 1e-3
@@ -35,30 +40,61 @@ ROUNDS = 40
 """Times that panels are halved; at a jump, twelve digits."""
 
 
-Valued = Callable[[Array], Array]
-"""The log-density (B, P) of variates z (B, P, 1)."""
+@dataclass(frozen=True)
+class Panels:
+    """Gauss-Legendre nodes in panels of one variate, halved until they are enough.
 
-
-def panel_nodes(
-    curved: Curved, log_density: Valued, found: Modes, rule: Panels
-) -> tuple[Array, Array]:
-    """Nodes xi (B, C q, 1) of B experiments with C modes, a class each, and their log weights.
-
-    int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) in each class, where the log-density is
-    that of g(xi) exp(-xi^2/2). Adaptive quadrature (Gander and Gautschi, 2000): the panel is halved
-    whose integral the halves change most.
+    `points` in each half of a panel. For an individual law with several modes, a plateau, a front,
+    a kink or a jump. Adaptive quadrature (Gander and Gautschi, 2000): the panel is halved whose
+    integral the halves change most. Cost: some hundred nodes an experiment.
     """
-    of_class = _OfClasses(curved, log_density, found.z.shape[1])
-    edges = _first_edges(of_class, found.z.reshape(-1, 1, 1))
-    tree = _Tree.of(of_class, edges[:, :-1], edges[:, 1:], rule.points)
-    for _ in range(ROUNDS):
-        open_ = tree.open_
-        if not np.any(open_):
-            break
-        tree = tree.halved(of_class, min(SPLIT, int(open_.sum(axis=1).max())))
-    xi, log_weight = tree.nodes()
-    experiments = len(found.z)
-    return xi.reshape(experiments, -1, 1), log_weight.reshape(experiments, -1)
+
+    points: int = POINTS
+
+    @property
+    def centers(self) -> int:
+        """One mode is known; the panels look for others themselves."""
+        return 1
+
+    def size(self, dimensions: int) -> int:  # noqa: ARG002  one interface for all rules
+        """Nodes that an experiment takes, about."""
+        return PANELS * self.points
+
+    def finer(self, dimensions: int) -> tuple[Panels, ...]:  # noqa: ARG002
+        """The rule that tells how exact this one is; none tells it of that."""
+        return (Panels(FINER),) if self.points < FINER else ()
+
+    def refined(self, gaps: Sequence[float], enough: float, dimensions: int) -> None:  # noqa: ARG002
+        """None: panels are as many as are needed."""
+        return
+
+    def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
+        """What more nodes in each panel change."""
+        return float(sum(gaps))
+
+    def about(
+        self,
+        curved: Curved,
+        valued: Valued,
+        found: Modes,
+        first: int,  # noqa: ARG002
+    ) -> tuple[Array, Array]:
+        """Nodes xi (B, C J, 1) of B experiments with C classes, and their log weights.
+
+        int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) in each class, where the log-density
+        is that of g(xi) exp(-xi^2/2).
+        """
+        of_class = _OfClasses(curved, valued, found.z.shape[1])
+        edges = _first_edges(of_class, found.z.reshape(-1, 1, 1))
+        tree = _Tree.of(of_class, edges[:, :-1], edges[:, 1:], self.points)
+        for _ in range(ROUNDS):
+            open_ = tree.open_
+            if not np.any(open_):
+                break
+            tree = tree.halved(of_class, min(SPLIT, int(open_.sum(axis=1).max())))
+        xi, log_weight = tree.nodes()
+        experiments = len(found.z)
+        return xi.reshape(experiments, -1, 1), log_weight.reshape(experiments, -1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,9 +39,9 @@ from aleator.tasks.individual.surfaces import SURFACE, Begun, ByResponseSurfaces
 from aleator.tasks.ledger import Ledger
 from aleator.types import Array, Flags, Indices
 
-FIRST = (1, 5, 3)
-"""Gauss-Hermite nodes a variate that a search begins with, by the number of variates."""
-FEWEST = 3
+FIRST = (GaussHermite(1), GaussHermite(5), GaussHermite(3), GaussHermite(3))
+"""The nodes that a search begins with, by the number of variates."""
+FEWEST = GaussHermite(3, 1)
 """... for more variates than that."""
 MANY = 3000
 """Experiments from where on a search on a sample of them, in groups, costs less than one on all."""
@@ -104,7 +104,7 @@ class Question:
     def likelihood(self, predictor: Predictor) -> IndividualLikelihood:
         """With few nodes, for a search."""
         variates = self.inputs.scattering
-        rule = GaussHermite(FIRST[variates] if variates < len(FIRST) else FEWEST)
+        rule = FIRST[variates] if variates < len(FIRST) else FEWEST
         return IndividualLikelihood.of(self.inputs, self.errors, predictor, self.layout, rule)
 
 

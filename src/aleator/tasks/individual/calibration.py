@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from aleator.likelihood.individual import IndividualLikelihood
+from aleator.likelihood.individual.importance import proposed
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import mean_of
 from aleator.observations.responses import Observations
-from aleator.tasks.individual.proposal import proposed
 from aleator.types import Array
 
 POINTS = 1024
@@ -50,7 +50,7 @@ def _of_block(
 ) -> Array:
     nodes, rows = likelihood.nodes, block.rows
     part = block.experiments
-    xi, log_weight = proposed(nodes.mode[part], nodes.information[part], count)
+    xi, log_weight = proposed(nodes.modes[part], nodes.information[part], count)
     inputs, of_errors = likelihood.inputs, alpha[likelihood.inputs.size :]
     with np.errstate(all="ignore"):
         individual = inputs.individual(alpha[: inputs.size], xi, part)

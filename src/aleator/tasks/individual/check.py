@@ -46,7 +46,9 @@ def checked(likelihood: IndividualLikelihood, alpha: Array, runner: Runner) -> C
     remembered and stored.
     """
     inputs = likelihood.inputs
-    few = likelihood.by(RULES[min(inputs.scattering, len(RULES) - 1)], alpha)
+    few = likelihood
+    if isinstance(likelihood.rule, GaussHermite):
+        few = likelihood.by(RULES[min(inputs.scattering, len(RULES) - 1)], alpha)
     simulator = Direct(_Remembered(runner), np.zeros(0, dtype=np.intp), inputs.box)
     change, error = np.zeros(likelihood.count), np.zeros(likelihood.count)
     for block in few.blocks:

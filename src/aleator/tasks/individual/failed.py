@@ -6,8 +6,8 @@ import numpy as np
 from scipy.stats import qmc
 
 from aleator.likelihood.individual import IndividualLikelihood
+from aleator.likelihood.individual.importance import standard_points
 from aleator.simulators import Runner
-from aleator.tasks.individual.proposal import standard_points
 from aleator.types import Array, Flags, Indices
 
 TRIED = 128

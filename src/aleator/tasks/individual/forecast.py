@@ -10,9 +10,9 @@ import numpy as np
 from aleator.densities.inversion import invert
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import IndividualLikelihood, Layout, Predictor
+from aleator.likelihood.individual.importance import proposed, standard_points
 from aleator.likelihood.individual.likelihood import mean_of
 from aleator.observations.errors import MeasurementErrors
-from aleator.tasks.individual.proposal import proposed, standard_points
 from aleator.types import Array
 
 POINTS = 4096
@@ -44,7 +44,7 @@ class Draws:
         """Of one experiment of a likelihood that is adapted to alpha, given its observations."""
         block, nodes = likelihood.layout.alone(which), likelihood.nodes
         part = block.experiments
-        xi, log_weight = proposed(nodes.mode[part], nodes.information[part], POINTS)
+        xi, log_weight = proposed(nodes.modes[part], nodes.information[part], POINTS)
         with np.errstate(all="ignore"):
             share = mean_of(likelihood.sums(alpha, block, xi) + log_weight)[1]
         inputs = likelihood.inputs

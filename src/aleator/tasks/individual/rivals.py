@@ -32,8 +32,9 @@ def rivals(end: Settled, inference: Inference, found: SearchResult) -> tuple[Riv
     known: list[Array] = [end.alpha]
     kept = []
     rule = end.likelihood.rule
-    few = GaussHermite(min(rule.first, NODES)) if isinstance(rule, GaussHermite) else rule
-    likelihood = end.likelihood.by(few, end.alpha)
+    if isinstance(rule, GaussHermite):
+        rule = GaussHermite(min(rule.first, NODES))
+    likelihood = end.likelihood.by(rule, end.alpha)
     arrived = [a.alpha for a in found.ascents if a.converged]
     for optimum in found.optima[1:]:
         if len(known) > TRIED:

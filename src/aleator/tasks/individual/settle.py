@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from aleator.laws import Hyperparameter
-from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Panels, Rule
+from aleator.likelihood.individual import ImportancePoints, IndividualLikelihood, Rule
 from aleator.search.newton import ascended
 from aleator.types import Array, Indices
 
@@ -23,12 +23,14 @@ ENOUGH = 2e-3
 if that is more."""
 HARDLY = 0.02
 """A change of the log-likelihood with more nodes that does not matter to an interval."""
+ON_A_GRID = 4
+"""Variates up to which products of Gauss-Hermite nodes are not too many."""
 SAMPLE = 300
-"""Experiments by which panels are tried, where there are many."""
-MOST = 3000
-"""Nodes of an experiment beyond which no more are tried."""
-FINEST = 250
-"""Nodes of a variate beyond which no more are tried: their weights leave the floating numbers."""
+"""Experiments by which rules of many nodes are tried, and second modes sought."""
+LARGE = 400
+"""Nodes that are many."""
+FEW = 16
+"""Importance points where only the modes are of interest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,67 +54,72 @@ class Settled:
 def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOUGH) -> Settled:
     """Climb with nodes held, adapt them, take more where they are too few, until nothing moves.
 
-    Nodes are enough where more change the log-likelihood by less than `enough`.
+    Nodes are enough where more change the log-likelihood by less than `enough`. Where one centre
+    does not do, because an individual law has several modes or the nodes about one would be too
+    many, importance points are taken, and panels where there is one variate.
     """
-    coarse = None
+    variates = likelihood.inputs.scattering
+    if variates > ON_A_GRID or (variates > 1 and several_modes(likelihood, alpha)):
+        points = replace(likelihood, rule=ImportancePoints())
+        return _refined(points, alpha, max(enough, ROUGHLY) if variates > ON_A_GRID else enough)
+    end = _refined(likelihood, alpha, enough)
+    if abs(end.gap) < HARDLY or variates < 2:
+        return end
+    again = _refined(replace(likelihood, rule=ImportancePoints()), end.alpha, enough)
+    return again if abs(again.gap) < abs(end.gap) else end
+
+
+def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:
+    """Whether the individual law of an experiment has a second mode that counts; of many, some."""
+    part = likelihood.sampled(SAMPLE) if likelihood.count > 2 * SAMPLE else likelihood
+    found = part.by(ImportancePoints(FEW, 2), alpha).nodes.modes
+    return bool(np.any(found[:, :, 1] != found[:, :, 0]))
+
+
+def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> Settled:
+    """Settled with one kind of rule."""
+    coarse, variates = None, likelihood.inputs.scattering
     while True:
         held, alpha = climbed(likelihood, alpha)
         gaps = _gaps(held, alpha)
-        gap = _whole(gaps)
+        gap = held.rule.told(gaps, variates)
         coarse = held if coarse is None and abs(gap) < HARDLY else coarse
-        finer = _finer(held, gaps, max(enough, 1e-5 * held.count))
+        finer = held.rule.refined(gaps, max(enough, 1e-5 * held.count), variates)
         if finer is None:
             return Settled(held, alpha, gap, coarse or held)
-        likelihood = finer
+        likelihood = replace(held, rule=finer)
 
 
-def _gaps(held: IndividualLikelihood, alpha: Array) -> dict[Rule, float]:
-    """What each of the finer rules changes of the log-likelihood.
-
-    Panels are many nodes: of many experiments they are tried on a sample.
-    """
-    return {
-        rule: _change(held, rule, alpha, isinstance(rule, Panels) and held.count > 2 * SAMPLE)
-        for rule in held.rule.finer(held.inputs.scattering)
-    }
+def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
+    """What each of the finer rules changes of the log-likelihood."""
+    rules, variates = held.rule.finer(held.inputs.scattering), held.inputs.scattering
+    if held.rule.centers > 1:
+        each = held.evaluate(alpha).each
+        return [_change_of_points(held.by(rule, alpha), alpha, each) for rule in rules]
+    return [_change(held, rule, alpha, rule.size(variates) > LARGE) for rule in rules]
 
 
-def _change(held: IndividualLikelihood, rule: Rule, alpha: Array, on_sample: bool) -> float:
-    tried = held.sampled(SAMPLE) if on_sample else held
+def _change(held: IndividualLikelihood, rule: Rule, alpha: Array, large: bool) -> float:
+    """What a rule changes; one of many nodes is tried on some of many experiments."""
+    tried = held.sampled(SAMPLE) if large and held.count > 2 * SAMPLE else held
     change = tried.by(rule, alpha).evaluate(alpha).total - tried.evaluate(alpha).total
     return float(change * held.count / sum(len(block) for block in tried.blocks))
 
 
-def _whole(gaps: Mapping[Rule, float]) -> float:
-    """What more nodes change altogether: panels leave nothing out, other rules are a part each."""
-    panels = [gap for rule, gap in gaps.items() if isinstance(rule, Panels)]
-    return float(panels[0] if panels else sum(gaps.values()))
+def _change_of_points(finer: IndividualLikelihood, alpha: Array, each: Array) -> float:
+    """What other points change, at least: changes of experiments may cancel by chance.
 
-
-def _finer(
-    held: IndividualLikelihood, gaps: Mapping[Rule, float], enough: float
-) -> IndividualLikelihood | None:
-    """With more nodes where they change something, or None where all do enough or are too many."""
-    whole = _whole(gaps)
-    if any(isinstance(rule, Panels) for rule in gaps):
-        if not abs(whole) > enough:
-            return None
-        # of the rules that tell the same as panels the first has the fewest nodes
-        return replace(held, rule=next(r for r, gap in gaps.items() if abs(gap - whole) <= enough))
-    wanted = [rule for rule, gap in gaps.items() if abs(gap) > enough / len(gaps)]
-    return _with_more(held, [rule for rule in wanted if isinstance(rule, GaussHermite)])
-
-
-def _with_more(
-    held: IndividualLikelihood, wanted: Sequence[GaussHermite]
-) -> IndividualLikelihood | None:
-    """With as many nodes in the first variate and in the others as the rules that are wanted."""
-    if not wanted:
-        return None
-    first = max(rule.first for rule in wanted)
-    rule = GaussHermite(first, max(rule.others or rule.first for rule in wanted))
-    fits = rule.size(held.inputs.scattering) <= MOST and first <= FINEST
-    return replace(held, rule=rule) if fits else None
+    Or what there is to climb with them, as far as the scores of experiments tell, if that is more.
+    """
+    hyperparameters, found = finer.hyperparameters, finer(alpha)
+    free = np.array(
+        [k for k, h in enumerate(hyperparameters) if h.lower < alpha[k] < h.upper], dtype=np.intp
+    )
+    information = _outer(found.scores, free, hyperparameters)
+    score = found.score[free]
+    left = 0.5 * float(score @ np.linalg.solve(information, score))
+    change = found.each - each
+    return max(abs(float(change.sum())), float(np.sqrt(np.sum(change**2))), left)
 
 
 def climbed(likelihood: IndividualLikelihood, alpha: Array) -> tuple[IndividualLikelihood, Array]:
@@ -126,6 +133,8 @@ def climbed(likelihood: IndividualLikelihood, alpha: Array) -> tuple[IndividualL
     near = ascended(held.continued, alpha, hyperparameters, free, information, ROUGHLY)
     alpha, information = near.alpha, near.information
     held = held.adapted(alpha)
+    if held.rule.centers > 1:
+        return _climbed_with_points(held, alpha, information, free)
     for _ in range(ROUNDS):
         before = held.evaluate(alpha).total
         # as a plain function: a search would let the nodes follow
@@ -138,6 +147,20 @@ def climbed(likelihood: IndividualLikelihood, alpha: Array) -> tuple[IndividualL
         held, alpha, information = again, end.alpha, end.information
         if abs(gain) < STILL:
             break
+    return held, alpha
+
+
+def _climbed_with_points(
+    held: IndividualLikelihood, alpha: Array, information: Array, free: Indices
+) -> tuple[IndividualLikelihood, Array]:
+    """The maximum with points held: new ones change the value by their error alone."""
+    for _ in range(ROUNDS):
+        end = ascended(held.__call__, alpha, held.hyperparameters, free, information)
+        gain = end.value - held.evaluate(alpha).total
+        alpha, information = end.alpha, end.information
+        if gain < ROUGHLY:
+            break
+        held = held.adapted(alpha)
     return held, alpha
 
 
