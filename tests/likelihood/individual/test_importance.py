@@ -17,7 +17,7 @@ SQUARE = Inputs(
         "b": Normal(Free(-3.0, 3.0), Free(0.01, 4.0)),
     }
 )
-AT = np.array([1.3, 0.8, 0.5, 0.3, 0.1])
+AT = np.array([1.3, 0.8, 0.5, 0.3, 0.4])
 
 
 def square(time, x):
@@ -60,8 +60,8 @@ def test_they_see_the_mode_that_nodes_about_one_do_not(both):
     wanted = exact(frame, AT)
     about_one = likelihood.by(GaussHermite(9), AT).evaluate(AT).each
     about_all = likelihood.by(ImportancePoints(4800), AT).evaluate(AT).each
-    assert np.abs(about_one - wanted).max() > 0.2
-    assert about_all == pytest.approx(wanted, abs=0.02)
+    assert np.abs(about_one - wanted).max() > 0.04
+    assert about_all == pytest.approx(wanted, abs=0.01)
 
 
 def test_a_second_mode_is_noticed_and_a_ridge_is_none(both):
@@ -72,14 +72,14 @@ def test_a_second_mode_is_noticed_and_a_ridge_is_none(both):
 
 def test_an_answer_with_two_modes_is_that_of_the_exact_integral(both):
     likelihood, frame = both
-    end = settled(likelihood, AT, enough=0.05)
+    end = settled(likelihood, AT, enough=0.02)
     assert isinstance(end.likelihood.rule, ImportancePoints)
-    assert end.value == pytest.approx(exact(frame, end.alpha).sum(), abs=0.1)
+    assert end.value == pytest.approx(exact(frame, end.alpha).sum(), abs=0.05)
     for k in range(5):
         moved = end.alpha + 0.02 * np.eye(5)[k] * end.alpha
         back = end.alpha - 0.02 * np.eye(5)[k] * end.alpha
         top = exact(frame, end.alpha).sum()
-        assert top > max(exact(frame, at).sum() for at in (moved, back)) - 0.05
+        assert top > max(exact(frame, at).sum() for at in (moved, back)) - 0.02
 
 
 @pytest.mark.parametrize("model", [straight_line, decay])
