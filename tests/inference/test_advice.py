@@ -43,12 +43,20 @@ def to_center(found: Identification) -> list[str]:
 # ------------------------------------------------------------------------------ centering
 
 
-def expanded(model: Callable[..., Array], a: Law) -> Identification:
+def expanded(model: Callable[..., Array], a: Law, noise: Noise | None = None) -> Identification:
     table = pd.DataFrame({"T": TEMPERATURE, "day": 20.0, "length": LENGTH})
     return identify(
         model, table, Inputs({"a": a, "b": Constant(Free(0.0, 0.1))}), outcome="length",
-        vectorized=True, search=GradientMultistart(2), verification=MonteCarlo(0),
+        vectorized=True, noise=noise, search=GradientMultistart(2), verification=MonteCarlo(0),
     )  # fmt: skip
+
+
+def test_with_noise_the_same_is_told() -> None:
+    law, noise = Normal(Free(-20.0, 20.0), 0.2), Noise(0.2)
+    (advice,) = to_center(expanded(lambda T, a, b: a + b * T, law, noise))
+    assert "(T - 325)" in advice
+    law = Normal(Free(10.0, 30.0), 0.2)
+    assert to_center(expanded(lambda T, a, b: a + b * (T - 325.0), law, noise)) == []
 
 
 def test_a_condition_far_from_zero_is_to_be_measured_from_its_middle() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -10,6 +10,8 @@ import pandas as pd
 
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.information import Inference
+from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
 from aleator.types import Array
 
@@ -26,23 +28,37 @@ def centering_warnings(
 ) -> list[Diagnostic]:
     """Advice for pairs of parameters of which one acts as the other times a condition.
 
-    In y = a + b T with T far from zero, a and b take each other's place; in a' + b (T - T0) with
-    T0 in the middle they do not. `conditions` has a row for each of the N
-    experiments. Slopes are those of the surfaces at the middle of the law: no run is made, and
-    nothing is said for collocation, whose slopes would cost runs.
+    `conditions` has a row for each of the N experiments. Slopes are those of the surfaces at the
+    middle of the law: no run is made, and nothing is said for collocation, whose slopes would cost
+    runs.
     """
     if problem.surface is None:
         return []
     inputs = problem.model.inputs
     middle = inputs.marginal(alpha, np.full((1, len(inputs.names)), 0.5))
     slope = problem.response.evaluate_with_gradient(middle)[1][problem.condition, 0]
+    return centering_advice(slope, inputs, problem.model.hyperparameters, inference, conditions)
+
+
+def centering_advice(
+    slope: Array,
+    inputs: Inputs,
+    hyperparameters: Sequence[Hyperparameter],
+    inference: Inference,
+    conditions: pd.DataFrame,
+) -> list[Diagnostic]:
+    """The same of slopes (M, n) of M simulated values by the parameters; a condition row each.
+
+    In y = a + b T with T far from zero, a and b take each other's place; in a' + b (T - T0) with
+    T0 in the middle they do not.
+    """
     far = {
         str(name): column.to_numpy()
         for name, column in conditions.items()
         if pd.api.types.is_float_dtype(column) and _far(column.to_numpy())
     }
     found = []
-    for i, j in _close(problem, inference):
+    for i, j in _close(inputs, hyperparameters, inference):
         for a, b in ((i, j), (j, i)):
             for name, values in far.items():
                 if _times(slope[:, b], slope[:, a], values):
@@ -68,9 +84,10 @@ def _times(effect: Array, other: Array, condition: Array) -> bool:
     return bool(np.linalg.norm(off) < closeness * np.linalg.norm(effect))
 
 
-def _close(problem: Problem, inference: Inference) -> Iterator[tuple[int, int]]:
+def _close(
+    inputs: Inputs, hyperparameters: Sequence[Hyperparameter], inference: Inference
+) -> Iterator[tuple[int, int]]:
     """Pairs of parameters whose means or values are free, and hardly told apart."""
-    hyperparameters, inputs = problem.model.hyperparameters, problem.model.inputs
     where = {
         int(k): i
         for i, part in enumerate(inputs.slices)

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.densities import Status
+from aleator.inference.diagnostics.centering import centering_advice
+from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.failures import failure_report, failure_warnings
 from aleator.inference.diagnostics.individual import (
     check_refusals,
@@ -77,6 +79,7 @@ def assembled(
             *lost,
             *differing,
             *warnings,
+            *_centering(answer),
             *held_warnings(_held(inputs, alpha), table.ids),
             *rival_warnings(answer.rivals, hyperparameters),
             *review_data(question.table.observations, table.observations, failing, table.ids),
@@ -125,6 +128,23 @@ def assembled(
             question.surfaces,
         ),
         parameter_correlations=parameter_correlations_of(inputs, alpha, hyperparameters, inference),
+    )
+
+
+def _centering(answer: Answer) -> list[Diagnostic]:
+    """Advice to count conditions from their middle, by the slopes at the middle of the laws."""
+    likelihood, table = answer.settled.likelihood, answer.question.table
+    inputs, seen = likelihood.inputs, table.observations
+    if len(inputs.classes) > 1:
+        return []
+    slopes = np.empty((len(seen), len(inputs.names)))
+    for block in likelihood.blocks:
+        middle = np.zeros((len(block), 1, inputs.scattering))
+        found = likelihood.at(answer.settled.alpha, block, middle)
+        slopes[block.rows] = found.slopes[:, :, 0].T
+    conditions = table.conditions.iloc[seen.row]
+    return centering_advice(
+        slopes, inputs, likelihood.hyperparameters, answer.inference, conditions
     )
 
 
