@@ -1,5 +1,6 @@
 """What a user holds: the identification by name, its law, and what can be asked of it again."""
 
+import io
 import json
 import math
 from dataclasses import replace
@@ -9,12 +10,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 from scipy import stats
 
 import aleator
 from aleator import Constant, Free, Identification, Inputs, MonteCarlo, Noise, Normal, Uniform
 from aleator.errors import AleatorError, InputsError
 from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.report.terminal import render
 from aleator.tasks.results.documents import to_json
 from aleator.tasks.results.law import JointLaw
 from aleator.tasks.results.values import Estimate
@@ -185,6 +188,11 @@ def test_what_is_given_again_works_again(found: Identification, tmp_path: Path) 
         ("experiments", [{"id": "1"}]),
         ("correlation", []),
         ("runs", "many"),
+        ("runs", 10**400),
+        ("correlation", {"names": ["x.mean"], "matrix": [[1.0, 0.5]]}),
+        ("search", {"optima": [1]}),
+        ("seconds", {"total": "1"}),
+        ("quadrature", {"nodes": 3}),
         ("warnings", [1]),
     ],
 )
@@ -197,6 +205,43 @@ def test_an_entry_that_was_changed_is_named(
         aleator.load(path)
     assert str(path) in caught.value.problem
     assert f"'{key}'" in caught.value.problem
+
+
+def test_whatever_a_file_holds_is_told_or_can_be_printed(
+    found: Identification, tmp_path: Path
+) -> None:
+    """Each entry of the file is left out, or becomes something else."""
+    whole = json.loads(to_json(found.to_dict()))
+    refused = printed = 0
+    for *above, last in _entries(whole):
+        for value in (None, 10**400, {"a": 1}):
+            document = json.loads(json.dumps(whole))
+            at = document
+            for name in above:
+                at = at[name]
+            at[last] = value
+            path = tmp_path / "changed.json"
+            path.write_text(json.dumps(document))
+            try:
+                again = aleator.load(path)
+            except AleatorError:
+                refused += 1
+                continue
+            assert repr(again)
+            assert Console(file=io.StringIO()).print(render(again.to_dict(), (), True)) is None
+            printed += 1
+    assert refused > printed > 0
+
+
+def _entries(part: Any, above: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """The places of a document, of each list only the first two."""
+    inside = part.items() if isinstance(part, dict) else enumerate(part[:2])
+    places: list[tuple[Any, ...]] = []
+    for name, value in inside if isinstance(part, (dict, list)) else ():
+        places.append((*above, name))
+        if isinstance(value, (dict, list)):
+            places += _entries(value, (*above, name))
+    return places
 
 
 def test_a_logarithm_is_remembered(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import DEFAULT_PROPAGATION
 from aleator.tasks.individual.session import IndividualSession, Runners, runners, session_of
 from aleator.tasks.results import documents
+from aleator.tasks.results.checked import FORMS, hints_of, require, require_form
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.session import OutcomeSession, Session
 from aleator.tasks.results.values import (
@@ -141,9 +142,15 @@ def from_document(document: Entry, path: str | Path) -> Identification:
     Raises AleatorError, naming `path` and the key, for an entry that is not as it was written.
     """
 
-    def part(key: str, build: Callable[[Any], Any], default: Any = ()) -> Any:
+    hints = hints_of(Identification)
+
+    def part(key: str, build: Callable[[Any], Any], default: Any = (), name: str = "") -> Any:
         try:
-            return build(document.get(key, default))
+            value = build(document.get(key, default))
+            require(value, hints[name or key])
+            if key in FORMS:
+                require_form(key, value)
+            return value
         except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
             raise AleatorError(
                 f"{path}: key '{key}' is not as an identification writes it",
@@ -161,14 +168,16 @@ def from_document(document: Entry, path: str | Path) -> Identification:
         accepted=part("accepted", bool),
         warnings=part("warnings", lambda rows: tuple(map(_diagnostic, rows))),
         experiments=experiments,
-        correlation_names=part("correlation", lambda row: tuple(row["names"])),
-        correlation=part("correlation", lambda row: tuple(tuple(r) for r in row["matrix"])),
+        correlation_names=part(
+            "correlation", lambda row: tuple(row["names"]), name="correlation_names"
+        ),
+        correlation=part("correlation", _matrix),
         search=part("search", dict),
         surface=part("surface", lambda row: None if row is None else dict(row), None),
         baselines=part("baselines", dict),
         runs=part("runs", int),
         runs_by_stage=part("runs_by_stage", dict),
-        seconds=part("seconds", dict),
+        seconds=part("seconds", _numbers),
         seed=part("seed", int),
         failures=part("failures", _failures, None),
         versions=part("versions", dict, {}),
@@ -180,7 +189,7 @@ def from_document(document: Entry, path: str | Path) -> Identification:
         ),
         observations=part("observations", lambda rows: tuple(map(_observation, rows))),
         shrinkage=part("shrinkage", dict, {}),
-        quadrature=part("quadrature", lambda row: None if row is None else dict(row), None),
+        quadrature=part("quadrature", _quadrature, None),
         responses=part("responses", dict, {}),
         law_curves=part("law_curves", dict, {}),
         density_distances=part(
@@ -188,6 +197,19 @@ def from_document(document: Entry, path: str | Path) -> Identification:
             lambda rows: tuple(DensityDistance(**_numbers(row)) for row in rows),
         ),
     )
+
+
+def _quadrature(row: Entry | None) -> dict[str, Any] | None:
+    if row and row["nodes"] is None:
+        raise ValueError
+    return {**row, "gap": row["gap"]} if row else None
+
+
+def _matrix(row: Entry) -> tuple[tuple[float | None, ...], ...]:
+    matrix, size = tuple(map(tuple, row["matrix"])), len(row["names"])
+    if [len(line) for line in matrix] != [size] * size:
+        raise ValueError
+    return matrix
 
 
 def _estimate(row: Entry) -> Estimate:
@@ -243,7 +265,9 @@ def _log_likelihood(
     estimated = row["estimated"]
     if estimated is None:
         estimated = sum(experiment.log_density for experiment in experiments)
-    return LogLikelihoodReport(**{**row, "estimated": estimated})
+    part, keys = row.get("reached"), ("experiments", "estimated", "verified", "standard_error")
+    reached = None if part is None else {key: part[key] for key in keys}
+    return LogLikelihoodReport(**{**row, "estimated": estimated, "reached": reached})
 
 
 def _failures(row: Entry | None) -> FailureReport | None:
