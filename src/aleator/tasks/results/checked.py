@@ -43,7 +43,7 @@ def require(value: Any, hint: Any) -> None:
     >>> require({"a": "1.0"}, Mapping[str, float])
     Traceback (most recent call last):
         ...
-    TypeError: '1.0' is no float
+    TypeError: {'a': '1.0'} is no Mapping
     """
     if not _is(value, hint):
         raise TypeError(f"{value!r:.60} is no {getattr(hint, '__name__', hint)}")

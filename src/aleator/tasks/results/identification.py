@@ -50,14 +50,14 @@ class Identification:
     >>> found
     2 hyperparameters identified from 4 experiments, ... runs of the simulator
     alpha   estimate  std. error   95 % interval  note
-    x.mean     1.031       0.062  0.874 .. 1.189
+    x.mean     1.031       0.062  0.873 .. 1.189
     x.sd       0.124       0.044  0.071 .. 0.303  sandwich error 0.017
     log-likelihood -0.511
     ...
     Accepted: the search converged, every density was solved; not verified on the
     simulator.
     >>> float(found.values["x.mean"]), found.intervals.loc["x.mean"].round(3).tolist()
-    (1.031, [0.874, 1.189])
+    (1.031, [0.873, 1.189])
     >>> found.predict(pd.DataFrame({"load": [10.0]}))["mean"].tolist()
     [10.31]
     """
