@@ -33,7 +33,7 @@ from aleator.tasks.individual.guess import PooledFit, guesses, pooled_fit
 from aleator.tasks.individual.infer import inferred
 from aleator.tasks.individual.order import ordered
 from aleator.tasks.individual.population import first_region
-from aleator.tasks.individual.rivals import rivals
+from aleator.tasks.individual.rivals import followed_rivals, rivals
 from aleator.tasks.individual.settle import Settled, climbed, settled
 from aleator.tasks.individual.surfaces import SURFACE, Begun, ByResponseSurfaces
 from aleator.tasks.ledger import Ledger
@@ -136,6 +136,7 @@ def answered(question: Question, ledger: Ledger) -> Answer:
         )
         likelihood = question.likelihood(Direct(runner, moving_parameters(inputs.box), inputs.box))
         found = _Searched(question, ledger)(likelihood, [])
+        lower: tuple[Settled, ...] = ()
         with ledger.stage("search"):
             end, surfaces = settled(likelihood, found.alpha), None
     else:
@@ -147,10 +148,11 @@ def answered(question: Question, ledger: Ledger) -> Answer:
         way = ByResponseSurfaces(runner, question.likelihood, searched, ledger)
         surfaced = way.answer(begun)
         end, found, surfaces = surfaced.settled, surfaced.found, surfaced.surfaces
+        lower = surfaced.others
     found = _told(found, end)
     with ledger.stage("inference"):
         end, found, inference, profile = inferred(end, found)
-        others = rivals(end, inference, found)
+        others = rivals(end, inference, found) or followed_rivals(lower, end, inference)
     with ledger.stage("baselines"):
         fit = pooled_fit(end.likelihood, question.measured, start_point(question.inputs))
     return Answer(question, end, found, inference, profile, fit, surfaces, others)

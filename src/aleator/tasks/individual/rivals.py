@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from aleator.inference.diagnostics.estimates import LARGEST_EDM
@@ -41,27 +43,64 @@ def rivals(end: Settled, inference: Inference, found: SearchResult) -> tuple[Riv
             break
         if not any(np.array_equal(optimum.alpha, alpha) for alpha in arrived):
             continue
-        if any(_near(optimum.alpha, other, inference) for other in known):
+        if any(near(optimum.alpha, other, inference) for other in known):
             continue
         held, alpha = climbed(likelihood, optimum.alpha)
         alpha = in_order(alpha, end.likelihood.inputs)
-        if any(_near(alpha, one, inference) for one in known):
+        if any(near(alpha, one, inference) for one in known):
             continue
         known.append(alpha)
-        rival = _judged(held, alpha, end, inference)
+        value = end.likelihood.adapted(alpha).evaluate(alpha).total
+        rival = _judged(held, alpha, value, end, inference)
         if rival is not None:
             kept.append(rival)
     return tuple(sorted(kept, key=lambda rival: rival.drop))
 
 
+def elsewhere(
+    found: SearchResult, inference: Inference, likelihood: IndividualLikelihood
+) -> list[Array]:
+    """Optima (K,) of a search on coarse surfaces that exact ones may prefer to its best.
+
+    They lie apart, no mean is on a limit, and the noise that they need is at most e times larger.
+    """
+    limits = np.array(
+        [(h.lower, h.upper) if h.free and not h.log else (-np.inf, np.inf)
+         for h in likelihood.hyperparameters]
+    )  # fmt: skip
+    known, best = [found.alpha], found.log_likelihood
+    for optimum in found.optima[1:]:
+        alpha = optimum.alpha
+        if (
+            len(known) <= TRIED
+            and np.all((limits[:, 0] < alpha) & (alpha < limits[:, 1]))
+            and best - optimum.log_likelihood < likelihood.layout.experiment.size
+            and not any(near(alpha, other, inference) for other in known)
+        ):
+            known.append(alpha)
+    return known[1:]
+
+
+def followed_rivals(
+    others: Sequence[Settled], end: Settled, inference: Inference
+) -> tuple[Rival, ...]:
+    """Those of maxima that were followed to their own ends which are maxima indeed."""
+    found = [
+        _judged(other.likelihood, other.alpha, other.value, end, inference)
+        for other in others
+        if not near(other.alpha, end.alpha, inference)
+    ]
+    return tuple(sorted((r for r in found if r is not None), key=lambda rival: rival.drop))
+
+
 def _judged(
-    held: IndividualLikelihood, alpha: Array, end: Settled, inference: Inference
+    held: IndividualLikelihood, alpha: Array, value: float, end: Settled, inference: Inference
 ) -> Rival | None:
     about = infer(held.followed, alpha, held.hyperparameters)
     stuck = [a for a, b in zip(about.at_bound, inference.at_bound, strict=True) if a and a != b]
     if stuck or not about.positive or not about.edm < LARGEST_EDM:
         return None
-    drop = end.value - end.likelihood.adapted(alpha).evaluate(alpha).total
+    drop = end.value - value
     if not np.isfinite(drop):
         return None
     sizes = np.abs(_errors(alpha, end.alpha, inference))
@@ -69,7 +108,8 @@ def _judged(
     return Rival(alpha, end.alpha, drop, moved)
 
 
-def _near(alpha: Array, other: Array, inference: Inference) -> bool:
+def near(alpha: Array, other: Array, inference: Inference) -> bool:
+    """Whether no hyperparameter differs by two standard errors, as far as they are known."""
     sizes = np.abs(_errors(alpha, other, inference))
     return bool(np.nanmax(sizes, initial=0.0) < APART)
 

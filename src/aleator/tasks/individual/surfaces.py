@@ -7,6 +7,7 @@ so on until neither alpha nor the log-likelihood moves.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,7 @@ from aleator.tasks.individual.population import (
     draws,
     held_region,
 )
+from aleator.tasks.individual.rivals import elsewhere, near
 from aleator.tasks.individual.settle import Settled, settled
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.likely import likely_alphas
@@ -131,13 +133,17 @@ class Begun:
 
 @dataclass(frozen=True, eq=False)
 class Surfaced:
-    """An answer on surfaces, with these and the region that they know."""
+    """An answer on surfaces, with these and the region that they know.
+
+    `others` are lower maxima that surfaces of their own were made for.
+    """
 
     settled: Settled
     found: SearchResult
     surfaces: AdaptiveSurfaces
     region: Array
     sites: Sites
+    others: tuple[Settled, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,12 +159,35 @@ class ByResponseSurfaces:
     ledger: Ledger
 
     def answer(self, begun: Begun) -> Surfaced:
-        """The answer that further runs do not move."""
-        surfaced = self._first(begun)
+        """The answer that further runs do not move.
+
+        The first surfaces are too coarse to tell which optimum is the highest: each of the best is
+        followed to its own end. Runs are made anew for each, where they are not the same.
+        """
+        first = self._first(begun)
+        others = elsewhere(first.found, _infer(first.settled), self.likelihood_of(first))
+        again = [deepcopy(first.surfaces) for _ in others]
+        ends = [self._ended(first)]
+        for alpha, surfaces in zip(others, again, strict=True):
+            with self.ledger.stage("search"):
+                start = settled(self.likelihood_of(first), alpha, ROUGHLY)
+            known = [end.settled.alpha for end in ends]
+            follow = self._refined(replace(first, settled=start, surfaces=surfaces), known)
+            if not _among(follow.settled, _infer(follow.settled), known):
+                ends.append(self._ended(follow))
+        best, *lower = sorted(ends, key=lambda end: -end.settled.value)
+        return replace(best, others=tuple(end.settled for end in lower))
+
+    def likelihood_of(self, surfaced: Surfaced) -> IndividualLikelihood:
+        """With few nodes, on the surfaces of an answer."""
+        return self.likelihood(surfaced.settled.likelihood.predictor)
+
+    def _ended(self, surfaced: Surfaced) -> Surfaced:
+        """Run and climb from an answer until neither moves it."""
         while True:
             surfaced = self._refined(surfaced)
             before = surfaced.settled
-            likelihood = self.likelihood(before.likelihood.predictor)
+            likelihood = self.likelihood_of(surfaced)
             found = self.search(likelihood, [before.alpha])
             again = settled(likelihood, found.alpha, ROUGHLY)
             if again.value < before.value + CHANGE:
@@ -172,11 +201,13 @@ class ByResponseSurfaces:
         found = self.search(likelihood, [])
         return Surfaced(settled(likelihood, found.alpha, ROUGHLY), found, surfaces, region, sites)
 
-    def _refined(self, surfaced: Surfaced) -> Surfaced:
-        """Run where the laws are, and climb, until nothing moves."""
+    def _refined(self, surfaced: Surfaced, known: Sequence[Array] = ()) -> Surfaced:
+        """Run where the laws are, and climb, until nothing moves, or one comes to what is known."""
         level = LOOSE
         for _ in range(ROUNDS):
             inference = _infer(surfaced.settled)
+            if _among(surfaced.settled, inference, known):
+                break
             with self.ledger.stage(SURFACE):
                 moved = self._sharpened(surfaced, inference, level)
             likelihood = self.likelihood(
@@ -251,6 +282,10 @@ def _noise(surfaced: Surfaced) -> Array:
         np.minimum.at(least, surfaced.sites.of[block.rows], scale)
     # a site of observations that are left out is compared with nothing
     return np.where(np.isfinite(least), least, 1.0)
+
+
+def _among(answer: Settled, inference: Inference, known: Sequence[Array]) -> bool:
+    return any(near(answer.alpha, alpha, inference) for alpha in known)
 
 
 def _infer(answer: Settled) -> Inference:
