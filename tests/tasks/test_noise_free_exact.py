@@ -27,9 +27,9 @@ from aleator.errors import InputsError
 from aleator.polynomials.gauss import gauss_hermite
 
 # Millions of revolutions to failure of 23 ball bearings: Lieblein and Zelen, J. Res. Nat. Bur.
-# Stand. 57 (1956) 273, as in Lawless, Statistical Models and Methods for Lifetime Data (1982).
+# Stand. 57 (1956) 273, as in the package surpyval (load_bearing_failures).
 BEARINGS = np.array([
-    17.88, 28.92, 33.00, 41.52, 42.12, 45.60, 48.80, 51.84, 51.96, 54.12, 55.56, 67.80,
+    17.88, 28.92, 33.00, 41.52, 42.12, 45.60, 48.40, 51.84, 51.96, 54.12, 55.56, 67.80,
     68.64, 68.64, 68.88, 84.12, 93.12, 98.64, 105.12, 105.84, 127.92, 128.04, 173.40,
 ])  # fmt: skip
 EXPONENT = Inputs({"x": Normal(mean=Free(2.0, 6.0), sd=Free(0.05, 2.0))})

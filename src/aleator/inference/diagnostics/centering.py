@@ -50,8 +50,10 @@ def centering_advice(
     """The same of slopes (M, n) of M simulated values by the parameters; a condition row each.
 
     In y = a + b T with T far from zero, a and b take each other's place; in a' + b (T - T0) with
-    T0 in the middle they do not.
+    T0 in the middle they do not. None where laws follow covariates: their values are not in alpha.
     """
+    if inputs.regressed:
+        return []
     far = {
         str(name): column.to_numpy()
         for name, column in conditions.items()

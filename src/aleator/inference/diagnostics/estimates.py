@@ -66,13 +66,7 @@ def bound_warnings(
 ) -> list[Diagnostic]:
     """Estimates and intervals that end on a limit."""
     warnings = [
-        Diagnostic(
-            "bounds",
-            f"{h.name} ends on its {side} limit {h.lower if side == 'lower' else h.upper:.6g}; "
-            "it has no standard error, and those of the others hold with it fixed there",
-            "widen the limit if it is not physical, or fix the hyperparameter",
-            (h.name,),
-        )
+        _on_limit(h, side)
         for h, side in zip(hyperparameters, inference.at_bound, strict=True)
         if side is not None
     ]
@@ -94,3 +88,21 @@ def bound_warnings(
             )
         )
     return warnings
+
+
+def _on_limit(h: Hyperparameter, side: str) -> Diagnostic:
+    if side == "lower" and h.reaches_zero:
+        return Diagnostic(
+            "bounds",
+            f"{h.name} ends at zero: as far as these experiments tell, it is no scatter. It has no "
+            "standard error, and those of the others hold with it at zero",
+            "take a constant in place of a law that does not scatter, or leave it and say so",
+            (h.name,),
+        )
+    return Diagnostic(
+        "bounds",
+        f"{h.name} ends on its {side} limit {h.lower if side == 'lower' else h.upper:.6g}; "
+        "it has no standard error, and those of the others hold with it fixed there",
+        "widen the limit if it is not physical, or fix the hyperparameter",
+        (h.name,),
+    )

@@ -107,7 +107,8 @@ def proposed(
         log_near = np.logaddexp(log_near, -0.5 * curved - log_det[:, :, m, None])
     log_mixture = np.logaddexp(log_law, log_near - np.log(centers)) - np.log(2.0)
     log_weight = log_law - log_mixture - np.log(2.0 * half)
-    return xi.reshape(experiments, -1, s), log_weight.reshape(experiments, -1)
+    whole = classes * 2 * half
+    return xi.reshape(experiments, whole, s), log_weight.reshape(experiments, whole)
 
 
 def _each(count: int, centers: int) -> int:
