@@ -29,6 +29,10 @@ SAMPLE = 300
 """Experiments by which rules of many nodes are tried, and second modes sought."""
 LARGE = 400
 """Nodes that are many."""
+TRIED = (600, 1200)
+"""Importance points that tell whether nodes about one mode leave a part out."""
+CERTAIN = 3.0
+"""Errors of these that are more than chance."""
 FEW = 16
 """Importance points where only the modes are of interest."""
 
@@ -55,18 +59,32 @@ def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOU
     """Climb with nodes held, adapt them, take more where they are too few, until nothing moves.
 
     Nodes are enough where more change the log-likelihood by less than `enough`. Where one centre
-    does not do, because an individual law has several modes or the nodes about one would be too
-    many, importance points are taken, and panels where there is one variate.
+    does not do, because an individual law has other modes that count or the nodes about one would
+    be too many, importance points are taken, and panels where there is one variate.
     """
     variates = likelihood.inputs.scattering
-    if variates > ON_A_GRID or (variates > 1 and several_modes(likelihood, alpha)):
+    if variates > ON_A_GRID:
         points = replace(likelihood, rule=ImportancePoints())
-        return _refined(points, alpha, max(enough, ROUGHLY) if variates > ON_A_GRID else enough)
+        return _refined(points, alpha, max(enough, ROUGHLY))
     end = _refined(likelihood, alpha, enough)
-    if abs(end.gap) < HARDLY or variates < 2:
+    if variates < 2 or (abs(end.gap) < HARDLY and not _misses_modes(end)):
         return end
     again = _refined(replace(likelihood, rule=ImportancePoints()), end.alpha, enough)
-    return again if abs(again.gap) < abs(end.gap) else end
+    return again if abs(again.gap) < HARDLY or abs(again.gap) < abs(end.gap) else end
+
+
+def _misses_modes(end: Settled) -> bool:
+    """Whether nodes about one mode of each experiment leave a part of the likelihood out."""
+    likelihood, alpha = end.likelihood, end.alpha
+    if not several_modes(likelihood, alpha):
+        return False
+    tried = likelihood.sampled(SAMPLE) if likelihood.count > 2 * SAMPLE else likelihood
+    known = tried.evaluate(alpha).each
+    coarse, fine = (
+        tried.by(ImportancePoints(count), alpha).evaluate(alpha).each for count in TRIED
+    )
+    error = float(np.sqrt(np.sum((fine - coarse) ** 2)))
+    return float(np.sum(fine - known)) > HARDLY + CERTAIN * error
 
 
 def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:
