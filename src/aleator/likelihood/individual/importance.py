@@ -31,18 +31,12 @@ class ImportancePoints:
     modes, or a density that is not smooth, is integrated as well as any other; the error falls
     about as 1/J. Each experiment has points of its own, so that their errors do not add up.
 
-    >>> t, log_w = ImportancePoints(60).nodes(2)
-    >>> bool(abs(np.exp(log_w) @ t[:, 0] ** 2 - 1.0) < 0.1)
-    True
+    >>> ImportancePoints(60).size(2)
+    60
     """
 
     count: int = 300
     centers: int = 3
-
-    def nodes(self, dimensions: int) -> tuple[Array, Array]:
-        """Points t (J, s) of the standard normal law, all of weight 1/J."""
-        count = self.size(dimensions)
-        return standard_points(count, dimensions), np.full(count, -np.log(count))
 
     def size(self, dimensions: int) -> int:  # noqa: ARG002  the same for any
         """J, the number of points: as many about each mode."""
@@ -77,7 +71,7 @@ class ImportancePoints:
 
 def standard_points(count: int, dimensions: int) -> Array:
     """Points (count, s) of the standard normal law: Sobol's, in one dimension midpoints."""
-    return np.asarray(special.ndtri(np.clip(_uniform(count, dimensions), NEAREST, 1.0 - NEAREST)))
+    return _normal(_uniform(count, dimensions))
 
 
 def proposed(
@@ -134,5 +128,9 @@ def _shifted(count: int, dimensions: int, shift: Indices | None) -> Array:
     for _ in range(40):
         g = (1.0 + g) ** (1.0 / (dimensions + 1.0))
     steps = np.outer(shift, g ** -np.arange(1.0, dimensions + 1.0))
-    u = (_uniform(count, dimensions) + steps[:, None]) % 1.0
+    return _normal((_uniform(count, dimensions) + steps[:, None]) % 1.0)
+
+
+def _normal(u: Array) -> Array:
+    """Standard normal points of those of the unit cube."""
     return np.asarray(special.ndtri(np.clip(u, NEAREST, 1.0 - NEAREST)))

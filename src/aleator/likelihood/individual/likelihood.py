@@ -125,7 +125,7 @@ class IndividualLikelihood:
             found = self._modes(alpha, block, curved, arrived)
             peaks[part], information[part] = found.z, found.information
             x[part] = self._individual(alpha, block, found.z[:, :, 0]).x
-            valued = partial(self._log_density, alpha, block)
+            valued = partial(self.log_density, alpha, block)
             placed.append((part, *self.rule.about(curved, valued, found, part.start)))
         xi, log_weight = joined(placed, self.count, classes)
         return replace(self, nodes=Nodes(xi, log_weight, peaks, information, x))
@@ -175,35 +175,38 @@ class IndividualLikelihood:
         """sum_k log p(y_k | eta_k) (B, J) of simulated values eta (m, J) that are known."""
         return block.summed(self._terms(alpha, block, eta).value)
 
+    def log_density(self, alpha: Array, block: Block, z: Array) -> Array:
+        """The log-density (B, P) of variates z (B, P, s) given the observations."""
+        return np.asarray(self.sums(alpha, block, z) - 0.5 * np.sum(z**2, axis=2))
+
     def _individual(self, alpha: Array, block: Block, xi: Array) -> Individual:
         return self.inputs.individual(alpha[: self.inputs.size], xi, block.experiments)
 
     def _terms(self, alpha: Array, block: Block, eta: Array) -> Terms:
         return self.errors.terms(alpha[self.inputs.size :], eta, block.rows)
 
-    def _log_density(self, alpha: Array, block: Block, z: Array) -> Array:
-        """The log-density (B, P) of variates z (B, P, s) given the observations."""
-        return np.asarray(self.sums(alpha, block, z) - 0.5 * np.sum(z**2, axis=2))
-
     def _modes(self, alpha: Array, block: Block, curved: Curved, arrived: float) -> Modes:
         """The modes (B, C, M, s) that the rule's nodes lie about.
 
         They are sought from the last modes, as variates and as parameters, because where the
         observations tell more than the law it is the parameters that stay, and from points all
-        about. One mode is sought from the likeliest of these alone.
+        about. One mode is sought from the likeliest of these alone; several that only have to be
+        near, from the last ones.
         """
+        several = self.rule.centers > 1
+        if several and arrived >= NEAR and self.nodes.x is not None:
+            known = self.nodes.modes[block.experiments]
+            return highest(curved, known, self.rule.centers, arrived)
         s, last = self.inputs.scattering, self.nodes.mode[block.experiments]
         around = np.concatenate([np.zeros((1, s)), *(reach * np.eye(s) for reach in AROUND)])
         around = np.broadcast_to(around, (*last.shape[:2], *around.shape))
         again = self._again(alpha, block, last)
         trial = np.concatenate([last[:, :, None], again[:, :, None], around], axis=2)
-        if self.rule.centers > 1:
-            known = arrived >= NEAR and self.nodes.x is not None
-            begun = self.nodes.modes[block.experiments] if known else trial
-            return highest(curved, begun, self.rule.centers, arrived)
+        if several:
+            return highest(curved, trial, self.rule.centers, arrived)
         count, classes, points, _ = trial.shape
         flat = trial.reshape(count, classes * points, s)
-        value = self.sums(alpha, block, flat) - 0.5 * np.sum(flat**2, axis=2)
+        value = self.log_density(alpha, block, flat)
         best = np.argmax(value.reshape(count, classes, points), axis=2)
         start = np.take_along_axis(trial, best[:, :, None, None], axis=2)[:, :, 0]
         found = modes(curved, start, arrived=arrived)

@@ -46,7 +46,7 @@ def individual_parameters(likelihood: IndividualLikelihood, alpha: Array) -> Ind
         known = np.where(share[owner] > 0.0, found.eta, 0.0)
         predicted[block.rows] = np.sum(share[owner] * known, axis=1)
         at_modes = likelihood.nodes.mode[part]
-        height = likelihood.sums(alpha, block, at_modes) - 0.5 * np.sum(at_modes**2, axis=2)
+        height = likelihood.log_density(alpha, block, at_modes)
         best = np.argmax(height, axis=1)[:, None, None]
         x_of_modes = inputs.individual(alpha[: inputs.size], at_modes, part).x
         mode[part] = np.take_along_axis(x_of_modes, best, axis=1)[:, 0]

@@ -78,7 +78,7 @@ def _misses_modes(end: Settled) -> bool:
     likelihood, alpha = end.likelihood, end.alpha
     if not several_modes(likelihood, alpha):
         return False
-    tried = likelihood.sampled(SAMPLE) if likelihood.count > 2 * SAMPLE else likelihood
+    tried = _some(likelihood)
     known = tried.evaluate(alpha).each
     coarse, fine = (
         tried.by(ImportancePoints(count), alpha).evaluate(alpha).each for count in TRIED
@@ -89,9 +89,13 @@ def _misses_modes(end: Settled) -> bool:
 
 def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:
     """Whether the individual law of an experiment has a second mode that counts; of many, some."""
-    part = likelihood.sampled(SAMPLE) if likelihood.count > 2 * SAMPLE else likelihood
-    found = part.by(ImportancePoints(FEW, 2), alpha).nodes.modes
+    found = _some(likelihood).by(ImportancePoints(FEW, 2), alpha).nodes.modes
     return bool(np.any(found[:, :, 1] != found[:, :, 0]))
+
+
+def _some(likelihood: IndividualLikelihood) -> IndividualLikelihood:
+    """That of some of many experiments, or of all where they are not many."""
+    return likelihood.sampled(SAMPLE) if likelihood.count > 2 * SAMPLE else likelihood
 
 
 def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> Settled:
@@ -110,7 +114,8 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> S
 
 def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
     """What each of the finer rules changes of the log-likelihood."""
-    rules, variates = held.rule.finer(held.inputs.scattering), held.inputs.scattering
+    variates = held.inputs.scattering
+    rules = held.rule.finer(variates)
     if held.rule.centers > 1:
         each = held.evaluate(alpha).each
         return [_change_of_points(held.by(rule, alpha), alpha, each) for rule in rules]
@@ -119,7 +124,7 @@ def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
 
 def _change(held: IndividualLikelihood, rule: Rule, alpha: Array, large: bool) -> float:
     """What a rule changes; one of many nodes is tried on some of many experiments."""
-    tried = held.sampled(SAMPLE) if large and held.count > 2 * SAMPLE else held
+    tried = _some(held) if large else held
     change = tried.by(rule, alpha).evaluate(alpha).total - tried.evaluate(alpha).total
     return float(change * held.count / sum(len(block) for block in tried.blocks))
 
