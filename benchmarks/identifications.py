@@ -32,7 +32,7 @@ PAPER_GENERATION = 50 * 25
 
 
 def identification_rows() -> list[Row]:
-    """Both examples, from nothing to the accepted answer."""
+    """Both examples, from nothing to the answer."""
     return [row for name, path in STUDIES.items() for row in study_rows(name, load_study(path))]
 
 

@@ -100,7 +100,7 @@ def result(**changes: Any) -> dict[str, Any]:
         "warnings": [
             {"about": "bound", "message": "c2_scale.sd is on its bound", "remedy": "lower it"}
         ],
-        "accepted": True,
+        "sound": True,
         "experiments": [
             experiment("1", 0.5),
             experiment("2", 0.001),

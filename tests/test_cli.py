@@ -122,7 +122,7 @@ def test_identify_writes_and_prints_the_answer(study: Path) -> None:
 def test_the_default_folder_is_named_after_the_study(study: Path) -> None:
     done = run("identify", study, "--quiet", "--no-verify")
     assert done.exit_code == 0
-    assert done.output.startswith("Accepted: ")
+    assert done.output.startswith("Computed soundly: ")
     assert done.output.count("\n") == 1
     document = json.loads(Path("out/springs/identification.json").read_text())
     assert document["log_likelihood"]["verified"] is None

@@ -98,7 +98,8 @@ def test_the_report_tells_what_there_was(folder: Path) -> None:
     assert max(map(len, shown.splitlines())) <= 80
     cut = int((plants()["status"] == "Cut").sum())
     assert cut > 0
-    for part in (f"60 observations ({cut} of them bounds only)", "10 experiments", "Accepted",
+    for part in (f"60 observations ({cut} of them bounds only)", "10 experiments",
+                 "Computed soundly",
                  "rate.mean[light]", "noise.height.sd", "Of mass the logarithms"):  # fmt: skip
         assert part in words, part
 

@@ -109,7 +109,7 @@ def test_three_simulators_lead_to_one_answer_and_so_does_a_killed_study(copy: Pa
     assert {way: answer["runs_by_stage"] for way, answer in found.items()} == dict.fromkeys(
         found, found["function"]["runs_by_stage"]
     )
-    assert all(answer["accepted"] for answer in found.values())
+    assert all(answer["sound"] for answer in found.values())
     for answer in found.values():
         del answer["seconds"]
     assert found["resumed"] == found["command"]

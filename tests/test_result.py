@@ -119,7 +119,7 @@ def test_it_prints_as_a_report_of_80_columns(found: Identification) -> None:
     assert str(found) == shown
     assert max(map(len, shown.splitlines())) <= 80
     assert "softness.sd" in shown
-    assert "Accepted" in shown
+    assert "Computed soundly" in shown
     odd = replace(found, warnings=(Diagnostic("surface", "a < b & c", "narrow"),))
     assert "a &lt; b &amp; c" in odd._repr_html_()
     assert "a < b & c" in repr(odd)

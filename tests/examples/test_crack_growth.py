@@ -63,7 +63,7 @@ def exact():
 def test_the_answer_is_the_exact_maximum_of_the_likelihood(exact) -> None:
     found = of_study(STUDY / "study.toml", MonteCarlo(0))
     alpha = estimates(found)
-    assert found.accepted
+    assert found.sound
     assert found.log_likelihood.estimated == pytest.approx(exact(alpha), abs=0.01)
     assert_maximum(exact, alpha, errors_of(found))
     # the pooled fit began where curves have a length, for all that the lognormal law has no end

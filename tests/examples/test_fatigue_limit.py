@@ -57,7 +57,7 @@ def test_the_answer_is_the_exact_maximum_of_the_likelihood(
     told = [e.standard_error for e in found.alpha.values()]
     assert told == pytest.approx(error, rel=0.02)
     assert found.log_likelihood.estimated == pytest.approx(value, abs=0.01)
-    assert found.accepted
+    assert found.sound
 
 
 @pytest.mark.slow

@@ -47,7 +47,7 @@ def test_the_grid_meets_the_known_answer(exact) -> None:
 def test_the_answer_is_the_exact_maximum_of_the_likelihood(exact) -> None:
     found = of_study(STUDY / "study.toml", MonteCarlo(0))
     alpha = estimates(found)
-    assert found.accepted
+    assert found.sound
     assert found.log_likelihood.estimated == pytest.approx(57.102331, abs=0.01)
     assert exact(alpha) == pytest.approx(57.102331, abs=0.01)
     assert alpha == pytest.approx([0.1, 11.98618, 1e-4, 0.3060442], rel=0.01)

@@ -43,7 +43,7 @@ def found() -> Identification:
 @pytest.mark.slow
 def test_the_answer_is_the_exact_maximum_of_the_likelihood(found: Identification) -> None:
     alpha = estimates(found)
-    assert found.accepted
+    assert found.sound
     assert found.log_likelihood.estimated == pytest.approx(exact(alpha), abs=0.01)
     assert_maximum(exact, alpha, errors_of(found))
 

@@ -41,7 +41,7 @@ def test_the_clutch_law_is_as_measured(clutch: Identification) -> None:
     assert alpha["c2_scale.sd"].estimate == pytest.approx(0.0818, abs=0.0029)
     assert clutch.log_likelihood.estimated == pytest.approx(250.7, abs=0.5)
     assert {experiment.status for experiment in clutch.experiments} == {"solved"}
-    assert clutch.accepted
+    assert clutch.sound
 
 
 @pytest.mark.slow

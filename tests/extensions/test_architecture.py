@@ -95,8 +95,8 @@ def test_one_alpha_passes_the_files_of_the_second_way() -> None:
         vectorized=True, search=GradientMultistart(1),
     )  # fmt: skip
     assert isinstance(found.session, IndividualSession)
-    assert found.session.likelihood is not None
-    objective = found.session.likelihood.continued
+    assert found.session.fit is not None
+    objective = found.session.fit.likelihood.continued
     away = 1.01 * found.values.to_numpy()
     passed = passed_by(lambda: objective(away))
     within = {file for file in passed if file.startswith("simulators/")}

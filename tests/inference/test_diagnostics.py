@@ -73,7 +73,7 @@ def test_a_gaussian_density_of_a_skew_outcome_is_told_and_one_of_a_normal_outcom
         lambda x: np.exp(0.8 * x), pd.DataFrame({"y": np.exp(0.8 * y)}), problem.inputs,
         outcome="y", vectorized=True, density=Gaussian(), verification=MonteCarlo(512),
     )  # fmt: skip
-    assert told(bent, "density") or not bent.accepted
+    assert told(bent, "density") or not bent.sound
 
 
 # ------------------------------------------------------------------------------ experiments, limits
@@ -134,7 +134,7 @@ def test_collocation_is_verified_without_a_control() -> None:
     problem = replace(SAMPLE, z=np.zeros(20))
     found = identified(problem, problem.draw(6), propagation=Collocation(nodes=5), samples=256)
     assert found.log_likelihood.verified_standard_error is not None
-    assert found.accepted
+    assert found.sound
 
 
 @pytest.mark.parametrize("status", [s for s in Status if s is not Status.SOLVED], ids=str)

@@ -83,7 +83,7 @@ def test_noise_of_another_kind_is_identified_exactly() -> None:
     assert found.log_likelihood.estimated == pytest.approx(-best.fun, abs=0.005)
     for estimate, value in zip(found.alpha.values(), best.x, strict=True):
         assert abs(estimate.estimate - value) < 0.01 * estimate.standard_error
-    assert found.accepted
+    assert found.sound
 
 
 def test_a_density_of_moments_does_not_take_noise_of_another_kind() -> None:

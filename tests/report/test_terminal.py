@@ -26,7 +26,7 @@ def test_the_report_says_what_was_found() -> None:
         "seconds 10.2 ",
         "Warning, bound: c2_scale.sd is on its bound",
         "Remedy: lower it",
-        "Accepted",
+        "Computed soundly",
         "Written: out/identification.json",
     ):
         assert words in " ".join(text.split()), words
@@ -75,9 +75,9 @@ def test_text_in_brackets_is_not_taken_for_markup() -> None:
     assert "[b]1" in text
 
 
-def test_an_answer_that_is_not_accepted_says_so() -> None:
-    text = printed(terminal.render(result(accepted=False)))
-    assert "NOT accepted" in text
+def test_an_answer_that_is_not_sound_says_so() -> None:
+    text = printed(terminal.render(result(sound=False)))
+    assert "NOT computed soundly" in text
 
 
 def test_what_was_not_done_is_not_told() -> None:

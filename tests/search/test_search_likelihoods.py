@@ -124,7 +124,7 @@ def test_an_answer_that_is_no_maximum_names_the_wide_limits() -> None:
         search=GradientMultistart(2),
         verification=MonteCarlo(0),
     )
-    assert not found.accepted
+    assert not found.sound
     remedies = [w.remedy for w in found.warnings if w.about == "search"]
     assert len(remedies) == 1
     assert "b.value" in remedies[0]

@@ -124,7 +124,7 @@ def test_a_study_is_identified_by_each_method_alike(write, tmp_path) -> None:
         assert done.exit_code == 0, done.output
         document = json.loads((tmp_path / "out" / "identification.json").read_text())
         values[text] = document["log_likelihood"]["estimated"]
-        assert document["accepted"]
+        assert document["sound"]
         assert document["search"]["converged"]
         assert (
             sum(o["starts"] for o in document["search"]["optima"]) == document["search"]["starts"]

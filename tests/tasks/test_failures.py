@@ -42,7 +42,7 @@ def test_runs_that_fail_here_and_there_leave_the_answer() -> None:
     error = {name: value.standard_error or 0.0 for name, value in whole.alpha.items()}
     for name, value in result.alpha.items():
         assert abs(value.estimate - whole.alpha[name].estimate) < 0.02 * error[name]
-    assert result.accepted
+    assert result.sound
     assert result.failures is not None
     share = result.failures.runs / result.failures.needed
     assert share == pytest.approx(0.06, abs=0.02)

@@ -30,7 +30,7 @@ def test_a_normal_sample_has_its_mean_and_sd(sample) -> None:
     assert found.alpha["x.sd"].standard_error == pytest.approx(y.std() / 80**0.5, rel=2e-3)
     exact = stats.norm.logpdf(y, y.mean(), y.std()).sum()
     assert found.log_likelihood.estimated == pytest.approx(exact, abs=1e-4)
-    assert found.accepted
+    assert found.sound
     assert found.search["edm"] < 1e-3
 
 
@@ -172,13 +172,13 @@ def test_a_stochastic_frontier_is_found_as_well_as_its_moments_tell(order, close
     alpha = estimates(found)[[0, 1, 3, 4]]
     if closeness is None:
         # all along a ridge the likelihood is the same, so that where it ends says nothing
-        assert not found.accepted
+        assert not found.sound
         assert "identifiability" in {warning.about for warning in found.warnings}
         assert found.log_likelihood.estimated < value - 2.0
         return
     assert np.max(np.abs(alpha - truth) / error) < closeness
     assert found.log_likelihood.estimated == pytest.approx(value, abs=gap)
-    assert found.accepted
+    assert found.sound
     if found.log_likelihood.verified is not None:
         exact = log_frontier(y - alpha[0] - alpha[1] * problem.z, alpha[2], alpha[3]).sum()
         told = found.log_likelihood.verified_standard_error

@@ -44,7 +44,7 @@ def test_a_binding_box_is_identified_as_by_the_exact_likelihood() -> None:
     # the surface's allowance for its own error widens the support by some 1e-9
     assert found.log_likelihood.estimated == pytest.approx(value, abs=1e-3)
     assert np.all(np.abs(estimates(found) - alpha) < 0.01 * error)
-    assert found.accepted
+    assert found.sound
     verified, told = found.log_likelihood.verified, found.log_likelihood.verified_standard_error
     assert verified is not None
     assert told is not None
@@ -101,7 +101,7 @@ def test_constants_and_noise_alone_are_least_squares() -> None:
     coefficients, rss, *_ = np.linalg.lstsq(design, y)
     np.testing.assert_allclose(estimates(found)[:2], coefficients, atol=1e-3)
     assert estimates(found)[2] == pytest.approx((float(rss[0]) / 40) ** 0.5, rel=1e-3)
-    assert found.accepted
+    assert found.sound
     exact = -20.0 * (np.log(2.0 * np.pi * float(rss[0]) / 40) + 1.0)
     assert found.log_likelihood.estimated == pytest.approx(exact, abs=1e-4)
 
@@ -156,14 +156,14 @@ SUM = replace(
     ],
     ids=["collocation", "surface"],
 )
-def test_a_sum_of_parameters_is_told_as_a_direction_and_not_accepted(propagation) -> None:
+def test_a_sum_of_parameters_is_told_as_a_direction_and_not_sound(propagation) -> None:
     found = identified(SUM, SUM.draw(12), propagation=propagation)
     told = [set(w.concerns) for w in found.warnings if w.about == "identifiability"]
     assert {"a.mean", "b.mean"} in told
     # there is no maximum, hence no interval
     assert "search" in [w.about for w in found.warnings]
     assert all(e.interval is None and e.standard_error is None for e in found.alpha.values())
-    assert not found.accepted
+    assert not found.sound
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,7 @@ def test_a_file_predicts_as_the_session_did(found: Identification, tmp_path) -> 
 
 
 def test_slow_simulators_predict_on_surfaces(found: Identification) -> None:
-    slow = replace(found, session=replace(found.session, on_simulator=False, likelihood=None))
+    slow = replace(found, session=replace(found.session, on_simulator=False, fit=None))
     for of in (None, "e2"):
         fast = found.predict(NEW, of=of)
         assert slow.predict(NEW, of=of)["mean"].tolist() == pytest.approx([*fast["mean"]], abs=1e-3)
@@ -181,7 +181,7 @@ def test_reports_fit_80_columns(found: Identification) -> None:
     text = printed(terminal.render(document))
     for shown in (text, repr(found)):
         assert max(map(len, shown.splitlines())) <= 80
-        assert "Accepted" in shown
+        assert "Computed soundly" in shown
         assert f"{len(FRAME)} observations" in " ".join(shown.split())
     assert "a.sd" in found._repr_html_()
     assert "simulator itself was integrated over" in " ".join(text.split())

@@ -54,7 +54,7 @@ def test_observations_without_a_run_are_left_out_and_told(model) -> None:
     assert found.log_likelihood.estimated == pytest.approx(same.log_likelihood.estimated, abs=0.01)
     assert len(found.observations) == len(FRAME) - late.sum()
     assert set(told(found, "no run gives")) == set(FRAME.loc[late, "id"])
-    assert found.accepted
+    assert found.sound
 
 
 def test_an_experiment_that_is_lost_has_the_individual_law_of_none() -> None:

@@ -40,7 +40,7 @@ def test_surfaces_and_the_simulator_itself_lead_to_one_answer(monkeypatch):
     direct = identify(line, experiments, PAIR, noise=noise)
     monkeypatch.setattr(cheap, lambda *_: False)
     surfaced = identify(line, experiments, PAIR, noise=noise)
-    assert surfaced.accepted
+    assert surfaced.sound
     assert surfaced.log_likelihood.estimated == pytest.approx(
         direct.log_likelihood.estimated, abs=0.01
     )

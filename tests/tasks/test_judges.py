@@ -77,7 +77,7 @@ BATCHES = {
 )
 def test_published_maxima_are_met(found, wanted, value) -> None:
     answer = found()
-    assert answer.accepted
+    assert answer.sound
     assert answer.log_likelihood.estimated == pytest.approx(value, abs=0.01)
     for name, (estimate, error) in wanted.items():
         entry = answer.alpha[name]
@@ -145,6 +145,6 @@ def test_censored_values_give_the_exact_maximum(kind: str, rows: int) -> None:
     noise = Noise(Free(0.01, 2.0) if rows > 1 else 0.2)
     answer = identify(growth, table, inputs, noise=noise)
     alpha = estimates(answer)
-    assert answer.accepted
+    assert answer.sound
     assert answer.log_likelihood.estimated == pytest.approx(exact(frame, alpha), abs=0.01)
     assert_maximum(lambda a: exact(frame, a), alpha, errors_of(answer))

@@ -99,7 +99,7 @@ def test_one_outcome_an_experiment_is_a_sum_of_normal_densities(of_one: Identifi
         options={"fatol": 1e-9, "xatol": 1e-8, "maxiter": 5000},
     )  # fmt: skip
     assert -best.fun == pytest.approx(of_one.log_likelihood.estimated, abs=0.01)
-    assert of_one.accepted
+    assert of_one.sound
 
 
 def test_equal_components_are_told_in_order_and_not_as_two_optima(of_one: Identification) -> None:
@@ -121,7 +121,7 @@ def test_series_are_integrated_over_both_components(
     assert found.log_likelihood.estimated == pytest.approx(
         of_decays(frame, values(found)), abs=0.02
     )
-    assert found.accepted
+    assert found.sound
 
 
 def test_a_prediction_is_that_of_the_mixture(of_one: Identification) -> None:

@@ -56,7 +56,7 @@ def offset(found: Identification, y: np.ndarray) -> np.ndarray:
 def test_ball_bearings_have_the_lognormal_maximum() -> None:
     found = identified(BEARINGS)
     assert found.density == "convolution"
-    assert found.accepted
+    assert found.sound
     assert np.abs(offset(found, BEARINGS)).max() < 0.05
     assert found.alpha["x.mean"].estimate == pytest.approx(4.1505, abs=0.005)
     assert found.alpha["x.sd"].estimate == pytest.approx(0.5215, abs=0.005)
@@ -80,7 +80,7 @@ def test_a_skewness_of_four_and_an_outlier_cost_nothing(
     rng = np.random.default_rng(2)
     y = np.exp(4.0 + 0.8 * np.append(rng.standard_normal(59), extra))
     found = identified(y, propagation=ResponseSurface(tolerance=tolerance))
-    assert found.accepted
+    assert found.sound
     assert {e.status for e in found.experiments} == {"solved"}
     assert np.abs(offset(found, y)).max() < 0.1
 
@@ -98,7 +98,7 @@ def test_no_outcome_is_out_of_reach_of_a_normal_law_without_a_box(
         exponential, pd.DataFrame({"y": y}), wide, outcome="y", vectorized=True,
         verification=MonteCarlo(0), search=GradientMultistart(3), propagation=propagation,
     )  # fmt: skip
-    assert found.accepted
+    assert found.sound
     assert np.abs(offset(found, y)).max() < 0.1
 
 
@@ -152,7 +152,7 @@ def test_of_two_parameters_the_exact_density_is_taken_where_it_moves_an_estimate
         propagation=ResponseSurface(tolerance=1e-3),
     )  # fmt: skip
     assert found.density == "convolution"
-    assert found.accepted
+    assert found.sound
 
     def exact(p: np.ndarray) -> float:
         factor = np.exp(p[0] * node)

@@ -52,7 +52,7 @@ def test_a_stochastic_frontier_is_found_exactly(sds: tuple[float, float], seed: 
         estimate = found.alpha[name]
         assert estimate.standard_error is not None
         assert abs(estimate.estimate - value) < 0.02 * estimate.standard_error
-    assert found.accepted
+    assert found.sound
 
 
 def test_noise_of_a_thousandth_of_the_scatter_is_found_exactly() -> None:

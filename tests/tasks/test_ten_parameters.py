@@ -65,4 +65,4 @@ def test_a_law_of_ten_parameters_is_identified_from_few_runs() -> None:
         estimate = found.alpha[name]
         assert estimate.standard_error is not None
         assert abs(estimate.estimate - value) < 0.1 * estimate.standard_error
-    assert found.accepted
+    assert found.sound

@@ -57,7 +57,7 @@ class Continued:
     """The objective of a search: the log-likelihood, continued where there is none.
 
     Outside a support and where a density failed it is a smooth penalty with the exact score of just
-    what is computed, so that a search that is still far away finds its way. An accepted answer
+    what is computed, so that a search that is still far away finds its way. A sound answer
     contains none of it.
     """
 

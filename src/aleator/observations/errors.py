@@ -14,7 +14,7 @@ from aleator.laws import Hyperparameter
 from aleator.observations.known import known_sds
 from aleator.observations.noise import Noise
 from aleator.observations.response_errors import ResponseErrors
-from aleator.observations.responses import require_known
+from aleator.observations.responses import Observations, require_known
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
@@ -81,6 +81,17 @@ class MeasurementErrors:
     def simple(self) -> bool:
         """Whether there is one response, with one scale that is known or free."""
         return len(self.parts) == 1 and self.parts[0].noise.simple
+
+    def of_others(self, seen: Observations) -> MeasurementErrors:
+        """The errors of other values at the same places."""
+        ends = seen.lower[:, None], seen.upper[:, None]
+        return replace(
+            self,
+            parts=tuple(
+                replace(part, lower=ends[0][part.rows], upper=ends[1][part.rows])
+                for part in self.parts
+            ),
+        )
 
     def terms(self, values: Array, eta: Array, rows: slice) -> Terms:
         """log p of the observations `rows` at eta (m, J), by the `values` (P,) of the noise.

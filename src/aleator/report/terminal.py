@@ -326,9 +326,9 @@ def _warnings(result: Result) -> Iterator[RenderableType]:
 
 def _verdict(result: Result, files: Sequence[str]) -> RenderableType | None:
     text = Text()
-    if "accepted" in result:
+    if "sound" in result:
         text.append(verdict(result))
-        style = "bold green" if result["accepted"] else "bold red"
+        style = "bold green" if result["sound"] else "bold red"
         text.stylize(style, 0, text.plain.index(":"))
     parts = [text] if text.plain else []
     return Group(*parts, *written(files)) if parts or files else None

@@ -87,7 +87,7 @@ class Confined:
     """A response known only inside a region (n, 2): outside, the value at its nearest point.
 
     Surfaces explode when extrapolated; a search that is still far away must not see that. An
-    answer is accepted only if its law stays inside. A parameter whose region has no width is
+    answer is sound only if its law stays inside. A parameter whose region has no width is
     known: the inner response is one of the others alone.
     """
 

@@ -18,7 +18,7 @@ from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
 MOST = 0.5
-"""Share of the experiments that a check must reach for an answer to be accepted."""
+"""Share of the experiments that a check must reach for an answer to count as sound."""
 LARGEST_MOVE = 0.25
 """Standard errors by which an estimate may be off before a reader must know."""
 

@@ -45,7 +45,7 @@ def review_individual(
     gap: float,
     ids: Sequence[str],
 ) -> tuple[tuple[Diagnostic, ...], bool]:
-    """All warnings, and whether the answer is accepted."""
+    """All warnings, and whether the answer was computed soundly."""
     refusals = [
         *_without_density(at, ids),
         *search_refusals(inference, hyperparameters),

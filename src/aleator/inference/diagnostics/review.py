@@ -57,7 +57,7 @@ def review(
     ids: Sequence[str],
     conditions: pd.DataFrame,
 ) -> tuple[tuple[Diagnostic, ...], bool]:
-    """All warnings, and whether the answer is accepted; `conditions` has a row an experiment."""
+    """All warnings, and whether the answer is sound; `conditions` has a row an experiment."""
     hyperparameters = problem.model.hyperparameters
     refusals = [
         *_density_warnings(honest, ids),

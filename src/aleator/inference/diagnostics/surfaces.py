@@ -17,7 +17,7 @@ from aleator.types import Array
 LARGEST_SURFACE_ERROR = 0.1
 """Error of a surface under the identified law, over the outcome's sd, worth a warning."""
 USELESS = 0.5
-"""The same, noise included, at which an answer is not accepted."""
+"""The same, noise included, at which an answer is not sound."""
 
 
 def surface_errors(problem: Problem, checked: Verification | None) -> Array:
@@ -71,7 +71,7 @@ def surface_refusals(
     surface_error: Array,
     ids: Sequence[str],
 ) -> list[Diagnostic]:
-    """Surfaces so rough under the law that an answer which rests on them cannot be accepted."""
+    """Surfaces so rough under the law that an answer which rests on them cannot be sound."""
     surface = problem.surface
     if surface is None:
         return []

@@ -32,6 +32,7 @@ from aleator.tasks.individual.calibration import sequential_pit
 from aleator.tasks.individual.check import Checked
 from aleator.tasks.individual.curves import law_curves
 from aleator.tasks.individual.failed import failing_share
+from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.guess import HUGE
 from aleator.tasks.individual.observed import observation_reports
 from aleator.tasks.individual.session import DIRECT, IndividualSession, runners
@@ -64,7 +65,7 @@ def assembled(
         failing = failing_share(end.likelihood, alpha)
     lost = without_surfaces(_lost(end.likelihood), table.observations.experiment, table.ids)
     differing = check_refusals(check.total, check.standard_error) if check is not None else []
-    warnings, accepted = review_individual(
+    warnings, sound = review_individual(
         at, alpha, hyperparameters, inference, profile, end.gap, table.ids
     )
     failures = failure_report(question.runner) if answer.surfaces is not None else None
@@ -74,7 +75,7 @@ def assembled(
         log_likelihood=_log_likelihood(at.total, check),
         density="individual_integral",
         propagation=DIRECT if answer.surfaces is None else "response_surface",
-        accepted=accepted and not lost and not differing,
+        sound=sound and not lost and not differing,
         warnings=(
             *lost,
             *differing,
@@ -123,7 +124,7 @@ def assembled(
             question.table.observations.responses,
             question.table,
             runners(question.runner, question.table),
-            end.likelihood,
+            IndividualFit(end.likelihood, alpha, inference, table),
             answer.surfaces is None,
             question.surfaces,
         ),

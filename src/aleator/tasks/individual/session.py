@@ -22,11 +22,12 @@ from aleator.observations.transform import Transform
 from aleator.progress import Progress
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.forecast import LOST, Draws, Forecast, forecast
 from aleator.tasks.individual.observed import varying_conditions
 from aleator.tasks.individual.predictors import about, direct
 from aleator.tasks.results.law import JointLaw
-from aleator.tasks.results.session import given_values, missing
+from aleator.tasks.results.session import given_values, kept, missing
 from aleator.tasks.results.values import Estimate, in_order
 from aleator.types import Array
 
@@ -45,10 +46,10 @@ Runners = Callable[[Experiments | Conditions], Runner]
 
 @dataclass(frozen=True, eq=False)
 class IndividualSession:
-    """Laws, noise and responses, the table, how runs are made, and the likelihood.
+    """Laws, noise and responses, the table, how runs are made, and the fit.
 
     Laws that follow covariates are resolved by the table. None for a table, a simulator or a
-    likelihood that is not at hand. `on_simulator` tells whether the
+    fit that is not at hand. `on_simulator` tells whether the
     simulator itself is asked, or surfaces of it as in `surfaces`.
     """
 
@@ -57,7 +58,7 @@ class IndividualSession:
     responses: tuple[Response, ...]
     table: Experiments | None
     runner: Runners | None
-    likelihood: IndividualLikelihood | None
+    fit: IndividualFit | None
     on_simulator: bool
     surfaces: ResponseSurface
 
@@ -90,13 +91,9 @@ class IndividualSession:
         self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, float | Estimate]
     ) -> float:
         """The log-likelihood at alpha with nodes adapted there; what is not named is as it was."""
-        if self.likelihood is None:
-            raise missing(
-                "the log-likelihood needs the nodes, which are not saved",
-                "identify again: with a Store no run is repeated",
-            )
+        fit = kept(self.fit)
         at = given_values(alpha, values, self.hyperparameters)
-        return self.likelihood.adapted(at).evaluate(at).total
+        return fit.likelihood.adapted(at).evaluate(at).total
 
     def predict(
         self,
@@ -162,8 +159,8 @@ class IndividualSession:
 
     def _adapted(self, table: Experiments, alpha: Array) -> IndividualLikelihood:
         """The likelihood of the measured experiments, made again where it was not kept."""
-        if self.likelihood is not None:
-            return self.likelihood
+        if self.fit is not None:
+            return self.fit.likelihood
         assert self.runner is not None
         assert self.noise is not None
         runner, seen = self.runner(table), table.observations

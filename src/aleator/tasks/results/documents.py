@@ -16,7 +16,7 @@ from aleator.errors import AleatorError, short
 
 # What a reader looks for first comes first; keys that are not named here follow as they came.
 _ORDER = (
-    "title", "study", "accepted", "alpha", "correlation", "parameter_correlations",
+    "title", "study", "sound", "alpha", "correlation", "parameter_correlations",
     "log_likelihood", "baselines", "warnings", "simulator",
     "density", "propagation", "search", "surface", "runs", "runs_by_stage",
     "experiments", "seed", "versions", "seconds",

@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike
 
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.failures import FailureReport
+from aleator.inference.fit import Fit
 from aleator.likelihood.comparison import DensityDistance
 from aleator.observations.experiments import Conditions
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
 from aleator.tasks.results import documents, printed
 from aleator.tasks.results.law import JointLaw
-from aleator.tasks.results.session import OutcomeSession, Session
+from aleator.tasks.results.session import OutcomeSession, Session, kept
 from aleator.tasks.results.values import (
     QUANTILES,
     Estimate,
@@ -37,7 +38,7 @@ NO_SESSION = OutcomeSession(None, None, None)
 class Identification:
     """An identified law: alpha with its uncertainty, its log-likelihood, and how it was found.
 
-    `accepted` is true only if the search converged, every density was solved with every outcome
+    `sound` is true only if the search converged, every density was solved with every outcome
     in its support, and the Monte Carlo check, where it was made, agrees. `warnings` say what to
     mend or to know. It prints as a report in short. `session` holds what it was made with: model,
     simulator, surfaces. An identification that was read from a file has only what was given again.
@@ -54,7 +55,8 @@ class Identification:
     x.sd       0.124       0.044  0.071 .. 0.303  sandwich error 0.017
     log-likelihood -0.511
     ...
-    Accepted: the search converged, every density was solved; not verified on the
+    Computed soundly: the search converged, every density was solved; not verified on
+    the
     simulator.
     >>> float(found.values["x.mean"]), found.intervals.loc["x.mean"].round(3).tolist()
     (1.031, [0.873, 1.189])
@@ -66,7 +68,7 @@ class Identification:
     log_likelihood: LogLikelihoodReport
     density: str
     propagation: str
-    accepted: bool
+    sound: bool
     warnings: tuple[Diagnostic, ...]
     experiments: tuple[ExperimentReport, ...] | tuple[IndividualReport, ...]
     correlation_names: tuple[str, ...]
@@ -132,6 +134,14 @@ class Identification:
         Raises AleatorError where the identification was read from a file without the inputs.
         """
         return self.session.law(self.alpha)
+
+    @property
+    def fit(self) -> Fit:
+        """The likelihood with its data at the estimates, for what builds on it; no runs.
+
+        Raises AleatorError where the identification was read from a file: surfaces are not saved.
+        """
+        return kept(self.session.fit)
 
     def law_at(self, covariates: Mapping[str, object] | pd.Series) -> JointLaw:
         """The joint law of an experiment with these covariates, by name.
@@ -227,7 +237,7 @@ class Identification:
                 {**vars(c), "between": list(c.between)} for c in self.parameter_correlations
             ],
             "log_likelihood": dict(vars(self.log_likelihood)),
-            "accepted": self.accepted,
+            "sound": self.sound,
             "warnings": [dict(vars(warning)) for warning in self.warnings],
             "density": self.density,
             "density_distances": [dict(vars(row)) for row in self.density_distances],

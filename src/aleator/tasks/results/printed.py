@@ -82,14 +82,14 @@ def _note(entry: Document) -> str:
 def verdict(document: Document) -> str:
     """One sentence: whether the answer can be used, and why.
 
-    >>> verdict({"accepted": False, "warnings": [{"about": "search"}, {"about": "check"}]})
-    'NOT accepted: do not use alpha before the warnings are dealt with (search, check).'
+    >>> verdict({"sound": False, "warnings": [{"about": "search"}, {"about": "check"}]})
+    'NOT computed soundly: do not use alpha before the warnings are dealt with (search, check).'
     """
-    if document["accepted"]:
-        return f"Accepted: {_reasons(document)}."
+    if document["sound"]:
+        return f"Computed soundly: {_reasons(document)}."
     about = dict.fromkeys(str(entry["about"]) for entry in document.get("warnings") or [])
     named = f" ({', '.join(about)})" if about else ""
-    return f"NOT accepted: do not use alpha before the warnings are dealt with{named}."
+    return f"NOT computed soundly: do not use alpha before the warnings are dealt with{named}."
 
 
 def _reasons(document: Document) -> str:

@@ -165,7 +165,7 @@ def from_document(document: Entry, path: str | Path) -> Identification:
         log_likelihood=part("log_likelihood", lambda row: _log_likelihood(row, experiments)),
         density=part("density", str),
         propagation=part("propagation", str),
-        accepted=part("accepted", bool),
+        sound=part("sound", bool),
         warnings=part("warnings", lambda rows: tuple(map(_diagnostic, rows))),
         experiments=experiments,
         correlation_names=part(

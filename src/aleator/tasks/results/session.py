@@ -11,14 +11,15 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from aleator.errors import AleatorError, InputsError
+from aleator.inference.fit import AnyFit, Fit
 from aleator.laws import Hyperparameter
-from aleator.likelihood.likelihood import Likelihood
 from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
 from aleator.simulators import Simulator, as_runner
 from aleator.tasks.outcome import predicted
+from aleator.tasks.outcome_fit import OutcomeFit
 from aleator.tasks.results.law import JointLaw
 from aleator.tasks.results.values import Estimate, in_order
 from aleator.types import Array
@@ -33,6 +34,10 @@ class Session(Protocol):
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """All hyperparameters in the order of alpha."""
+
+    @property
+    def fit(self) -> Fit | None:
+        """The likelihood with its data at the answer; None where it was read from a file."""
 
     def law(
         self,
@@ -61,14 +66,14 @@ class Session(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class OutcomeSession:
-    """Model, simulator, and the likelihood on the last surfaces; None for what is not at hand.
+    """Model, simulator, and the fit on the last surfaces; None for what is not at hand.
 
     `model` holds the inputs, the noise and the choices of surfaces and density.
     """
 
     model: Model | None
     simulator: Simulator | None
-    likelihood: Likelihood | None
+    fit: OutcomeFit | None
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -120,13 +125,9 @@ class OutcomeSession:
         self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, float | Estimate]
     ) -> float:
         """The honest log-likelihood at alpha; what is not named has these values."""
-        if self.likelihood is None:
-            raise missing(
-                "the log-likelihood needs the surfaces, which are not saved",
-                "identify again: with a Store no run is repeated",
-            )
-        at = given_values(alpha, values, self.likelihood.hyperparameters)
-        return self.likelihood.evaluate(at).total
+        fit = kept(self.fit)
+        at = given_values(alpha, values, fit.hyperparameters)
+        return fit.problem.likelihood.evaluate(at).total
 
 
 def given_values(
@@ -152,6 +153,16 @@ def _named(alpha: Array, names: Sequence[str]) -> dict[str, float]:
             f"give one number for each of {', '.join(names)}",
         )
     return dict(zip(names, alpha.tolist(), strict=True))
+
+
+def kept(fit: AnyFit | None) -> AnyFit:
+    """The fit. Raises AleatorError where the identification was read from a file."""
+    if fit is None:
+        raise missing(
+            "this needs the surfaces, which are not saved",
+            "identify again: with a Store no run is repeated",
+        )
+    return fit
 
 
 def missing(what: str, remedy: str) -> AleatorError:

@@ -26,6 +26,7 @@ from aleator.search import SearchResult
 from aleator.search.value import LogLikelihood
 from aleator.simulators import Simulator
 from aleator.tasks.baselines import LeastSquares, LinearGaussian
+from aleator.tasks.outcome_fit import OutcomeFit
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.session import OutcomeSession
 from aleator.tasks.results.values import (
@@ -59,7 +60,7 @@ def assemble(
     alpha, hyperparameters = found.alpha, problem.model.hyperparameters
     honest = problem.likelihood.evaluate(alpha)
     surface_error = diagnostics.surface_errors(problem, checked)
-    warnings, accepted = diagnostics.review(
+    warnings, sound = diagnostics.review(
         problem,
         found,
         inference,
@@ -75,7 +76,7 @@ def assemble(
         log_likelihood=_log_likelihood(honest, checked),
         density=problem.model.density.name,
         propagation=problem.name,
-        accepted=accepted,
+        sound=sound,
         warnings=(*warnings, *diagnostics.failure_warnings(failures), *notes),
         experiments=experiment_reports(problem, alpha, ids, surface_error, checked),
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
@@ -92,7 +93,9 @@ def assemble(
         density_distances=density_distances(problem, alpha),
         outcome=table.outcome_name,
         transform=table.transform,
-        session=OutcomeSession(problem.model, simulator, problem.likelihood),
+        session=OutcomeSession(
+            problem.model, simulator, OutcomeFit(problem, alpha, inference, table)
+        ),
         parameter_correlations=parameter_correlations_of(
             problem.model.inputs, alpha, hyperparameters, inference
         ),

@@ -1,0 +1,131 @@
+"""A fit, as everything that judges one or builds on one sees it: no run of the simulator is made.
+
+Tests of consistency, bootstrap, comparison, posterior and design ask the same few things: the
+log-likelihood of each experiment with its score, other data under the same law, and the maximum
+for other data or other weights. Each of the two ways to a likelihood answers them in one file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol, Self, TypeVar
+
+import numpy as np
+
+from aleator.inference.information import Inference
+from aleator.laws import Hyperparameter
+from aleator.observations.experiments import Experiments
+from aleator.search.newton import ARRIVED, ascended
+from aleator.search.value import LogLikelihood
+from aleator.types import Array
+
+
+class Fit(Protocol):
+    """The likelihood of N experiments with M observations, at alpha (K,).
+
+    A value: each method that changes something returns another fit. `inference` is that of the
+    identification, whatever alpha and data are now; `table` has the experiments with all columns.
+    """
+
+    @property
+    def alpha(self) -> Array:
+        """Where it stands, (K,)."""
+
+    @property
+    def inference(self) -> Inference:
+        """Information and errors at the identified alpha."""
+
+    @property
+    def table(self) -> Experiments:
+        """The experiments: their ids, and the columns of their table."""
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of alpha, in its order."""
+
+    @property
+    def count(self) -> int:
+        """N."""
+
+    def scored(self) -> LogLikelihood:
+        """Log-densities (N,) of all experiments at alpha, with scores (N, K)."""
+
+    def objective(self) -> Callable[[Array], LogLikelihood]:
+        """The same as a function of alpha, which a search or a sampler may climb."""
+
+    def probabilities(self) -> Array:
+        """P(below what was measured | earlier ones of the same experiment, alpha) (M,).
+
+        Under the right alpha they are independent and uniform. NaN where one is not known.
+        """
+
+    def at(self, alpha: Array) -> Self:
+        """The same data at another alpha."""
+
+    def drawn(self, rng: np.random.Generator) -> Self:
+        """Other data of the same experiments, under the law and the noise of alpha."""
+
+    def individuals(self, rng: np.random.Generator) -> Array | None:
+        """A draw (N, n) of the parameters of each experiment given its observations.
+
+        Under the right model they are a sample of the law. None where there is no noise.
+        """
+
+    def given(self, x: Array) -> Array:
+        """log p(observations of an experiment | parameters) (N, J) at points x (J, n).
+
+        Raises AleatorError where there is no noise.
+        """
+
+
+AnyFit = TypeVar("AnyFit", bound=Fit)
+
+
+@dataclass(frozen=True, eq=False)
+class Weighted:
+    """An objective in which experiment l counts `weights[l]` times, (N,)."""
+
+    objective: Callable[[Array], LogLikelihood]
+    weights: Array
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        """Value and score at alpha (K,)."""
+        found, counted = self.objective(alpha), self.weights > 0.0
+        each = np.where(counted, self.weights * found.each, 0.0)
+        scores = found.scores
+        if scores is not None:
+            scores = np.where(counted[:, None], self.weights[:, None] * scores, 0.0)
+        return replace(found, each=each, scores=scores)
+
+
+def stepped(fit: AnyFit) -> AnyFit:
+    """The fit one Newton step nearer to its maximum, by the information of the identification.
+
+    For data drawn at the identified alpha the step ends within 1/N of the maximum, where the
+    maximum itself is 1/sqrt(N) away: what a bootstrap of many replicates needs, at one evaluation.
+    """
+    inference, hyperparameters = fit.inference, fit.hyperparameters
+    moving = inference.identified
+    score = fit.scored().score[moving]
+    limits = np.array([[hyperparameters[k].lower, hyperparameters[k].upper] for k in moving])
+    here = fit.alpha[moving]
+    held = ((here <= limits[:, 0]) & (score < 0.0)) | ((here >= limits[:, 1]) & (score > 0.0))
+    free = np.flatnonzero(~held & np.isfinite(score))
+    step = np.zeros(moving.size)
+    step[free] = np.linalg.lstsq(inference.information[np.ix_(free, free)], score[free])[0]
+    alpha = fit.alpha.copy()
+    alpha[moving] = np.clip(here + step, *limits.T)
+    return fit.at(alpha)
+
+
+def climbed(fit: AnyFit, weights: Array | None = None, arrived: float = ARRIVED) -> AnyFit:
+    """The fit at the nearest maximum; experiments count `weights` (N,) times, or once each."""
+    objective = fit.objective()
+    if weights is not None:
+        objective = Weighted(objective, weights)
+    end = ascended(
+        objective, fit.alpha, fit.hyperparameters, fit.inference.identified,
+        fit.inference.information, arrived,
+    )  # fmt: skip
+    return fit.at(end.alpha)

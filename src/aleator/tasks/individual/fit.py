@@ -1,0 +1,125 @@
+"""The fit of experiments with individual parameters: the integral, without runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aleator.inference.information import Inference
+from aleator.laws import Hyperparameter
+from aleator.laws.individual import drawn
+from aleator.likelihood.individual import IndividualLikelihood
+from aleator.likelihood.individual.importance import proposed
+from aleator.likelihood.individual.layout import Block
+from aleator.likelihood.individual.likelihood import mean_of
+from aleator.observations.experiments import Experiments
+from aleator.search.value import LogLikelihood
+from aleator.tasks.individual.calibration import sequential_pit
+from aleator.tasks.individual.virtual import censored_alike
+from aleator.types import Array
+
+POINTS = 256
+"""Points of each experiment of which one is drawn."""
+TRIES = 20
+"""Draws of an experiment's parameters until a run of it works."""
+
+
+@dataclass(frozen=True, eq=False)
+class IndividualFit:
+    """A `Fit`: the likelihood with nodes adapted to alpha, on surfaces or a fast simulator."""
+
+    likelihood: IndividualLikelihood
+    alpha: Array
+    inference: Inference
+    table: Experiments
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of the laws, then those of the errors."""
+        return self.likelihood.hyperparameters
+
+    @property
+    def count(self) -> int:
+        """N."""
+        return self.likelihood.count
+
+    def scored(self) -> LogLikelihood:
+        """Log-densities (N,) with scores (N, K), nodes as they are."""
+        return self.likelihood(self.alpha)
+
+    def objective(self) -> Callable[[Array], LogLikelihood]:
+        """The log-likelihood by alpha: nodes follow it, but importance points, whose error does."""
+        one = self.likelihood.rule.centers == 1
+        return self.likelihood.continued if one else self.likelihood.__call__
+
+    def probabilities(self) -> Array:
+        """Of each observation given the earlier ones of its experiment, (M,)."""
+        return sequential_pit(self.likelihood, self.alpha, self.table.observations)
+
+    def at(self, alpha: Array) -> IndividualFit:
+        """The same data at another alpha, nodes adapted to it."""
+        return replace(self, likelihood=self.likelihood.adapted(alpha), alpha=alpha)
+
+    def drawn(self, rng: np.random.Generator) -> IndividualFit:
+        """Other observations, with bounds like those of the table (see `censored_alike`).
+
+        An experiment whose run fails is drawn again, at most twenty times.
+        """
+        likelihood, seen = self.likelihood, self.table.observations
+        of_errors = self.alpha[likelihood.inputs.size :]
+        eta = self._simulated(rng)
+        uniform = rng.random(eta.shape)
+        y = likelihood.errors.quantile(of_errors, uniform, eta, slice(0, len(seen)))[:, 0]
+        table = self.table.with_observations(censored_alike(seen, y, rng))
+        other = replace(likelihood, errors=likelihood.errors.of_others(table.observations))
+        return replace(self, likelihood=other, table=table).at(self.alpha)
+
+    def individuals(self, rng: np.random.Generator) -> Array:
+        """A draw (N, n) of each experiment's parameters given its observations."""
+        likelihood, nodes = self.likelihood, self.likelihood.nodes
+        inputs = likelihood.inputs
+        found = np.empty((self.count, len(inputs.names)))
+        for block in likelihood.layout.blocks(POINTS):
+            part = block.experiments
+            xi, log_weight = proposed(nodes.modes[part], nodes.information[part], POINTS)
+            with np.errstate(all="ignore"):
+                share = mean_of(likelihood.sums(self.alpha, block, xi) + log_weight)[1]
+            x = inputs.individual(self.alpha[: inputs.size], xi, part).x
+            reached = np.cumsum(share, axis=1)
+            level = rng.random((len(block), 1)) * reached[:, -1:]
+            chosen = np.minimum(np.sum(reached < level, axis=1), share.shape[1] - 1)
+            found[part] = x[np.arange(len(block)), chosen]
+        return found
+
+    def given(self, x: Array) -> Array:
+        """log p(observations | parameters) (N, J) at points x (J, n), the same for all."""
+        likelihood = self.likelihood
+        found = np.empty((self.count, len(x)))
+        for block in likelihood.layout.blocks(len(x)):
+            points = np.broadcast_to(x, (len(block), *x.shape))
+            with np.errstate(all="ignore"):
+                eta = likelihood.predictor.values(block, points)
+                found[block.experiments] = likelihood.sums_of(self.alpha, block, eta)
+        return found
+
+    def _simulated(self, rng: np.random.Generator) -> Array:
+        """Values (M, 1) of runs at parameters drawn from the law of each experiment."""
+        likelihood = self.likelihood
+        inputs, eta = likelihood.inputs, np.full((len(self.table.observations), 1), np.nan)
+        for _ in range(TRIES):
+            x = drawn(inputs, self.alpha[: inputs.size], self.count, rng)
+            for block in likelihood.layout.blocks(1):
+                eta[block.rows] = self._kept(block, eta[block.rows], x[block.experiments])
+            if np.all(np.isfinite(eta)):
+                break
+        return eta
+
+    def _kept(self, block: Block, known: Array, x: Array) -> Array:
+        """Values (m, 1) at x (B, n) where an experiment of the block lacks one; the known ones."""
+        lacking = block.summed(np.isnan(known).astype(float)) > 0.0
+        if not np.any(lacking):
+            return known
+        found = self.likelihood.predictor.values(block, x[:, None])
+        return np.where(lacking[block.owner], found, known)

@@ -1,0 +1,124 @@
+"""The fit of experiments with one outcome each: the density of the outcome, without runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import special
+from scipy.stats import qmc
+
+from aleator.errors import InputsError
+from aleator.inference.information import Inference
+from aleator.laws import Hyperparameter
+from aleator.likelihood.problem import Problem
+from aleator.observations.experiments import Experiments
+from aleator.search.value import LogLikelihood
+from aleator.types import Array
+
+POINTS, FEWEST, MOST = 8192, 512, 20_000_000
+"""Points of the law that outcomes are drawn from: most, fewest, and simulated values in all."""
+SEED = 7
+FARTHEST = 6.0
+"""Quantiles are tabulated to so many standard deviations of a normal law."""
+TABULATED = 81
+"""Quantiles between which outcomes are drawn by interpolation."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutcomeFit:
+    """A `Fit` of a problem, whose outcomes need not be those of the table."""
+
+    problem: Problem
+    alpha: Array
+    inference: Inference
+    table: Experiments
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of the model."""
+        return self.problem.model.hyperparameters
+
+    @property
+    def count(self) -> int:
+        """N."""
+        return len(self.problem.outcomes)
+
+    def scored(self) -> LogLikelihood:
+        """Log-densities (N,) with scores (N, K); a smooth continuation where there is none."""
+        return self.problem.objective(self.alpha)
+
+    def objective(self) -> Callable[[Array], LogLikelihood]:
+        """The continued log-likelihood."""
+        return self.problem.objective
+
+    def probabilities(self) -> Array:
+        """P(below the outcome | alpha), (N,)."""
+        return self.problem.predictive.fitted(self.alpha).cdf(self.problem.outcomes)
+
+    def at(self, alpha: Array) -> OutcomeFit:
+        """The same outcomes at another alpha."""
+        return replace(self, alpha=alpha)
+
+    def drawn(self, rng: np.random.Generator) -> OutcomeFit:
+        """Other outcomes under the law and the noise of alpha.
+
+        With surfaces they are values of these; with collocation, quantiles of the densities, and
+        where a density failed the outcome stays as it is.
+        """
+        problem = self.problem
+        if problem.surface is None:
+            return replace(self, problem=problem.given(self._from_densities(rng)))
+        eta = self._simulated
+        y = eta[problem.condition, rng.integers(eta.shape[1], size=self.count)]
+        if problem.model.noise is not None:
+            scale = np.array(problem.model.noise_sd(self.alpha))
+            y = problem.model.noise.kind.quantile(rng.random(self.count), y, scale)
+        return replace(self, problem=problem.given(y))
+
+    def individuals(self, rng: np.random.Generator) -> None:  # noqa: ARG002  see `Fit`
+        """None: without noise one outcome leaves a surface of parameters open."""
+        return
+
+    def given(self, x: Array) -> Array:
+        """log p(outcome | parameters) (N, J) at points x (J, n), by the noise.
+
+        Raises InputsError where there is none.
+        """
+        noise = self.problem.model.noise
+        if noise is None:
+            raise InputsError(
+                "without measurement noise an outcome has no density given its parameters",
+                "add noise: [noise] sd, or noise=Noise(...), which may be small",
+            )
+        eta = self.problem.response.evaluate(x)[self.problem.condition]
+        scale = np.array(self.problem.model.noise_sd(self.alpha))
+        return noise.kind.log_density(self.problem.outcomes[:, None], eta, scale).value
+
+    def _from_densities(self, rng: np.random.Generator) -> Array:
+        """Outcomes (N,) by interpolation between the quantiles of the densities."""
+        score, table = self._quantiles
+        drawn = rng.standard_normal(self.count)
+        place = np.clip(np.searchsorted(score, drawn) - 1, 0, score.size - 2)
+        share = np.clip((drawn - score[place]) / (score[place + 1] - score[place]), 0.0, 1.0)
+        rows = np.arange(self.count)
+        y = (1.0 - share) * table[rows, place] + share * table[rows, place + 1]
+        return np.where(np.isfinite(y), y, self.problem.outcomes)
+
+    @cached_property
+    def _simulated(self) -> Array:
+        """The outcomes (U, J) of all conditions at quasi-random points of the law of alpha."""
+        inputs = self.problem.model.inputs
+        conditions = int(self.problem.condition.max()) + 1
+        count = 2 ** int(np.log2(np.clip(MOST // conditions, FEWEST, POINTS)))
+        uniform = qmc.Sobol(len(inputs.names), rng=SEED).random(count)
+        x = inputs.sample(self.alpha[: inputs.size], uniform)
+        return self.problem.response.evaluate(x)
+
+    @cached_property
+    def _quantiles(self) -> tuple[Array, Array]:
+        """Normal scores (Q,) and the outcomes (N, Q) at their probabilities, at alpha."""
+        score = np.linspace(-FARTHEST, FARTHEST, TABULATED)
+        return score, self.problem.predictive.fitted(self.alpha).quantile(special.ndtr(score))

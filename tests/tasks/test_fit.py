@@ -1,0 +1,104 @@
+"""A fit draws data that its own likelihood recognizes, and finds the maximum of other data."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from aleator import Free, Identification, Inputs, MonteCarlo, Noise, Normal, identify
+from aleator.inference.fit import climbed, stepped
+
+COUNT = 60
+
+
+def model(load: float, x: float) -> float:
+    return load * x
+
+
+def identified(noise: Noise | None) -> Identification:
+    rng = np.random.default_rng(3)
+    load = rng.uniform(1.0, 3.0, COUNT)
+    y = load * rng.normal(1.0, 0.2, COUNT)
+    if noise is not None:
+        y = y + rng.normal(0.0, 0.1, COUNT)
+    law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.6))})
+    return identify(
+        model, pd.DataFrame({"load": load, "y": y}), law, outcome="y", vectorized=True,
+        noise=noise, verification=MonteCarlo(0),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=[None, 0.1], ids=["exact", "noisy"])
+def found(request: pytest.FixtureRequest) -> Identification:
+    return identified(None if request.param is None else Noise(request.param))
+
+
+def variance(found: Identification, sd: float) -> np.ndarray:
+    load = found.fit.table.conditions["load"].to_numpy()
+    noise = found.values.get("noise.sd", 0.0)
+    return (load * sd) ** 2 + noise**2
+
+
+def test_it_stands_at_the_maximum(found: Identification) -> None:
+    scored = found.fit.scored()
+    assert scored.total == pytest.approx(found.log_likelihood.estimated, abs=1e-6)
+    scaled = scored.score[:2] * found.errors.to_numpy()[:2]
+    assert np.max(np.abs(scaled)) < 0.02
+
+
+def test_drawn_data_have_uniform_probabilities(found: Identification) -> None:
+    rng = np.random.default_rng(5)
+    drawn = np.concatenate([found.fit.drawn(rng).probabilities() for _ in range(20)])
+    assert stats.kstest(drawn, "uniform").pvalue > 1e-3
+
+
+def test_the_maximum_of_drawn_data_is_that_of_the_closed_form(found: Identification) -> None:
+    fit = found.fit.drawn(np.random.default_rng(7))
+    end = climbed(fit)
+    load = found.fit.table.conditions["load"].to_numpy()
+    y = stats.norm(
+        load * found.values["x.mean"], np.sqrt(variance(found, found.values["x.sd"]))
+    ).ppf(fit.probabilities())
+    values = [
+        stats.norm.logpdf(y, load * end.alpha[0], np.sqrt(variance(found, end.alpha[1] + d))).sum()
+        for d in (-0.01, 0.0, 0.01)
+    ]
+    assert values[1] == pytest.approx(end.scored().total, abs=0.15)
+    assert values[1] == max(values)
+
+
+def test_one_step_goes_most_of_the_way(found: Identification) -> None:
+    fit = found.fit.drawn(np.random.default_rng(8))
+    far = climbed(fit).scored().total - fit.scored().total
+    left = climbed(fit).scored().total - stepped(fit).scored().total
+    assert left + 1e-6 >= 0.0
+    assert left < 0.2 * far + 0.02
+
+
+def test_an_experiment_that_does_not_count_changes_nothing_else(found: Identification) -> None:
+    weights = np.ones(COUNT)
+    weights[4] = 0.0
+    end = climbed(found.fit, weights).alpha
+    one = found.fit.scored().scores[4, :2]
+    information = found.fit.inference.information
+    expected = -np.linalg.solve(information, one)
+    assert end[:2] - found.fit.alpha[:2] == pytest.approx(expected, rel=0.2, abs=2e-4)
+
+
+def test_individual_draws_are_a_sample_of_the_law() -> None:
+    fit = identified(Noise(0.1)).fit
+    rng = np.random.default_rng(9)
+    x = np.concatenate([fit.drawn(rng).individuals(rng)[:, 0] for _ in range(20)])
+    law = stats.norm(fit.alpha[0], fit.alpha[1])
+    assert stats.kstest(x, law.cdf).pvalue > 1e-3
+
+
+def test_what_is_given_integrates_to_the_likelihood() -> None:
+    fit = identified(Noise(0.1)).fit
+    nodes = np.linspace(-8.0, 8.0, 2001)
+    weights = np.exp(-0.5 * nodes**2)
+    x = (fit.alpha[0] + fit.alpha[1] * nodes)[:, None]
+    each = np.log(np.exp(fit.given(x)) @ (weights / weights.sum()))
+    assert each == pytest.approx(fit.scored().each, abs=1e-8)
