@@ -69,6 +69,14 @@ def test_the_maximum_of_drawn_data_is_that_of_the_closed_form(found: Identificat
     assert values[1] == max(values)
 
 
+def test_another_fit_sees_the_data_that_one_drew(found: Identification) -> None:
+    fit = found.fit.drawn(np.random.default_rng(6))
+    other = found.fit.seeing(fit.table)
+    assert other.scored().total == pytest.approx(fit.scored().total, abs=1e-9)
+    again = other.seeing(found.fit.table)
+    assert again.scored().total == pytest.approx(found.fit.scored().total, abs=1e-6)
+
+
 def test_one_step_goes_most_of_the_way(found: Identification) -> None:
     fit = found.fit.drawn(np.random.default_rng(8))
     far = climbed(fit).scored().total - fit.scored().total

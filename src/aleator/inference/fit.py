@@ -15,6 +15,7 @@ import numpy as np
 
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Experiments
 from aleator.search.newton import ARRIVED, ascended
 from aleator.search.value import LogLikelihood
@@ -45,6 +46,10 @@ class Fit(Protocol):
         """Those of alpha, in its order."""
 
     @property
+    def inputs(self) -> Inputs:
+        """The laws of the parameters."""
+
+    @property
     def count(self) -> int:
         """N."""
 
@@ -62,6 +67,9 @@ class Fit(Protocol):
 
     def at(self, alpha: Array) -> Self:
         """The same data at another alpha."""
+
+    def seeing(self, table: Experiments) -> Self:
+        """Other data: the same experiments, whose observations are those of another table."""
 
     def drawn(self, rng: np.random.Generator) -> Self:
         """Other data of the same experiments, under the law and the noise of alpha."""

@@ -13,8 +13,10 @@ from scipy.stats import qmc
 from aleator.errors import InputsError
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
+from aleator.observations.responses import Observations
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
@@ -29,7 +31,7 @@ TABULATED = 81
 
 @dataclass(frozen=True, eq=False)
 class OutcomeFit:
-    """A `Fit` of a problem, whose outcomes need not be those of the table."""
+    """A `Fit` of a problem; the outcomes of the table are those of the problem."""
 
     problem: Problem
     alpha: Array
@@ -40,6 +42,11 @@ class OutcomeFit:
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """Those of the model."""
         return self.problem.model.hyperparameters
+
+    @property
+    def inputs(self) -> Inputs:
+        """The laws of the parameters."""
+        return self.problem.model.inputs
 
     @property
     def count(self) -> int:
@@ -62,6 +69,10 @@ class OutcomeFit:
         """The same outcomes at another alpha."""
         return replace(self, alpha=alpha)
 
+    def seeing(self, table: Experiments) -> OutcomeFit:
+        """The same experiments with the outcomes of another table."""
+        return replace(self, problem=self.problem.given(table.outcomes), table=table)
+
     def drawn(self, rng: np.random.Generator) -> OutcomeFit:
         """Other outcomes under the law and the noise of alpha.
 
@@ -70,13 +81,13 @@ class OutcomeFit:
         """
         problem = self.problem
         if problem.surface is None:
-            return replace(self, problem=problem.given(self._from_densities(rng)))
+            return self._with(self._from_densities(rng))
         eta = self._simulated
         y = eta[problem.condition, rng.integers(eta.shape[1], size=self.count)]
         if problem.model.noise is not None:
             scale = np.array(problem.model.noise_sd(self.alpha))
             y = problem.model.noise.kind.quantile(rng.random(self.count), y, scale)
-        return replace(self, problem=problem.given(y))
+        return self._with(y)
 
     def individuals(self, rng: np.random.Generator) -> None:  # noqa: ARG002  see `Fit`
         """None: without noise one outcome leaves a surface of parameters open."""
@@ -96,6 +107,12 @@ class OutcomeFit:
         eta = self.problem.response.evaluate(x)[self.problem.condition]
         scale = np.array(self.problem.model.noise_sd(self.alpha))
         return noise.kind.log_density(self.problem.outcomes[:, None], eta, scale).value
+
+    def _with(self, y: Array) -> OutcomeFit:
+        """The same with other outcomes (N,), after the transform."""
+        (response,) = self.table.observations.responses
+        seen = Observations.exact(y, response.name, response.transform)
+        return self.seeing(self.table.with_observations(seen))
 
     def _from_densities(self, rng: np.random.Generator) -> Array:
         """Outcomes (N,) by interpolation between the quantiles of the densities."""

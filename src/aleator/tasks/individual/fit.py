@@ -10,6 +10,7 @@ import numpy as np
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.individual import drawn
+from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import IndividualLikelihood
 from aleator.likelihood.individual.importance import proposed
 from aleator.likelihood.individual.layout import Block
@@ -41,6 +42,11 @@ class IndividualFit:
         return self.likelihood.hyperparameters
 
     @property
+    def inputs(self) -> Inputs:
+        """The laws of the parameters, resolved by the covariates that they follow."""
+        return self.likelihood.inputs
+
+    @property
     def count(self) -> int:
         """N."""
         return self.likelihood.count
@@ -62,6 +68,12 @@ class IndividualFit:
         """The same data at another alpha, nodes adapted to it."""
         return replace(self, likelihood=self.likelihood.adapted(alpha), alpha=alpha)
 
+    def seeing(self, table: Experiments) -> IndividualFit:
+        """The same experiments with the observations of another table, nodes adapted to these."""
+        errors = self.likelihood.errors.of_others(table.observations)
+        other = replace(self, likelihood=replace(self.likelihood, errors=errors), table=table)
+        return other.at(self.alpha)
+
     def drawn(self, rng: np.random.Generator) -> IndividualFit:
         """Other observations, with bounds like those of the table (see `censored_alike`).
 
@@ -72,9 +84,7 @@ class IndividualFit:
         eta = self._simulated(rng)
         uniform = rng.random(eta.shape)
         y = likelihood.errors.quantile(of_errors, uniform, eta, slice(0, len(seen)))[:, 0]
-        table = self.table.with_observations(censored_alike(seen, y, rng))
-        other = replace(likelihood, errors=likelihood.errors.of_others(table.observations))
-        return replace(self, likelihood=other, table=table).at(self.alpha)
+        return self.seeing(self.table.with_observations(censored_alike(seen, y, rng)))
 
     def individuals(self, rng: np.random.Generator) -> Array:
         """A draw (N, n) of each experiment's parameters given its observations."""
