@@ -50,6 +50,10 @@ class Fit(Protocol):
         """The laws of the parameters."""
 
     @property
+    def region(self) -> Array:
+        """Where simulated values are known, (n, 2): the region of the surfaces, or the box."""
+
+    @property
     def count(self) -> int:
         """N."""
 

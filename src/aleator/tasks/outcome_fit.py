@@ -49,6 +49,11 @@ class OutcomeFit:
         return self.problem.model.inputs
 
     @property
+    def region(self) -> Array:
+        """That of the surfaces; with collocation the box."""
+        return self.problem.region
+
+    @property
     def count(self) -> int:
         """N."""
         return len(self.problem.outcomes)
@@ -96,13 +101,18 @@ class OutcomeFit:
     def given(self, x: Array) -> Array:
         """log p(outcome | parameters) (N, J) at points x (J, n), by the noise.
 
-        Raises InputsError where there is none.
+        Raises InputsError where there is none, and with collocation, which would make runs.
         """
         noise = self.problem.model.noise
         if noise is None:
             raise InputsError(
                 "without measurement noise an outcome has no density given its parameters",
                 "add noise: [noise] sd, or noise=Noise(...), which may be small",
+            )
+        if self.problem.surface is None:
+            raise InputsError(
+                "with collocation no outcome is known between the nodes without further runs",
+                "take response surfaces: leave [propagation] out, or propagation=ResponseSurface()",
             )
         eta = self.problem.response.evaluate(x)[self.problem.condition]
         scale = np.array(self.problem.model.noise_sd(self.alpha))

@@ -11,7 +11,7 @@ from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.individual import drawn
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.individual import IndividualLikelihood
+from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
 from aleator.likelihood.individual.importance import proposed
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import mean_of
@@ -45,6 +45,12 @@ class IndividualFit:
     def inputs(self) -> Inputs:
         """The laws of the parameters, resolved by the covariates that they follow."""
         return self.likelihood.inputs
+
+    @property
+    def region(self) -> Array:
+        """That of the surfaces; of a fast simulator the box."""
+        predictor = self.likelihood.predictor
+        return predictor.region if isinstance(predictor, OnSurfaces) else self.inputs.box
 
     @property
     def count(self) -> int:
