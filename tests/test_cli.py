@@ -123,7 +123,8 @@ def test_the_default_folder_is_named_after_the_study(study: Path) -> None:
     done = run("identify", study, "--quiet", "--no-verify")
     assert done.exit_code == 0
     assert done.output.startswith("Computed soundly: ")
-    assert done.output.count("\n") == 1
+    assert done.output.splitlines()[1].startswith("Consistent with the experiments: ")
+    assert done.output.count("\n") == 2
     document = json.loads(Path("out/springs/identification.json").read_text())
     assert document["log_likelihood"]["verified"] is None
 
@@ -135,10 +136,10 @@ def test_quiet_is_quiet_with_runs_in_the_store_and_without_matplotlib(
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name: None if name == "matplotlib" else found(name)
     )
-    for command in ("identify", "identify", "sensitivity"):
+    for command, lines in (("identify", 2), ("identify", 2), ("sensitivity", 1)):
         done = run(command, study, "--quiet")
         assert (done.exit_code, done.stderr) == (0, "")
-        assert done.stdout.count("\n") == 1
+        assert done.stdout.count("\n") == lines
     loud = run("identify", study)
     assert "none is repeated" in loud.stderr
     assert "they need matplotlib" in loud.stderr

@@ -104,9 +104,9 @@ def test_the_report_tells_what_there_was(folder: Path) -> None:
         assert part in words, part
 
 
-def test_quiet_is_one_line() -> None:
+def test_quiet_is_a_line_for_each_verdict() -> None:
     done = run("identify", "study.toml", "--output", "again", "--no-figures", "--quiet")
-    assert done.output.count("\n") == 1
+    assert done.output.count("\n") == 2
     first, again = (
         json.loads(Path(p, "identification.json").read_text()) for p in ("out", "again")
     )

@@ -137,7 +137,7 @@ def identify(
     if not no_figures:
         files += _figures(document, folder, options.quiet)
     if options.quiet:
-        click.echo(printed.verdict(document))
+        click.echo("\n".join(printed.verdicts(document)))
     else:
         Console().print(terminal.render(document, files, details))
 

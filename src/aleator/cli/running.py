@@ -105,7 +105,7 @@ def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
     @click.option(
         "--quiet",
         is_flag=True,
-        help="Show neither progress nor notes, and of the report only its verdict, one line.",
+        help="Show neither progress nor notes, and of the report only what it concludes.",
     )
     @functools.wraps(command)
     def collected(**given: Any) -> Any:

@@ -63,10 +63,11 @@ class Fit(Protocol):
     def objective(self) -> Callable[[Array], LogLikelihood]:
         """The same as a function of alpha, which a search or a sampler may climb."""
 
-    def probabilities(self) -> Array:
+    def probabilities(self, points: int | None = None) -> Array:
         """P(below what was measured | earlier ones of the same experiment, alpha) (M,).
 
-        Under the right alpha they are independent and uniform. NaN where one is not known.
+        Under the right alpha they are independent and uniform. NaN where one is not known. By so
+        many `points` of each experiment where they are integrals; None takes what a report needs.
         """
 
     def at(self, alpha: Array) -> Self:

@@ -18,6 +18,8 @@ from aleator.tasks.results.printed import (
     NONE,
     alpha_rows,
     number,
+    remedies,
+    second_verdict,
     to_three,
     verdict,
     with_error,
@@ -325,10 +327,18 @@ def _warnings(result: Result) -> Iterator[RenderableType]:
 
 
 def _verdict(result: Result, files: Sequence[str]) -> RenderableType | None:
-    text = Text()
+    parts: list[Text] = []
     if "sound" in result:
-        text.append(verdict(result))
-        style = "bold green" if result["sound"] else "bold red"
-        text.stylize(style, 0, text.plain.index(":"))
-    parts = [text] if text.plain else []
+        parts += [_headed(verdict(result), result["sound"])]
+    if second := second_verdict(result):
+        parts += [_headed(second, result["consistent"])]
+        parts += [Text(line) for line in remedies(result)]
     return Group(*parts, *written(files)) if parts or files else None
+
+
+def _headed(sentence: str, good: bool | None) -> Text:
+    """A verdict whose first words have its color."""
+    style = "bold yellow" if good is None else "bold green" if good else "bold red"
+    text = Text(sentence)
+    text.stylize(style, 0, sentence.index(":"))
+    return text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from aleator.tasks import individual
 from aleator.tasks.answer import Answer, Question, answered
 from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH, require_enough
 from aleator.tasks.baselines import baselines_of, start_point
+from aleator.tasks.consistency import consistency_of
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.results import summary
 from aleator.tasks.results.identification import Identification
@@ -85,7 +87,7 @@ def identify(
                 "leave the density out: the likelihood is an integral over each experiment's own "
                 "parameters",
             )
-        return individual.identified(
+        found = individual.identified(
             runner,
             table,
             inputs,
@@ -96,6 +98,7 @@ def identify(
             seed,
             ledger,
         )
+        return _judged(found, ledger)
     assert noise is None or isinstance(noise, Noise)
     model = Model.of(inputs, noise, propagation, density)
     require_enough(table, model.hyperparameters)
@@ -110,12 +113,21 @@ def identify(
         if verification.samples:
             with ledger.stage("verification"):
                 checked = _verified(answer, runner, verification, seed, ledger.progress)
-    return summary.assemble(
+    found = summary.assemble(
         table, answer.problem, answer.found, answer.inference, answer.profile, checked,
         baselines, runner.simulator, seconds=ledger.seconds, runs_by_stage=ledger.runs,
         seed=seed, failures=diagnostics.failure_report(runner),
         notes=[diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [],
     )  # fmt: skip
+    return _judged(found, ledger)
+
+
+def _judged(found: Identification, ledger: Ledger) -> Identification:
+    """The identification with its second verdict."""
+    with ledger.stage("consistency"):
+        consistency = consistency_of(found.fit, found.sound, found.seed, ledger.progress)
+    seconds = {**ledger.seconds, "total": sum(ledger.seconds.values())}
+    return replace(found, consistency=consistency, seconds=seconds, runs_by_stage=dict(ledger.runs))
 
 
 def _verified(

@@ -66,7 +66,7 @@ class OutcomeFit:
         """The continued log-likelihood."""
         return self.problem.objective
 
-    def probabilities(self) -> Array:
+    def probabilities(self, points: int | None = None) -> Array:  # noqa: ARG002  see `Fit`
         """P(below the outcome | alpha), (N,)."""
         return self.problem.predictive.fitted(self.alpha).cdf(self.problem.outcomes)
 

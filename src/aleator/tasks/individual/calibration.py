@@ -22,19 +22,21 @@ IMPOSSIBLE = -1e5
 SEED = 20
 
 
-def sequential_pit(likelihood: IndividualLikelihood, alpha: Array, seen: Observations) -> Array:
+def sequential_pit(
+    likelihood: IndividualLikelihood, alpha: Array, seen: Observations, points: int = POINTS
+) -> Array:
     """P(y_k below what was measured | y_1, ..., y_(k-1), alpha) of the M observations, (M,).
 
     Rosenblatt's transform (1952): under the right law the probabilities of all observations are
     independent and uniform, however strongly those of an experiment depend on each other. A
     censored value gets a random one between those of its bounds. By importance points of the
     experiments' parameters, half of the law itself and half of the individual law; NaN where
-    hardly any is near.
+    hardly any is near. `points` are those of an experiment; fewer where observations are many.
     """
     rng = np.random.default_rng(SEED)
     share = rng.random(len(seen))
     found = np.full(len(seen), np.nan)
-    count = int(np.clip(MOST // len(seen), 2 * FEWEST, POINTS))
+    count = int(np.clip(MOST // len(seen), 2 * FEWEST, points))
     for block in likelihood.layout.blocks(count):
         found[block.rows] = _of_block(likelihood, alpha, seen, block, share[block.rows], count)
     return found

@@ -17,6 +17,7 @@ from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import mean_of
 from aleator.observations.experiments import Experiments
 from aleator.search.value import LogLikelihood
+from aleator.tasks.individual.calibration import POINTS as PROBABLE
 from aleator.tasks.individual.calibration import sequential_pit
 from aleator.tasks.individual.virtual import censored_alike
 from aleator.types import Array
@@ -66,9 +67,10 @@ class IndividualFit:
         one = self.likelihood.rule.centers == 1
         return self.likelihood.continued if one else self.likelihood.__call__
 
-    def probabilities(self) -> Array:
+    def probabilities(self, points: int | None = None) -> Array:
         """Of each observation given the earlier ones of its experiment, (M,)."""
-        return sequential_pit(self.likelihood, self.alpha, self.table.observations)
+        seen, points = self.table.observations, points or PROBABLE
+        return sequential_pit(self.likelihood, self.alpha, seen, points)
 
     def at(self, alpha: Array) -> IndividualFit:
         """The same data at another alpha, nodes adapted to it."""

@@ -16,8 +16,8 @@ from aleator.errors import AleatorError, short
 
 # What a reader looks for first comes first; keys that are not named here follow as they came.
 _ORDER = (
-    "title", "study", "sound", "alpha", "correlation", "parameter_correlations",
-    "log_likelihood", "baselines", "warnings", "simulator",
+    "title", "study", "sound", "consistent", "alpha", "correlation", "parameter_correlations",
+    "log_likelihood", "baselines", "warnings", "consistency", "simulator",
     "density", "propagation", "search", "surface", "runs", "runs_by_stage",
     "experiments", "seed", "versions", "seconds",
 )  # fmt: skip

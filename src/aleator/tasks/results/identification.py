@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from aleator.inference.consistency import Consistency
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.failures import FailureReport
 from aleator.inference.fit import Fit
@@ -18,7 +19,7 @@ from aleator.likelihood.comparison import DensityDistance
 from aleator.observations.experiments import Conditions
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
-from aleator.tasks.results import documents, printed
+from aleator.tasks.results import documents, printed, second
 from aleator.tasks.results.law import JointLaw
 from aleator.tasks.results.session import OutcomeSession, Session, kept
 from aleator.tasks.results.values import (
@@ -32,6 +33,7 @@ from aleator.tasks.results.values import (
 )
 
 NO_SESSION = OutcomeSession(None, None, None)
+NOT_ASKED = Consistency.untested("it was not asked for")
 
 
 @dataclass(frozen=True, repr=False)
@@ -39,9 +41,11 @@ class Identification:
     """An identified law: alpha with its uncertainty, its log-likelihood, and how it was found.
 
     `sound` is true only if the search converged, every density was solved with every outcome
-    in its support, and the Monte Carlo check, where it was made, agrees. `warnings` say what to
-    mend or to know. It prints as a report in short. `session` holds what it was made with: model,
-    simulator, surfaces. An identification that was read from a file has only what was given again.
+    in its support, and the Monte Carlo check, where it was made, agrees. `consistent` says whether
+    the experiments look as the identified model says, `consistency` what does not. `warnings` say
+    what to mend or to know. It prints as a report in short. `session` holds what it was made with:
+    model, simulator, surfaces. An identification that was read from a file has only what was given
+    again.
 
     >>> from aleator import Free, Inputs, MonteCarlo, Normal, identify
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
@@ -91,6 +95,7 @@ class Identification:
     law_curves: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
     outcome: str = "outcome"
     transform: Transform = Transform.NONE
+    consistency: Consistency = NOT_ASKED
     session: Session = field(default=NO_SESSION, compare=False)
 
     def __repr__(self) -> str:
@@ -99,6 +104,11 @@ class Identification:
     def _repr_html_(self) -> str:
         """The report in a notebook."""
         return printed.html(self.to_dict())
+
+    @property
+    def consistent(self) -> bool | None:
+        """Whether the model is consistent with the experiments; None where that was not tested."""
+        return self.consistency.consistent
 
     @property
     def values(self) -> pd.Series[float]:
@@ -238,6 +248,8 @@ class Identification:
             ],
             "log_likelihood": dict(vars(self.log_likelihood)),
             "sound": self.sound,
+            "consistent": self.consistent,
+            "consistency": second.entry_of(self.consistency),
             "warnings": [dict(vars(warning)) for warning in self.warnings],
             "density": self.density,
             "density_distances": [dict(vars(row)) for row in self.density_distances],

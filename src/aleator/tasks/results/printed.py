@@ -92,6 +92,51 @@ def verdict(document: Document) -> str:
     return f"NOT computed soundly: do not use alpha before the warnings are dealt with{named}."
 
 
+def second_verdict(document: Document) -> str:
+    """One sentence: whether the model is consistent with the experiments, and what is not.
+
+    Empty where the document does not say. A probability is that of all tests together.
+
+    >>> second_verdict({"consistent": None, "consistency": {"reason": "there are only 4"}})
+    'Not tested whether consistent with the experiments: there are only 4.'
+    """
+    found = document.get("consistency")
+    if not found:
+        return ""
+    if document["consistent"] is None:
+        return f"Not tested whether consistent with the experiments: {found['reason']}."
+    if document["consistent"]:
+        return (
+            f"Consistent with the experiments: none of {len(found['tests'])} tests contradicts the "
+            f"model (p = {number(found['p'], 2)})."
+        )
+    told = [
+        f"{row['message']} (p = {number(row['test']['corrected'], 1)})"
+        for row in found["discrepancies"]
+    ]
+    return f"NOT consistent with the experiments: {'; '.join(told)}."
+
+
+def verdicts(document: Document) -> list[str]:
+    """Both verdicts, a sentence each; the second where it is known."""
+    return [line for line in (verdict(document), second_verdict(document)) if line]
+
+
+def remedies(document: Document) -> list[str]:
+    """What may mend a model that is not consistent, and the outliers by name."""
+    found = document.get("consistency") or {}
+    rows = [f"  Remedy: {row['remedy']}." for row in found.get("discrepancies", ())]
+    outliers = [
+        f"{row['id']}{_row_of(document, row)} (p = {number(row['p'], 1)})"
+        for row in found.get("outliers", ())
+    ]
+    return rows + ([f"  Outliers: {', '.join(outliers)}."] if outliers else [])
+
+
+def _row_of(document: Document, outlier: Document) -> str:
+    return f", row {outlier['row']}" if document.get("observations") else ""
+
+
 def _reasons(document: Document) -> str:
     if not document.get("observations"):
         return f"the search converged, every density was solved{_checked(document)}"
@@ -120,7 +165,8 @@ def text(document: Document) -> str:
     for warning in document["warnings"]:
         sentences += [f"Warning, {warning['about']}: {warning['message']}"]
         sentences += [f"  Remedy: {warning['remedy']}"] if warning["remedy"] else []
-    folded = [textwrap.fill(line, WIDTH) for line in (*sentences, verdict(document))]
+    ending = (*sentences, *verdicts(document), *remedies(document))
+    folded = [textwrap.fill(line, WIDTH) for line in ending]
     return "\n".join([textwrap.fill(_head(document), WIDTH), *head, *body, *folded])
 
 
@@ -140,7 +186,8 @@ def html(document: Document) -> str:
         f"<p>{escape(_head(document))}</p>"
         f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
         f"<p>{escape(_likelihood(document))}</p>{warnings}"
-        f"<p><b>{escape(verdict(document))}</b></p>"
+        + "".join(f"<p><b>{escape(line)}</b></p>" for line in verdicts(document))
+        + "".join(f"<p>{escape(line)}</p>" for line in remedies(document))
     )
 
 

@@ -27,6 +27,7 @@ from aleator.tasks.individual.session import IndividualSession, Runners, runners
 from aleator.tasks.results import documents
 from aleator.tasks.results.checked import FORMS, hints_of, require, require_form
 from aleator.tasks.results.identification import Identification
+from aleator.tasks.results.second import consistency_in
 from aleator.tasks.results.session import OutcomeSession, Session
 from aleator.tasks.results.values import (
     Estimate,
@@ -166,6 +167,7 @@ def from_document(document: Entry, path: str | Path) -> Identification:
         density=part("density", str),
         propagation=part("propagation", str),
         sound=part("sound", bool),
+        consistency=part("consistency", lambda _: consistency_in(document)),
         warnings=part("warnings", lambda rows: tuple(map(_diagnostic, rows))),
         experiments=experiments,
         correlation_names=part(

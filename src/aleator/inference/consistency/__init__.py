@@ -1,0 +1,6 @@
+"""Whether a fitted model is consistent with its experiments."""
+
+from aleator.inference.consistency.value import Consistency as Consistency
+from aleator.inference.consistency.value import Discrepancy as Discrepancy
+from aleator.inference.consistency.value import Outlier as Outlier
+from aleator.inference.consistency.value import Test as Test

@@ -1,0 +1,54 @@
+"""Replicates under the fitted model say which statistics of the experiments are unusual."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.inference.consistency.battery import Battery
+from aleator.inference.consistency.calibration import corrected, effective, probabilities
+from aleator.inference.consistency.contrasts import Subject
+from aleator.inference.consistency.residuals import residuals_of
+from aleator.inference.consistency.value import Test
+from aleator.inference.fit import AnyFit, stepped
+from aleator.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Tests with their probabilities, that of all `together`, and how many replicates told them."""
+
+    tests: tuple[Test, ...]
+    together: float
+    replicates: int
+
+
+def judged(subjects: tuple[Subject, ...], observed: Array, replicates: Array) -> Judged:
+    """What B replicates (B, T) of the statistics say of the observed ones (T,).
+
+    First within each group of tests, then of the groups: each question has the same share of false
+    alarms, however many columns and hyperparameters it is asked about.
+    """
+    skewed = np.array([s.skewed for s in subjects])
+    one_sided = np.array([s.one_sided for s in subjects])
+    p, own, z = probabilities(observed, replicates, skewed, one_sided)
+    groups = np.array([s.group for s in subjects])
+    found, smallest = np.ones(p.size), []
+    for name in dict.fromkeys(groups.tolist()):
+        inside = groups == name
+        least = own[:, inside].min(axis=1)
+        tests = effective(least)
+        found[inside] = corrected(p[inside], tests)
+        smallest.append(corrected(least, tests))
+    found = corrected(found, effective(np.min(smallest, axis=0)))
+    rows = zip(subjects, z.tolist(), p.tolist(), found.tolist(), strict=True)
+    tests_found = tuple(Test(s.kind, s.of, s.column, s.where, *values) for s, *values in rows)
+    return Judged(tests_found, float(found.min()), len(replicates))
+
+
+def replicated(fit: AnyFit, battery: Battery, rng: np.random.Generator) -> Iterator[Array]:
+    """Statistics (T,) of other data under the fitted model, alpha fitted to them; without end."""
+    while True:
+        yield battery.values(residuals_of(stepped(fit.drawn(rng))))

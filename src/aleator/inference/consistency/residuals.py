@@ -1,0 +1,42 @@
+"""What a fit leaves: a normal score for each observation, and the scores of each experiment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from aleator.inference.fit import Fit
+from aleator.types import Array, Flags
+
+NEAREST = 1e-15
+"""Probabilities stay so far from zero and one: normal scores stay below eight."""
+POINTS = 256
+"""Points of each experiment by which its probabilities are computed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Of M observations the normal scores (M,), of N experiments the scores (N, K) by alpha.
+
+    w = Phi^-1(P(below what was measured | earlier ones of the same experiment)): independent and
+    standard normal under the right model. `known` (M,) tells where the probability is one; w is
+    zero elsewhere. `scores` are those of the hyperparameters that were identified; zero where an
+    experiment has none.
+    """
+
+    normal: Array
+    known: Flags
+    scores: Array
+
+
+def residuals_of(fit: Fit) -> Residuals:
+    """The residuals of a fit; one evaluation of its probabilities and one of its scores."""
+    u = fit.probabilities(POINTS)
+    known = np.isfinite(u)
+    inside = np.clip(np.where(known, u, 0.5), NEAREST, 1.0 - NEAREST)
+    scores = fit.scored().scores
+    assert scores is not None
+    scores = scores[:, fit.inference.free]
+    return Residuals(special.ndtri(inside), known, np.where(np.isfinite(scores), scores, 0.0))

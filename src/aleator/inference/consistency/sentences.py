@@ -1,0 +1,136 @@
+"""What a test that contradicts the model says, and what may mend the model."""
+
+from __future__ import annotations
+
+from aleator.inference.consistency.battery import OUTCOMES, SAME, SCATTER
+from aleator.inference.consistency.columns import ORDER, RESPONSE
+from aleator.inference.consistency.value import Discrepancy, Test
+
+LIGHT = "fewer outcomes lie in the middle and far out than the law says: it may have two modes"
+HEAVY = "more outcomes lie far out than the law says, and more in the middle: its tails are heavier"
+
+
+def told(test: Test, several: bool) -> Discrepancy:
+    """A test as a sentence with a remedy; `several`: experiments have several observations."""
+    if test.kind == "contrast":
+        return Discrepancy(test, _contrast(test), _mended(test))
+    message, remedy = _OTHERS[test.kind](test, several)
+    return Discrepancy(test, message, remedy)
+
+
+def _contrast(test: Test) -> str:
+    if test.where is not None:
+        place = f"at {test.where}"
+    elif test.column == ORDER:
+        place = "late in the table"
+    else:
+        place = f"under high `{test.column}`"
+    up = test.z > 0.0
+    if test.of == OUTCOMES:
+        return f"outcomes {place} are {'larger' if up else 'smaller'} than the law says"
+    if test.of == SCATTER:
+        return f"outcomes {place} scatter {'more' if up else 'less'} than the law says"
+    return f"experiments {place} ask for a {'larger' if up else 'smaller'} {test.of}"
+
+
+def _mended(test: Test) -> str:
+    if test.column == ORDER:
+        return (
+            "something changed while the experiments were made: look for it, and give it a column "
+            "that the simulator or a law follows"
+        )
+    if test.column == RESPONSE:
+        return "give each response a noise of its own, or mend what the simulator says of it"
+    formula = test.column if test.where is None else f"C({test.column})"
+    if test.of == SCATTER:
+        return (
+            f"let the noise differ with {test.column} (a column of standard deviations), or the sd "
+            f'of a law follow it: sd = "1 + {formula}"'
+        )
+    of = "the mean of a parameter" if test.of == OUTCOMES else test.of
+    return (
+        f'let {of} follow {test.column}: "1 + {formula}"; or mend how the simulator depends on it'
+    )
+
+
+def _uniformity(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+    return (
+        "the outcomes are not spread as the law says",
+        "choose another law (a mixture, a skewed one), or another kind of noise",
+    )
+
+
+def _tails(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+    if test.z > 0.0:
+        return HEAVY, 'noise of kind "student_t", a law with heavier tails, or groups that differ'
+    return LIGHT, 'try a law = "mixture", or a column that tells two groups apart'
+
+
+def _skewness(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+    side = "above" if test.z > 0.0 else "below"
+    if test.of == OUTCOMES:
+        return (
+            f"outcomes lie farther {side} what is expected than the law says",
+            "choose a skewed law (lognormal, gamma, beta), or the transform log",
+        )
+    return (
+        f"single experiments pull {test.of} farther {'up' if test.z > 0.0 else 'down'} than the "
+        "law says",
+        "choose a skewed law (lognormal, gamma, beta), or look at these experiments",
+    )
+
+
+def _outlier(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+    return (
+        "an outcome lies farther out than the law says",
+        'look at the outliers named; noise of kind "student_t" makes them count less',
+    )
+
+
+def _sandwich(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+    more = "more" if test.z > 0.0 else "less"
+    return (
+        f"experiments disagree on {test.of} {more} than the model says (sandwich against "
+        "information)",
+        "choose another law or kind of noise; until then take the sandwich error",
+    )
+
+
+def _neighbours(test: Test, several: bool) -> tuple[str, str]:
+    alike = "alike" if test.z > 0.0 else "opposite"
+    if several:
+        return (
+            f"observations that follow each other in an experiment err {alike}",
+            "the errors are not independent, or the simulator's curve has another shape: mend the "
+            "simulator, or leave out observations that are too close",
+        )
+    return (
+        f"outcomes next to each other in the table are {alike}",
+        'if they are of one subject, name the column that says which: [experiments] id = "..."; '
+        "else something changed while the experiments were made",
+    )
+
+
+def _groups(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+    if test.column == SAME:
+        return (
+            "outcomes under the same conditions are alike, more than the law says",
+            "if they are of one subject, give the subjects a column and name it: [experiments] "
+            'id = "..."; else the simulator is biased under some conditions',
+        )
+    return (
+        f"outcomes with the same `{test.column}` are alike: its rows look like one subject's",
+        f"if they are, rows of one experiment share their parameters: [experiments] id = "
+        f'"{test.column}"',
+    )
+
+
+_OTHERS = {
+    "uniformity": _uniformity,
+    "tails": _tails,
+    "skewness": _skewness,
+    "outlier": _outlier,
+    "sandwich": _sandwich,
+    "neighbours": _neighbours,
+    "groups": _groups,
+}

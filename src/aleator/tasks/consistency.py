@@ -1,0 +1,99 @@
+"""The second verdict of an identification: is the model consistent with the experiments?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+
+from aleator.inference.consistency.battery import Battery
+from aleator.inference.consistency.columns import columns_of
+from aleator.inference.consistency.judged import Judged, judged, replicated
+from aleator.inference.consistency.outliers import outliers_of
+from aleator.inference.consistency.residuals import Residuals, residuals_of
+from aleator.inference.consistency.sentences import told
+from aleator.inference.consistency.value import LEVEL, Consistency, Test
+from aleator.inference.fit import Fit
+from aleator.progress import Progress
+from aleator.types import Array
+
+FEWEST = 5
+"""Observations below which nothing is tested."""
+STAGES = ((40, 0.001, 0.3), (100, 0.01, 0.12), (200, 0.0, 0.0))
+"""So many replicates are enough where p is then below the one or above the other."""
+LOST = 0.1
+"""Share of probabilities or replicates that may be missing."""
+SHOWN = 3
+"""Discrepancies that are told."""
+
+
+def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Consistency:
+    """Whether the experiments look as they do under the fitted model.
+
+    Replicates of the experiments are drawn from it, alpha is fitted to each by one step, and the
+    same statistics are computed. There are more of them where p is near the decision (Besag and
+    Clifford, 1991). Cost: some hundredths of a second a replicate, 40 to 200 of them; no run.
+    """
+    if not sound:
+        return Consistency.untested("the answer was not computed soundly")
+    observed = residuals_of(fit)
+    if (reason := _prevented(observed)) is not None:
+        return Consistency.untested(reason)
+    table = fit.table
+    battery = Battery.of(
+        columns_of(table),
+        table.observations.experiment,
+        tuple(fit.hyperparameters[k].name for k in fit.inference.free),
+        fit.inference.covariance,
+    )
+    with np.errstate(all="ignore"):
+        statistics = battery.values(observed)
+        source = replicated(fit, battery, np.random.default_rng([seed, 11]))
+        found = _enough(battery, statistics, source, progress)
+    if found is None:
+        return Consistency.untested("too many replicates of the experiments have no statistics")
+    against = sorted((t for t in found.tests if t.corrected < LEVEL), key=lambda t: t.corrected)
+    return Consistency(
+        found.together >= LEVEL,
+        found.together,
+        found.replicates,
+        tuple(told(test, battery.several) for test in _distinct(against)),
+        outliers_of(observed, table),
+        found.tests,
+    )
+
+
+def _prevented(observed: Residuals) -> str | None:
+    if observed.known.size < FEWEST:
+        return f"there are only {observed.known.size} observations"
+    if np.mean(observed.known) < 1.0 - LOST:
+        return "too many observations have no predicted probability"
+    return None
+
+
+def _enough(
+    battery: Battery, statistics: Array, source: Iterator[Array], progress: Progress
+) -> Judged | None:
+    replicates: list[Array] = []
+    made, found = 0, None
+    for count, low, high in STAGES:
+        for values in islice(source, count - made):
+            made += 1
+            progress.update(f"replicate {made} of {count}", made, count)
+            if np.all(np.isfinite(values)):
+                replicates.append(values)
+        if len(replicates) < (1.0 - LOST) * made:
+            return None
+        found = judged(battery.subjects, statistics, np.array(replicates))
+        if found.together < low or found.together > high:
+            break
+    return found
+
+
+def _distinct(tests: list[Test]) -> list[Test]:
+    """The first of each column, and of those without one."""
+    first: dict[str | None, Test] = {}
+    for test in tests:
+        first.setdefault(test.column, test)
+    return [*first.values()][:SHOWN]
