@@ -62,6 +62,7 @@ class Identification:
     Computed soundly: the search converged, every density was solved; not verified on
     the
     simulator.
+    Not tested whether consistent with the experiments: there are only 4 observations.
     >>> float(found.values["x.mean"]), found.intervals.loc["x.mean"].round(3).tolist()
     (1.031, [0.873, 1.189])
     >>> found.predict(pd.DataFrame({"load": [10.0]}))["mean"].tolist()

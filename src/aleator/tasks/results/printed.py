@@ -108,7 +108,7 @@ def second_verdict(document: Document) -> str:
     if document["consistent"]:
         return (
             f"Consistent with the experiments: none of {len(found['tests'])} tests contradicts the "
-            f"model (p = {number(found['p'], 2)})."
+            f"model (p = {number(found['p'], 1)})."
         )
     told = [
         f"{row['message']} (p = {number(row['test']['corrected'], 1)})"
