@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from aleator.simulators.fmu import FMUSimulator as FMUSimulator
     from aleator.surrogates import ResponseSurface as ResponseSurface
     from aleator.tasks.box import feasible_box as feasible_box
+    from aleator.tasks.compare import compare as compare
     from aleator.tasks.identify import identify as identify
     from aleator.tasks.predict import predict as predict
     from aleator.tasks.recover import recover as recover
@@ -71,6 +72,7 @@ _HOMES = {
     "tasks.predict": ["predict"],
     "tasks.recover": ["recover"],
     "tasks.screen": ["screen"],
+    "tasks.compare": ["compare"],
     "tasks.box": ["feasible_box"],
     "observations.experiments": ["Experiments", "Conditions"],
     "observations.censoring": ["Censoring"],

@@ -22,6 +22,7 @@ NO_MEMORY = AleatorError(
 COMMANDS = {
     "identify": "Identify the law that STUDY.toml asks for.",
     "predict": "Predict the outcome's distribution for conditions that were never tested.",
+    "compare": "Tell which of several models of the same experiments is to be believed.",
     "recover": "Check that the method finds a law that is known.",
     "sensitivity": "Tell which parameters deserve a law: whose scatter moves the outcome, and "
     "whose acts alike.",

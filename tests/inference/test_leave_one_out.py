@@ -1,0 +1,141 @@
+"""Experiments left out: the closed form of a normal linear model, and refits of others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from aleator import (
+    Constant,
+    Experiments,
+    Free,
+    Identification,
+    Inputs,
+    MonteCarlo,
+    Noise,
+    Normal,
+    identify,
+)
+from aleator.inference.fit import climbed
+from aleator.inference.leave_one_out import informations, leave_one_out, summed_error
+from aleator.inference.refit import positive, refitted
+
+COUNT = 40
+
+
+def regression() -> tuple[Identification, np.ndarray, np.ndarray]:
+    """A straight line with constants for coefficients, one outlier, and its design matrix."""
+    rng = np.random.default_rng(1)
+    t = rng.uniform(0.0, 4.0, COUNT)
+    y = 1.0 + 0.5 * t + rng.normal(0.0, 0.3, COUNT)
+    y[3] += 1.0
+    law = Inputs({"a": Constant(Free(-5.0, 5.0)), "b": Constant(Free(-5.0, 5.0))})
+    found = identify(
+        lambda t, a, b: a + b * t, pd.DataFrame({"t": t, "y": y}), law, outcome="y",
+        noise=Noise(Free(0.01, 3.0)), vectorized=True, verification=MonteCarlo(0),
+    )  # fmt: skip
+    return found, np.column_stack([np.ones(COUNT), t]), y
+
+
+def multiplied(noise: float | None, count: int = COUNT) -> Identification:
+    """exp(load x) with a normal x: the likelihood is not that of a linear model."""
+    rng = np.random.default_rng(4)
+    load = rng.uniform(0.5, 2.0, count)
+    y = np.exp(load * rng.normal(0.2, 0.3, count)) + (noise or 0.0) * rng.standard_normal(count)
+    law = Inputs({"x": Normal(Free(-1.0, 1.0), Free(0.01, 1.0))})
+    return identify(
+        lambda load, x: np.exp(load * x), pd.DataFrame({"load": load, "y": y}), law, outcome="y",
+        noise=None if noise is None else Noise(noise), vectorized=True, verification=MonteCarlo(0),
+    )  # fmt: skip
+
+
+def test_a_linear_model_has_the_closed_form() -> None:
+    found, design, y = regression()
+    left_out = leave_one_out(found.fit)
+    for l in range(COUNT):
+        rest = np.arange(COUNT) != l
+        beta, (squares,), *_ = np.linalg.lstsq(design[rest], y[rest])
+        exact = stats.norm.logpdf(y[l], design[l] @ beta, np.sqrt(squares / (COUNT - 1)))
+        assert left_out.each[l] == pytest.approx(exact, abs=0.01)
+        assert left_out.alpha[l, :2] == pytest.approx(beta, abs=0.01)
+    assert left_out.refitted[3]
+    assert not np.all(left_out.refitted)
+
+
+def test_the_information_of_experiments_is_that_of_the_line() -> None:
+    found, design, _ = regression()
+    fit = found.fit
+    scores = fit.scored().scores
+    assert scores is not None
+    own = informations(fit, scores)
+    exact = design[:, :, None] * design[:, None, :] / fit.alpha[2] ** 2
+    assert own[:, :2, :2] == pytest.approx(exact, rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize("noise", [None, 0.1], ids=["exact", "noisy"])
+def test_steps_agree_with_refits(noise: float | None) -> None:
+    fit = multiplied(noise, 24).fit
+    left_out = leave_one_out(fit)
+    for l in (0, 7, 21):
+        weights = np.ones(24)
+        weights[l] = 0.0
+        end = climbed(fit, weights)
+        assert left_out.each[l] == pytest.approx(end.scored().each[l], abs=0.02)
+
+
+def test_a_scale_that_only_one_experiment_needs_is_zero_without_it() -> None:
+    """Five groups about one mean, and one far away: left out, nothing scatters."""
+    rng = np.random.default_rng(0)
+    frame = pd.DataFrame({"id": np.repeat(list("abcdef"), 6)})
+    frame["y"] = 2.0 + np.tile(rng.normal(0.0, 0.2, 6), 6) + 0.6 * (frame["id"] == "f")
+    law = Inputs({"x": Normal(Free(0.0, 5.0), Free(0.0, 2.0))})
+    found = identify(
+        lambda x: x, Experiments.from_frame(frame, outcome="y"), law, noise=Noise(Free(0.01, 2.0)),
+        verification=MonteCarlo(0),
+    )  # fmt: skip
+    left_out = leave_one_out(found.fit)
+    assert found.values["x.sd"] > 0.1
+    assert left_out.refitted[5]
+    assert left_out.alpha[5, 1] < 1e-3
+    assert np.all(left_out.alpha[:5, 1] > 0.1)
+
+
+def test_a_climb_leaves_a_scale_of_zero_where_it_has_no_score() -> None:
+    fit = multiplied(0.1).fit
+    zero = fit.alpha.copy()
+    zero[1] = fit.hyperparameters[1].lower
+    assert refitted(fit.at(zero)).fit.alpha == pytest.approx(fit.alpha, rel=0.02)
+
+
+def test_what_cannot_be_reached_is_told() -> None:
+    fit = multiplied(0.1).fit
+
+    class Unreachable:
+        """A likelihood that is not a number."""
+
+        def __call__(self, alpha):
+            found = fit.objective()(alpha)
+            return replace(found, each=np.full_like(found.each, np.nan))
+
+    class Broken(type(fit)):
+        def objective(self):
+            return Unreachable()
+
+    broken = Broken(fit.likelihood, fit.alpha, fit.inference, fit.table)
+    assert not refitted(broken).arrived
+
+
+def test_errors_of_sums() -> None:
+    each = np.random.default_rng(0).normal(0.0, 2.0, 10_000)
+    assert summed_error(each) == pytest.approx(200.0, rel=0.02)
+    assert np.isnan(summed_error(each[:1]))
+
+
+def test_a_matrix_becomes_positive() -> None:
+    found = positive(np.array([[1.0, 5.0, 0.0], [5.0, 1.0, 0.0], [0.0, 0.0, 0.0]]))
+    assert np.linalg.eigvalsh(found)[0] > 0.0
+    assert positive(np.zeros((0, 0))).shape == (0, 0)

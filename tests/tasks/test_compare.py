@@ -1,0 +1,234 @@
+"""Models of the same data: published criteria, exact ratios, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from aleator import (
+    AleatorError,
+    Censoring,
+    Constant,
+    Experiments,
+    Free,
+    Identification,
+    Inputs,
+    LogNormal,
+    MonteCarlo,
+    Noise,
+    Normal,
+    TruncatedNormal,
+    compare,
+    identify,
+)
+from aleator.laws import By
+
+DATA = Path(__file__).parents[1] / "data"
+
+
+def line(days: np.ndarray, start: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    return start + slope * days
+
+
+def found_by(model, table: Experiments, noise: Noise, correlation=None, **laws) -> Identification:
+    return identify(
+        model, table, Inputs(laws, correlation), noise=noise, vectorized=True,
+        verification=MonteCarlo(0),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def sleep() -> dict[str, Identification]:
+    table = Experiments.from_csv(DATA / "sleepstudy.csv", outcome="reaction", id="unit")
+    noise, start = Noise(Free(1.0, 200.0)), Normal(Free(100.0, 400.0), Free(0.0, 200.0))
+    slope = Normal(Free(-50.0, 50.0), Free(0.0, 50.0))
+    both = {("start", "slope"): Free(-0.99, 0.99)}
+    fixed = Constant(Free(-50.0, 50.0))
+    return {
+        "intercepts": found_by(line, table, noise, start=start, slope=fixed),
+        "independent": found_by(line, table, noise, start=start, slope=slope),
+        "correlated": found_by(line, table, noise, both, start=start, slope=slope),
+    }
+
+
+@pytest.fixture(scope="module")
+def dyestuff() -> dict[str, Identification]:
+    table = Experiments.from_csv(DATA / "dyestuff.csv", outcome="yield", id="unit")
+    noise, limits = Noise(Free(1.0, 500.0)), Free(1000.0, 2000.0)
+    return {
+        "alike": found_by(lambda m: m, table, noise, m=Constant(limits)),
+        "differing": found_by(lambda m: m, table, noise, m=Normal(limits, Free(0.0, 500.0))),
+    }
+
+
+def test_the_sleep_study_is_as_lme4_has_it(sleep: dict[str, Identification]) -> None:
+    found = compare(**sleep)
+    table = found.table()
+    published = {"intercepts": 1802.1, "independent": 1762.0, "correlated": 1763.9}
+    for name, aic in published.items():
+        assert table.loc[name, "aic"] == pytest.approx(aic, abs=0.06)
+    ratios = found.nested().set_index(["smaller", "larger"])
+    assert ratios.loc[("independent", "correlated"), "ratio"] == pytest.approx(0.0639, abs=2e-3)
+    assert ratios.loc[("independent", "correlated"), "p"] == pytest.approx(0.8004, abs=3e-3)
+    assert len(ratios) == 3
+
+
+def test_a_new_scale_with_its_correlation_has_the_mixture_of_one_and_two(
+    sleep: dict[str, Identification],
+) -> None:
+    """Stram and Lee 1994, case 3; against the correlated model."""
+    (ratio,) = compare(a=sleep["intercepts"], b=sleep["correlated"]).ratios
+    assert ratio.reference == "1/2 chi2(1) + 1/2 chi2(2)"
+    assert (ratio.df, ratio.on_boundary) == (2, 1)
+
+
+def test_hyperparameters_of_laws_and_of_the_rest_are_told_apart(
+    sleep: dict[str, Identification],
+) -> None:
+    models = {m.name: m.criteria for m in compare(**sleep).models}
+    assert (models["intercepts"].of_law, models["intercepts"].of_rest) == (2, 2)
+    assert (models["correlated"].of_law, models["correlated"].of_rest) == (5, 1)
+    assert (models["correlated"].experiments, models["correlated"].observations) == (18, 180)
+
+
+def test_the_ratio_of_a_scale_of_zero_is_that_of_the_analysis_of_variance(
+    dyestuff: dict[str, Identification],
+) -> None:
+    found = compare(**dyestuff)
+    (ratio,) = found.ratios
+    table = pd.read_csv(DATA / "dyestuff.csv")
+    pooled = stats.norm.logpdf(table["yield"], table["yield"].mean(), table["yield"].std(ddof=0))
+    assert ratio.statistic == pytest.approx(2.0 * (-163.663530 - pooled.sum()), abs=1e-3)
+    assert ratio.p == pytest.approx(0.5 * stats.chi2.sf(ratio.statistic, 1))
+    assert [m.name for m in found.models] == ["differing", "alike"]
+
+
+@pytest.mark.slow
+def test_drawn_ratios_are_those_of_the_f_distribution(dyestuff: dict[str, Identification]) -> None:
+    """The ratio is zero where F <= a/(a-1), with 6 batches of 5: more often than half."""
+    (ratio,) = compare(**dyestuff, bootstrap=60, seed=3).ratios
+    assert np.all(np.isfinite(ratio.bootstrap))
+    assert np.min(ratio.bootstrap) > -1e-6
+    zero = stats.f.cdf(6 / 5, 5, 24)
+    assert np.mean(ratio.bootstrap < 1e-4) == pytest.approx(zero, abs=0.15)
+    assert ratio.bootstrap_p < 0.03
+
+
+def test_the_order_is_that_of_predictions_and_the_error_that_of_pairs(
+    dyestuff: dict[str, Identification],
+) -> None:
+    found = compare(**dyestuff)
+    each, table = found.experiments(), found.table()
+    gap = each["alike"] - each["differing"]
+    assert table.loc["alike", "difference"] == pytest.approx(gap.sum())
+    assert table.loc["alike", "difference_error"] == pytest.approx(np.sqrt(6) * gap.std(ddof=1))
+    assert table.index[0] == table["elpd"].idxmax()
+
+
+def made(seed: int = 0) -> pd.DataFrame:
+    rng = np.random.default_rng(seed)
+    frame = pd.DataFrame({"id": np.repeat(np.arange(10), 3), "t": np.tile([0.5, 1.0, 2.0], 10)})
+    x = np.repeat(rng.normal(2.0, 0.3, 10), 3)
+    return frame.assign(y=x * frame["t"] + rng.normal(0.0, 0.1, 30), z=np.repeat(x, 3)[:30])
+
+
+def proportional(frame: pd.DataFrame, law=None, scale: float = 1.0, **options) -> Identification:
+    table = Experiments.from_frame(frame, outcome="y", conditions=["t"], **options)
+    law = law or Normal(Free(0.5, 4.0), Free(0.0, 2.0))
+    return found_by(lambda t, x: scale * x * t, table, Noise(Free(0.01, 1.0)), x=law)
+
+
+def test_a_number_and_fewer_terms_are_special_cases() -> None:
+    frame = made().assign(load=np.repeat(np.linspace(0.0, 1.0, 10), 3))
+    followed = Normal(By("1 + load", 0.1, 6.0), Free(0.0, 2.0))
+    found = compare(
+        fixed=proportional(frame, Normal(2.0, Free(0.0, 2.0))), free=proportional(frame),
+        followed=proportional(frame, followed),
+    )  # fmt: skip
+    pairs = {(r.smaller, r.larger): r for r in found.ratios}
+    assert pairs["fixed", "free"].reference == "chi2(1)"
+    assert pairs["free", "followed"].reference == "chi2(1)"
+    assert all(r.statistic > -1e-3 for r in found.ratios)
+
+
+def test_other_families_and_other_simulators_are_no_special_cases() -> None:
+    """Their hyperparameters have the same names; their log-likelihoods there differ."""
+    frame, fixed = made(), LogNormal(2.0, Free(0.0, 2.0))
+    assert compare(proportional(frame, fixed), proportional(frame)).ratios == ()
+    boxes = [
+        TruncatedNormal((low, 4.0), mean, Free(0.01, 2.0))
+        for low, mean in ((0.0, 2.0), (1.0, Free(1.5, 3.0)))
+    ]
+    assert compare(*(proportional(frame, law) for law in boxes)).ratios == ()
+    narrow = Normal(2.0, Free(0.0, 2.0))
+    assert compare(proportional(frame, narrow), proportional(frame, scale=0.9)).ratios == ()
+
+
+def test_a_pair_that_the_user_names_is_judged_by_drawn_data() -> None:
+    frame = made()
+    one = LogNormal(2.0, Free(0.0, 2.0))
+    models = {"one": proportional(frame, one), "two": proportional(frame)}
+    (ratio,) = compare(**models, nested=[("one", "two")], bootstrap=3).ratios
+    assert ratio.reference == "bootstrap"
+    assert np.isnan(ratio.p)
+    assert ratio.bootstrap_p >= 0.25
+    with pytest.raises(AleatorError, match="name the smaller model first"):
+        compare(**models, nested=[("two", "one")])
+
+
+def test_an_unsound_answer_is_marked() -> None:
+    found = proportional(made())
+    table = compare(a=found, b=replace(found, sound=False)).table()
+    assert table["sound"].to_dict() == {"a": True, "b": False}
+
+
+def changed(**columns) -> pd.DataFrame:
+    frame = made()
+    for name, value in columns.items():
+        frame.loc[4, name] = value
+    return frame
+
+
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        (changed(y=9.0), "experiment '1', 'y': the lower end is"),
+        (made().iloc[:-1], "3 observations in model 'A' and 2"),
+        (made().iloc[:-3], "experiment '9', which 'B' has not"),
+        (made().iloc[::-1], "in another order"),
+    ],
+    ids=["value", "observation", "experiment", "order"],
+)
+def test_different_data_are_refused(other: pd.DataFrame, told: str) -> None:
+    with pytest.raises(AleatorError, match=told):
+        compare(proportional(made()), proportional(other))
+
+
+def test_a_bound_in_place_of_a_value_is_refused() -> None:
+    bounded = made().assign(status=[*["seen"] * 4, "more", *["seen"] * 25])
+    options = {"censored": Censoring("status", right="more")}
+    with pytest.raises(AleatorError, match="the upper end is"):
+        compare(proportional(made()), proportional(bounded, **options))
+
+
+def test_another_transform_is_refused_with_the_jacobian() -> None:
+    frame = made()
+    apart = np.log(frame["y"]).sum()
+    with pytest.raises(AleatorError, match=f"{apart:.6g} apart by the Jacobian"):
+        compare(proportional(frame), proportional(frame, transform="log"))
+
+
+def test_misuse_is_told() -> None:
+    found = proportional(made())
+    for arguments, told in [
+        (((found,), {}), "1 models"),
+        (((found, found), {"bootstrap": -1}), "-1 data sets"),
+        (((found, found), {"nested": [("A", "C")]}), "no model 'C'"),
+    ]:
+        with pytest.raises(AleatorError, match=told):
+            compare(*arguments[0], **arguments[1])
