@@ -71,7 +71,7 @@ def test_every_command_and_option_is_documented() -> None:
     assert set(found) == {
         "aleator", "aleator identify", "aleator predict", "aleator recover",
         "aleator clutch", "aleator clutch bench",
-        "aleator sensitivity", "aleator box",
+        "aleator sensitivity", "aleator box", "aleator compare",
         "aleator runs", "aleator runs list", "aleator runs show", "aleator runs export",
         "aleator runs import", "aleator runs retry", "aleator runs forget",
     }  # fmt: skip

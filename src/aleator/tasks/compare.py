@@ -20,7 +20,7 @@ from aleator.inference.refit import refitted
 from aleator.progress import Progress, Silent
 from aleator.tasks.nested import Embedding, embedded
 from aleator.tasks.results.identification import Identification
-from aleator.tasks.same_data import require_same_data
+from aleator.tasks.same_experiments import require_same_data
 from aleator.types import Array
 
 
