@@ -58,11 +58,13 @@ if TYPE_CHECKING:
     from aleator.tasks.box import feasible_box as feasible_box
     from aleator.tasks.compare import compare as compare
     from aleator.tasks.identify import identify as identify
+    from aleator.tasks.next_experiment import next_experiments as next_experiments
     from aleator.tasks.predict import predict as predict
     from aleator.tasks.recover import recover as recover
     from aleator.tasks.results.identification import Identification as Identification
     from aleator.tasks.results.saved import load as load
     from aleator.tasks.screen import screen as screen
+    from aleator.tasks.wanted import Predicted as Predicted
 
 # A public name is imported when it is first used: `import aleator` itself costs nothing.
 _HOMES = {
@@ -71,6 +73,8 @@ _HOMES = {
     "tasks.results.saved": ["load"],
     "tasks.predict": ["predict"],
     "tasks.recover": ["recover"],
+    "tasks.next_experiment": ["next_experiments"],
+    "tasks.wanted": ["Predicted"],
     "tasks.screen": ["screen"],
     "tasks.compare": ["compare"],
     "tasks.box": ["feasible_box"],

@@ -21,6 +21,9 @@ from aleator.search.newton import ARRIVED, ascended
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
+SPAN = 7.0
+"""Standard deviations of an outcome on either side of its mean that hold nearly all of it."""
+
 
 class Fit(Protocol):
     """The likelihood of N experiments with M observations, at alpha (K,).
@@ -78,6 +81,9 @@ class Fit(Protocol):
 
     def drawn(self, rng: np.random.Generator) -> Self:
         """Other data of the same experiments, under the law and the noise of alpha."""
+
+    def span(self) -> tuple[Array, Array]:
+        """Ends (M,) between which each observation would lie, but for one in many thousands."""
 
     def individuals(self, rng: np.random.Generator) -> Array | None:
         """A draw (N, n) of the parameters of each experiment given its observations.

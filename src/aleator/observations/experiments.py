@@ -216,6 +216,14 @@ class Experiments:
         )  # fmt: skip
 
 
+def unmeasured(conditions: Conditions) -> Experiments:
+    """The experiments of these conditions, of which nothing is measured: every value is NaN."""
+    return Experiments(
+        conditions.ids, conditions.conditions, conditions.observations,
+        table=conditions.table, experiment=conditions.experiment, places=conditions.places,
+    )  # fmt: skip
+
+
 def _names(outcome: str | Sequence[str]) -> tuple[str, ...]:
     return (outcome,) if isinstance(outcome, str) else tuple(outcome)
 

@@ -11,6 +11,7 @@ from scipy import special
 from scipy.stats import qmc
 
 from aleator.errors import InputsError
+from aleator.inference.fit import SPAN
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
@@ -93,6 +94,14 @@ class OutcomeFit:
             scale = np.array(problem.model.noise_sd(self.alpha))
             y = problem.model.noise.kind.quantile(rng.random(self.count), y, scale)
         return self._with(y)
+
+    def span(self) -> tuple[Array, Array]:
+        """Ends (N,): seven standard deviations about the mean, within what can be reached."""
+        predictive = self.problem.predictive
+        moments = predictive.moments(self.alpha)
+        low, high = predictive.range(self.problem.model.noise_sd(self.alpha))
+        reach = SPAN * moments.sd
+        return np.maximum(low, moments.mean - reach), np.minimum(high, moments.mean + reach)
 
     def individuals(self, rng: np.random.Generator) -> None:  # noqa: ARG002  see `Fit`
         """None: without noise one outcome leaves a surface of parameters open."""

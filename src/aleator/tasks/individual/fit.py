@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.inference.fit import SPAN
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.individual import drawn
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
-from aleator.likelihood.individual.importance import proposed
+from aleator.likelihood.individual.importance import proposed, standard_points
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import mean_of
 from aleator.observations.experiments import Experiments
@@ -93,6 +94,27 @@ class IndividualFit:
         uniform = rng.random(eta.shape)
         y = likelihood.errors.quantile(of_errors, uniform, eta, slice(0, len(seen)))[:, 0]
         return self.seeing(self.table.with_observations(censored_alike(seen, y, rng)))
+
+    def span(self) -> tuple[Array, Array]:
+        """Ends (M,): seven standard deviations about the mean of what would be measured."""
+        likelihood, inputs = self.likelihood, self.likelihood.inputs
+        points = standard_points(POINTS, inputs.scattering)
+        middle, reach = np.empty((2, len(self.table.observations)))
+        for block in likelihood.layout.blocks(POINTS * len(inputs.classes)):
+            xi = np.tile(points, (len(block), len(inputs.classes), 1))
+            law = inputs.individual(self.alpha[: inputs.size], xi, block.experiments)
+            with np.errstate(all="ignore"):
+                eta = likelihood.predictor.values(block, law.x)
+            share = np.exp(np.broadcast_to(law.log_weight, law.x.shape[:2]))[block.owner]
+            share = np.where(np.isfinite(eta), share, 0.0)
+            eta = np.where(np.isfinite(eta), eta, 0.0)
+            scale = likelihood.errors.scale(self.alpha[inputs.size :], eta, block.rows)
+            with np.errstate(invalid="ignore"):
+                share = share / share.sum(axis=1, keepdims=True)
+            mean = np.sum(share * eta, axis=1)
+            second = np.sum(share * ((eta - mean[:, None]) ** 2 + scale**2), axis=1)
+            middle[block.rows], reach[block.rows] = mean, SPAN * np.sqrt(second)
+        return middle - reach, middle + reach
 
     def individuals(self, rng: np.random.Generator) -> Array:
         """A draw (N, n) of each experiment's parameters given its observations."""

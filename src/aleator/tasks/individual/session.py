@@ -15,7 +15,7 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Layout, Predictor
 from aleator.observations.covariates import covariates
 from aleator.observations.errors import MeasurementErrors, noise_hyperparameters
-from aleator.observations.experiments import Conditions, Experiments
+from aleator.observations.experiments import Conditions, Experiments, unmeasured
 from aleator.observations.noise import Noise
 from aleator.observations.responses import Response
 from aleator.observations.transform import Transform
@@ -25,7 +25,9 @@ from aleator.surrogates import ResponseSurface
 from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.forecast import LOST, Draws, Forecast, forecast
 from aleator.tasks.individual.observed import varying_conditions
+from aleator.tasks.individual.population import draws
 from aleator.tasks.individual.predictors import about, direct
+from aleator.tasks.likely import likely_alphas
 from aleator.tasks.results.law import JointLaw
 from aleator.tasks.results.session import given_values, kept, missing
 from aleator.tasks.results.values import Estimate, in_order
@@ -129,6 +131,32 @@ class IndividualSession:
             np.array(quantiles),
         )
         return _framed(conditions, found, quantiles)
+
+    def runner_on(self, conditions: Conditions) -> Runner:
+        """Runs of the simulator, made here and kept in no store."""
+        if self.runner is None:
+            raise missing("this needs the simulator", "aleator.load(path, simulator=..., ...)")
+        return self.runner(conditions)
+
+    def fit_on(
+        self, candidates: Conditions, alpha: Array, runner: Runner, progress: Progress
+    ) -> IndividualFit:
+        """On the simulator itself, or on surfaces of the candidates' own."""
+        fit, inputs = kept(self.fit), self.inputs
+        assert self.noise is not None
+        runner.progress = progress
+        if inputs.regressed:
+            inputs = inputs.resolved(covariates(candidates, inputs.covariates))
+        count, seen = len(candidates.ids), candidates.observations
+        likely = likely_alphas(fit.alpha, fit.inference, fit.hyperparameters)
+        likelihood = IndividualLikelihood.of(
+            inputs,
+            MeasurementErrors.of(self.noise, candidates),
+            self._predictor(runner, draws(inputs, [alpha, *likely], count)),
+            Layout(count, seen.experiment, runner.unit, runner.column),
+            GaussHermite(NODES),
+        )
+        return IndividualFit(likelihood, alpha, fit.inference, unmeasured(candidates))
 
     def _predictor(self, runner: Runner, x: Array) -> Predictor:
         box = self.inputs.box

@@ -14,12 +14,13 @@ from aleator.errors import AleatorError, InputsError
 from aleator.inference.fit import AnyFit, Fit
 from aleator.laws import Hyperparameter
 from aleator.likelihood.model import Model
-from aleator.observations.experiments import Conditions
+from aleator.observations.experiments import Conditions, unmeasured
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
-from aleator.simulators import Simulator, as_runner
+from aleator.simulators import Runner, Simulator, as_runner
 from aleator.tasks.outcome import predicted
 from aleator.tasks.outcome_fit import OutcomeFit
+from aleator.tasks.refinement import under_law
 from aleator.tasks.results.law import JointLaw
 from aleator.tasks.results.values import Estimate, in_order
 from aleator.types import Array
@@ -62,6 +63,17 @@ class Session(Protocol):
         noise: bool = True,
     ) -> pd.DataFrame:
         """The table of `Identification.predict`."""
+
+    def runner_on(self, conditions: Conditions) -> Runner:
+        """What makes the runs of other experiments, as that of the identification did."""
+
+    def fit_on(
+        self, candidates: Conditions, alpha: Array, runner: Runner, progress: Progress
+    ) -> Fit:
+        """The fit of experiments that were not made, at alpha: their outcomes are unknown.
+
+        `drawn` and `seeing` give it some. Runs are made for surfaces where those are needed.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +132,21 @@ class OutcomeSession:
             inputs = model.inputs
             model, alpha = Model.of(inputs, None, model.propagation), alpha[: inputs.size]
         return predicted(runner, model, alpha, quantiles, progress)
+
+    def runner_on(self, conditions: Conditions) -> Runner:
+        """Runs of the simulator, made here and kept in no store."""
+        if self.model is None or self.simulator is None:
+            raise missing("this needs the simulator", "aleator.load(path, simulator=..., ...)")
+        return as_runner(self.simulator, conditions, self.model.inputs.names)
+
+    def fit_on(
+        self, candidates: Conditions, alpha: Array, runner: Runner, progress: Progress
+    ) -> OutcomeFit:
+        """On surfaces of the candidates' own, as exact as a prediction's."""
+        fit = kept(self.fit)
+        ready = under_law(runner, fit.problem.model, alpha, progress)
+        problem = ready.given(np.full(len(candidates.ids), np.nan))
+        return OutcomeFit(problem, alpha, fit.inference, unmeasured(candidates))
 
     def log_likelihood(
         self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, float | Estimate]
