@@ -36,7 +36,7 @@ def next_experiments(
     count: int = 5,
     *,
     about: str | Predicted | None = None,
-    repeat: bool = False,
+    repeat: int = 1,
     laws: int = 1,
     simulator: Runner | None = None,
     progress: Progress | None = None,
@@ -50,7 +50,7 @@ def next_experiments(
     the confidence ellipsoid; left out, the standard deviation that is least known for its size.
 
     `candidates` are written as the experiments are, without outcomes; rows with one id are one
-    experiment. With `repeat` a candidate may be chosen several times. A plan is best for the law
+    experiment. A candidate is chosen `repeat` times at most. A plan is best for the law
     that it was made for, which is the identified one; with `laws` it is best in the mean over so
     many that the experiments leave possible. A hyperparameter that ended on its limit is planned
     for at the other end of its interval.
@@ -72,7 +72,7 @@ def next_experiments(
     progress = progress or Silent()
     fit, session = kept(found.session.fit), found.session
     conditions = _conditions(candidates, fit)
-    _require(count, len(conditions.ids), repeat)
+    require_enough_candidates(count, len(conditions.ids), repeat)
     wanted = Wanted.of(about, found, fit)
     every = possible_laws(wanted.alpha, fit.inference, fit.hyperparameters, laws)
     rng = np.random.default_rng(SEED)
@@ -121,12 +121,13 @@ def _first_rows(conditions: Conditions) -> pd.DataFrame:
     return conditions.conditions.iloc[first].set_axis(pd.Index(conditions.ids, name="id"))
 
 
-def _require(count: int, candidates: int, repeat: bool) -> None:
+def require_enough_candidates(count: int, candidates: int, repeat: int) -> None:
+    """Raise InputsError where so many experiments cannot be chosen."""
     if count < 1:
         raise InputsError(f"next: {count} experiments", "ask for at least one")
-    if count > candidates and not repeat:
+    if repeat < 1 or count > candidates * repeat:
         raise InputsError(
-            f"next: {count} experiments of {candidates} candidates",
+            f"next: {count} experiments of {candidates} candidates, each {repeat} times at most",
             "give more candidates, ask for fewer, or let them be repeated",
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ import pandas as pd
 from aleator.errors import InputsError, nearest
 from aleator.inference.design import Scores, probability_gradients, quantile_gradients
 from aleator.inference.fit import Fit
+from aleator.laws import Hyperparameter
 from aleator.observations.experiments import Conditions
 from aleator.tasks.results.identification import Identification
 from aleator.types import Array, Indices
@@ -98,12 +99,7 @@ class Wanted:
         about = about or _weakest(fit)
         if about == ALL:
             return cls("all hyperparameters", alpha, moving, None, None, {})
-        free = [names[k] for k in fit.inference.identified]
-        if about not in free:
-            fixed = "is fixed" if about in names else f"is unknown{nearest(about, free)}"
-            raise InputsError(
-                f"the hyperparameter '{about}' {fixed}", f"name one of {', '.join(free)}, or all"
-            )
+        require_free(about, fit.hyperparameters)
         k, moved = names.index(about), dict[str, float]()
         if k not in moving:
             alpha[k] = _elsewhere(found, fit, k)
@@ -114,6 +110,18 @@ class Wanted:
         """The information (F, F) of the experiments that were made about what is moving."""
         place = np.searchsorted(fit.inference.identified, self.moving)
         return np.asarray(fit.inference.information[np.ix_(place, place)])
+
+
+def require_free(about: str | None, hyperparameters: Sequence[Hyperparameter]) -> None:
+    """Raise InputsError for a name that is neither a free hyperparameter nor "all"."""
+    free = [h.name for h in hyperparameters if h.free]
+    if about is None or about == ALL or about in free:
+        return
+    fixed = about in [h.name for h in hyperparameters]
+    why = "is fixed" if fixed else f"is unknown{nearest(about, free)}"
+    raise InputsError(
+        f"the hyperparameter '{about}' {why}", f"name one of {', '.join(free)}, or all"
+    )
 
 
 def _weakest(fit: Fit) -> str:

@@ -49,9 +49,9 @@ class Scores:
 def expected_scores(fit: Fit, rng: np.random.Generator, progress: Progress) -> Scores:
     """Scores of experiments under their own law, for any of which nothing need be measured.
 
-    Where each has one observation, not censored, by a sum over the density f of it, exact but for the distance
-    of the nodes: I = int s s' f dy. Else by draws, censored as the fit's are. Cost: 97 evaluations
-    of the likelihood of the experiments, or 400 draws of them.
+    Where each has one observation, and none is censored, by a sum over its density f, exact but
+    for the distance of the nodes: I = int s s' f dy. Else by draws, censored as the fit's are.
+    Cost: 97 evaluations of the likelihood of the experiments, or 400 draws of them.
     """
     seen = fit.table.observations
     single = np.array_equal(seen.experiment, np.arange(fit.count)) and not np.any(seen.censored)

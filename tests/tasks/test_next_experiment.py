@@ -1,0 +1,230 @@
+"""The next experiment, where its expected information is known in closed form."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from aleator import (
+    AleatorError,
+    Free,
+    Identification,
+    Inputs,
+    MonteCarlo,
+    Noise,
+    Normal,
+    Predicted,
+    identify,
+    load,
+    next_experiments,
+)
+from aleator.inference.design import expected_scores
+from aleator.observations.experiments import Conditions
+from aleator.progress import Silent
+from aleator.types import Array
+
+NOISE = 0.5
+CANDIDATES = np.array([0.5, 1.0, 2.0, 5.0, 20.0])
+
+
+def springs(load: Array, x: Array) -> Array:
+    return np.asarray(load * x)
+
+
+def data(scatter: float) -> pd.DataFrame:
+    rng = np.random.default_rng(0)
+    loads = np.repeat([1.0, 2.0, 3.0], 12)
+    x = 1.0 + scatter * rng.standard_normal(loads.size)
+    # errors that happen to be small leave no room for scatter
+    errors = (NOISE if scatter else 0.8 * NOISE) * rng.standard_normal(loads.size)
+    return pd.DataFrame({"load": loads, "y": loads * x + errors})
+
+
+@cache
+def found_with(scatter: float = 0.4, noisy: bool = True) -> Identification:
+    table = data(scatter)
+    if not noisy:
+        table["y"] = table["load"] * (1.0 + scatter * np.random.default_rng(1).standard_normal(36))
+    return identify(
+        springs,
+        table,
+        Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 1.5))}),
+        outcome="y",
+        noise=Noise(NOISE) if noisy else None,
+        vectorized=True,
+        verification=MonteCarlo(0),
+    )
+
+
+def closed_form(found: Identification, loads: Array) -> Array:
+    """Information (C, 2, 2) of mean and sd in y ~ N(load mean, load^2 sd^2 + noise^2).
+
+    (dm)^2/v + (dv)^2/(2 v^2): that of the sd grows with (load sd)^2 against the noise.
+    """
+    sd = float(found.values["x.sd"])
+    variance = loads**2 * sd**2 + NOISE**2
+    information = np.zeros((loads.size, 2, 2))
+    information[:, 0, 0] = loads**2 / variance
+    information[:, 1, 1] = 0.5 * (2.0 * loads**2 * sd / variance) ** 2
+    return information
+
+
+def observed(found: Identification) -> Array:
+    return np.asarray(np.linalg.inv(found.covariance.to_numpy()))
+
+
+def asked(loads: Array = CANDIDATES) -> pd.DataFrame:
+    return pd.DataFrame({"load": loads})
+
+
+def test_expected_information_is_that_of_the_closed_form() -> None:
+    found = found_with()
+    conditions = Conditions.from_frame(asked())
+    session = found.session
+    fit = session.fit_on(conditions, found.fit.alpha, session.runner_on(conditions), Silent())
+    scores = expected_scores(fit, np.random.default_rng(0), Silent())
+    expected = closed_form(found, CANDIDATES)
+    assert scores.information[:, :2, :2] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    # the mean of a score is zero
+    assert np.einsum("rc,rck->ck", scores.weights, scores.scores)[:, :2] == pytest.approx(
+        0.0, abs=1e-6
+    )
+
+
+def test_it_is_the_mean_of_the_observed_information_of_drawn_data() -> None:
+    found = found_with()
+    conditions = Conditions.from_frame(asked(np.repeat([1.0, 5.0], 400)))
+    session = found.session
+    fit = session.fit_on(conditions, found.fit.alpha, session.runner_on(conditions), Silent())
+    drawn, alpha, step = fit.drawn(np.random.default_rng(2)), fit.alpha, 1e-3
+    ends = []
+    for sign in (1.0, -1.0):
+        moved = alpha.copy()
+        moved[1] += sign * step
+        scored = drawn.at(moved).scored().scores
+        assert scored is not None
+        ends.append(scored[:, 1])
+    each = -(ends[0] - ends[1]) / (2.0 * step)
+    expected = closed_form(found, np.array([1.0, 5.0]))[:, 1, 1]
+    for part, value in zip(np.split(each, 2), expected, strict=True):
+        assert abs(part.mean() - value) < 4.0 * part.std() / 20.0
+
+
+def test_the_error_after_each_candidate_and_after_the_set_is_that_of_the_closed_form() -> None:
+    found = found_with()
+    plan = next_experiments(found, asked(), count=2)
+    assert plan.about == "x.sd"
+    assert plan.now == pytest.approx(found.errors["x.sd"], rel=1e-6)
+    whole = observed(found) + closed_form(found, CANDIDATES)
+    assert plan.alone == pytest.approx(np.sqrt(np.linalg.inv(whole)[:, 1, 1]), rel=1e-5)
+    assert plan.chosen == ("5", "4")
+    both = observed(found) + closed_form(found, CANDIDATES[3:]).sum(axis=0)
+    assert plan.after[-1] == pytest.approx(np.sqrt(np.linalg.inv(both)[1, 1]), rel=1e-5)
+    again = closed_form(found, data(0.4)["load"].to_numpy()).sum(axis=0)
+    assert plan.repetitions is not None
+    repeated = observed(found) + plan.repetitions * again
+    assert np.sqrt(np.linalg.inv(repeated)[1, 1]) == pytest.approx(plan.after[-1], rel=1e-4)
+
+
+def test_a_predicted_quantile_is_known_as_the_delta_method_says() -> None:
+    found = found_with()
+    wanted = Predicted(asked(np.array([3.0])), quantile=0.99)
+    plan = next_experiments(found, asked(), count=1, about=wanted)
+    sd, z = float(found.values["x.sd"]), stats.norm.ppf(0.99)
+    gradient = np.array([3.0, z * 9.0 * sd / np.hypot(3.0 * sd, NOISE)])
+    now = gradient @ found.covariance.to_numpy() @ gradient
+    assert plan.now == pytest.approx(np.sqrt(now), rel=1e-3)
+    assert not plan.relative
+
+
+@pytest.mark.parametrize("limit", [{"above": 4.0}, {"below": 4.0}])
+def test_so_is_a_predicted_probability(limit: dict[str, float]) -> None:
+    found = found_with()
+    plan = next_experiments(
+        found, asked(), count=1, about=Predicted(asked(np.array([3.0])), **limit)
+    )
+    mean, sd = found.values[["x.mean", "x.sd"]]
+    scale = np.hypot(3.0 * sd, NOISE)
+    u = (4.0 - 3.0 * mean) / scale
+    gradient = stats.norm.pdf(u) / scale * np.array([3.0, u * 9.0 * sd / scale])
+    now = gradient @ found.covariance.to_numpy() @ gradient
+    assert plan.now == pytest.approx(np.sqrt(now), rel=1e-3)
+
+
+def test_errors_of_several_predictions_and_of_all_are_relative_to_now() -> None:
+    found = found_with()
+    for about in ("all", Predicted(asked(np.array([1.0, 3.0])), quantile=0.9)):
+        plan = next_experiments(found, asked(), count=2, about=about)
+        assert plan.relative
+        assert plan.now == pytest.approx(1.0)
+        assert plan.after[1] < plan.after[0] < 1.0
+
+
+def test_candidates_of_several_rows_share_their_parameters() -> None:
+    """Two measurements under one load are worth less than two experiments of one each."""
+    found = found_with()
+    frame = pd.DataFrame({"id": ["one", "one", "a"], "load": [5.0, 5.0, 5.0]})
+    plan = next_experiments(found, frame, count=1)
+    sd = float(found.values["x.sd"])
+    # their mean is measured with noise / sqrt(2), and the difference tells nothing
+    variance = 25.0 * sd**2 + 0.5 * NOISE**2
+    whole = observed(found) + np.diag([25.0 / variance, 0.5 * (2.0 * 25.0 * sd / variance) ** 2])
+    expected = np.sqrt(np.linalg.inv(whole)[1, 1])
+    assert 0.0 < plan.uncertain[0] < 0.03 * plan.alone[0]
+    assert abs(plan.alone[0] - expected) < 4.0 * plan.uncertain[0]
+    single = np.sqrt(np.linalg.inv(observed(found) + closed_form(found, np.array([5.0]))[0])[1, 1])
+    assert abs(plan.alone[1] - single) < 4.0 * plan.uncertain[1]
+
+
+def test_an_sd_that_ended_at_its_limit_is_planned_for_at_the_end_of_its_interval() -> None:
+    found = found_with(0.0)
+    assert found.alpha["x.sd"].at_bound == "lower"
+    plan = next_experiments(found, asked(), count=1)
+    interval = found.alpha["x.sd"].interval
+    assert interval is not None
+    assert plan.planned_for == {"x.sd": interval[1]}
+    assert plan.chosen == ("5",)
+    assert np.isfinite(plan.now)
+
+
+def test_one_exact_outcome_an_experiment_goes_the_other_way() -> None:
+    """Without noise the load does not matter: y/load is x itself."""
+    found = found_with(noisy=False)
+    plan = next_experiments(found, asked(), count=1, about="x.sd")
+    sd = float(found.values["x.sd"])
+    one = observed(found) + np.diag([1.0, 2.0]) / sd**2
+    assert plan.alone == pytest.approx(np.sqrt(np.linalg.inv(one)[1, 1]), rel=1e-3)
+
+
+def test_in_the_mean_over_possible_laws_an_experiment_tells_less() -> None:
+    """The variance is a convex function of the information."""
+    found = found_with()
+    one, many = (next_experiments(found, asked(), count=2, laws=k) for k in (1, 4))
+    assert many.laws == 4
+    assert many.chosen == one.chosen
+    assert many.now == pytest.approx(one.now)
+
+
+def test_misuse_is_told() -> None:
+    found = found_with()
+    with pytest.raises(AleatorError, match="did you mean"):
+        next_experiments(found, asked(), about="x.sdd")
+    with pytest.raises(AleatorError, match=r"noise.sd.*fixed"):
+        next_experiments(found, asked(), about="noise.sd")
+    with pytest.raises(AleatorError, match="6 experiments of 5 candidates"):
+        next_experiments(found, asked(), count=6)
+    with pytest.raises(AleatorError, match="quantile and above"):
+        Predicted(asked(), quantile=0.5, above=1.0)
+    with pytest.raises(AleatorError, match="neither"):
+        Predicted(asked())
+
+
+def test_a_result_that_was_read_from_a_file_says_so(tmp_path: object) -> None:
+    path = f"{tmp_path}/found.json"
+    found_with().save(path)
+    with pytest.raises(AleatorError, match="read from a file"):
+        next_experiments(load(path), asked())
