@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.inference.information import infer
-from aleator.inference.profile import CLOSE, TARGET, profile_intervals
+from aleator.inference.profile import profile_intervals
+from aleator.inference.profile_end import CLOSE, TARGET
 from aleator.laws import Hyperparameter
 from aleator.search import GradientMultistart
 from aleator.search.value import LogLikelihood
@@ -70,8 +71,8 @@ def test_the_ends_of_eleven_profiles_are_where_they_belong_and_cost_little() -> 
     inference = infer(likelihood, alpha, hyperparameters)
     top, likelihood.asked = likelihood(alpha).total, 0
     profile = profile_intervals(likelihood, alpha, hyperparameters, inference)
-    # 22 ends; 17 evaluations each, where climbing to every conditional maximum anew takes 47
-    assert likelihood.asked < 450
+    # 22 ends; 25 evaluations each with the check of each, where climbing anew takes 47
+    assert likelihood.asked < 600
     assert profile.better is None
     for k, (h, ends) in enumerate(zip(hyperparameters, profile.intervals, strict=True)):
         for end in ends:
@@ -91,4 +92,4 @@ def test_an_end_on_its_own_limit_costs_nothing() -> None:
     likelihood.asked = 0
     profile = profile_intervals(likelihood, alpha, hyperparameters, inference)
     assert profile.intervals[k, 0] == hyperparameters[k].lower
-    assert likelihood.asked < 130
+    assert likelihood.asked < 200

@@ -9,34 +9,52 @@ weakly determined or lies on its limit, where the quadratic approximation does n
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import stats
 
-from aleator.inference.information import LEVEL, Inference
+from aleator.inference.information import Inference
+from aleator.inference.profile_end import Trace, positive
 from aleator.laws import Hyperparameter
 from aleator.search import Objective
-from aleator.search.newton import ascended
-from aleator.types import Array
-
-TARGET = float(np.sqrt(stats.chi2.ppf(LEVEL, 1)))
-CLOSE = 0.02
-"""An end is found to this share of a standard error."""
-CLIMBED = 2e-3
-"""A conditional maximum is found to this in log-likelihood, as far as its curvature is known."""
-TRIALS = 8
-BETTER = 0.01
-"""A conditional maximum this far above the maximum means that the search had missed it."""
+from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Intervals (K, 2), NaN where fixed; `better` is a larger maximum met on the way, or None."""
+    """Intervals (K, 2), NaN where fixed; `better` is a larger maximum met on the way, or None.
+
+    `drops` (K, 2) is how far the profile has dropped at each end, as it was evaluated there: 1.92,
+    less at a limit that the experiments do not rule out, or at a jump. An end whose drop could not
+    be had is NaN, and so is its drop. `points` (K, 2, K) are the conditional maxima at the ends.
+    """
 
     intervals: Array
+    drops: Array
+    points: Array
     better: Array | None
+
+    def only_known(self, wrong: Flags) -> Profile:
+        """The same without the ends (K, 2) that are wrong."""
+        return replace(
+            self,
+            intervals=np.where(wrong, np.nan, self.intervals),
+            drops=np.where(wrong, np.nan, self.drops),
+        )
+
+    def joined(self, other: Profile, rows: Indices) -> Profile:
+        """The same with these rows of another."""
+        arrays = []
+        for own, others in ((self.intervals, other.intervals), (self.drops, other.drops),
+                            (self.points, other.points)):  # fmt: skip
+            mixed = own.copy()
+            mixed[rows] = others[rows]
+            arrays.append(mixed)
+        return Profile(arrays[0], arrays[1], arrays[2], other.better)
+
+    def unknown(self, identified: Indices) -> Indices:
+        """Those of the hyperparameters (G,) of which an end is not known."""
+        return identified[np.any(np.isnan(self.drops[identified]), axis=1)]
 
 
 def profile_intervals(
@@ -44,138 +62,41 @@ def profile_intervals(
     alpha: Array,
     hyperparameters: Sequence[Hyperparameter],
     inference: Inference,
+    only: Indices | None = None,
 ) -> Profile:
     """The profile-likelihood interval of every free hyperparameter at the maximum alpha (K,).
 
     Each end is found by Newton steps on the signed root of twice the drop in log-likelihood, which
     is linear where the likelihood is normal; its slope is the score. Conditional maxima are climbed
     to from a parabola through those before, with the curvature that these taught: two or three an
-    end, of one to five evaluations each, and up to thirty where a ridge is curved. An end that lies
-    beyond a limit is that limit. Stops early, with `better` set, when a conditional maximum exceeds
-    the maximum.
+    end, of one to five evaluations each, and up to thirty where a ridge is curved. What was found
+    is taken for an end when the profile, climbed to anew with the curvature that the scores of the
+    experiments tell, has dropped by 1.92 -+ 0.02; a limit, when it was evaluated there and has
+    dropped by less. Where the profile jumps, the end is the last value before. Stops early, with
+    `better` set, when a conditional maximum exceeds the maximum. `only` some hyperparameters; the
+    others are NaN.
     """
-    top = objective(alpha).total
-    intervals = np.full((alpha.size, 2), np.nan)
+    top, size = objective(alpha).total, alpha.size
+    found = Profile(
+        np.full((size, 2), np.nan),
+        np.full((size, 2), np.nan),
+        np.full((size, 2, size), np.nan),
+        None,
+    )
     for row, k in enumerate(inference.identified):
+        if only is not None and k not in only:
+            continue
         others = np.delete(np.arange(inference.identified.size), row)
         moving = inference.identified[others]
-        information = _positive(inference.information[np.ix_(others, others)])
+        information = positive(inference.information[np.ix_(others, others)])
         coupling = inference.information[others, row]
         # along the profile the others follow the one by -I_oo^-1 I_ok
         follow = -np.linalg.pinv(information, hermitian=True) @ coupling
+        trace = Trace(objective, hyperparameters, k, moving, information, follow, top)
         for side, sign in enumerate((-1.0, 1.0)):
-            trace = _Trace(objective, hyperparameters, k, moving, information, follow, top)
-            end, better = trace.end(alpha, sign, inference)
-            if better is not None:
-                return Profile(intervals, better)
-            intervals[k, side] = end
-    return Profile(intervals, None)
-
-
-@dataclass(frozen=True)
-class _Trace:
-    """The profile of hyperparameter k; `follow` (F,) is how the moving ones go along."""
-
-    objective: Objective
-    hyperparameters: Sequence[Hyperparameter]
-    k: int
-    moving: NDArray[np.intp]
-    information: Array
-    follow: Array
-    top: float
-
-    def end(self, alpha: Array, sign: float, inference: Inference) -> tuple[float, Array | None]:
-        """Where the profile has dropped by 1.92 on one side, or a better maximum."""
-        h = self.hyperparameters[self.k]
-        limit = h.lower if sign < 0 else h.upper
-        if inference.at_bound[self.k] == ("lower" if sign < 0 else "upper"):
-            return limit, None
-        bracket = _Bracket(alpha[self.k], limit)
-        known, information = alpha, self.information
-        value = self._first(alpha, sign, inference, limit)
-        for _ in range(TRIALS):
-            guess = self._guess(alpha, known, value)
-            summit = ascended(
-                self.objective, guess, self.hyperparameters, self.moving, information, CLIMBED
-            )
-            if summit.value > self.top + BETTER:
-                return value, summit.alpha
-            known, information = summit.alpha, summit.information
-            # what is left to climb is known well enough to be counted
-            root = float(np.sqrt(max(2.0 * (self.top - summit.value - summit.gain), 0.0)))
-            if abs(root - TARGET) < CLOSE or (root < TARGET and value == limit):
-                return value, None
-            value = bracket.next(value, root, float(summit.score[self.k]))
-        return value, None
-
-    def _first(self, alpha: Array, sign: float, inference: Inference, limit: float) -> float:
-        reach = TARGET * inference.standard_error[self.k]
-        if not np.isfinite(reach):
-            reach = 0.2 * abs(limit - alpha[self.k])
-        return float(_within(alpha[self.k] + sign * reach, alpha[self.k], limit))
-
-    def _guess(self, alpha: Array, known: Array, value: float) -> Array:
-        """Where the conditional maximum may be: along a parabola from the maximum through `known`.
-
-        Its slope at the maximum is `follow`. From the maximum itself it is a straight line.
-        """
-        k, distance = self.k, value - alpha[self.k]
-        moved = known[self.moving] - alpha[self.moving]
-        so_far = known[k] - alpha[k]
-        ahead = self.follow * distance
-        if so_far != 0.0:
-            ahead = ahead + (moved - self.follow * so_far) * (distance / so_far) ** 2
-        guess = alpha.copy()
-        for j, step in zip(self.moving, ahead, strict=True):
-            h = self.hyperparameters[j]
-            guess[j] = np.clip(alpha[j] + step, h.lower, h.upper)
-        guess[k] = value
-        return guess
-
-
-class _Bracket:
-    """The search for the root on one side of the maximum, at `center`, up to a limit."""
-
-    def __init__(self, center: float, limit: float) -> None:
-        self._center, self._limit = center, limit
-        self._inner, self._outer = (center, 0.0), (float("nan"), float("nan"))
-
-    def next(self, value: float, root: float, slope: float) -> float:
-        """Where to look after a root was found at a value, with the profile's slope there.
-
-        Newton's step on the root, which grows about linearly with the distance; where its slope is
-        of no use a secant, or a step outward, at most threefold. Kept within what encloses the end.
-        """
-        if root < TARGET:
-            self._inner = (value, root)
-        else:
-            self._outer = (value, root)
-        inner, outer = self._inner, self._outer
-        # the profile's slope is the score of what is held (envelope theorem); root^2/2 is its drop
-        steep = -slope / root if root > 0.0 else 0.0
-        newton = value + (TARGET - root) / steep if steep else float("nan")
-        if not np.isfinite(outer[0]):
-            reach = inner[0] - self._center
-            factor = min(3.0, 1.1 * TARGET / max(inner[1], 0.3))
-            nearest, farthest = self._center + 1.02 * reach, self._center + 3.0 * reach
-            low, high = min(nearest, farthest), max(nearest, farthest)
-            if not low <= newton <= high:
-                newton = self._center + max(factor, 1.2) * reach
-            return _within(newton, self._center, self._limit)
-        gap = outer[0] - inner[0]
-        share = (newton - inner[0]) / gap
-        if not 0.02 <= share <= 0.98:
-            share = (TARGET - inner[1]) / (outer[1] - inner[1])
-        return float(inner[0] + min(max(share, 0.05), 0.95) * gap)
-
-
-def _within(value: float, center: float, limit: float) -> float:
-    return max(value, limit) if limit <= center else min(value, limit)
-
-
-def _positive(matrix: Array) -> Array:
-    """The matrix with its eigenvalues, in units of its diagonal, raised to at least 1e-6."""
-    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    raised = (vectors * np.maximum(values, 1e-6)) @ vectors.T
-    return np.asarray(raised * np.outer(scale, scale))
+            end = trace.end(alpha, sign, inference)
+            if end.better:
+                return replace(found, better=end.point)
+            found.intervals[k, side], found.drops[k, side] = end.value, end.drop
+            found.points[k, side] = end.point
+    return found

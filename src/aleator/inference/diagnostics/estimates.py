@@ -64,27 +64,23 @@ def search_refusals(
 def bound_warnings(
     hyperparameters: Sequence[Hyperparameter], inference: Inference, profile: Profile
 ) -> list[Diagnostic]:
-    """Estimates and intervals that end on a limit."""
+    """Estimates on a limit, and intervals of which an end was not found."""
     warnings = [
         _on_limit(h, side)
         for h, side in zip(hyperparameters, inference.at_bound, strict=True)
         if side is not None
     ]
-    cut = [
-        h.name
-        for h, side, (low, high) in zip(
-            hyperparameters, inference.at_bound, profile.intervals, strict=True
-        )
-        if side is None and (low == h.lower or high == h.upper)
-    ]
-    if cut:
+    unknown = [hyperparameters[k] for k in profile.unknown(inference.identified)]
+    if unknown and inference.positive:
+        names = tuple(h.name for h in unknown)
         warnings.append(
             Diagnostic(
-                "bounds",
-                f"the 95 % interval of {', '.join(cut)} ends on a limit: the experiments do not "
-                "rule out values beyond it",
-                "widen the limit if it is not physical",
-                tuple(cut),
+                "interval",
+                f"no interval is told of {', '.join(names)}: an end of it could not be found, at "
+                "which the profile of the log-likelihood has dropped by 1.92",
+                "take the standard error for what it is worth, or a bootstrap of the experiments; "
+                "see whether the likelihood is rough because the simulator jumps",
+                names,
             )
         )
     return warnings

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from aleator.inference.information import Inference, infer
 from aleator.inference.profile import Profile, profile_intervals
 from aleator.likelihood.individual import IndividualLikelihood
 from aleator.search import SearchResult
 from aleator.search.newton import ascend
 from aleator.tasks.individual.settle import Settled, settled
-from aleator.types import Array
+from aleator.types import Array, Flags
 
 ENOUGH = 1e-3
 """What may be left to climb, in log-likelihood, by the information at the end."""
 CLIMBS = 3
 """Times that a profile may meet a better maximum."""
+DIFFERS = 0.04
+"""A drop of the profile by other nodes that is another one: twice what an end is found to."""
+UNKNOWN = 0.2
+"""A drop that more nodes change by so much is not known."""
 
 
 def _climbed_on(likelihood: IndividualLikelihood, alpha: Array, inference: Inference) -> Array:
@@ -25,7 +31,7 @@ def _climbed_on(likelihood: IndividualLikelihood, alpha: Array, inference: Infer
 
 
 def inferred(end: Settled, found: SearchResult) -> tuple[Settled, SearchResult, Inference, Profile]:
-    """The information, and profiles with as few nodes as serve."""
+    """The information, and profiles with as few nodes as serve at each end."""
     for _ in range(CLIMBS):
         likelihood, alpha = end.likelihood, end.alpha
         hyperparameters = likelihood.hyperparameters
@@ -35,9 +41,42 @@ def inferred(end: Settled, found: SearchResult) -> tuple[Settled, SearchResult, 
             inference = infer(likelihood.followed, alpha, hyperparameters)
             end = replace(end, alpha=alpha)
             found = found.improved(alpha, end.value)
-        profile = profile_intervals(end.coarse.continued, alpha, hyperparameters, inference)
+        profile = _profile(end, alpha, inference)
         if profile.better is None:
             break
         end = settled(likelihood, profile.better)
         found = found.improved(end.alpha, end.value)
     return end, found, inference, profile
+
+
+def _profile(end: Settled, alpha: Array, inference: Inference) -> Profile:
+    """By few nodes; by those of the answer where these tell another drop at an end.
+
+    What more nodes than those of the answer change at an end is what cannot be known.
+    """
+    hyperparameters = end.likelihood.hyperparameters
+    found = profile_intervals(end.coarse.continued, alpha, hyperparameters, inference)
+    if found.better is not None:
+        return found
+    wrong = _off(end.likelihood, alpha, found, DIFFERS)
+    if np.any(wrong):
+        objective, rows = end.likelihood.continued, np.flatnonzero(np.any(wrong, axis=1))
+        again = profile_intervals(objective, alpha, hyperparameters, inference, only=rows)
+        found = found.joined(again, rows)
+    if found.better is not None:
+        return found
+    rules = end.likelihood.rule.finer(end.likelihood.inputs.scattering)
+    for rule in rules[:1] if end.likelihood.rule.centers == 1 else ():
+        found = found.only_known(_off(replace(end.likelihood, rule=rule), alpha, found, UNKNOWN))
+    return found
+
+
+def _off(likelihood: IndividualLikelihood, alpha: Array, profile: Profile, least: float) -> Flags:
+    """Ends (K, 2) whose drop is another one with the nodes of this likelihood, by so much."""
+    top = likelihood.adapted(alpha).evaluate(alpha).total
+    wrong = np.zeros(profile.drops.shape, dtype=np.bool_)
+    for k, side in np.argwhere(profile.drops > 0.0):
+        point = profile.points[k, side]
+        drop = top - likelihood.adapted(point).evaluate(point).total
+        wrong[k, side] = not abs(drop - profile.drops[k, side]) < least
+    return wrong

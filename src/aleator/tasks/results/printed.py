@@ -73,10 +73,13 @@ def _note(entry: Document) -> str:
         return "fixed"
     if entry.get("at_bound"):
         return f"at its {entry['at_bound']} bound"
+    notes = []
     error, sandwich = entry.get("standard_error"), entry.get("sandwich_error")
     if error and sandwich and not 0.7 < sandwich / error < 1.4:
-        return f"sandwich error {number(sandwich, 2)}"
-    return ""
+        notes.append(f"sandwich error {number(sandwich, 2)}")
+    if cut := entry.get("cut"):
+        notes.append("interval from limit to limit" if cut == "both" else f"to its {cut} limit")
+    return ", ".join(notes)
 
 
 def verdict(document: Document) -> str:

@@ -38,6 +38,9 @@ from aleator.tasks.results.values import (
 )
 from aleator.types import Array
 
+CUT = {(True, True): "both", (True, False): "lower", (False, True): "upper", (False, False): None}
+"""Which ends of an interval are limits, by whether the lower one and the upper one is."""
+
 
 def assemble(
     table: Experiments,
@@ -158,14 +161,16 @@ def estimates_of(
     for k, h in enumerate(hyperparameters):
         known = bool(np.isfinite(inference.standard_error[k]))
         low, high = profile.intervals[k]
+        # without a maximum there is no drop from it to measure
+        sure = bool(np.isfinite(low) and np.isfinite(high)) and inference.positive
         estimates[h.name] = Estimate(
             estimate=float(alpha[k]),
             standard_error=float(inference.standard_error[k]) if known else None,
             sandwich_error=float(inference.sandwich_error[k]) if known else None,
-            # without a maximum there is no drop from it to measure
-            interval=(float(low), float(high)) if np.isfinite(low) and inference.positive else None,
+            interval=(float(low), float(high)) if sure else None,
             at_bound=inference.at_bound[k],
             fixed=not h.free,
+            cut=CUT[low == h.lower, high == h.upper] if sure else None,
         )
     return estimates
 

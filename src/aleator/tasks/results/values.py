@@ -21,8 +21,9 @@ class Estimate:
     """One hyperparameter: estimate, standard errors, 95 % interval; None where undetermined.
 
     `standard_error` from the observed information, `sandwich_error` valid also for a wrong model;
-    `at_bound` is "lower" or "upper" where the estimate lies on its limit; a fixed
-    hyperparameter has neither error nor interval.
+    `at_bound` is "lower" or "upper" where the estimate lies on its limit, and `cut` "lower",
+    "upper" or "both" where the interval ends on a limit, at which the profile of the likelihood was
+    evaluated and found within the interval. A fixed hyperparameter has neither error nor interval.
     """
 
     estimate: float
@@ -31,6 +32,7 @@ class Estimate:
     interval: tuple[float, float] | None
     at_bound: str | None
     fixed: bool
+    cut: str | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,97 @@
+"""The search for the value at which a root that grows away from a maximum reaches a target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+FARTHEST = 3.0
+"""Times the distance so far that a step outward may reach."""
+NEAR, JUMP = 0.05, 0.5
+"""An enclosure below this share of the distance, over which the root grows by so much, is odd."""
+CLOSED = 1e-6
+"""An enclosure below this share of the distance from the maximum is one point: there is a jump."""
+NOTHING = 1e-300
+"""A value closer to the maximum than this is the maximum."""
+
+
+@dataclass(frozen=True)
+class Bracket:
+    """One side of a maximum at `center`, up to a `limit`; what encloses the end so far.
+
+    `inner` and `outer` are values with their roots below and above the target; `outer` is NaN
+    until one was found. `stalled` counts the steps that did not halve the enclosure.
+    """
+
+    target: float
+    center: float
+    limit: float
+    inner: tuple[float, float]
+    outer: tuple[float, float] = (float("nan"), float("nan"))
+    stalled: int = 0
+
+    @classmethod
+    def around(cls, center: float, limit: float, target: float) -> Bracket:
+        """Nothing known but the maximum."""
+        return cls(target, center, limit, (center, 0.0))
+
+    @property
+    def closed(self) -> bool:
+        """Whether no value is left between the two: the root jumps over its target."""
+        gap = abs(self.outer[0] - self.inner[0])
+        return bool(gap <= max(CLOSED * abs(self.outer[0] - self.center), NOTHING))
+
+    @property
+    def jumps(self) -> bool:
+        """Whether the root seems to jump: its outer value may be that of a lower maximum."""
+        gap = abs(self.outer[0] - self.inner[0])
+        near = gap < NEAR * abs(self.outer[0] - self.center)
+        return bool(near and JUMP < self.outer[1] - self.inner[1] < np.inf)
+
+    @property
+    def without_outer(self) -> Bracket:
+        """The same, nothing known beyond the inner value."""
+        return replace(self, outer=(float("nan"), float("nan")), stalled=0)
+
+    def with_root(self, value: float, root: float) -> Bracket:
+        """The same when the root at a value is known, inf where it has none."""
+        if root < self.target:
+            found = replace(self, inner=(value, root))
+        else:
+            found = replace(self, outer=(value, root))
+        before, after = (abs(b.outer[0] - b.inner[0]) for b in (self, found))
+        return replace(found, stalled=found.stalled + 1 if after > 0.5 * before else 0)
+
+    def next(self, value: float, root: float, slope: float) -> float:
+        """Where to look next; `slope` is that of the root's half square, downward, at the value.
+
+        Newton's step on the root, which grows about linearly with the distance. Where its slope is
+        of no use a secant, a middle, or a step outward, at most threefold.
+        """
+        # the profile's slope is the score of what is held (envelope theorem); root^2/2 is its drop
+        steep = -slope / root if 0.0 < root < np.inf else 0.0
+        newton = value + (self.target - root) / steep if steep else float("nan")
+        if not np.isfinite(self.outer[0]):
+            return self._outward(newton)
+        gap = self.outer[0] - self.inner[0]
+        share = (newton - self.inner[0]) / gap if gap else float("nan")
+        if not 0.02 <= share <= 0.98:
+            share = (self.target - self.inner[1]) / (self.outer[1] - self.inner[1])
+        if self.stalled > 1 or not np.isfinite(self.outer[1]):
+            share = 0.5
+        return float(self.inner[0] + min(max(share, 0.05), 0.95) * gap)
+
+    def _outward(self, newton: float) -> float:
+        reach = self.inner[0] - self.center
+        factor = min(FARTHEST, 1.1 * self.target / max(self.inner[1], 0.3))
+        nearest, farthest = self.center + 1.02 * reach, self.center + FARTHEST * reach
+        if not min(nearest, farthest) <= newton <= max(nearest, farthest):
+            newton = self.center + max(factor, 1.2) * reach
+        return self.within(newton)
+
+    def within(self, value: float) -> float:
+        """The value, or the limit where it lies beyond."""
+        return float(
+            max(value, self.limit) if self.limit <= self.center else min(value, self.limit)
+        )

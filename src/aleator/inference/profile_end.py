@@ -1,0 +1,207 @@
+"""One end of an interval: where the profile of the likelihood has dropped by 1.92."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from aleator.inference.bracket import Bracket
+from aleator.inference.information import LEVEL, Inference
+from aleator.laws import Hyperparameter
+from aleator.search import Objective
+from aleator.search.newton import Summit, ascended
+from aleator.types import Array, Indices
+
+TARGET = float(np.sqrt(stats.chi2.ppf(LEVEL, 1)))
+CLOSE = 0.01
+"""An end is found to this share of a standard error: to 0.02 in log-likelihood."""
+CLIMBED = 2e-3
+"""A conditional maximum is found to this in log-likelihood, as far as its curvature is known."""
+LEFT = 0.02
+"""What may be left to climb to a conditional maximum that counts as found."""
+TRIALS, FEW = 40, 8
+"""Conditional maxima of an end, at most; few where the answer is no maximum, and none is told."""
+IMPOSSIBLE = 1e9
+"""A drop from where on the likelihood is nothing."""
+AGAIN = 3
+"""Times that a conditional maximum is climbed to, at most, from where the last climb ended."""
+STEEPER = 2.5
+"""Times the root expected at a value above which a conditional maximum is sought from elsewhere."""
+LOST = 6.0
+"""Standard errors that a guess may lie from what is known; where the likelihood has a kink, the
+parabola leads nowhere."""
+FAR = 2.0
+"""Times the root of an end beyond which a conditional maximum is not built upon."""
+BETTER = 0.01
+"""A conditional maximum this far above the maximum means that the search had missed it."""
+
+
+@dataclass(frozen=True)
+class End:
+    """One end, the drop (), and the conditional maximum (K,); or a `better` maximum."""
+
+    value: float
+    drop: float
+    point: Array
+    better: bool = False
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The profile of hyperparameter k; `follow` (F,) is how the moving ones go along."""
+
+    objective: Objective
+    hyperparameters: Sequence[Hyperparameter]
+    k: int
+    moving: Indices
+    information: Array
+    follow: Array
+    top: float
+
+    def end(self, alpha: Array, sign: float, inference: Inference) -> End:
+        """Where the profile has dropped by 1.92 on one side, or a better maximum."""
+        h = self.hyperparameters[self.k]
+        limit = h.lower if sign < 0 else h.upper
+        if inference.at_bound[self.k] == ("lower" if sign < 0 else "upper"):
+            return End(limit, 0.0, alpha)
+        bracket = Bracket.around(alpha[self.k], limit, TARGET)
+        inner = known = End(alpha[self.k], 0.0, alpha)
+        information, value = self.information, self._first(bracket, sign, inference)
+        steep = 1.0 / inference.standard_error[self.k]
+        doubted = float("nan")
+        for _ in range(TRIALS if inference.positive else FEW):
+            guesses = self._guesses(alpha, known.point, inner.point, value)
+            most = STEEPER * steep * abs(value - alpha[self.k])
+            if value == doubted:
+                guesses, information, most = guesses[1:2], self.information, np.inf
+            summit = self._summit(guesses, information, most)
+            drop = self._drop(summit)
+            if abs(_root(drop) - TARGET) < CLOSE or (drop < 0.5 * TARGET**2 and value == limit):
+                summit = self._verified(summit)
+                drop = self._drop(summit)
+            better = summit.value > self.top + BETTER
+            here, root = End(value, drop, summit.alpha, better), _root(drop)
+            if better or (root < TARGET and value == limit):
+                return here
+            if abs(root - TARGET) < CLOSE and summit.gain < LEFT:
+                return here
+            if root < FAR * TARGET:
+                # what lies far below the maximum tells nothing of the curvature where the end is
+                known, information = here, summit.information
+                steep = root / abs(value - alpha[self.k])
+            inner = here if root < TARGET else inner
+            bracket = bracket.with_root(value, root)
+            if bracket.jumps and bracket.outer[0] != doubted:
+                value = doubted = bracket.outer[0]
+                bracket = bracket.without_outer
+                continue
+            if bracket.closed:
+                return inner
+            value = bracket.next(value, root, float(summit.score[self.k]))
+        return End(float("nan"), float("nan"), alpha)
+
+    def _drop(self, summit: Summit) -> float:
+        """How far the profile has dropped at a summit; inf where the likelihood is no number."""
+        # what little is left to climb is known well enough to be counted
+        left = summit.gain if summit.gain < LEFT else 0.0
+        drop = self.top - summit.value - left
+        return drop if drop < IMPOSSIBLE else float("inf")
+
+    def _summit(self, guesses: Sequence[Array], information: Array, most: float) -> Summit:
+        """The conditional maximum; where the root there is larger than `most`, from each guess."""
+        best = self._arrived(guesses[0], information)
+        if not _root(self._drop(best)) > most and best.gain < LEFT:
+            return best
+        for guess in guesses[1:]:
+            again = self._arrived(guess, self.information)
+            best = again if again.value > best.value or np.isnan(best.value) else best
+        return best
+
+    def _arrived(self, guess: Array, information: Array) -> Summit:
+        """Climbed from a guess, and anew where a climb ended below the maximum."""
+        summit = self._climbed(guess, information)
+        for _ in range(AGAIN - 1):
+            if summit.gain < LEFT or not np.isfinite(summit.value):
+                break
+            before, summit = summit.value, self._climbed(summit.alpha, self._outer(summit))
+            if summit.value - before < LEFT:
+                return replace(summit, gain=0.0)
+        return summit
+
+    def _verified(self, summit: Summit) -> Summit:
+        """Climbed on, where the scores of the experiments tell of more to climb than the steps.
+
+        Where nothing is gained by that, nothing was left.
+        """
+        information = self._outer(summit)
+        lower = np.array([self.hyperparameters[j].lower for j in self.moving])
+        upper = np.array([self.hyperparameters[j].upper for j in self.moving])
+        here, score = summit.alpha[self.moving], summit.score[self.moving]
+        free = ~(((here <= lower) & (score < 0.0)) | ((here >= upper) & (score > 0.0)))
+        inside = information[np.ix_(free, free)]
+        left = 0.5 * float(score[free] @ np.linalg.lstsq(inside, score[free])[0])
+        if left < LEFT:
+            return summit
+        again = self._climbed(summit.alpha, information)
+        if again.value - summit.value < LEFT:
+            return replace(summit, gain=min(summit.gain, again.gain))
+        return replace(again, information=summit.information)
+
+    def _climbed(self, guess: Array, information: Array) -> Summit:
+        return ascended(
+            self.objective, guess, self.hyperparameters, self.moving, information, CLIMBED
+        )
+
+    def _outer(self, summit: Summit) -> Array:
+        """The curvature (F, F) by outer products of the scores of the experiments."""
+        scores = self.objective(summit.alpha).scores
+        assert scores is not None
+        own = np.nan_to_num(scores[:, self.moving])
+        return positive(own.T @ own)
+
+    def _first(self, bracket: Bracket, sign: float, inference: Inference) -> float:
+        reach = TARGET * inference.standard_error[self.k]
+        if not np.isfinite(reach):
+            reach = 0.2 * abs(bracket.limit - bracket.center)
+        return bracket.within(bracket.center + sign * reach)
+
+    def _guesses(self, alpha: Array, known: Array, inner: Array, value: float) -> list[Array]:
+        """Where the conditional maximum may be, the likeliest first; the second beside `inner`."""
+        along, beside = self._guess(alpha, known, value), inner.copy()
+        beside[self.k] = value
+        error = np.sqrt(np.diag(np.linalg.pinv(self.information, hermitian=True)))
+        lost = np.any(np.abs(along - known)[self.moving] > LOST * error)
+        return [beside if lost else along, beside, self._guess(alpha, alpha, value)]
+
+    def _guess(self, alpha: Array, known: Array, value: float) -> Array:
+        """Where the conditional maximum may be: along a parabola from the maximum through `known`.
+
+        Its slope at the maximum is `follow`. From the maximum itself it is a straight line.
+        """
+        k, distance = self.k, value - alpha[self.k]
+        moved = known[self.moving] - alpha[self.moving]
+        so_far = known[k] - alpha[k]
+        ahead = self.follow * distance
+        if so_far != 0.0:
+            ahead = ahead + (moved - self.follow * so_far) * (distance / so_far) ** 2
+        guess = alpha.copy()
+        for j, step in zip(self.moving, ahead, strict=True):
+            h = self.hyperparameters[j]
+            guess[j] = np.clip(alpha[j] + step, h.lower, h.upper)
+        guess[k] = value
+        return guess
+
+
+def _root(drop: float) -> float:
+    return float(np.sqrt(max(2.0 * drop, 0.0)))
+
+
+def positive(matrix: Array) -> Array:
+    """The matrix with its eigenvalues, in units of its diagonal, raised to at least 1e-6."""
+    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    raised = (vectors * np.maximum(values, 1e-6)) @ vectors.T
+    return np.asarray(raised * np.outer(scale, scale))

@@ -1,0 +1,147 @@
+"""Each end of an interval has its own drop, also where the likelihood has kinks and jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.special import expit
+
+from aleator.inference.bracket import Bracket
+from aleator.inference.information import infer
+from aleator.inference.profile import profile_intervals
+from aleator.laws import Hyperparameter
+from aleator.search.value import LogLikelihood
+from aleator.types import Array
+
+DROP = 0.5 * stats.chi2.ppf(0.95, 1)
+
+
+@dataclass
+class ByDifferences:
+    """Log-densities (N,) as a function of alpha (K,), with scores by central differences."""
+
+    each: Callable[[Array], Array]
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        scores = []
+        for k in range(alpha.size):
+            step = np.zeros(alpha.size)
+            step[k] = 1e-6
+            with np.errstate(invalid="ignore"):
+                scores.append((self.each(alpha + step) - self.each(alpha - step)) / 2e-6)
+        each = self.each(alpha)
+        return LogLikelihood(each, np.stack(scores, axis=1), np.zeros(each.size, dtype=np.int64))
+
+
+def free(*limits: tuple[float, float]) -> list[Hyperparameter]:
+    return [
+        Hyperparameter(f"h{k}", low, high, 0.5 * (low + high), free=True)
+        for k, (low, high) in enumerate(limits)
+    ]
+
+
+# a uniform law of middle m and half width w, seen through normal noise that is small: the
+# likelihood falls off steeply where either edge passes an outcome, and m and w go along kinks
+NOISE = 0.004
+
+
+def edges(y: Array) -> Callable[[Array], Array]:
+    def each(alpha: Array) -> Array:
+        low, high = alpha[0] - alpha[1], alpha[0] + alpha[1]
+        # both from the tail in which they differ
+        upper = stats.norm.logcdf((y - low) / NOISE)
+        lower = stats.norm.logcdf((high - y) / NOISE)
+        return np.asarray(upper + lower - np.log(high - low))
+
+    return each
+
+
+def test_the_middle_of_a_uniform_law_has_the_ends_of_its_exact_profile() -> None:
+    y = 1.0 + 0.5 * (2.0 * np.random.default_rng(0).random(40) - 1.0)
+    objective, hyperparameters = ByDifferences(edges(y)), free((0.0, 3.0), (0.1, 2.0))
+    widths = np.linspace(0.45, 0.6, 4001)
+
+    def highest(middle: float) -> tuple[float, float]:
+        low, high = middle - widths, middle + widths
+        value = -y.size * np.log(high - low)
+        # far from the edges the other factors are one
+        for one in np.sort(y)[:5]:
+            value = value + stats.norm.logcdf((one - low) / NOISE)
+        for one in np.sort(y)[-5:]:
+            value = value + stats.norm.logcdf((high - one) / NOISE)
+        return float(value.max()), float(widths[np.argmax(value)])
+
+    middles = np.linspace(0.95, 1.05, 401)
+    profile = np.array([highest(m)[0] for m in middles])
+    top = middles[np.argmax(profile)]
+    alpha = np.array([top, highest(float(top))[1]])
+    inference = infer(objective, alpha, hyperparameters)
+    found = profile_intervals(objective, alpha, hyperparameters, inference)
+    inside = middles[profile > profile.max() - DROP]
+    np.testing.assert_allclose(found.intervals[0], [inside[0], inside[-1]], atol=5e-4)
+    np.testing.assert_allclose(found.drops, DROP, atol=0.03)
+
+
+def test_an_interval_ends_where_the_likelihood_jumps_to_nothing() -> None:
+    """Beyond 0.5 nothing is possible: the end is the last value before, and its drop is told."""
+
+    def each(alpha: Array) -> Array:
+        value = -0.5 * (alpha[0] ** 2 + (alpha[1] - alpha[0]) ** 2)
+        return np.full(4, value / 4.0 if alpha[0] < 0.5 else -np.inf)
+
+    hyperparameters, alpha = free((-10.0, 10.0), (-10.0, 10.0)), np.zeros(2)
+    objective = ByDifferences(each)
+    inference = infer(objective, alpha, hyperparameters)
+    found = profile_intervals(objective, alpha, hyperparameters, inference)
+    assert found.intervals[0] == pytest.approx([-np.sqrt(2.0 * DROP), 0.5], abs=0.02)
+    assert found.drops[0] == pytest.approx([DROP, 0.125], abs=0.02)
+
+
+def test_a_limit_is_an_end_only_where_the_profile_was_seen_to_drop_by_less() -> None:
+    """A steep wall of height 3 between the maximum and a limit that is far below it."""
+
+    def each(alpha: Array) -> Array:
+        return np.full(4, -0.75 * expit(200.0 * (alpha[0] - 1.0)) - 1e-3 * alpha[0] ** 2)
+
+    hyperparameters, alpha = free((-30.0, 30.0)), np.zeros(1)
+    objective = ByDifferences(each)
+    inference = infer(objective, alpha, hyperparameters)
+    found = profile_intervals(objective, alpha, hyperparameters, inference)
+    wall = 1.0 + np.log(DROP / (3.0 - DROP)) / 200.0
+    assert found.intervals[0] == pytest.approx([-np.sqrt(DROP / 4e-3), wall], rel=0.01)
+
+
+def test_an_end_that_is_not_found_is_not_told() -> None:
+    """The log-likelihood is a staircase without a step of the right height but it has jumps."""
+    rng = np.random.default_rng(1)
+
+    def each(alpha: Array) -> Array:
+        if abs(alpha[0]) < 0.5:
+            return np.full(4, -0.125 * alpha[0] ** 2)
+        return rng.normal(-0.48, 3.0, 4)
+
+    hyperparameters, alpha = free((-9.0, 9.0)), np.zeros(1)
+    objective = ByDifferences(each)
+    inference = infer(objective, alpha, hyperparameters)
+    found = profile_intervals(objective, alpha, hyperparameters, inference)
+    known = np.isfinite(found.drops)
+    assert found.better is not None or np.all(found.drops[known] < DROP + 0.03)
+
+
+@pytest.mark.parametrize("power", [0.3, 1.0, 4.0])
+def test_a_bracket_closes_on_the_root_whatever_its_shape(power: float) -> None:
+    """Roots that grow as powers of the distance, and slopes that lead astray."""
+    bracket, value, asked = Bracket.around(2.0, 50.0, 1.96), 2.7, 0
+    while asked < 40:
+        asked += 1
+        root = 0.7 * (value - 2.0) ** power
+        if abs(root - 1.96) < 0.01:
+            break
+        bracket = bracket.with_root(value, root)
+        value = bracket.next(value, root, 0.3 if asked % 2 else -30.0)
+    assert asked < 40
+    assert bracket.closed is False
