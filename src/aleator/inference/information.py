@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from aleator.laws import Hyperparameter
+from aleator.laws.prior import curvatures
 from aleator.search import Objective
 from aleator.types import Array
 
@@ -25,7 +26,8 @@ class Inference:
     """Uncertainty of alpha (K,); NaN where it is fixed, on a limit, or not determined.
 
     `standard_error` from the observed information -d2 log L/d alpha2, `sandwich_error` from
-    H^-1 (sum_l s_l s_l') H^-1 (White, 1982), which stays valid when the model is wrong;
+    H^-1 (sum_l s_l s_l') H^-1 (White, 1982), which stays valid when the model is wrong; a prior
+    counts in both with its curvature;
     `lower`, `upper` the interval estimate -+ 1.96 standard errors, cut at the limits;
     `covariance` (F, F) of the free hyperparameters `free` (F,) off their limits; `edm` the
     estimated distance to the maximum 0.5 g' H^-1 g, in log-likelihood; `at_bound` (K,) None,
@@ -64,7 +66,8 @@ def infer(
     identified = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
     inside = np.array([at_bound[k] is None for k in identified], dtype=bool)
     free = identified[inside]
-    scores = objective(alpha).scores
+    here = objective(alpha)
+    scores = here.scores
     assert scores is not None
     full = observed_information(
         objective, alpha, hyperparameters, identified, scores[:, identified]
@@ -72,8 +75,12 @@ def infer(
     information = full[np.ix_(inside, inside)]
     scores = scores[:, free]
     covariance, positive = _inverse(information)
-    sandwich = covariance @ (scores.T @ scores) @ covariance
+    # a prior is as good as another measurement, whose information is its curvature
+    varied = scores.T @ scores + np.diag(curvatures(hyperparameters, alpha)[free])
+    sandwich = covariance @ varied @ covariance
     gradient = scores.sum(axis=0)
+    if here.prior_score is not None:
+        gradient = gradient + here.prior_score[free]
     nothing = np.full(alpha.size, np.nan)
     standard_error, sandwich_error = nothing.copy(), nothing.copy()
     standard_error[free] = np.sqrt(np.diag(covariance))

@@ -6,11 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from aleator.errors import InputsError
+from aleator.laws.prior import Prior
 from aleator.types import Array
+
+if TYPE_CHECKING:
+    from aleator.laws.law import Law
 
 
 @dataclass(frozen=True)
@@ -18,15 +23,17 @@ class Free:
     """A hyperparameter to be identified between `lower` and `upper`, searched from `start`.
 
     A limit left as None is the law's own default, which needs a finite box. Both limits carry
-    the hyperparameter's unit.
+    the hyperparameter's unit. `prior` is a law with known values that says what is believed of it
+    beforehand; without one it is flat between the limits.
 
     >>> Free(0.5, 1.5, start=1.0)
-    Free(lower=0.5, upper=1.5, start=1.0)
+    Free(lower=0.5, upper=1.5, start=1.0, prior=None)
     """
 
     lower: float | None = None
     upper: float | None = None
     start: float | None = None
+    prior: Law | None = None
 
 
 @dataclass(frozen=True, init=False)
@@ -91,7 +98,8 @@ class Hyperparameter:
 
     `log` tells the search to look at it on a logarithmic scale, as for a standard deviation.
     `by` is the formula of covariates that it stands for, until a table gives its coefficients.
-    The search looks at it together with what stands `beside` it.
+    The search looks at it together with what stands `beside` it. `prior` is what is believed of it
+    beforehand; None is a flat one.
     """
 
     name: str
@@ -102,6 +110,7 @@ class Hyperparameter:
     log: bool = False
     by: By | None = None
     beside: Beside | None = None
+    prior: Prior | None = None
 
     @property
     def reaches_zero(self) -> bool:
@@ -126,7 +135,7 @@ def resolve(
     A positive one may have zero as its lower limit where `least` is given: the share of the upper
     limit that stands for it, because at zero itself there is no density.
     Raises InputsError where a limit is missing, not finite, out of order, or not positive although
-    it must be, and where the start lies outside the limits.
+    it must be, where the start lies outside the limits, and for a prior that cannot be used.
     """
     if not isinstance(specification, Free):
         if not isinstance(specification, Real):
@@ -166,7 +175,9 @@ def resolve(
         "move the start between the limits",
     )
     by = specification if isinstance(specification, By) else None
-    return Hyperparameter(name, lower, upper, start, free=True, log=positive, by=by)
+    law = specification.prior
+    prior = None if law is None else Prior.of(law, name, lower, upper)
+    return Hyperparameter(name, lower, upper, start, free=True, log=positive, by=by, prior=prior)
 
 
 def location_and_scale(

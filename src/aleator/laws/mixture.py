@@ -171,7 +171,8 @@ class Mixture(QuantileLaw):
     @cached_property
     def exchangeable(self) -> bool:
         """Whether the components are equal but for their order, which is then arbitrary."""
-        free = all(h.free and h.lower <= LEAST for h in self.hyperparameters[self.parts[-1]])
+        shares = self.hyperparameters[self.parts[-1]]
+        free = all(h.free and h.lower <= LEAST and h.prior is None for h in shares)
         return free and all(law == self.components[0] for law in self.components)
 
     def ordered(self, values: Array) -> Array:

@@ -107,7 +107,8 @@ def exact_movement(problem: Problem, alpha: Array) -> float:
     assert found.scores is not None
     inside = [h.free and h.lower < a < h.upper
               for h, a in zip(exact.hyperparameters, alpha, strict=True)]  # fmt: skip
-    step = scoring_step(found.scores[:, inside])
+    prior = None if found.prior_score is None else found.prior_score[inside]
+    step = scoring_step(found.scores[:, inside], prior)
     return 0.0 if step is None else float(np.max(np.abs(step.in_standard_errors)))
 
 

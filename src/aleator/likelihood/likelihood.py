@@ -1,6 +1,6 @@
 """Log-likelihood of alpha and its exact score.
 
-log L(alpha) = sum_l log f_Yl(y_l | alpha)   (paper, eq. (MLE)).
+log L(alpha) = sum_l log f_Yl(y_l | alpha)   (paper, eq. (MLE)), and log priors where given.
 A predictive distribution and data: it never sees a simulator.
 """
 
@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.laws import Hyperparameter
+from aleator.laws.prior import log_prior
 from aleator.likelihood.predictive import Predictive
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
@@ -35,12 +36,14 @@ class Likelihood:
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood with its exact score; outside a support the score leads back to it."""
         fitted, smooth = self.predictive.scored(alpha, self.outcomes)
-        return replace(smooth, each=fitted.log_pdf(self.outcomes))
+        honest = replace(smooth, each=fitted.log_pdf(self.outcomes))
+        return honest.believed(self.hyperparameters, alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood without its score, at about a third of the cost."""
         fitted = self.predictive.fitted(alpha)
-        return LogLikelihood(fitted.log_pdf(self.outcomes), None, fitted.status)
+        found = LogLikelihood(fitted.log_pdf(self.outcomes), None, fitted.status)
+        return found.believed(self.hyperparameters, alpha)
 
     @property
     def continued(self) -> Continued:
@@ -65,8 +68,12 @@ class Continued:
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The continued log-likelihood at alpha (K,) with its score."""
-        return self.likelihood.predictive.scored(alpha, self.likelihood.outcomes)[1]
+        found = self.likelihood.predictive.scored(alpha, self.likelihood.outcomes)[1]
+        return found.believed(self.likelihood.hyperparameters, alpha)
 
     def values(self, alphas: Array) -> Array:
         """The continued totals (A,) at alphas (A, K), without scores."""
-        return self.likelihood.predictive.continued(np.asarray(alphas), self.likelihood.outcomes)
+        own = self.likelihood
+        totals = own.predictive.continued(np.asarray(alphas), own.outcomes)
+        priors = [log_prior(own.hyperparameters, alpha) for alpha in alphas]
+        return np.asarray(totals + np.array(priors))

@@ -25,13 +25,13 @@ class ScoringStep:
         return np.asarray(self.step / np.sqrt(np.diag(self.inverse)))
 
 
-def scoring_step(scores: Array) -> ScoringStep | None:
+def scoring_step(scores: Array, prior: Array | None = None) -> ScoringStep | None:
     """The step J^-1 s of the scores s_l (N, F) of N experiments: s = sum s_l, J = sum s_l s_l'.
 
     J is the information by outer products (Berndt, Hall, Hall and Hausman, 1974). It holds where
     the observed information does not: far from the maximum, and with a density that is far off. A
-    step tells sign and size of a small movement, and of a large one only that it is large. None
-    where J is not of full rank. Cost O(N F^2).
+    step tells sign and size of a small movement, and of a large one only that it is large. The
+    score of a `prior` (F,) adds to s. None where J is not of full rank. Cost O(N F^2).
 
     >>> found = scoring_step(np.array([[1.0], [-1.0], [1.0], [0.0]]))
     >>> found.step.round(6).tolist(), found.in_standard_errors.round(6).tolist()
@@ -44,4 +44,5 @@ def scoring_step(scores: Array) -> ScoringStep | None:
     if values[0] < SMALLEST:
         return None
     inverse = (vectors / values) @ vectors.T / np.outer(size, size)
-    return ScoringStep(inverse @ scores.sum(axis=0), inverse)
+    whole = scores.sum(axis=0)
+    return ScoringStep(inverse @ (whole if prior is None else whole + prior), inverse)

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from aleator.report.rows import Rows
 from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import NONE, number
+from aleator.tasks.results.printed import NONE, number, principle
 
 Result = Mapping[str, Any]
 WORST = 3
@@ -29,7 +29,7 @@ def opening(result: Result) -> str:
     bounded = sum(entry["lower"] is None or entry["lower"] != entry["upper"] for entry in seen)
     known = f" ({bounded:,} of them bounds only)" if bounded else ""
     return (
-        f"{len(seen):,} observations{known}, by maximum likelihood: integral over individual "
+        f"{len(seen):,} observations{known}, {principle(result)}: integral over individual "
         f"parameters, {_simulated(result)}"
     )
 

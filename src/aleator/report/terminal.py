@@ -18,6 +18,7 @@ from aleator.tasks.results.printed import (
     NONE,
     alpha_rows,
     number,
+    principle,
     remedies,
     second_verdict,
     to_three,
@@ -98,7 +99,7 @@ def _opening(result: Result) -> RenderableType:
     way = (
         f" with {individual.opening(result)}"
         if individual.is_individual(result)
-        else f" by maximum likelihood: {_words(result.get('density'))} density, propagation by "
+        else f" {principle(result)}: {_words(result.get('density'))} density, propagation by "
         f"{_words(result.get('propagation'))}"
     )
     return Group(
@@ -171,6 +172,9 @@ def _values(result: Result) -> Iterator[tuple[str, str, str]]:
     how = "" if individual.is_individual(result) else "by the densities at alpha"
     yield "estimated", to_three(found.get("estimated")), how
     yield from individual.likelihoods(result)
+    if found.get("log_prior") is not None:
+        what = "of alpha; the sum of both was maximized, and intervals are by its profile"
+        yield "log prior", to_three(found["log_prior"]), what
     if found.get("verified") is not None:
         error = number(found.get("verified_standard_error"), 2)
         by = "a few runs of" if individual.is_individual(result) else "Monte Carlo on"

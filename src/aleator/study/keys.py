@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any, Self
 
 from pydantic import (
@@ -12,6 +13,7 @@ from pydantic import (
     Discriminator,
     Field,
     FiniteFloat,
+    PlainValidator,
     Tag,
     model_validator,
 )
@@ -46,12 +48,23 @@ class Section(BaseModel):
         return {key: getattr(self, key) for key in self.model_fields_set if key not in leave_out}
 
 
+def _law(value: Any) -> Any:
+    """A law by its keys; the table of laws is made with these sections, and therefore later."""
+    from aleator.study.laws import LAWS
+
+    return LAWS.read(value)
+
+
 class FreeSection(Section):
-    """A hyperparameter to be identified: `{lower = 0.5, upper = 1.4, start = 1.0}`."""
+    """A hyperparameter to be identified: `{lower = 0.5, upper = 1.4, start = 1.0}`.
+
+    `prior` is a law with numbers as its keys: `prior = {law = "normal", mean = 1.0, sd = 0.1}`.
+    """
 
     lower: FiniteFloat | None = None
     upper: FiniteFloat | None = None
     start: FiniteFloat | None = None
+    prior: Annotated[Any, PlainValidator(_law)] = None
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -132,6 +145,17 @@ class FormulaSection(FreeSection):
     formula: Annotated[str, AfterValidator(_not_long)]
     terms: dict[str, Spec] = Field(default_factory=dict)
 
+    @model_validator(mode="after")
+    def _no_prior(self) -> Self:
+        if self.prior is not None:
+            raise fault(
+                "a formula has no prior",
+                "give one to its coefficients: terms = {NAME = {lower = ..., upper = ..., "
+                "prior = {...}}}",
+                "prior",
+            )
+        return self
+
 
 def _formula(text: str) -> str:
     try:
@@ -164,7 +188,7 @@ def specification(spec: FiniteFloat | str | FreeSection) -> Specification:
     """A number fixes a hyperparameter, a table frees it within its limits, a text is a formula.
 
     >>> specification(FreeSection(lower=0.0, upper=1.0))
-    Free(lower=0.0, upper=1.0, start=None)
+    Free(lower=0.0, upper=1.0, start=None, prior=None)
     >>> specification("1 + temperature").formula
     '1 + temperature'
     """
@@ -173,4 +197,7 @@ def specification(spec: FiniteFloat | str | FreeSection) -> Specification:
     if isinstance(spec, FormulaSection):
         terms = {name: specification(term) for name, term in spec.terms.items()}
         return By(spec.formula, spec.lower, spec.upper, spec.start, terms)
-    return Free(spec.lower, spec.upper, spec.start) if isinstance(spec, FreeSection) else spec
+    if not isinstance(spec, FreeSection):
+        return spec
+    prior = None if spec.prior is None else spec.prior.build(Path())
+    return Free(spec.lower, spec.upper, spec.start, prior)

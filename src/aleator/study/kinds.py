@@ -69,7 +69,7 @@ class Kinds(Generic[T]):
     >>> laws = Kinds("aleator.laws", "law", {"normal": Normal})
     >>> chosen = laws.read({"law": "normal", "mean": {"lower": 0.0, "upper": 1.0}, "sd": 0.1})
     >>> chosen.build(Path())
-    Normal(mean=Free(lower=0.0, upper=1.0, start=None), sd=0.1)
+    Normal(mean=Free(lower=0.0, upper=1.0, start=None, prior=None), sd=0.1)
     """
 
     group: str

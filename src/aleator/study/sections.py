@@ -71,7 +71,7 @@ def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
 
     >>> from aleator.study.keys import FreeSection
     >>> pairs({"a": {"b": 0.5, "c": FreeSection()}})
-    {('a', 'b'): 0.5, ('a', 'c'): Free(lower=None, upper=None, start=None)}
+    {('a', 'b'): 0.5, ('a', 'c'): Free(lower=None, upper=None, start=None, prior=None)}
     """
     own = {
         (a, b): specification(s)

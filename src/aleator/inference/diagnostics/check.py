@@ -12,6 +12,7 @@ from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.information import Inference
 from aleator.inference.verification import FEW_SAMPLES, Movement, Verification, movement
 from aleator.laws import Hyperparameter
+from aleator.laws.prior import prior_score
 from aleator.likelihood.policy import density_remedy
 from aleator.likelihood.problem import Problem
 from aleator.search.value import LogLikelihood
@@ -93,7 +94,8 @@ def notes(
         return []
     step = None
     if told and checked.score is not None:
-        step = movement(checked.score, inference.free, inference.standard_error)
+        prior = prior_score(problem.model.hyperparameters, alpha)
+        step = movement(checked.score, inference.free, inference.standard_error, prior)
     return [
         *_unseen(checked, inference, problem, alpha, ids),
         *_total(honest, checked, step, problem),

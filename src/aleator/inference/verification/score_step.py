@@ -23,19 +23,23 @@ class Movement:
     error: Array
 
 
-def movement(score: Score, free: NDArray[np.intp], standard_error: Array) -> Movement | None:
+def movement(
+    score: Score, free: NDArray[np.intp], standard_error: Array, prior: Array | None = None
+) -> Movement | None:
     """The scoring step of the checked scores in the hyperparameters `free` (F,).
 
     Where the density that was identified with is far off, its observed information is too: on
     stochastic frontiers a step of 2.5 where the maximum was 1.1 standard errors away, and 0.9 by
-    outer products. None where no step is to be had or a standard error (K,) is not known.
+    outer products. The score (K,) of a `prior` adds to theirs. None where no step is to be had or
+    a standard error (K,) is not known.
 
     >>> scores = np.array([[1.0], [-1.0], [1.0], [0.0]])
     >>> found = movement(Score(scores, np.zeros((1, 1))), np.array([0]), np.array([0.5]))
     >>> found.step.round(6).tolist()
     [0.666667]
     """
-    scale, found = standard_error[free], scoring_step(score.each[:, free])
+    scale = standard_error[free]
+    found = scoring_step(score.each[:, free], None if prior is None else prior[free])
     if found is None or not np.all(np.isfinite(scale)):
         return None
     variance = np.diag(found.inverse @ score.covariance[np.ix_(free, free)] @ found.inverse)

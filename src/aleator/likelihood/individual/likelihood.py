@@ -93,7 +93,8 @@ class IndividualLikelihood:
             found = self.at(alpha, block, self.nodes.xi[part])
             each[part], share = mean_of(found.sums + self.nodes.log_weight[part])
             scores[part] = found.scores(share)
-        return LogLikelihood(each, scores, _status(each))
+        value = LogLikelihood(each, scores, _status(each))
+        return value.believed(self.hyperparameters, alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The value at alpha without its score, nodes held."""
@@ -102,7 +103,8 @@ class IndividualLikelihood:
             part = block.experiments
             sums = self.sums(alpha, block, self.nodes.xi[part])
             each[part] = mean_of(sums + self.nodes.log_weight[part])[0]
-        return LogLikelihood(each, None, _status(each))
+        value = LogLikelihood(each, None, _status(each))
+        return value.believed(self.hyperparameters, alpha)
 
     def values(self, alphas: Array) -> Array:
         """The totals (A,) at alphas (A, K), nodes held."""

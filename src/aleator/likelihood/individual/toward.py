@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aleator.laws.prior import log_prior
 from aleator.types import Array, Flags
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def toward(likelihood: IndividualLikelihood, alpha: Array) -> tuple[float, Array
     center, spread = _laws(inputs, alpha, likelihood.count)
     mean, square = np.full(center.shape, np.nan), np.full(center.shape, np.nan)
     slope, count = np.zeros(len(errors.hyperparameters)), np.zeros(len(errors.hyperparameters))
-    value = 0.0
+    value = log_prior(likelihood.hyperparameters, alpha)
     for block in likelihood.blocks:
         part = block.experiments
         each, share, individual, terms = likelihood.weighed(alpha, block)

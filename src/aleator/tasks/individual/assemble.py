@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,7 @@ from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.summary import (
     estimates_of,
     parameter_correlations_of,
+    prior_of,
     search_of,
     versions,
 )
@@ -72,7 +74,9 @@ def assembled(
     names = inputs.names
     return Identification(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
-        log_likelihood=_log_likelihood(at.total, check),
+        log_likelihood=replace(
+            _log_likelihood(at.likelihood, check), log_prior=prior_of(at, hyperparameters)
+        ),
         density="individual_integral",
         propagation=DIRECT if answer.surfaces is None else "response_surface",
         sound=sound and not lost and not differing,

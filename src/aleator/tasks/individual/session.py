@@ -95,7 +95,7 @@ class IndividualSession:
         """The log-likelihood at alpha with nodes adapted there; what is not named is as it was."""
         fit = kept(self.fit)
         at = given_values(alpha, values, self.hyperparameters)
-        return fit.likelihood.adapted(at).evaluate(at).total
+        return fit.likelihood.adapted(at).evaluate(at).likelihood
 
     def predict(
         self,

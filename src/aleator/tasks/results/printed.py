@@ -204,9 +204,17 @@ def _head(document: Document) -> str:
     )
 
 
+def principle(document: Document) -> str:
+    """By what alpha was found: the maximum of the likelihood, or with priors of the posterior."""
+    prior = document["log_likelihood"].get("log_prior")
+    return "by maximum likelihood" if prior is None else "by maximum a posteriori"
+
+
 def _likelihood(document: Document) -> str:
     found = document["log_likelihood"]
     line = f"log-likelihood {to_three(found['estimated'])}"
+    if (prior := found.get("log_prior")) is not None:
+        line += f", log prior {to_three(prior)} (maximum a posteriori)"
     if found["verified"] is None:
         return line
     error = number(found["verified_standard_error"], 2)

@@ -154,7 +154,7 @@ class OutcomeSession:
         """The honest log-likelihood at alpha; what is not named has these values."""
         fit = kept(self.fit)
         at = given_values(alpha, values, fit.hyperparameters)
-        return fit.problem.likelihood.evaluate(at).total
+        return fit.problem.likelihood.evaluate(at).likelihood
 
 
 def given_values(

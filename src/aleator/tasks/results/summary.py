@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import metadata
 from itertools import combinations
 from typing import Any
@@ -19,6 +20,7 @@ from aleator.inference.profile import Profile
 from aleator.inference.verification import Verification
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
+from aleator.laws.prior import has_prior
 from aleator.likelihood.comparison import density_distances
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
@@ -76,7 +78,9 @@ def assemble(
     )
     return Identification(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
-        log_likelihood=_log_likelihood(honest, checked),
+        log_likelihood=replace(
+            _log_likelihood(honest, checked), log_prior=prior_of(honest, hyperparameters)
+        ),
         density=problem.model.density.name,
         propagation=problem.name,
         sound=sound,
@@ -107,16 +111,21 @@ def assemble(
 
 def _log_likelihood(honest: LogLikelihood, checked: Verification | None) -> LogLikelihoodReport:
     if checked is None:
-        return LogLikelihoodReport(honest.total, None, None)
+        return LogLikelihoodReport(honest.likelihood, None, None)
     if np.all(checked.reached):
-        return LogLikelihoodReport(honest.total, checked.total, checked.standard_error)
+        return LogLikelihoodReport(honest.likelihood, checked.total, checked.standard_error)
     reached = {
         "experiments": int(checked.reached.sum()),
         "estimated": float(honest.each[checked.reached].sum()),
         "verified": checked.total,
         "standard_error": checked.standard_error,
     }
-    return LogLikelihoodReport(honest.total, None, None, reached)
+    return LogLikelihoodReport(honest.likelihood, None, None, reached)
+
+
+def prior_of(at: LogLikelihood, hyperparameters: Sequence[Hyperparameter]) -> float | None:
+    """The log prior of an answer; None where no hyperparameter has one."""
+    return at.prior if has_prior(hyperparameters) else None
 
 
 def experiment_reports(

@@ -50,17 +50,19 @@ class ParameterCorrelation:
 
 @dataclass(frozen=True)
 class LogLikelihoodReport:
-    """The maximum as `estimated` by the densities and as `verified` on the simulator itself.
+    """The log-likelihood as `estimated` by the densities and as `verified` on the simulator itself.
 
     `verified` is None without a check, and where it did not reach every experiment: `reached` has
     then the number of `experiments` that it did, and their sum as `estimated`, `verified` and
-    `standard_error`.
+    `standard_error`. `log_prior` is that of the priors, where a hyperparameter has one: the sum of
+    both is what was maximized.
     """
 
     estimated: float
     verified: float | None
     verified_standard_error: float | None
     reached: Mapping[str, float] | None = None
+    log_prior: float | None = None
 
 
 @dataclass(frozen=True)
