@@ -59,9 +59,11 @@ if TYPE_CHECKING:
     from aleator.tasks.compare import compare as compare
     from aleator.tasks.identify import identify as identify
     from aleator.tasks.next_experiment import next_experiments as next_experiments
+    from aleator.tasks.posterior import posterior as posterior
     from aleator.tasks.predict import predict as predict
     from aleator.tasks.recover import recover as recover
     from aleator.tasks.results.identification import Identification as Identification
+    from aleator.tasks.results.posterior import Posterior as Posterior
     from aleator.tasks.results.saved import load as load
     from aleator.tasks.screen import screen as screen
     from aleator.tasks.wanted import Predicted as Predicted
@@ -72,6 +74,8 @@ _HOMES = {
     "tasks.results.identification": ["Identification"],
     "tasks.results.saved": ["load"],
     "tasks.predict": ["predict"],
+    "tasks.posterior": ["posterior"],
+    "tasks.results.posterior": ["Posterior"],
     "tasks.recover": ["recover"],
     "tasks.next_experiment": ["next_experiments"],
     "tasks.wanted": ["Predicted"],

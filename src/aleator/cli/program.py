@@ -24,6 +24,8 @@ COMMANDS = {
     "predict": "Predict the outcome's distribution for conditions that were never tested.",
     "compare": "Tell which of several models of the same experiments is to be believed.",
     "next": "Tell which experiments should be made next.",
+    "posterior": "Draw from the posterior of alpha: what experiments and priors say of it "
+    "together.",
     "recover": "Check that the method finds a law that is known.",
     "sensitivity": "Tell which parameters deserve a law: whose scatter moves the outcome, and "
     "whose acts alike.",

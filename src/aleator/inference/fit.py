@@ -66,6 +66,12 @@ class Fit(Protocol):
     def objective(self) -> Callable[[Array], LogLikelihood]:
         """The same as a function of alpha, which a search or a sampler may climb."""
 
+    def honest(self) -> Callable[[Array], LogLikelihood]:
+        """The same for a sampler: a function of alpha alone, minus infinity outside a support."""
+
+    def more_nodes(self, alpha: Array) -> float:
+        """What more nodes change of the log-likelihood at alpha; zero where there are no more."""
+
     def probabilities(self, points: int | None = None) -> Array:
         """P(below what was measured | earlier ones of the same experiment, alpha) (M,).
 

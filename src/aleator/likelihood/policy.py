@@ -43,7 +43,8 @@ def quadrature_gap(problem: Problem, alpha: Array) -> float:
     if way is None:
         return 0.0
     more = replace(problem, predictive=replace(problem.predictive, propagation=way))
-    return more.likelihood.evaluate(alpha).total - problem.likelihood.evaluate(alpha).total
+    found = problem.likelihood.evaluate(alpha).likelihood
+    return more.likelihood.evaluate(alpha).likelihood - found
 
 
 def nodes_remedy(problem: Problem) -> str:

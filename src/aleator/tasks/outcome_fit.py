@@ -15,6 +15,7 @@ from aleator.inference.fit import SPAN
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.policy import quadrature_gap
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Observations
@@ -66,6 +67,14 @@ class OutcomeFit:
     def objective(self) -> Callable[[Array], LogLikelihood]:
         """The continued log-likelihood."""
         return self.problem.objective
+
+    def honest(self) -> Callable[[Array], LogLikelihood]:
+        """The log-likelihood itself."""
+        return self.problem.likelihood
+
+    def more_nodes(self, alpha: Array) -> float:
+        """With half as many nodes again; zero for collocation, where nodes cost runs."""
+        return quadrature_gap(self.problem, alpha)
 
     def probabilities(self, points: int | None = None) -> Array:  # noqa: ARG002  see `Fit`
         """P(below the outcome | alpha), (N,)."""

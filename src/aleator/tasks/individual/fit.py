@@ -68,6 +68,23 @@ class IndividualFit:
         one = self.likelihood.rule.centers == 1
         return self.likelihood.continued if one else self.likelihood.__call__
 
+    def honest(self) -> Callable[[Array], LogLikelihood]:
+        """With nodes adapted to each alpha, from those here; importance points are held."""
+        here = self.likelihood
+        if here.rule.centers > 1 or not here.inputs.scattering:
+            return here.__call__
+        return lambda alpha: here.adapted(alpha)(alpha)
+
+    def more_nodes(self, alpha: Array) -> float:
+        """By the finest of the rules that tell how exact this one is, adapted to alpha."""
+        here, s = self.likelihood, self.likelihood.inputs.scattering
+        finer = here.rule.finer(s) if s else ()
+        if not finer:
+            return 0.0
+        most = max(finer, key=lambda rule: rule.size(s))
+        more = here.by(most, alpha).evaluate(alpha).likelihood
+        return more - self.honest()(alpha).likelihood
+
     def probabilities(self, points: int | None = None) -> Array:
         """Of each observation given the earlier ones of its experiment, (M,)."""
         seen, points = self.table.observations, points or PROBABLE
