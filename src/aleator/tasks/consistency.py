@@ -22,6 +22,8 @@ FEWEST = 5
 """Observations below which nothing is tested."""
 STAGES = ((40, 0.001, 0.3), (100, 0.01, 0.12), (200, 0.0, 0.0))
 """So many replicates are enough where p is then below the one or above the other."""
+OBSERVATIONS, LEAST = 100_000, 20
+"""Observations of all replicates at most, and replicates at least."""
 LOST = 0.1
 """Share of probabilities or replicates that may be missing."""
 SHOWN = 3
@@ -50,7 +52,8 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
     with np.errstate(all="ignore"):
         statistics = battery.values(observed)
         source = replicated(fit, battery, np.random.default_rng([seed, 11]))
-        found = _enough(battery, statistics, source, progress)
+        most = max(LEAST, OBSERVATIONS // observed.known.size)
+        found = _enough(battery, statistics, source, most, progress)
     if found is None:
         return Consistency.untested("too many replicates of the experiments have no statistics")
     against = sorted((t for t in found.tests if t.corrected < LEVEL), key=lambda t: t.corrected)
@@ -73,11 +76,12 @@ def _prevented(observed: Residuals) -> str | None:
 
 
 def _enough(
-    battery: Battery, statistics: Array, source: Iterator[Array], progress: Progress
+    battery: Battery, statistics: Array, source: Iterator[Array], most: int, progress: Progress
 ) -> Judged | None:
     replicates: list[Array] = []
     made, found = 0, None
-    for count, low, high in STAGES:
+    for stage, low, high in STAGES:
+        count = min(stage, most)
         for values in islice(source, count - made):
             made += 1
             progress.update(f"replicate {made} of {count}", made, count)
@@ -86,7 +90,7 @@ def _enough(
         if len(replicates) < (1.0 - LOST) * made:
             return None
         found = judged(battery.subjects, statistics, np.array(replicates))
-        if found.together < low or found.together > high:
+        if count == most or found.together < low or found.together > high:
             break
     return found
 

@@ -126,8 +126,13 @@ def _judged(found: Identification, ledger: Ledger) -> Identification:
     """The identification with its second verdict."""
     with ledger.stage("consistency"):
         consistency = consistency_of(found.fit, found.sound, found.seed, ledger.progress)
-    seconds = {**ledger.seconds, "total": sum(ledger.seconds.values())}
-    return replace(found, consistency=consistency, seconds=seconds, runs_by_stage=dict(ledger.runs))
+    return replace(
+        found,
+        consistency=consistency,
+        runs=sum(ledger.runs.values()),
+        runs_by_stage=dict(ledger.runs),
+        seconds={**ledger.seconds, "total": sum(ledger.seconds.values())},
+    )
 
 
 def _verified(

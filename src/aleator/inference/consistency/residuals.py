@@ -12,8 +12,8 @@ from aleator.types import Array, Flags
 
 NEAREST = 1e-15
 """Probabilities stay so far from zero and one: normal scores stay below eight."""
-POINTS = 256
-"""Points of each experiment by which its probabilities are computed."""
+VALUES, FEWEST, POINTS = 200_000, 64, 256
+"""Simulated values by which all probabilities are computed; points of each, fewest and most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,8 @@ class Residuals:
 
 def residuals_of(fit: Fit) -> Residuals:
     """The residuals of a fit; one evaluation of its probabilities and one of its scores."""
-    u = fit.probabilities(POINTS)
+    count = len(fit.table.observations)
+    u = fit.probabilities(int(np.clip(VALUES // count, FEWEST, POINTS)))
     known = np.isfinite(u)
     inside = np.clip(np.where(known, u, 0.5), NEAREST, 1.0 - NEAREST)
     scores = fit.scored().scores
