@@ -81,7 +81,8 @@ def test_the_law_is_the_identified_normal_law(found: Identification) -> None:
 
 
 def test_predictions_need_nothing_again(found: Identification) -> None:
-    table = found.predict(pd.DataFrame({"load": [10.0, 20.0]}), quantiles=(0.1, 0.9))
+    new = pd.DataFrame({"load": [10.0, 20.0]})
+    table = found.predict(new, quantiles=(0.1, 0.9), uncertainty=False)
     mean, sd = found.values
     assert table["mean"].to_numpy() == pytest.approx([10 * mean, 20 * mean])
     assert table["standard_deviation"].to_numpy() == pytest.approx([10 * sd, 20 * sd], rel=1e-3)

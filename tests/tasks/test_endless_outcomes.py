@@ -30,7 +30,7 @@ def test_a_prediction_is_infinite_where_the_law_is(found: Identification) -> Non
     """Of the lives that end those below y are Phi((y - mean)/sd) of all, but for the noise."""
     mean, sd = found.values["x.mean"], found.values["x.sd"]
     ends = stats.norm.cdf(0.5, mean, sd)
-    told = found.predict(pd.DataFrame({"row": [1]}), noise=False).iloc[0]
+    told = found.predict(pd.DataFrame({"row": [1]}), noise=False, uncertainty=False).iloc[0]
     assert told["status"] == "solved"
     assert told["mean"] == np.inf
     assert np.isnan(told["standard_deviation"])
@@ -46,3 +46,11 @@ def test_an_infinite_prediction_comes_back_from_a_file(found: Identification, tm
     predicted = np.array([o.predicted for o in found.observations])
     np.testing.assert_array_equal(np.isposinf(predicted), X >= 0.5)
     np.testing.assert_array_equal([o.predicted for o in again.observations], predicted)
+
+
+def test_with_the_uncertainty_of_alpha_it_is_infinite_where_a_quarter_ends_later(found) -> None:
+    told = found.predict(pd.DataFrame({"row": [1]}), noise=False).iloc[0]
+    assert told["mean"] == np.inf
+    assert told["q0.975"] == told["q0.975.lower"] == told["q0.975.upper"] == np.inf
+    assert np.all(np.isfinite(told[["q0.25", "q0.25.lower", "q0.25.upper"]].to_numpy(float)))
+    assert told["q0.25.lower"] < told["q0.25"] < told["q0.25.upper"]

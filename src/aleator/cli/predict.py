@@ -15,19 +15,18 @@ from rich.console import Console
 from aleator.cli.running import FILE, RESULT, RunOptions, makes_runs, running
 from aleator.cli.showing import shown
 from aleator.errors import AleatorError, short
-from aleator.likelihood.model import Model
+from aleator.inference.decisions.alpha_draws import AlphaDraws, alpha_draws
 from aleator.observations.experiments import Conditions
-from aleator.observations.transform import Transform
-from aleator.progress import Progress
 from aleator.report import terminal
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.decide.known import estimated
 from aleator.tasks.individual.session import OWN, session_of
-from aleator.tasks.predict import predict as predict_outcomes
 from aleator.tasks.results import documents
 from aleator.tasks.results.printed import number
-from aleator.tasks.results.values import QUANTILES
+from aleator.tasks.results.session import OutcomeSession, Session
+from aleator.tasks.results.values import QUANTILES, in_order
 from aleator.types import Indices
 
 
@@ -55,6 +54,11 @@ from aleator.types import Indices
     help="Predict further measurements of this experiment, or of those that a column names.",
 )
 @click.option("--no-noise", is_flag=True, help="Predict what is simulated, without errors.")
+@click.option(
+    "--no-uncertainty",
+    is_flag=True,
+    help="Take alpha at its estimate, as if it were known exactly.",
+)
 @makes_runs
 def predict(
     identification: Path,
@@ -63,6 +67,7 @@ def predict(
     study: Path | None,
     of: str | None,
     no_noise: bool,
+    no_uncertainty: bool,
     options: RunOptions,
 ) -> None:
     """Predict the outcome's distribution for conditions that were never tested.
@@ -73,23 +78,30 @@ def predict(
     the logarithm. --output writes a file with the conditions, in which the quantiles are of the
     logarithm too.
 
+    The uncertainty of alpha is part of it: a mixture over laws that the experiments leave
+    plausible, by the intervals and correlations in IDENTIFICATION.json. The file has a 95 %
+    interval of each quantile, too. With --no-uncertainty alpha is taken at its estimate.
+
     Of experiments with several observations NEW.csv has a row for each prediction; rows with the
     same id are one new experiment. With --of they are further measurements of an experiment that
     was measured, under the law that its own observations leave of its parameters.
     """
     new, document = conditions.absolute(), documents.read_json(identification)
-    alpha = documents.estimates(document, identification)
     value = load_study(study or documents.study_file(document, identification))
     if value.sha256 != documents.study_entry(document).get("sha256"):
         click.echo(f"aleator: note: {value.file} has changed since the identification", err=True)
     table = value.read_conditions(Path(short(new)))
-    with running(value, options, table) as runner, shown(options.quiet) as progress:
-        progress.stage("prediction")
-        if document.get("observations"):
-            with running(value, options) if of else nullcontext() as measured:
-                found = _individual(value, document, alpha, table, runner, measured, of, no_noise)
-        else:
-            found = _of_outcomes(value, alpha, table, runner, of, no_noise, progress)
+    with (
+        running(value, options, table) as runner,
+        running(value, options) if of else nullcontext() as measured,
+        shown(options.quiet) as progress,
+    ):
+        session = _session(value, document, table, runner, measured, of)
+        draws = _draws(document, identification, session, no_uncertainty)
+        who = OWN if of is not None and of == value.table.id else of
+        found = session.predict(
+            table, draws, table.transform, QUANTILES, progress, who, not no_noise
+        )
     if output is not None:
         row = found["row"].to_numpy() - 1 if "row" in found else _rows_of(found, table)
         for name in reversed([name for name in table.conditions if name not in found]):
@@ -105,46 +117,22 @@ def predict(
             Console().print(terminal.render_predictions(part.to_dict("list"), name, transform))
 
 
-def _of_outcomes(
-    value: Study,
-    alpha: dict[str, float],
-    table: Conditions,
-    runner: Runner,
-    of: str | None,
-    no_noise: bool,
-    progress: Progress,
-) -> pd.DataFrame:
-    """Predictions of experiments with one outcome."""
-    if of is not None:
-        raise AleatorError(
-            f"--of {of}: one outcome says too little of the parameters of its experiment",
-            "predict new experiments: leave the option out",
-        )
-    noise = None if no_noise else value.one_noise
-    own = Model.of(value.inputs, noise, value.propagation, value.density).hyperparameters
-    return predict_outcomes(
-        runner,
-        table,
-        value.inputs,
-        {h.name: alpha[h.name] for h in own if h.name in alpha} if no_noise else alpha,
-        noise=noise,
-        propagation=value.propagation,
-        density=value.density,
-        progress=progress,
-    )
-
-
-def _individual(
+def _session(
     value: Study,
     document: Mapping[str, Any],
-    alpha: dict[str, float],
     table: Conditions,
     runner: Runner,
     measured: Runner | None,
     of: str | None,
-    no_noise: bool,
-) -> pd.DataFrame:
-    """Predictions by individual parameters; `measured` runs the experiments that were measured."""
+) -> Session:
+    """What predicts; `measured` runs the experiments that were measured."""
+    if not document.get("observations"):
+        if of is not None:
+            raise AleatorError(
+                f"--of {of}: one outcome says too little of the parameters of its experiment",
+                "predict new experiments: leave the option out",
+            )
+        return OutcomeSession(value.model, runner, None, value.experiments)
     surfaces = value.propagation
     if value.noise is None or not isinstance(surfaces, ResponseSurface):
         raise AleatorError(
@@ -155,12 +143,18 @@ def _individual(
     def made(asked: object) -> Runner:
         return runner if asked is table or measured is None else measured
 
-    of = OWN if of is not None and of == value.table.id else of
-    session = session_of(
-        document["propagation"], value.inputs, value.noise,
+    return session_of(
+        str(document.get("propagation")), value.inputs, value.noise,
         value.experiments.observations.responses, value.experiments, surfaces, made,
     )  # fmt: skip
-    return session.predict(table, alpha, Transform.NONE, QUANTILES, None, of, not no_noise)
+
+
+def _draws(document: Mapping[str, Any], file: Path, session: Session, known: bool) -> AlphaDraws:
+    """Plausible alphas by the document, or the estimate alone where it counts as known."""
+    alpha, hyperparameters = documents.uncertain(document, file), session.hyperparameters
+    if known:
+        return AlphaDraws.at(in_order(alpha, hyperparameters))
+    return alpha_draws(estimated(alpha, *documents.correlation(document, file), hyperparameters))
 
 
 def _rows_of(found: pd.DataFrame, table: Conditions) -> Indices:

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from aleator.errors import InputsError
+from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.errors import noise_hyperparameters
@@ -51,7 +52,8 @@ def predicted(
         _on_simulator(runner, inputs, alpha, len(conditions.ids)),
         propagation if isinstance(propagation, ResponseSurface) else ResponseSurface(),
     )  # fmt: skip
-    return session.predict(conditions, values, conditions.transform, quantiles, progress)
+    at = AlphaDraws.at(in_order(values, known))
+    return session.predict(conditions, at, conditions.transform, quantiles, progress)
 
 
 def _on_simulator(runner: Runner, inputs: Inputs, alpha: Array, experiments: int) -> bool:

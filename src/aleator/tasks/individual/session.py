@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from aleator.errors import InputsError, nearest
+from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Layout, Predictor
@@ -22,11 +23,13 @@ from aleator.observations.transform import Transform
 from aleator.progress import Progress
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.decide.forecast import Draws
+from aleator.tasks.decide.ground import Ground, Measured
+from aleator.tasks.decide.predictors import about, direct
+from aleator.tasks.decide.table import tabled
 from aleator.tasks.individual.fit import IndividualFit
-from aleator.tasks.individual.forecast import LOST, Draws, Forecast, forecast
 from aleator.tasks.individual.observed import varying_conditions
 from aleator.tasks.individual.population import draws
-from aleator.tasks.individual.predictors import about, direct
 from aleator.tasks.likely import likely_alphas
 from aleator.tasks.results.law import JointLaw
 from aleator.tasks.results.session import given_values, kept, missing
@@ -100,14 +103,28 @@ class IndividualSession:
     def predict(
         self,
         conditions: Conditions | pd.DataFrame,
-        values: Mapping[str, float | Estimate],
-        transform: Transform,  # noqa: ARG002  one interface for all sessions
+        plausible: AlphaDraws,
+        transform: Transform,
         quantiles: tuple[float, ...],
         progress: Progress | None,
         of: str | None = None,
         noise: bool = True,
     ) -> pd.DataFrame:
         """A row for each row of the conditions and response; see `Identification.predict`."""
+        ground = self.ground(conditions, plausible.estimate, transform, of, noise)
+        if progress is not None:
+            progress.stage("prediction")
+        return tabled(ground, plausible, quantiles, progress)
+
+    def ground(
+        self,
+        conditions: Conditions | pd.DataFrame,
+        alpha: Array,
+        transform: Transform,  # noqa: ARG002  one interface for all sessions
+        of: str | None = None,
+        noise: bool = True,
+    ) -> Ground:
+        """New experiments, or measured ones, and what makes their outcomes."""
         if self.runner is None:
             raise missing(
                 "a prediction needs the simulator",
@@ -115,22 +132,19 @@ class IndividualSession:
             )
         if isinstance(conditions, pd.DataFrame):
             conditions = Conditions.from_frame(conditions, responses=self.responses)
-        if progress is not None:
-            progress.stage("prediction")
-        alpha = in_order(values, self.hyperparameters)
-        runner = self.runner(conditions)
-        draws = self._draws(conditions, alpha, of)
-        seen = conditions.observations
-        layout = Layout(len(conditions.ids), seen.experiment, runner.unit, runner.column)
-        found = forecast(
-            draws,
-            self._predictor(runner, draws.x.reshape(-1, draws.x.shape[2])),
-            layout,
+        inputs, known = self.inputs, None if of is None else self._known(conditions, alpha, of)
+        if inputs.regressed and known is None:
+            inputs = inputs.resolved(covariates(conditions, inputs.covariates))
+        return Ground(
+            conditions,
+            inputs,
             MeasurementErrors.of(self.noise, conditions) if noise and self.noise else None,
-            alpha[self.inputs.size :],
-            np.array(quantiles),
+            self.runner(conditions),
+            self.on_simulator,
+            self.surfaces,
+            known,
+            self.table,
         )
-        return _framed(conditions, found, quantiles)
 
     def runner_on(self, conditions: Conditions) -> Runner:
         """Runs of the simulator, made here and kept in no store."""
@@ -164,26 +178,16 @@ class IndividualSession:
             return about(runner, box, x, self.surfaces)
         return direct(runner, box, np.stack([x.min(axis=0), x.max(axis=0)], axis=1))
 
-    def _draws(self, conditions: Conditions, alpha: Array, of: str | None) -> Draws:
-        """Of each new experiment, or of the measured one that it is said to be."""
-        count = len(conditions.ids)
-        if of is None:
-            inputs = self.inputs
-            if inputs.regressed:
-                inputs = inputs.resolved(covariates(conditions, inputs.covariates))
-            return Draws.new(inputs, alpha, count)
+    def _known(self, conditions: Conditions, alpha: Array, of: str) -> Measured:
+        """The measured experiments that the new ones are said to be."""
         if self.table is None:
             raise missing(
                 f"of '{of}': that needs the experiments that were measured",
                 "aleator.load(path, ..., experiments=...)",
             )
-        likelihood = self._adapted(self.table, alpha)
-        ids = _measured(self.table, conditions, of)
-        each = {
-            name: Draws.old(likelihood, alpha, self.table.ids.index(name))
-            for name in dict.fromkeys(ids)
-        }
-        return Draws.joined([each[name] for name in ids])
+        likelihood, ids = self._adapted(self.table, alpha), self.table.ids
+        which = [ids.index(name) for name in _measured(self.table, conditions, of)]
+        return Measured(likelihood, np.array(which, dtype=np.intp))
 
     def _adapted(self, table: Experiments, alpha: Array) -> IndividualLikelihood:
         """The likelihood of the measured experiments, made again where it was not kept."""
@@ -246,22 +250,6 @@ def runners(runner: Runner, table: Experiments) -> Runners:
         return Runner(runner.simulator, asked, runner.parameters, varying=varying)
 
     return of
-
-
-def _framed(conditions: Conditions, found: Forecast, quantiles: tuple[float, ...]) -> pd.DataFrame:
-    """The table in the order of the rows; the responses of a row one below the other."""
-    seen = conditions.observations
-    columns: dict[str, object] = {"id": [conditions.ids[l] for l in seen.experiment]}
-    if len(conditions.ids) < len(conditions.conditions):
-        columns["row"] = seen.row + 1
-    if len(seen.responses) > 1:
-        columns["response"] = [seen.responses[k].name for k in seen.response]
-    columns["mean"], columns["standard_deviation"] = found.mean, found.sd
-    columns["skewness"], columns["kurtosis"] = found.skewness, found.kurtosis
-    columns |= {f"q{p:g}": found.quantiles[:, i] for i, p in enumerate(quantiles)}
-    columns["status"] = np.where(found.lost > LOST, "runs_failed", "solved")
-    order = np.lexsort((seen.response, seen.row))
-    return pd.DataFrame(columns).iloc[order].reset_index(drop=True)
 
 
 def _text(cell: object) -> str:

@@ -19,7 +19,8 @@ from aleator.progress import Progress
 from aleator.search import SearchResult
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
-from aleator.surrogates.responses import Run, moving_parameters
+from aleator.surrogates.responses import moving_parameters
+from aleator.surrogates.sites import Sites
 from aleator.tasks.individual.population import (
     FAR,
     LIKELY,
@@ -54,46 +55,6 @@ WIDER = 1.2
 """Runs are placed so much farther out than the laws say."""
 SHRINK = 0.6
 """A region is narrowed only if that makes it smaller than this share of itself."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sites:
-    """The distinct values that surfaces are made of: `case` and `column` (U,) of each.
-
-    `unit` (U,) is a unit of each case, and `of` (M,) the site of each observation.
-    """
-
-    unit: Indices
-    column: Indices
-    of: Indices
-
-    @classmethod
-    def seen(cls, runner: Runner, unit: Indices, column: Indices) -> Sites:
-        """Those of observations that are values of these units (M,), in these columns (M,)."""
-        case = runner.cases.condition[unit]
-        pairs = np.stack([case, column], axis=1)
-        distinct, of = np.unique(pairs, axis=0, return_inverse=True)
-        return cls(runner.cases.first[distinct[:, 0]], distinct[:, 1], of.ravel())
-
-    def __len__(self) -> int:
-        return self.unit.size
-
-    def run(self, runner: Runner, region: Array) -> Run:
-        """`run(index (R,), x (R, moving)) -> (R,)` of the sites, NaN where a run fails."""
-        moving, known = moving_parameters(region), region[:, 0]
-
-        def run(index: Indices, x: Array) -> Array:
-            full = np.tile(known, (len(x), 1))
-            full[:, moving] = x
-            return np.asarray(
-                runner.values(self.unit[index], full)[np.arange(len(x)), self.column[index]]
-            )
-
-        return run
-
-    def together(self, members: Flags) -> Flags:
-        """With all sites of the units of some: the same runs give them their values."""
-        return np.isin(self.unit, self.unit[members])
 
 
 @dataclass(frozen=True, eq=False)

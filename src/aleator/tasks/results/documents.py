@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from aleator.errors import AleatorError, short
+from aleator.tasks.results.values import Estimate
 
 # What a reader looks for first comes first; keys that are not named here follow as they came.
 _ORDER = (
@@ -167,22 +168,64 @@ def read_json(path: str | Path) -> dict[str, Any]:
     return dict(document)
 
 
-def estimates(document: Mapping[str, Any], path: str | Path) -> dict[str, float]:
-    """The identified alpha of a document: name of the hyperparameter -> estimate.
+def uncertain(document: Mapping[str, Any], path: str | Path) -> dict[str, Estimate]:
+    """The identified alpha of a document: name of the hyperparameter -> estimate, with its errors.
 
-    Raises AleatorError where an estimate is missing.
+    Raises AleatorError where an estimate is missing, or an error or interval is no number.
 
-    >>> estimates({"alpha": {"x.mean": {"estimate": 1.5}}}, "identification.json")
-    {'x.mean': 1.5}
+    >>> uncertain({"alpha": {"x.mean": {"estimate": 1.5}}}, "identification.json")["x.mean"].fixed
+    False
     """
     try:
-        found = {name: _finite(entry["estimate"]) for name, entry in document["alpha"].items()}
+        return {name: _estimate(entry) for name, entry in document["alpha"].items()}
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise AleatorError(
             f"{path}: key 'alpha' does not hold an estimate for each hyperparameter",
             "run `aleator identify` again to write it anew",
         ) from None
-    return found
+
+
+def estimates(document: Mapping[str, Any], path: str | Path) -> dict[str, float]:
+    """The identified alpha of a document by name; raises AleatorError as `uncertain` does.
+
+    >>> estimates({"alpha": {"x.mean": {"estimate": 1.5}}}, "identification.json")
+    {'x.mean': 1.5}
+    """
+    return {name: entry.estimate for name, entry in uncertain(document, path).items()}
+
+
+def correlation(
+    document: Mapping[str, Any], path: str | Path
+) -> tuple[list[str], list[list[float]]]:
+    """The names (F,) of the estimates that have an error, and their correlations (F, F).
+
+    Raises AleatorError where they are not as they were written.
+    """
+    entry = document.get("correlation", {"names": [], "matrix": []})
+    try:
+        names = [str(name) for name in entry["names"]]
+        matrix = [[_finite(value) for value in row] for row in entry["matrix"]]
+        if [len(row) for row in matrix] != [len(names)] * len(names):
+            raise ValueError
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
+        raise AleatorError(
+            f"{path}: key 'correlation' does not hold a number for each pair of estimates",
+            "run `aleator identify` again to write it anew",
+        ) from None
+    return names, matrix
+
+
+def _estimate(entry: Mapping[str, Any]) -> Estimate:
+    """An estimate, of which only the value must be there."""
+    error, interval = entry.get("standard_error"), entry.get("interval")
+    return Estimate(
+        _finite(entry["estimate"]),
+        None if error is None else _finite(error),
+        None,
+        None if interval is None else (_finite(interval[0]), _finite(interval[1])),
+        None,
+        bool(entry.get("fixed", False)),
+    )
 
 
 def _finite(value: Any) -> float:

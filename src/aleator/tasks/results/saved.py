@@ -86,7 +86,9 @@ def load(
     else:
         if isinstance(noise, Mapping):
             raise InputsError(f"{path} was identified from one outcome", "give its one noise")
-        session = OutcomeSession(Model.of(inputs, noise, propagation, density), made, None)
+        session = OutcomeSession(
+            Model.of(inputs, noise, propagation, density), made, None, experiments
+        )
     try:
         in_order(found.alpha, session.hyperparameters)
     except InputsError as error:

@@ -11,13 +11,18 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from aleator.errors import AleatorError, InputsError
+from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.inference.fit import AnyFit, Fit
 from aleator.laws import Hyperparameter
 from aleator.likelihood.model import Model
-from aleator.observations.experiments import Conditions, unmeasured
+from aleator.observations.errors import MeasurementErrors
+from aleator.observations.experiments import Conditions, Experiments, unmeasured
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
 from aleator.simulators import Runner, Simulator, as_runner
+from aleator.surrogates import ResponseSurface
+from aleator.tasks.decide.ground import Ground
+from aleator.tasks.decide.table import tabled, tails
 from aleator.tasks.outcome import predicted
 from aleator.tasks.outcome_fit import OutcomeFit
 from aleator.tasks.refinement import under_law
@@ -55,14 +60,24 @@ class Session(Protocol):
     def predict(
         self,
         conditions: Conditions | pd.DataFrame,
-        values: Mapping[str, float | Estimate],
+        plausible: AlphaDraws,
         transform: Transform,
         quantiles: tuple[float, ...],
         progress: Progress | None,
         of: str | None = None,
         noise: bool = True,
     ) -> pd.DataFrame:
-        """The table of `Identification.predict`."""
+        """The table of `Identification.predict` under plausible alphas, or the estimate alone."""
+
+    def ground(
+        self,
+        conditions: Conditions | pd.DataFrame,
+        alpha: Array,
+        transform: Transform,
+        of: str | None = None,
+        noise: bool = True,
+    ) -> Ground:
+        """New experiments, or those `of` measured ones, and what makes their outcomes."""
 
     def runner_on(self, conditions: Conditions) -> Runner:
         """What makes the runs of other experiments, as that of the identification did."""
@@ -80,12 +95,14 @@ class Session(Protocol):
 class OutcomeSession:
     """Model, simulator, and the fit on the last surfaces; None for what is not at hand.
 
-    `model` holds the inputs, the noise and the choices of surfaces and density.
+    `model` holds the inputs, the noise and the choices of surfaces and density; `tested` are the
+    experiments where there is no fit that has them.
     """
 
     model: Model | None
-    simulator: Simulator | None
+    simulator: Runner | Simulator | None
     fit: OutcomeFit | None
+    tested: Experiments | None = None
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -106,32 +123,61 @@ class OutcomeSession:
     def predict(
         self,
         conditions: Conditions | pd.DataFrame,
-        values: Mapping[str, float | Estimate],
+        plausible: AlphaDraws,
         transform: Transform,
         quantiles: tuple[float, ...],
         progress: Progress | None,
         of: str | None = None,
         noise: bool = True,
     ) -> pd.DataFrame:
-        """The table of `aleator.predict`."""
+        """The table of `Identification.predict`; at the estimate alone by the study's density."""
+        ground = self.ground(conditions, plausible.estimate, transform, of, noise)
+        if progress is not None:
+            progress.stage("prediction")
+        if not plausible.certain:
+            return tabled(ground, plausible, quantiles, progress)
+        model, alpha = self.model, plausible.estimate
+        assert model is not None
+        if not noise:
+            inputs = model.inputs
+            model, alpha = Model.of(inputs, None, model.propagation), alpha[: inputs.size]
+        found = predicted(ground.runner, model, alpha, quantiles, progress)
+        status = found.pop("status")
+        for name, column in tails(ground).items():
+            found[name] = column
+        return found.assign(status=status)
+
+    def ground(
+        self,
+        conditions: Conditions | pd.DataFrame,
+        alpha: Array,  # noqa: ARG002  one interface for all sessions
+        transform: Transform,
+        of: str | None = None,
+        noise: bool = True,
+    ) -> Ground:
+        """New experiments, on surfaces."""
         if of is not None:
             raise InputsError(
                 f"of '{of}': one outcome says too little of the parameters of its experiment",
                 "predict new experiments: leave `of` out",
             )
-        if self.model is None or self.simulator is None:
+        model = self.model
+        if model is None or self.simulator is None:
             raise missing(
                 "a prediction needs the simulator and the inputs",
                 "aleator.load(path, simulator=..., inputs=..., noise=...)",
             )
         if isinstance(conditions, pd.DataFrame):
             conditions = Conditions.from_frame(conditions, transform=transform)
-        runner = as_runner(self.simulator, conditions, self.model.inputs.names)
-        model, alpha = self.model, in_order(values, self.model.hyperparameters)
-        if not noise:
-            inputs = model.inputs
-            model, alpha = Model.of(inputs, None, model.propagation), alpha[: inputs.size]
-        return predicted(runner, model, alpha, quantiles, progress)
+        return Ground(
+            conditions,
+            model.inputs,
+            MeasurementErrors.of(model.noise, conditions) if noise and model.noise else None,
+            as_runner(self.simulator, conditions, model.inputs.names),
+            False,
+            model.surfaces or ResponseSurface(),
+            tested=self.tested if self.fit is None else self.fit.table,
+        )
 
     def runner_on(self, conditions: Conditions) -> Runner:
         """Runs of the simulator, made here and kept in no store."""

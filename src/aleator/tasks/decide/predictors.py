@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from aleator.likelihood.individual import Direct, OnSurfaces, Predictor
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
 from aleator.surrogates.responses import moving_parameters
-from aleator.tasks.individual.population import around
-from aleator.tasks.individual.surfaces import Sites
+from aleator.surrogates.sites import Sites
+from aleator.tasks.region import padded
 from aleator.types import Array
 
 LEVEL = 0.02
 """Estimated error of a surface over the scatter of its outcome."""
+PAD = 0.05
+"""Share of its width by which a region is widened on either side."""
+LEAST = 1e-3
+"""Width of a region over that of the box, at least."""
 MOST = 512
 """Points of a law by which runs are placed and errors judged."""
 
@@ -24,10 +30,16 @@ def direct(runner: Runner, box: Array, region: Array) -> Predictor:
     return Direct(runner, moving_parameters(box), box)
 
 
-def about(runner: Runner, box: Array, x: Array, choice: ResponseSurface) -> Predictor:
-    """Surfaces that are exact where points x (D, n) of the law lie."""
-    ends = np.stack([x.min(axis=0), x.max(axis=0)], axis=1)
-    region = around(ends, box)
+def about(
+    runner: Runner,
+    box: Array,
+    x: Array,
+    choice: ResponseSurface,
+    ends: Array | None = None,
+    tell: Callable[[int, int, int], None] | None = None,
+) -> Predictor:
+    """Surfaces that are exact where points x (D, n) of the law lie, and reach to `ends` (n, 2)."""
+    region = padded(ends_of(x) if ends is None else ends, box, PAD, LEAST)
     moving, sites = moving_parameters(region), Sites.seen(runner, runner.unit, runner.column)
     if not moving.size:
         return direct(runner, box, region)
@@ -35,5 +47,10 @@ def about(runner: Runner, box: Array, x: Array, choice: ResponseSurface) -> Pred
     run = sites.run(runner, region)
     surfaces = AdaptiveSurfaces(run, region[moving], len(sites), choice)
     surfaces.judge(where)
-    surfaces.refine(where, LEVEL)
+    surfaces.refine(where, LEVEL, tell)
     return OnSurfaces(surfaces.surface(), region, sites.of)
+
+
+def ends_of(x: Array) -> Array:
+    """The smallest region (n, 2) that holds points x (D, n)."""
+    return np.stack([x.min(axis=0), x.max(axis=0)], axis=1)

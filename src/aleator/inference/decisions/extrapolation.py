@@ -1,0 +1,70 @@
+"""How far new conditions are beyond those that were tested."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import optimize
+
+from aleator.types import Array
+
+MOST = 2000
+"""Distinct tested points up to which their convex hull is asked."""
+ROUNDING = 1e-9
+
+
+def beyond_range(tested: Array, new: Array) -> Array:
+    """Signed distances (Q, d) of new points (Q, d) from the range of the tested ones (R, d).
+
+    In units of the tested range: 0.5 is half of it above the highest, zero within. Infinite
+    where it has no width and the value is another.
+
+    >>> beyond_range(np.array([[0.0], [2.0]]), np.array([[1.0], [3.0], [-1.0]])).ravel().tolist()
+    [0.0, 0.5, -0.5]
+    """
+    low, high = tested.min(axis=0), tested.max(axis=0)
+    width = np.where(high > low, high - low, 0.0)
+    away = np.maximum(new - high, 0.0) - np.maximum(low - new, 0.0)
+    size = np.maximum(np.abs(low), np.abs(high))
+    away = np.where(np.abs(away) > ROUNDING * np.maximum(width, size), away, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(away == 0.0, 0.0, away / width))
+
+
+def beyond_hull(tested: Array, new: Array) -> Array:
+    """Distances (Q,) of new points (Q, d) from the convex hull of the tested ones (R, d).
+
+    The least t such that a mean of tested points is within t tested ranges of the new one in every
+    coordinate: min t, |sum_r w_r x_r - x| <= t, w >= 0, sum w = 1, a linear program. Zero for what
+    lies between tested points; never less than the farthest `beyond_range`, which it is with more
+    than 2000 distinct points. Cost: some milliseconds a point.
+
+    >>> corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    >>> beyond_hull(corners, np.array([[0.2, 0.2], [1.0, 1.0]])).round(3).tolist()
+    [0.0, 0.5]
+    """
+    single = np.abs(beyond_range(tested, new)).max(axis=1, initial=0.0)
+    low = tested.min(axis=0)
+    width = tested.max(axis=0) - low
+    varied = width > 0.0
+    points = np.unique((tested[:, varied] - low[varied]) / width[varied], axis=0)
+    if varied.sum() < 2 or len(points) > MOST:
+        return np.asarray(single)
+    asked = (new[:, varied] - low[varied]) / width[varied]
+    found = [
+        own if np.isinf(own) else max(own, _from_hull(points, x))
+        for own, x in zip(single.tolist(), asked, strict=True)
+    ]
+    return np.array(found)
+
+
+def _from_hull(points: Array, x: Array) -> float:
+    count, d = points.shape
+    slack = np.ones((d, 1))
+    rows = np.vstack([np.hstack([points.T, -slack]), np.hstack([-points.T, -slack])])
+    total = np.append(np.ones(count), 0.0)[None]
+    cost = np.append(np.zeros(count), 1.0)
+    found = optimize.linprog(
+        cost, A_ub=rows, b_ub=np.concatenate([x, -x]), A_eq=total, b_eq=np.ones(1), method="highs"
+    )
+    distance = float(found.fun) if found.success else float("nan")
+    return distance if distance > ROUNDING else 0.0

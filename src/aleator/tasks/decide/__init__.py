@@ -1,0 +1,1 @@
+"""What can be decided: predictions, probabilities and limits, with alpha's uncertainty."""
