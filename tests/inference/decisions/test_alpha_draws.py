@@ -15,7 +15,8 @@ def known(alpha, error, interval, limits, correlation=None, which=None) -> Estim
     which = range(size) if which is None else which
     return Estimated(
         np.array(alpha, float), np.array(error, float), np.array(interval, float),
-        np.array(limits, float), np.ones(size, bool), np.array([False, True][:size]), np.array([*which], np.intp),
+        np.array(limits, float), np.ones(size, bool), np.array([False, True][:size]),
+        np.array([*which], np.intp),
         np.eye(len(which)) if correlation is None else np.array(correlation, float),
     )  # fmt: skip
 

@@ -51,9 +51,9 @@ class AlphaDraws:
     """Values (A, K) of alpha with weights (A,) that sum to one; `estimate` (K,) is the maximum.
 
     `z` (A, K) are the normal variates that they are made of. `log_density` (A,) is the logarithm of
-    the density of alpha over its prior, up to a constant: what a likelihood is held against. `held` (H,) are free hyperparameters of
-    whose uncertainty nothing is known: they keep their estimate. `effective` is the number of
-    draws of equal weight that are worth as much.
+    the density of alpha over its prior, up to a constant: what a likelihood is held against.
+    `held` (H,) are free hyperparameters of whose uncertainty nothing is known: they keep their
+    estimate. `effective` is the number of draws of equal weight that are worth as much.
 
     >>> AlphaDraws.at(np.array([1.0, 0.5])).alpha.tolist()
     [[1.0, 0.5]]
@@ -114,7 +114,7 @@ def alpha_draws(
     independent of the others. Without interval the line is taken; without standard error, too, the
     estimate is held. What leaves the limits is left out: truncation. Draws come in pairs z, -z
     (antithetic), of scrambled Sobol' points of the `seed`. With fewer than the half within the
-    limits there may be fewer than `count`. With `wide` the variates are so many times as far out, for
+    limits there may be fewer than `count`. With `wide` variates are so many times as far out, for
     draws that are weighted afterwards.
     """
     scales = [_Scale.of(known, k) for k in range(known.alpha.size)]
