@@ -70,7 +70,7 @@ def test_every_command_and_option_is_documented() -> None:
     found = dict(commands(cli.main))
     assert set(found) == {
         "aleator", "aleator identify", "aleator predict", "aleator recover",
-        "aleator clutch", "aleator clutch bench",
+        "aleator ceiling", "aleator clutch", "aleator clutch bench",
         "aleator sensitivity", "aleator box", "aleator compare",
         "aleator runs", "aleator runs list", "aleator runs show", "aleator runs export",
         "aleator runs import", "aleator runs retry", "aleator runs forget",

@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from aleator.simulators.fmu import FMUSimulator as FMUSimulator
     from aleator.surrogates import ResponseSurface as ResponseSurface
     from aleator.tasks.box import feasible_box as feasible_box
+    from aleator.tasks.ceiling import ceiling as ceiling
     from aleator.tasks.compare import compare as compare
     from aleator.tasks.identify import identify as identify
     from aleator.tasks.next_experiment import next_experiments as next_experiments
@@ -82,6 +83,7 @@ _HOMES = {
     "tasks.screen": ["screen"],
     "tasks.compare": ["compare"],
     "tasks.box": ["feasible_box"],
+    "tasks.ceiling": ["ceiling"],
     "observations.experiments": ["Experiments", "Conditions"],
     "observations.censoring": ["Censoring"],
     "observations.noise": ["Noise"],

@@ -7,8 +7,10 @@ import pandas as pd
 import pytest
 from identifications import assert_maximum, errors_of, estimates, of_study
 from scipy import stats
+from scipy.stats import qmc
 
 from aleator import MonteCarlo
+from aleator.inference.ceiling.best import best_law
 from aleator.study import load_study
 from aleator.types import Array
 
@@ -18,16 +20,25 @@ NODES = 80
 
 
 @pytest.fixture(scope="module")
-def exact():
+def densities():
+    """log p(y_l | x) (N, J) by the simulators themselves, at points x (J, 2)."""
+    table = pd.read_csv(STUDY / "experiments.csv")
+    runner = load_study(STUDY / "study.toml").runner()
+
+    def log_density(x: Array) -> Array:
+        eta = np.array([runner.straight(np.full(len(x), l), x)[:, 0] for l in range(len(table))])
+        return stats.norm.logpdf(table["release"].to_numpy()[:, None], eta, table[["noise_sd"]])
+
+    return log_density
+
+
+@pytest.fixture(scope="module")
+def exact(densities):
     """log L(alpha) by Gauss-Legendre on the box; 80 and 200 nodes an axis agree to ten digits."""
     t, w = np.polynomial.legendre.leggauss(NODES)
     axes = [low + 0.5 * (high - low) * (t + 1.0) for low, high in BOX]
     x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    table = pd.read_csv(STUDY / "experiments.csv")
-    runner = load_study(STUDY / "study.toml").runner()
-    eta = np.array([runner.straight(np.full(len(x), l), x)[:, 0] for l in range(len(table))])
-    density = stats.norm.pdf(table["release"].to_numpy()[:, None], eta, table[["noise_sd"]])
-    density = density.reshape(-1, NODES, NODES)
+    density = np.exp(densities(x)).reshape(-1, NODES, NODES)
 
     def log_likelihood(alpha: Array) -> float:
         laws = []
@@ -41,6 +52,15 @@ def exact():
 
 def test_the_grid_meets_the_known_answer(exact) -> None:
     assert exact(np.array([0.1, 11.98618, 1e-4, 0.3060442])) == pytest.approx(57.102331, abs=1e-5)
+
+
+def test_the_best_of_all_laws_has_six_points_and_the_known_log_likelihood(densities) -> None:
+    low, high = np.array(BOX).T
+    points = (qmc.Sobol(2, rng=seed).random(512) for seed in (0, 1))
+    found = best_law(lambda z: densities(low + (high - low) * z), *points)
+    assert found.log_likelihood == pytest.approx(69.694062, abs=5e-4)
+    assert found.log_likelihood <= 69.694062 <= found.log_likelihood + found.gap + 1e-6
+    assert found.weights.size == 6
 
 
 @pytest.mark.slow

@@ -26,6 +26,8 @@ COMMANDS = {
     "next": "Tell which experiments should be made next.",
     "posterior": "Draw from the posterior of alpha: what experiments and priors say of it "
     "together.",
+    "ceiling": "Tell the log-likelihood of the best of all laws, and where the identified one "
+    "lacks mass.",
     "recover": "Check that the method finds a law that is known.",
     "sensitivity": "Tell which parameters deserve a law: whose scatter moves the outcome, and "
     "whose acts alike.",

@@ -1,0 +1,86 @@
+"""`aleator ceiling`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from aleator.cli.running import (
+    FILE,
+    FOLDER,
+    SEED,
+    RunOptions,
+    identified,
+    makes_runs,
+    name_of,
+    outcome_of,
+    running,
+)
+from aleator.cli.showing import can_draw, shown
+from aleator.errors import short
+from aleator.plot.ceiling import save_ceiling
+from aleator.report import ceiling as report
+from aleator.study import load_study
+from aleator.tasks.ceiling import ceiling as best_possible
+from aleator.tasks.results import documents
+
+
+@click.command()
+@click.argument("study", type=FILE, metavar="STUDY.toml")
+@click.option(
+    "--output",
+    type=FOLDER,
+    metavar="DIR",
+    help="Folder of the results [default: out/ and the name of the study's folder].",
+)
+@click.option(
+    "--replicates",
+    type=click.IntRange(min=0),
+    default=99,
+    show_default=True,
+    help="Data sets drawn from the identified law, at most; 0 for no p value.",
+)
+@SEED
+@makes_runs
+@click.option("--no-figures", is_flag=True, help="Draw no figure.")
+def ceiling(
+    study: Path,
+    output: Path | None,
+    replicates: int,
+    seed: int | None,
+    no_figures: bool,
+    options: RunOptions,
+) -> None:
+    """Tell the log-likelihood of the best of all laws, and where the identified one lacks mass.
+
+    Identifies the law of STUDY.toml first; with the runs in its store none is repeated. Then finds
+    the law, of any shape, under which the experiments are most likely, and tells whether its
+    log-likelihood is higher than chance explains, by data drawn from the identified law.
+
+    Needs measurement noise. Constants, and noise that was identified, are held at their estimates.
+    Writes DIR/ceiling.json, and DIR/ceiling.png if matplotlib is installed.
+    """
+    folder, study_file = output or (Path("out") / name_of(study)).absolute(), study.absolute()
+    value = load_study(study).overridden(seed, verified=False)
+    documents.make_folder(folder)
+    with running(value, options) as runner, shown(options.quiet) as progress:
+        identification = identified(value, runner, progress)
+        found = best_possible(
+            identification, replicates=replicates, seed=value.seed, progress=progress
+        )
+    result = documents.plain(
+        documents.linked(
+            {**report.document(found), "seed": value.seed},
+            value.title, study_file, value.sha256, outcome_of(value), folder,
+        )
+    )  # fmt: skip
+    files = [folder / "ceiling.json"]
+    documents.write_json(result, files[0])
+    if not no_figures and can_draw("no figure is drawn: it needs", options.quiet):
+        files.append(save_ceiling(result, folder))
+    if options.quiet:
+        click.echo(report.verdict(result))
+    else:
+        Console().print(report.render(result, [short(file) for file in files]))

@@ -1,0 +1,1 @@
+"""The best possible law: the nonparametric maximum of the likelihood over all laws."""

@@ -1,0 +1,113 @@
+"""The best possible law of the experiments that were identified, and what the chosen one lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from aleator.inference.ceiling.best import BestLaw, best_law
+from aleator.inference.ceiling.bootstrap import Judged, judged
+from aleator.progress import Progress, Silent
+from aleator.tasks.ceiling.curves import gradient_curves, gradient_map
+from aleator.tasks.ceiling.sought import Sought
+from aleator.tasks.results.identification import Identification
+
+SURE = 3
+"""Scattering parameters up to which the points cover their region."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ceiling:
+    """The largest log-likelihood that any law of the parameters can have, and where it is reached.
+
+    `points` has a row for each point of the best law: its `probability` and its parameters.
+    `log_likelihood` is that of the best law, known to `error`; `estimated` that of the chosen one.
+    `judged` is the parametric bootstrap of the gap, None where none was asked for. `region` is
+    where laws were sought, and `held` what was kept at its estimate meanwhile: constants, and the
+    noise. `covered` is false for more than three scattering parameters: points of the region may
+    then have been missed, and the value is a lower bound. `edges` are the parameters whose best law
+    has mass on an edge of the region where the laws do not end. `gains` are log f_l of the best law
+    above that of the chosen one, by experiment. `curves` and `map` hold the gradient function.
+    """
+
+    log_likelihood: float
+    error: float
+    estimated: float
+    points: pd.DataFrame
+    gains: pd.Series[float]
+    judged: Judged | None
+    region: Mapping[str, tuple[float, float]]
+    held: Mapping[str, float]
+    covered: bool
+    edges: tuple[str, ...]
+    curves: Mapping[str, pd.DataFrame]
+    map: pd.DataFrame | None
+
+    @property
+    def gap(self) -> float:
+        """How much larger than that of the chosen law."""
+        return self.log_likelihood - self.estimated
+
+    @property
+    def p_value(self) -> float:
+        """Of so large a gap under the chosen law; NaN where it was not asked for."""
+        return np.nan if self.judged is None else self.judged.p_value
+
+
+def ceiling(
+    found: Identification,
+    *,
+    replicates: int = 99,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Ceiling:
+    """The best of all laws of the scattering parameters, and the gap of the identified one to it.
+
+    The maximum over all probability laws G on the region of sum_l log int p(y_l | x) dG(x), with
+    constants and noise at their estimates (Kiefer and Wolfowitz, 1956). It is a law of at most N
+    points. The gap is judged by at most `replicates` data sets drawn from the identified law, none
+    for 0. No run of the simulator is made. Raises InputsError without noise, where laws follow
+    covariates, and where nothing scatters; AleatorError where `found` was read from a file. Cost:
+    some seconds for a hundred experiments.
+
+    >>> from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify
+    >>> table = pd.DataFrame({"y": [0.9, 1.1, 0.9, 1.1, 0.9, 1.1]})
+    >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
+    >>> found = identify(lambda x: x, table, law, outcome="y", noise=Noise(0.01),
+    ...                  verification=MonteCarlo(0))
+    >>> best = ceiling(found, replicates=0)
+    >>> best.points.round(3).to_numpy().tolist()
+    [[0.5, 0.9], [0.5, 1.1]]
+    >>> round(best.log_likelihood, 3), round(best.gap, 2)     # 6 log(phi(0)/0.01/2)
+    (17.959, 12.66)
+    """
+    progress, fit = progress or Silent(), found.fit
+    sought = Sought.of(fit)
+    progress.stage("best possible law")
+    best = _best(sought, seed)
+    estimated = fit.scored()
+    test = None
+    if replicates:
+        progress.stage("bootstrap of the gap")
+        test = judged(fit, sought.points, replicates, seed, progress)
+    names = sought.names
+    x = sought.x(best.points)[:, sought.moving]
+    order = np.lexsort((*x.T[::-1],))
+    points = pd.DataFrame(x[order], columns=[*names])
+    points.insert(0, "probability", best.weights[order])
+    gains = pd.Series(best.each - estimated.each, index=pd.Index(fit.table.ids, name="id"))
+    return Ceiling(
+        best.log_likelihood, best.gap, estimated.total, points, gains, test,
+        dict(zip(names, map(tuple, sought.region.tolist()), strict=True)),
+        sought.held, len(names) <= SURE, sought.edges(x), gradient_curves(sought),
+        gradient_map(sought),
+    )  # fmt: skip
+
+
+def _best(sought: Sought, seed: int) -> BestLaw:
+    own = sought.own(np.random.default_rng([seed, 0]))
+    points = np.concatenate([sought.cover(0, sought.count), own])
+    return best_law(sought.log_density, points, sought.cover(7, 2 * sought.count))

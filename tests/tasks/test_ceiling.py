@@ -1,0 +1,201 @@
+"""The best possible law of an identification: where it is sought, what it says, and is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from aleator import (
+    By,
+    Collocation,
+    Constant,
+    Free,
+    Identification,
+    Inputs,
+    MonteCarlo,
+    Noise,
+    Normal,
+    TruncatedNormal,
+    ceiling,
+    identify,
+)
+from aleator.errors import AleatorError
+from aleator.laws.law import Law
+from aleator.tasks.ceiling import Ceiling
+from aleator.tasks.results.saved import load
+
+COUNT, NOISE = 80, 0.1
+LAW = Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.6))
+
+
+def identified(x: np.ndarray, law: Law = LAW, noise: Noise | None = None, **more) -> Identification:
+    """Springs of stiffness x (N,) under a known load, measured with an error."""
+    rng = np.random.default_rng(1)
+    load = rng.uniform(1.0, 3.0, len(x))
+    y = load * x + rng.normal(0.0, NOISE, len(x))
+    return identify(
+        lambda load, x: load * x, pd.DataFrame({"load": load, "y": y}), Inputs({"x": law}),
+        outcome="y", vectorized=True, noise=noise or Noise(NOISE), verification=MonteCarlo(0),
+        **more,
+    )  # fmt: skip
+
+
+def one_mode() -> np.ndarray:
+    return np.random.default_rng(0).normal(1.0, 0.2, COUNT)
+
+
+def two_modes() -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return rng.choice([0.75, 1.25], COUNT) + rng.normal(0.0, 0.02, COUNT)
+
+
+@pytest.fixture(scope="module")
+def right() -> Identification:
+    return identified(one_mode())
+
+
+@pytest.fixture(scope="module")
+def wrong() -> Identification:
+    return identified(two_modes())
+
+
+@pytest.fixture(scope="module")
+def best(wrong: Identification) -> Ceiling:
+    return ceiling(wrong, replicates=39)
+
+
+def log_density(found: Identification, x: np.ndarray) -> np.ndarray:
+    """log p(y_l | x_j) by hand, (N, J)."""
+    table = found.fit.table
+    load = table.conditions["load"].to_numpy()[:, None]
+    y = table.observations.lower[:, None]
+    return stats.norm.logpdf(y, load * x, NOISE)
+
+
+def test_its_points_have_the_log_likelihood_that_is_told(
+    wrong: Identification, best: Ceiling
+) -> None:
+    density = np.exp(log_density(wrong, best.points["x"].to_numpy()))
+    f = density @ best.points["probability"].to_numpy()
+    assert best.log_likelihood == pytest.approx(np.log(f).sum(), abs=1e-6)
+    assert best.gains.sum() == pytest.approx(best.gap, abs=1e-8)
+    assert best.estimated == pytest.approx(wrong.log_likelihood.estimated, abs=1e-6)
+
+
+def test_no_law_is_above_it(wrong: Identification, best: Ceiling) -> None:
+    f = np.exp(log_density(wrong, best.points["x"].to_numpy()))
+    f = f @ best.points["probability"].to_numpy()
+    ratio = np.exp(log_density(wrong, np.linspace(*best.region["x"], 4001))) / f[:, None]
+    assert COUNT * np.log(ratio.mean(axis=0).max()) < best.error + 1e-4
+    assert best.error < 1e-3
+
+
+def test_two_modes_are_told_and_where_mass_is_lacking(best: Ceiling) -> None:
+    assert best.gap > 10.0
+    assert best.p_value == pytest.approx(1 / 40)
+    assert best.judged is not None
+    assert best.judged.exceeded == 0
+    curve = best.curves["x"].set_index("x")["gradient"]
+    assert curve[(curve.index > 0.7) & (curve.index < 0.8)].max() > 0.1
+    assert curve[(curve.index > 1.2) & (curve.index < 1.3)].max() > 0.1
+    assert curve[(curve.index > 0.9) & (curve.index < 1.1)].max() < 0.0
+
+
+def test_the_law_itself_gains_nothing_on_average(best: Ceiling) -> None:
+    curve = best.curves["x"]
+    mean = np.trapezoid(curve["gradient"] * curve["density"], curve["x"])
+    assert mean == pytest.approx(0.0, abs=0.02)
+
+
+def test_the_right_law_is_not_doubted_and_few_replicates_are_drawn(right: Identification) -> None:
+    found = ceiling(right)
+    assert found.gap > 0.0
+    assert found.p_value > 0.1
+    assert found.judged is not None
+    assert found.judged.replicates < 99
+
+
+def test_the_same_seed_gives_the_same_answer(right: Identification) -> None:
+    one, two = (ceiling(right, replicates=5, seed=3) for _ in range(2))
+    assert one.judged == two.judged
+    assert one.points.equals(two.points)
+
+
+def test_constants_and_noise_are_held_at_their_estimates() -> None:
+    rng = np.random.default_rng(2)
+    load = rng.uniform(1.0, 3.0, COUNT)
+    y = 0.5 + load * rng.normal(1.0, 0.2, COUNT) + rng.normal(0.0, NOISE, COUNT)
+    found = identify(
+        lambda load, x, b: b + load * x, pd.DataFrame({"load": load, "y": y}),
+        Inputs({"x": LAW, "b": Constant(Free(0.0, 1.0))}), outcome="y", vectorized=True,
+        noise=Noise(Free(0.01, 1.0)), verification=MonteCarlo(0),
+    )  # fmt: skip
+    best = ceiling(found, replicates=0)
+    assert best.held == pytest.approx(found.values[["b.value", "noise.sd"]].to_dict())
+    assert [*best.points.columns] == ["probability", "x"]
+    assert np.isnan(best.p_value)
+
+
+def test_mass_at_an_edge_of_what_was_searched_is_told_but_not_at_the_end_of_a_box() -> None:
+    x = np.concatenate([one_mode(), [2.6]])
+    narrow = TruncatedNormal(box=(0.8, 1.2))
+    assert ceiling(identified(x, narrow), replicates=0).edges == ()
+    fixed = Normal(mean=1.0, sd=0.1)
+    found = ceiling(identified(x, fixed), replicates=0)
+    assert found.edges == ("x",)
+    assert found.points["x"].max() == pytest.approx(found.region["x"][1], rel=1e-3)
+
+
+def test_surfaces_serve_as_well_as_the_simulator() -> None:
+    x = two_modes()[:40]
+    rng = np.random.default_rng(1)
+    load = rng.uniform(1.0, 3.0, 40)
+    y = load * np.exp(x) + rng.normal(0.0, NOISE, 40)
+    table = pd.DataFrame({"load": load, "y": y})
+    law = Inputs({"x": TruncatedNormal(box=(0.4, 1.6))})
+
+    def slow(load: float, x: float) -> float:
+        sum(range(50_000))  # too slow for thousands of runs
+        return float(load * np.exp(x))
+
+    found = identify(slow, table, law, outcome="y", noise=Noise(NOISE), verification=MonteCarlo(0))
+    best = ceiling(found, replicates=0)
+    at = best.points["x"].to_numpy()
+    density = stats.norm.pdf(y[:, None], load[:, None] * np.exp(at), NOISE)
+    exact = np.log(density @ best.points["probability"].to_numpy()).sum()
+    assert found.surface is not None
+    assert best.log_likelihood == pytest.approx(exact, abs=0.05)
+
+
+def test_without_noise_it_is_refused_with_the_remedy() -> None:
+    table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
+    found = identify(lambda load, x: load * x, table, Inputs({"x": LAW}), outcome="y",
+                     verification=MonteCarlo(0))  # fmt: skip
+    with pytest.raises(AleatorError, match="noise") as told:
+        ceiling(found)
+    assert "[noise] sd" in told.value.remedy
+
+
+def test_laws_that_follow_a_column_are_refused_by_its_name() -> None:
+    law = Normal(mean=By("1 + load", -5.0, 5.0), sd=Free(0.01, 0.6))
+    with pytest.raises(AleatorError, match="follow load"):
+        ceiling(identified(one_mode(), law))
+
+
+def test_constants_alone_are_refused() -> None:
+    with pytest.raises(AleatorError, match="no parameter scatters"):
+        ceiling(identified(np.ones(20), Constant(Free(0.5, 1.5))))
+
+
+def test_collocation_is_refused_as_it_would_make_runs() -> None:
+    found = identified(one_mode()[:8], propagation=Collocation())
+    with pytest.raises(AleatorError, match="collocation"):
+        ceiling(found)
+
+
+def test_what_was_read_from_a_file_is_refused(right: Identification, tmp_path) -> None:
+    right.save(tmp_path / "identification.json")
+    with pytest.raises(AleatorError, match="surfaces"):
+        ceiling(load(tmp_path / "identification.json"))
