@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from aleator.simulators.derived import derived as derived
     from aleator.simulators.fmu import FMUSimulator as FMUSimulator
     from aleator.surrogates import ResponseSurface as ResponseSurface
+    from aleator.tasks.bootstrap import bootstrap as bootstrap
     from aleator.tasks.box import feasible_box as feasible_box
     from aleator.tasks.ceiling import ceiling as ceiling
     from aleator.tasks.compare import compare as compare
@@ -82,6 +83,7 @@ _HOMES = {
     "tasks.wanted": ["Predicted"],
     "tasks.screen": ["screen"],
     "tasks.compare": ["compare"],
+    "tasks.bootstrap": ["bootstrap"],
     "tasks.box": ["feasible_box"],
     "tasks.ceiling": ["ceiling"],
     "observations.experiments": ["Experiments", "Conditions"],

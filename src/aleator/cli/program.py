@@ -22,6 +22,7 @@ NO_MEMORY = AleatorError(
 COMMANDS = {
     "identify": "Identify the law that STUDY.toml asks for.",
     "predict": "Predict the outcome's distribution for conditions that were never tested.",
+    "bootstrap": "Tell how far the estimates scatter, by estimating again from other data.",
     "compare": "Tell which of several models of the same experiments is to be believed.",
     "next": "Tell which experiments should be made next.",
     "posterior": "Draw from the posterior of alpha: what experiments and priors say of it "

@@ -121,13 +121,19 @@ class Runner:
         columns = served.columns(table, asked, varying)
         self.cases = Cases.of(columns, len(served), served.rows if served.series else None)
         form = Form.of(served, self.cases, self.ids)
-        bound = Bound(self.simulator, self.cases, self.parameters, form)
+        self._bound = bound = Bound(self.simulator, self.cases, self.parameters, form)
         self.cache = None if store is None else RunCache(store, bound, served)
         self._workshop = Workshop(bound, served, self.cache, executor, retries)
         self._memory = self._workshop.memory
         self._direct = Direct(bound)
         self._repeats = Repeats()
         self._messages = Messages(self.simulator, self.ids, self.parameters, self.cases, served)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What travels to another process: without the store, the workers, and who listens."""
+        alone = Workshop(self._bound, self._served, None, None, self.retries)
+        here = {"cache": None, "executor": None, "progress": Silent()}
+        return {**vars(self), **here, "_workshop": alone, "_memory": alone.memory}
 
     @property
     def units(self) -> int:

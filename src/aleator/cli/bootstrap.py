@@ -1,0 +1,89 @@
+"""`aleator bootstrap`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from aleator.cli.running import (
+    FILE,
+    FOLDER,
+    SEED,
+    RunOptions,
+    identified,
+    makes_runs,
+    name_of,
+    running,
+)
+from aleator.cli.showing import shown
+from aleator.errors import short
+from aleator.report import bootstrap as report
+from aleator.study import load_study
+from aleator.tasks.bootstrap import FILE as FINISHED
+from aleator.tasks.bootstrap import NONPARAMETRIC, PARAMETRIC
+from aleator.tasks.bootstrap import bootstrap as resample
+from aleator.tasks.results import documents
+
+
+@click.command()
+@click.argument("study", type=FILE, metavar="STUDY.toml")
+@click.option(
+    "--replicates",
+    type=click.IntRange(min=2),
+    default=200,
+    show_default=True,
+    help="Number of data sets.",
+)
+@click.option(
+    "--parametric/--experiments",
+    default=True,
+    show_default=True,
+    help="Draw data under the identified law, or draw experiments with replacement.",
+)
+@click.option(
+    "--output",
+    type=FOLDER,
+    metavar="DIR",
+    help="Folder of the results [default: out/ and the name of the study's folder].",
+)
+@SEED
+@makes_runs
+def bootstrap(
+    study: Path,
+    replicates: int,
+    parametric: bool,
+    output: Path | None,
+    seed: int | None,
+    options: RunOptions,
+) -> None:
+    """Tell how far the estimates scatter, by estimating again from other data.
+
+    The study is identified, by the runs in its store where they are known; then other data are
+    drawn and the maximum of each is climbed to on the same surfaces, without a run. Prints standard
+    errors, biases and 95 % intervals; writes DIR/bootstrap.json, and DIR/bootstrap.csv with every
+    replicate. Finished replicates are kept in DIR/bootstrap.jsonl: after Ctrl-C, and for more
+    replicates, the same command goes on from there. With --workers N processes do the work.
+    """
+    folder = output or (Path("out") / name_of(study)).absolute()
+    value = load_study(study).overridden(seed, verified=False)
+    documents.make_folder(folder)
+    with running(value, options) as runner, shown(options.quiet) as progress:
+        found = resample(
+            identified(value, runner, progress),
+            replicates=replicates,
+            kind=PARAMETRIC if parametric else NONPARAMETRIC,
+            seed=value.seed,
+            workers=options.workers or 1,
+            folder=folder,
+            progress=progress,
+        )
+    document = documents.plain({"title": value.title, **found.to_dict()})
+    documents.write_json(document, folder / "bootstrap.json")
+    documents.write_text(found.replicates().to_csv(), folder / "bootstrap.csv")
+    files = [short(folder / name) for name in ("bootstrap.json", "bootstrap.csv", FINISHED)]
+    if options.quiet:
+        click.echo(report.verdict(document))
+    else:
+        Console().print(report.render(document, files))
