@@ -81,6 +81,7 @@ def test_its_points_have_the_log_likelihood_that_is_told(
     f = density @ best.points["probability"].to_numpy()
     assert best.log_likelihood == pytest.approx(np.log(f).sum(), abs=1e-6)
     assert best.gains.sum() == pytest.approx(best.gap, abs=1e-8)
+    assert best.verified is None
     assert best.estimated == pytest.approx(wrong.log_likelihood.estimated, abs=1e-6)
 
 
@@ -167,6 +168,8 @@ def test_surfaces_serve_as_well_as_the_simulator() -> None:
     exact = np.log(density @ best.points["probability"].to_numpy()).sum()
     assert found.surface is not None
     assert best.log_likelihood == pytest.approx(exact, abs=0.05)
+    assert best.verified == pytest.approx(exact, abs=0.01)
+    assert best.verified >= exact - 1e-6
 
 
 def test_without_noise_it_is_refused_with_the_remedy() -> None:

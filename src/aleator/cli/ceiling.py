@@ -42,6 +42,7 @@ from aleator.tasks.results import documents
     show_default=True,
     help="Data sets drawn from the identified law, at most; 0 for no p value.",
 )
+@click.option("--no-verify", is_flag=True, help="Leave out the check on the simulator.")
 @SEED
 @makes_runs
 @click.option("--no-figures", is_flag=True, help="Draw no figure.")
@@ -49,6 +50,7 @@ def ceiling(
     study: Path,
     output: Path | None,
     replicates: int,
+    no_verify: bool,
     seed: int | None,
     no_figures: bool,
     options: RunOptions,
@@ -59,7 +61,8 @@ def ceiling(
     the law, of any shape, under which the experiments are most likely, and tells whether its
     log-likelihood is higher than chance explains, by data drawn from the identified law.
 
-    Needs measurement noise. Constants, and noise that was identified, are held at their estimates.
+    Where surfaces stand for the simulator it is run at the points of that law. Needs measurement
+    noise. Constants, and noise that was identified, are held at their estimates.
     Writes DIR/ceiling.json, and DIR/ceiling.png if matplotlib is installed.
     """
     folder, study_file = output or (Path("out") / name_of(study)).absolute(), study.absolute()
@@ -68,7 +71,11 @@ def ceiling(
     with running(value, options) as runner, shown(options.quiet) as progress:
         identification = identified(value, runner, progress)
         found = best_possible(
-            identification, replicates=replicates, seed=value.seed, progress=progress
+            identification,
+            replicates=replicates,
+            verify=not no_verify,
+            seed=value.seed,
+            progress=progress,
         )
     result = documents.plain(
         documents.linked(

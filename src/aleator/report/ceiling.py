@@ -28,6 +28,7 @@ def document(found: Ceiling) -> dict[str, Any]:
         "log_likelihood": {
             "ceiling": found.log_likelihood,
             "error": found.error,
+            "verified": found.verified,
             "estimated": found.estimated,
             "gap": found.gap,
         },
@@ -103,10 +104,18 @@ def _values(result: Document) -> Rows:
         error = "points cannot cover so many parameters"
     rows = [
         ("best possible law", to_three(value["ceiling"]), bound + error),
+        *_on_the_simulator(value),
         ("chosen law", to_three(value["estimated"]), ""),
         ("gap", to_three(value["gap"]), "" if test is None else _drawn(test)),
     ]
     return Rows((("log-likelihood", "left"), ("", "right"), ("", "fold")), rows)
+
+
+def _on_the_simulator(value: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    if value["verified"] is None:
+        return []
+    what = "at the same points, on the simulator itself: at least this can be reached there"
+    return [("verified", to_three(value["verified"]), what)]
 
 
 def _drawn(test: Mapping[str, Any]) -> str:

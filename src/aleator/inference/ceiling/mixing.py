@@ -63,13 +63,15 @@ def mixed(log_density: Array, enough: float = ENOUGH) -> Mixing:
     Kiefer and Wolfowitz (1956) showed the estimate consistent; D <= 0 at all points marks the
     maximum (Lindsay, 1983). Solved by Newton steps whose quadratic problem on the simplex is a
     nonnegative least-squares problem, on the few points that have weight and those of largest D
-    (Wang, 2007). An experiment that no point explains has -inf, and no part in the weights.
+    (Wang, 2007). NaN counts as -inf. An experiment that no point explains has -inf, and no part in
+    the weights.
     Cost: some twenty products with the matrix.
 
     >>> found = mixed(np.log([[0.9, 0.1, 0.5], [0.1, 0.9, 0.5]]))
     >>> found.weights.round(6).tolist(), round(found.log_likelihood, 6)
     ([0.5, 0.5, 0.0], -1.386294)
     """
+    log_density = np.nan_to_num(log_density, nan=-np.inf, neginf=-np.inf)
     top = log_density.max(axis=1)
     known = np.isfinite(top)
     density = np.exp(log_density[known] - top[known, None])

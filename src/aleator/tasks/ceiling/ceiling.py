@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from aleator.inference.ceiling.best import BestLaw, best_law
 from aleator.inference.ceiling.bootstrap import Judged, judged
+from aleator.inference.ceiling.mixing import mixed
 from aleator.progress import Progress, Silent
 from aleator.tasks.ceiling.curves import gradient_curves, gradient_map
 from aleator.tasks.ceiling.sought import Sought
+from aleator.tasks.individual.fit import IndividualFit
+from aleator.tasks.individual.session import IndividualSession
 from aleator.tasks.results.identification import Identification
 
 SURE = 3
@@ -24,7 +27,8 @@ class Ceiling:
     """The largest log-likelihood that any law of the parameters can have, and where it is reached.
 
     `points` has a row for each point of the best law: its `probability` and its parameters.
-    `log_likelihood` is that of the best law, known to `error`; `estimated` that of the chosen one.
+    `log_likelihood` is that of the best law, known to `error`; `estimated` that of the chosen one;
+    `verified` that of a law on the same points by the simulator itself, None without surfaces.
     `judged` is the parametric bootstrap of the gap, None where none was asked for. `region` is
     where laws were sought, and `held` what was kept at its estimate meanwhile: constants, and the
     noise. `covered` is false for more than three scattering parameters: points of the region may
@@ -36,6 +40,7 @@ class Ceiling:
     log_likelihood: float
     error: float
     estimated: float
+    verified: float | None
     points: pd.DataFrame
     gains: pd.Series[float]
     judged: Judged | None
@@ -61,6 +66,7 @@ def ceiling(
     found: Identification,
     *,
     replicates: int = 99,
+    verify: bool = True,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Ceiling:
@@ -69,9 +75,10 @@ def ceiling(
     The maximum over all probability laws G on the region of sum_l log int p(y_l | x) dG(x), with
     constants and noise at their estimates (Kiefer and Wolfowitz, 1956). It is a law of at most N
     points. The gap is judged by at most `replicates` data sets drawn from the identified law, none
-    for 0. No run of the simulator is made. Raises InputsError without noise, where laws follow
-    covariates, and where nothing scatters; AleatorError where `found` was read from a file. Cost:
-    some seconds for a hundred experiments.
+    for 0. On surfaces `verify` asks the simulator at these points: a run for each point and
+    experiment. Raises InputsError without noise, where laws follow covariates, and where nothing
+    scatters; AleatorError where `found` was read from a file. Cost: some seconds for a hundred
+    experiments.
 
     >>> from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify
     >>> table = pd.DataFrame({"y": [0.9, 1.1, 0.9, 1.1, 0.9, 1.1]})
@@ -89,6 +96,7 @@ def ceiling(
     progress.stage("best possible law")
     best = _best(sought, seed)
     estimated = fit.scored()
+    verified = _verified(found, sought, best) if verify else None
     test = None
     if replicates:
         progress.stage("bootstrap of the gap")
@@ -100,11 +108,22 @@ def ceiling(
     points.insert(0, "probability", best.weights[order])
     gains = pd.Series(best.each - estimated.each, index=pd.Index(fit.table.ids, name="id"))
     return Ceiling(
-        best.log_likelihood, best.gap, estimated.total, points, gains, test,
+        best.log_likelihood, best.gap, estimated.total, verified, points, gains, test,
         dict(zip(names, map(tuple, sought.region.tolist()), strict=True)),
         sought.held, len(names) <= SURE, sought.edges(x), gradient_curves(sought),
         gradient_map(sought),
     )  # fmt: skip
+
+
+def _verified(found: Identification, sought: Sought, best: BestLaw) -> float | None:
+    """The log-likelihood of the best weights of the same points on the simulator itself."""
+    fit, session = found.fit, found.session
+    if not isinstance(fit, IndividualFit) or not isinstance(session, IndividualSession):
+        return None
+    if session.on_simulator or session.runner is None or session.table is None:
+        return None
+    there = replace(sought, fit=fit.on(session.runner(session.table)))
+    return mixed(there.log_density(best.points)).log_likelihood
 
 
 def _best(sought: Sought, seed: int) -> BestLaw:

@@ -15,8 +15,10 @@ from aleator.tasks.individual.population import FAR, around, held_region
 from aleator.tasks.region import within
 from aleator.types import Array
 
-VALUES, FEWEST, MOST = 4_000_000, 256, 2048
-"""Densities of observations at the points of a law: in all, and points at least and at most."""
+POINTS = (256, 1024, 2048)
+"""Points that cover one, two, and more parameters."""
+VALUES, FEWEST = 4_000_000, 128
+"""Densities of observations at the points of a law, at most, and points at least."""
 WIDER = 1.5
 """Half of the points are of the law with variates so many times as far out."""
 EDGE = 1e-3
@@ -103,8 +105,9 @@ class Sought:
     @property
     def count(self) -> int:
         """Points that cover the region."""
-        seen = len(self.fit.table.observations)
-        return int(2 ** np.floor(np.log2(np.clip(VALUES // seen, FEWEST, MOST))))
+        most = POINTS[min(len(self.moving), len(POINTS)) - 1]
+        allowed = max(VALUES // len(self.fit.table.observations), FEWEST)
+        return most if allowed >= most else int(2 ** np.floor(np.log2(allowed)))
 
     def cover(self, seed: int, count: int) -> Array:
         """Points (J, s): half of them spread over the region, half where the law is."""

@@ -49,7 +49,7 @@ def checked(likelihood: IndividualLikelihood, alpha: Array, runner: Runner) -> C
     few = likelihood
     if isinstance(likelihood.rule, GaussHermite):
         few = likelihood.by(RULES[min(inputs.scattering, len(RULES) - 1)], alpha)
-    simulator = Direct(_Remembered(runner), np.zeros(0, dtype=np.intp), inputs.box)
+    simulator = Direct(Remembered(runner), np.zeros(0, dtype=np.intp), inputs.box)
     change, error = np.zeros(likelihood.count), np.zeros(likelihood.count)
     for block in few.blocks:
         part = block.experiments
@@ -65,7 +65,7 @@ def checked(likelihood: IndividualLikelihood, alpha: Array, runner: Runner) -> C
 
 
 @dataclass(frozen=True, eq=False)
-class _Remembered(Evaluator):
+class Remembered(Evaluator):
     """The runs of a runner, kept."""
 
     runner: Runner

@@ -12,14 +12,16 @@ from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.individual import drawn
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
+from aleator.likelihood.individual import Direct, IndividualLikelihood, OnSurfaces
 from aleator.likelihood.individual.importance import proposed, standard_points
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import mean_of
 from aleator.observations.experiments import Experiments
 from aleator.search.value import LogLikelihood
+from aleator.simulators import Runner
 from aleator.tasks.individual.calibration import POINTS as PROBABLE
 from aleator.tasks.individual.calibration import sequential_pit
+from aleator.tasks.individual.check import Remembered
 from aleator.tasks.individual.virtual import censored_alike
 from aleator.types import Array
 
@@ -160,6 +162,12 @@ class IndividualFit:
                 eta = likelihood.predictor.values(block, points)
                 found[block.experiments] = likelihood.sums_of(self.alpha, block, eta)
         return found
+
+    def on(self, runner: Runner) -> IndividualFit:
+        """The same by the simulator itself: values are runs, which are remembered and stored."""
+        known = np.zeros(0, dtype=np.intp)
+        simulator = Direct(Remembered(runner), known, self.inputs.box)
+        return replace(self, likelihood=replace(self.likelihood, predictor=simulator))
 
     def _simulated(self, rng: np.random.Generator) -> Array:
         """Values (M, 1) of runs at parameters drawn from the law of each experiment."""
