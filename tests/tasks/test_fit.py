@@ -110,3 +110,16 @@ def test_what_is_given_integrates_to_the_likelihood() -> None:
     x = (fit.alpha[0] + fit.alpha[1] * nodes)[:, None]
     each = np.log(np.exp(fit.given(x)) @ (weights / weights.sum()))
     assert each == pytest.approx(fit.scored().each, abs=1e-8)
+
+
+def test_where_nothing_is_identified_a_fit_stays_where_it_is() -> None:
+    rng = np.random.default_rng(3)
+    table = pd.DataFrame({"load": np.ones(8), "y": rng.normal(1.0, 0.3, 8)})
+    law = Inputs({"x": Normal(1.0, 0.2)})
+    fit = identify(
+        model, table, law, outcome="y", vectorized=True, noise=Noise(0.1),
+        verification=MonteCarlo(0),
+    ).fit  # fmt: skip
+    other = fit.drawn(rng)
+    for end in (stepped(other), climbed(other)):
+        assert end.alpha.tolist() == fit.alpha.tolist()

@@ -132,6 +132,8 @@ def stepped(fit: AnyFit) -> AnyFit:
     """
     inference, hyperparameters = fit.inference, fit.hyperparameters
     moving = inference.identified
+    if not moving.size:
+        return fit
     score = fit.scored().score[moving]
     limits = np.array([[hyperparameters[k].lower, hyperparameters[k].upper] for k in moving])
     here = fit.alpha[moving]
@@ -146,6 +148,8 @@ def stepped(fit: AnyFit) -> AnyFit:
 
 def climbed(fit: AnyFit, weights: Array | None = None, arrived: float = ARRIVED) -> AnyFit:
     """The fit at the nearest maximum; experiments count `weights` (N,) times, or once each."""
+    if not fit.inference.identified.size:
+        return fit
     objective = fit.objective()
     if weights is not None:
         objective = Weighted(objective, weights)

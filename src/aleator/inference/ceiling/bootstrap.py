@@ -66,11 +66,9 @@ def _larger(fit: Fit, seen: float, points: Points, rng: np.random.Generator) -> 
 
     One step comes near the maximum, from below: what is smaller after it is smaller in the end.
     """
-    near = fit.drawn(rng)
-    if fit.inference.identified.size:
-        near = stepped(near)
+    near = stepped(fit.drawn(rng))
     found = gap(near, points(near, rng))
-    if found >= seen and fit.inference.identified.size:
+    if found >= seen:
         end = climbed(near, arrived=ARRIVED)
         found = gap(end, points(end, rng))
     return None if np.isnan(found) else bool(found >= seen)
