@@ -20,6 +20,7 @@ from benchmarks.identifications import identification_rows
 from benchmarks.individual import individual_rows
 from benchmarks.likelihood import likelihood_rows
 from benchmarks.moments import moment_rows
+from benchmarks.next_experiment import print_next
 from benchmarks.row import Row, table_of
 from benchmarks.runs import print_runs
 from benchmarks.searches import print_searches
@@ -39,6 +40,7 @@ TABLES: dict[str, Callable[[Console], None]] = {
     "searches": print_searches,
     "few-runs": print_few_runs,
     "runs": lambda _: print_runs(),
+    "next": print_next,
 }
 COVERAGE = "coverage"
 PARTS = (*ROWS, *TABLES, COVERAGE)

@@ -11,6 +11,8 @@ from scipy import stats
 
 from aleator import (
     AleatorError,
+    Censoring,
+    Experiments,
     Free,
     Identification,
     Inputs,
@@ -228,3 +230,28 @@ def test_a_result_that_was_read_from_a_file_says_so(tmp_path: object) -> None:
     found_with().save(path)
     with pytest.raises(AleatorError, match="read from a file"):
         next_experiments(load(path), asked())
+
+
+def test_candidates_are_tested_to_the_limit_of_the_others() -> None:
+    """Beyond the limit of a test a value only tells that it is beyond."""
+    table = data(0.4)
+    table["seen"] = np.where(table["y"] > 2.5, "beyond", "")
+    table["y"] = table["y"].clip(upper=2.5)
+    found = identify(
+        springs,
+        Experiments.from_frame(
+            table, outcome="y", censored={"y": Censoring("seen", right="beyond")}
+        ),
+        Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 1.5))}),
+        noise=Noise(NOISE),
+        vectorized=True,
+        verification=MonteCarlo(0),
+    )
+    conditions = Conditions.from_frame(
+        asked(np.array([1.0, 20.0])), responses=found.fit.table.observations.responses
+    )
+    session = found.session
+    fit = session.fit_on(conditions, found.fit.alpha, session.runner_on(conditions), Silent())
+    drawn = fit.drawn(np.random.default_rng(0)).table.observations
+    assert drawn.lower[1] == 2.5
+    assert drawn.censored.tolist() == [False, True]

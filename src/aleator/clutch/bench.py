@@ -35,8 +35,11 @@ def measure(
     kind: str = "realistic",
     noise_sd: float = 0.0,
     alpha: Sequence[float] = (0.91, 0.55, 0.081, 0.046),
+    conditions: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """Return one synthetic measurement of the shifting time for each of the 108 experiments.
+
+    Or of other experiments, a row of `conditions` each.
 
     The numbers are synthetic: the paper's measurements are not public, and the bench is invented.
 
@@ -59,17 +62,20 @@ def measure(
         Standard deviation [s] of a normal measurement noise, of kind "model" only; at least 0.
     alpha
         Means and standard deviations (mean 1, mean 2, sd 1, sd 2) of x, of kind "model" only.
+    conditions
+        The columns of `design` but for the id, a row for each experiment; None is the design.
 
     Returns
     -------
     DataFrame
-        The columns of `design` and `shifting_time` [s]; for "realistic" also `run_order` (0 to
-        107) and `oil_temperature` [degC], which a study may look at but the model does not use.
+        The columns of `design` and `shifting_time` [s]; for "realistic" also `run_order` (from 0)
+        and `oil_temperature` [degC], which a study may look at but the model does not use.
 
     Raises
     ------
     SimulatorError
-        An unknown kind, a negative standard deviation, an `alpha` of another length, or
+        An unknown kind, a negative standard deviation, an `alpha` of another length, conditions
+        that lack a column, or
         `noise_sd` with kind "realistic", which has its own noise.
 
     Notes
@@ -92,11 +98,21 @@ def measure(
             f"noise_sd = {noise_sd!r} is not admissible for kind {kind!r}",
             "use a number >= 0 for 'model'; 'realistic' has its own noise of 2 ms",
         )
+    table = design() if conditions is None else conditions.reset_index(drop=True)
+    for name in _CONDITIONS:
+        if name not in table:
+            raise SimulatorError(
+                f"the conditions have no column '{name}'", f"give {', '.join(_CONDITIONS)}"
+            )
     rng = np.random.default_rng(seed)
-    return _realistic(rng) if kind == "realistic" else _model(rng, noise_sd, alpha)
+    if kind == "realistic":
+        return _realistic(rng, table)
+    return _model(rng, table, noise_sd, alpha)
 
 
-def _model(rng: np.random.Generator, noise_sd: float, alpha: Sequence[float]) -> pd.DataFrame:
+def _model(
+    rng: np.random.Generator, table: pd.DataFrame, noise_sd: float, alpha: Sequence[float]
+) -> pd.DataFrame:
     """Return measurements of a bench that is the model itself."""
     values = np.asarray(alpha, dtype=np.float64)
     if values.shape != (4,) or not np.all(np.isfinite(values)) or not np.all(values[2:] > 0.0):
@@ -104,7 +120,6 @@ def _model(rng: np.random.Generator, noise_sd: float, alpha: Sequence[float]) ->
             f"alpha = {alpha!r} is not admissible",
             "give two means and two standard deviations > 0",
         )
-    table = design()
     (mean_1, mean_2, sd_1, sd_2), (box_1, box_2) = values, BOX
     times = shifting_time(
         **{name: table[name] for name in _CONDITIONS},
@@ -134,14 +149,13 @@ def oil_temperature(rng: np.random.Generator, size: int) -> Array:
     return np.asarray(80.0 + wander - 8.0 * np.exp(-np.arange(size) / 15.0))
 
 
-def _realistic(rng: np.random.Generator) -> pd.DataFrame:
+def _realistic(rng: np.random.Generator, table: pd.DataFrame) -> pd.DataFrame:
     """Return measurements of a bench that the model does not know; every number in it is (i)."""
-    table = design()
     size = len(table)
     order = rng.permutation(size)
     temperature = oil_temperature(rng, size)[order]
     warmer = temperature - 80.0  # K
-    wear = order / (size - 1)
+    wear = order / max(size - 1, 1)
     centrifugal = (table["motor_speed"].to_numpy() / 1350.0) ** 2 - 1.0
     scatter = rng.standard_normal((4, size))
     runs = make_runs(

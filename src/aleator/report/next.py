@@ -67,6 +67,12 @@ def _notes(result: Mapping[str, Any]) -> list[str]:
         f"{number(value)}, the end of its interval."
         for name, value in result["planned_for"].items()
     ]
+    if not result["sound"]:
+        notes.append("The identification is not sound: mend that first, the plan rests on it.")
+    if result["consistent"] is False:
+        notes.append(
+            "The model is not consistent with the experiments: the plan is one for this model."
+        )
     if result["now"] is None:
         notes.append("The experiments that were made leave it open.")
     lost = [row["id"] for row in result["candidates"] if row["standard_error"] is None]

@@ -106,6 +106,8 @@ def next_experiments(
         hyperparameters=_hyperparameters(fit, wanted, plan, choice),
         laws=len(every),
         runs=runner.runs - before,
+        sound=found.sound,
+        consistent=found.consistent,
     )
 
 

@@ -16,7 +16,7 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Layout, Predictor
 from aleator.observations.covariates import covariates
 from aleator.observations.errors import MeasurementErrors, noise_hyperparameters
-from aleator.observations.experiments import Conditions, Experiments, unmeasured
+from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
 from aleator.observations.responses import Response
 from aleator.observations.transform import Transform
@@ -29,8 +29,7 @@ from aleator.tasks.decide.predictors import about, direct
 from aleator.tasks.decide.table import tabled
 from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.observed import varying_conditions
-from aleator.tasks.individual.population import draws
-from aleator.tasks.likely import likely_alphas
+from aleator.tasks.individual.planned import planned
 from aleator.tasks.results.law import JointLaw
 from aleator.tasks.results.session import given_values, kept, missing
 from aleator.tasks.results.values import Estimate, in_order
@@ -156,21 +155,10 @@ class IndividualSession:
         self, candidates: Conditions, alpha: Array, runner: Runner, progress: Progress
     ) -> IndividualFit:
         """On the simulator itself, or on surfaces of the candidates' own."""
-        fit, inputs = kept(self.fit), self.inputs
+        fit = kept(self.fit)
         assert self.noise is not None
         runner.progress = progress
-        if inputs.regressed:
-            inputs = inputs.resolved(covariates(candidates, inputs.covariates))
-        count, seen = len(candidates.ids), candidates.observations
-        likely = likely_alphas(fit.alpha, fit.inference, fit.hyperparameters)
-        likelihood = IndividualLikelihood.of(
-            inputs,
-            MeasurementErrors.of(self.noise, candidates),
-            self._predictor(runner, draws(inputs, [alpha, *likely], count)),
-            Layout(count, seen.experiment, runner.unit, runner.column),
-            GaussHermite(NODES),
-        )
-        return IndividualFit(likelihood, alpha, fit.inference, unmeasured(candidates))
+        return planned(fit, self.inputs, self.noise, candidates, alpha, runner, self._predictor)
 
     def _predictor(self, runner: Runner, x: Array) -> Predictor:
         box = self.inputs.box

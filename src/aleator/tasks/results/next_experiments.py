@@ -23,7 +23,8 @@ class NextExperiments:
     error after each, and `ties` how many others would do as well in its place. As many times all
     `made` experiments would have to be repeated as `repetitions` says for the same; None where no
     repetition reaches it. `planned_for` has the value of a hyperparameter that ended on its limit.
-    `hyperparameters` has the error of each now and after the set.
+    `hyperparameters` has the error of each now and after the set. `sound` and `consistent` are the
+    verdicts on the identification that all of it rests on.
     """
 
     about: str
@@ -42,6 +43,8 @@ class NextExperiments:
     hyperparameters: pd.DataFrame
     laws: int
     runs: int
+    sound: bool
+    consistent: bool | None
 
     def table(self) -> pd.DataFrame:
         """A row for each candidate by its id, the most useful first.
@@ -75,6 +78,8 @@ class NextExperiments:
             "hyperparameters": _rows(self.hyperparameters),
             "laws": self.laws,
             "runs": self.runs,
+            "sound": self.sound,
+            "consistent": self.consistent,
         }
 
 

@@ -1,0 +1,51 @@
+"""The fit of experiments that were not made: what they would tell is asked of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual import IndividualLikelihood, Layout, Predictor
+from aleator.likelihood.individual.gauss_hermite import GaussHermite
+from aleator.observations.covariates import covariates
+from aleator.observations.errors import MeasurementErrors
+from aleator.observations.experiments import Conditions, unmeasured
+from aleator.observations.noise import Noise
+from aleator.simulators import Runner
+from aleator.tasks.individual.fit import IndividualFit
+from aleator.tasks.individual.population import draws
+from aleator.tasks.individual.virtual import limited_alike
+from aleator.tasks.likely import likely_alphas
+from aleator.types import Array
+
+NODES = 7
+"""Gauss-Hermite nodes a variate."""
+
+
+def planned(
+    fit: IndividualFit,
+    inputs: Inputs,
+    noise: Noise | Mapping[str, Noise],
+    candidates: Conditions,
+    alpha: Array,
+    runner: Runner,
+    predictor: Callable[[Runner, Array], Predictor],
+) -> IndividualFit:
+    """That of candidates at alpha, with the limits of the measured experiments.
+
+    `predictor` makes what answers for the simulator, exact where points (D, n) of the laws lie.
+    """
+    if inputs.regressed:
+        inputs = inputs.resolved(covariates(candidates, inputs.covariates))
+    count, asked = len(candidates.ids), candidates.observations
+    table = unmeasured(candidates)
+    table = table.with_observations(limited_alike(asked, fit.table.observations))
+    likely = likely_alphas(fit.alpha, fit.inference, fit.hyperparameters)
+    likelihood = IndividualLikelihood.of(
+        inputs,
+        MeasurementErrors.of(noise, table),
+        predictor(runner, draws(inputs, [alpha, *likely], count)),
+        Layout(count, asked.experiment, runner.unit, runner.column),
+        GaussHermite(NODES),
+    )
+    return IndividualFit(likelihood, alpha, fit.inference, table)
