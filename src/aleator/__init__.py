@@ -65,7 +65,6 @@ if TYPE_CHECKING:
     from aleator.tasks.predict import predict as predict
     from aleator.tasks.recover import recover as recover
     from aleator.tasks.results.identification import Identification as Identification
-    from aleator.tasks.results.next_experiments import NextExperiments as NextExperiments
     from aleator.tasks.results.posterior import Posterior as Posterior
     from aleator.tasks.results.saved import load as load
     from aleator.tasks.screen import screen as screen
@@ -81,7 +80,6 @@ _HOMES = {
     "tasks.results.posterior": ["Posterior"],
     "tasks.recover": ["recover"],
     "tasks.next_experiment": ["next_experiments"],
-    "tasks.results.next_experiments": ["NextExperiments"],
     "tasks.wanted": ["Predicted"],
     "tasks.screen": ["screen"],
     "tasks.compare": ["compare"],
