@@ -28,7 +28,7 @@ from aleator.study.simulators import SIMULATORS
 ROOT = Path(__file__).parents[1]
 EVERY = [
     path.relative_to(ROOT)
-    for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *ROOT.glob("examples/*/*.md"))
+    for path in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *ROOT.glob("examples/*/*.md"))
 ]
 PAGES = [page for page in EVERY if "```bash" in (ROOT / page).read_text(encoding="utf-8")]
 LIMIT = 300.0  # s, of a block that hangs
