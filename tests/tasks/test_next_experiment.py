@@ -255,3 +255,11 @@ def test_candidates_are_tested_to_the_limit_of_the_others() -> None:
     drawn = fit.drawn(np.random.default_rng(0)).table.observations
     assert drawn.lower[1] == 2.5
     assert drawn.censored.tolist() == [False, True]
+    # the limit of a censored normal value: s = phi/(1 - Phi)/scale above it
+    scores = expected_scores(fit, np.random.default_rng(0), Silent())
+    mean, sd = found.values[["x.mean", "x.sd"]]
+    scale = np.hypot(sd, NOISE)
+    u = (2.5 - mean) / scale
+    beyond, density = stats.norm.sf(u), stats.norm.pdf(u)
+    expected = (stats.norm.cdf(u) - u * density + density**2 / beyond) / scale**2
+    assert scores.information[0, 0, 0] == pytest.approx(expected, rel=1e-4)

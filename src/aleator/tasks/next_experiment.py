@@ -18,7 +18,7 @@ from aleator.inference.design import (
     repetitions,
 )
 from aleator.inference.fit import Fit
-from aleator.observations.experiments import Conditions
+from aleator.observations.experiments import Conditions, unmeasured
 from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
 from aleator.tasks.results.identification import Identification
@@ -155,6 +155,8 @@ def _directions(
     conditions = _conditions(wanted.predicted.conditions, fit)
     runner = session.runner_on(conditions)
     asked = session.fit_on(conditions, wanted.alpha, runner, progress)
+    # what is predicted has no limit of a test
+    asked = asked.seeing(unmeasured(conditions))
     each = [_scores(asked.at(one), wanted, rng, progress) for one in laws]
     return np.stack([wanted.predicted.gradients(part, fit) for part in each])
 

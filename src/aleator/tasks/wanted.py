@@ -125,9 +125,13 @@ def require_free(about: str | None, hyperparameters: Sequence[Hyperparameter]) -
 
 
 def _weakest(fit: Fit) -> str:
-    """The standard deviation with the largest standard error for its size; all without any."""
+    """The standard deviation with the largest standard error for its size; all without any.
+
+    Of the laws; that of the errors only where no other is identified.
+    """
     inference, hyperparameters = fit.inference, fit.hyperparameters
-    scales = [k for k in inference.identified if hyperparameters[k].log]
+    every = [k for k in inference.identified if hyperparameters[k].log]
+    scales = [k for k in every if k < fit.inputs.size] or every
     if not scales:
         return ALL
     share = inference.standard_error[scales] / fit.alpha[scales]

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
 
-from aleator.inference.design.scores import Scores
+from aleator.inference.design.scores import Scores, simpson
 from aleator.types import Array
 
 NEWTON = 4
@@ -36,12 +36,11 @@ def probability_gradients(found: Scores, limit: float) -> tuple[Array, Array]:
 
 
 def _distribution(found: Scores) -> tuple[Array, Array, Array, Array]:
-    """Nodes y (R, C), F (R, C), dF/dalpha (R, C, K) and f (R, C) at them."""
+    """Nodes y (R, C), F (R, C), dF/dalpha (R, C, K) and f (R, C) at them, without limits."""
     assert found.outcomes is not None
     y = found.outcomes
     step = np.diff(y, axis=0).mean(axis=0)
-    density = found.weights / step
-    density[[0, -1]] *= 2.0
+    density = found.weights / (simpson(len(y))[:, None] * step)
     moved = density[..., None] * found.scores
     below = cumulative_simpson(density, dx=1.0, axis=0, initial=0.0) * step
     slopes = cumulative_simpson(moved, dx=1.0, axis=0, initial=0.0) * step[:, None]

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from aleator.inference.fit import Fit
+from aleator.observations.limits import ends_of, limits_of
 from aleator.progress import Progress
 from aleator.types import Array, Indices
 
@@ -21,8 +22,9 @@ DRAWS = 400
 class Scores:
     """Scores (R, C, K) at R virtual outcomes of C experiments; weights (R, C) that sum to one.
 
-    `outcomes` (R, C) rise where they are nodes of a sum over the outcome's density; None where
-    each is a draw of several observations. An experiment that cannot be simulated has NaN.
+    `outcomes` (S, C), S <= R, are the first of them where these are nodes of a sum over the
+    outcome's density, at equal distances; the others are values beyond a limit of the test. None
+    where each is a draw of several observations. An experiment that cannot be simulated has NaN.
     """
 
     scores: Array
@@ -49,33 +51,55 @@ class Scores:
 def expected_scores(fit: Fit, rng: np.random.Generator, progress: Progress) -> Scores:
     """Scores of experiments under their own law, for any of which nothing need be measured.
 
-    Where each has one observation, and none is censored, by a sum over its density f, exact but
-    for the distance of the nodes: I = int s s' f dy. Else by draws, censored as the fit's are.
-    Cost: 97 evaluations of the likelihood of the experiments, or 400 draws of them.
+    Where each has one observation by a sum over its density f, exact but for the distance of the
+    nodes: I = int s s' f dy, values beyond the limits of the test taken together. Else by draws,
+    censored as the fit's are. Cost: some 97 evaluations of the likelihood of the experiments, or
+    400 draws of them.
     """
     seen = fit.table.observations
-    single = np.array_equal(seen.experiment, np.arange(fit.count)) and not np.any(seen.censored)
-    return _over_outcomes(fit, progress) if single else _over_draws(fit, rng, progress)
+    limits = limits_of(seen)
+    if limits is None or not np.array_equal(seen.experiment, np.arange(fit.count)):
+        return _over_draws(fit, rng, progress)
+    return _over_outcomes(fit, *ends_of(seen, limits), progress)
 
 
-def _over_outcomes(fit: Fit, progress: Progress) -> Scores:
+def _over_outcomes(fit: Fit, lowest: Array, highest: Array, progress: Progress) -> Scores:
     low, high = fit.span()
+    low, high = np.clip(low, lowest, highest), np.clip(high, lowest, highest)
     outcomes = low + np.linspace(0.0, 1.0, NODES)[:, None] * (high - low)
-    density = np.empty(outcomes.shape)
-    scores = np.empty((*outcomes.shape, fit.alpha.size))
-    for r, y in enumerate(outcomes):
-        progress.update(f"outcome {r + 1} of {NODES}", r, NODES)
+    ends = [*zip(outcomes, outcomes, strict=True)]
+    step = [*(simpson(NODES)[:, None] * (high - low) / (NODES - 1))]
+    if np.any(np.isfinite(highest)):
+        ends.append((np.where(np.isfinite(highest), highest, high), np.full(high.shape, np.inf)))
+        step.append(np.isfinite(highest).astype(float))
+    if np.any(np.isfinite(lowest)):
+        ends.append((np.full(low.shape, -np.inf), np.where(np.isfinite(lowest), lowest, low)))
+        step.append(np.isfinite(lowest).astype(float))
+    weights = np.empty((len(ends), fit.count))
+    scores = np.empty((*weights.shape, fit.alpha.size))
+    for r, (lower, upper) in enumerate(ends):
+        progress.update(f"outcome {r + 1} of {len(ends)}", r, len(ends))
         # the next outcome is near: nodes are adapted from those of the last
-        seen = replace(fit.table.observations, lower=y, upper=y)
+        seen = replace(fit.table.observations, lower=lower, upper=upper)
         fit = fit.seeing(fit.table.with_observations(seen))
         found = fit.scored()
         assert found.scores is not None
-        density[r], scores[r] = np.exp(found.each), found.scores
-    density[[0, -1]] *= 0.5
+        weights[r], scores[r] = step[r] * np.exp(found.each), found.scores
     with np.errstate(invalid="ignore"):
-        weights = density / density.sum(axis=0)
-    return Scores(np.where(weights[..., None] > 0.0, scores, 0.0 * weights[..., None]), weights,
-                  outcomes)  # fmt: skip
+        weights = weights / weights.sum(axis=0)
+    known = np.where(weights[..., None] > 0.0, scores, 0.0 * weights[..., None])
+    return Scores(known, weights, outcomes)
+
+
+def simpson(count: int) -> Array:
+    """Weights (count,) of Simpson's rule over steps, for an odd number of nodes.
+
+    >>> simpson(5).tolist()
+    [0.333, 1.333, 0.667, 1.333, 0.333]
+    """
+    weights = np.tile([2.0, 4.0], count // 2 + 1)[:count]
+    weights[[0, -1]] = 1.0
+    return weights / 3.0
 
 
 def _over_draws(fit: Fit, rng: np.random.Generator, progress: Progress) -> Scores:

@@ -10,11 +10,11 @@ from aleator.likelihood.individual.gauss_hermite import GaussHermite
 from aleator.observations.covariates import covariates
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, unmeasured
+from aleator.observations.limits import limited_alike
 from aleator.observations.noise import Noise
 from aleator.simulators import Runner
 from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.population import draws
-from aleator.tasks.individual.virtual import limited_alike
 from aleator.tasks.likely import likely_alphas
 from aleator.types import Array
 

@@ -39,24 +39,6 @@ def virtual_observations(
     return censored_alike(seen, y, rng)
 
 
-def limited_alike(asked: Observations, seen: Observations) -> Observations:
-    """Observations that were not made (M,), with the limits of the test of those that were seen.
-
-    A response whose censored values all have one bound has that limit: as long as nothing is known
-    of a new value, it is one beyond. `censored_alike` then makes others of it.
-    """
-    lower, upper = asked.lower.copy(), asked.upper.copy()
-    for k in range(len(seen.responses)):
-        own, new = (seen.response == k) & seen.censored, asked.response == k
-        above = np.unique(seen.lower[own & np.isposinf(seen.upper)])
-        below = np.unique(seen.upper[own & np.isneginf(seen.lower)])
-        if above.size == 1:
-            lower[new], upper[new] = above[0], np.inf
-        elif below.size == 1:
-            lower[new], upper[new] = -np.inf, below[0]
-    return replace(asked, lower=lower, upper=upper)
-
-
 def censored_alike(seen: Observations, y: Array, rng: np.random.Generator) -> Observations:
     """Values y (M,) with bounds like those of the observations that were seen.
 
