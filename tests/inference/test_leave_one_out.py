@@ -129,6 +129,21 @@ def test_what_cannot_be_reached_is_told() -> None:
     assert not refitted(broken).arrived
 
 
+def test_a_prior_stays_when_an_experiment_goes() -> None:
+    """A normal mean with a normal prior and known spread: the mean without l is a weighted one."""
+    y = np.random.default_rng(2).normal(1.0, 1.0, 12)
+    law = Inputs({"x": Normal(Free(-5.0, 5.0, prior=Normal(0.0, 0.5)), 0.6)})
+    found = identify(
+        lambda x: x, pd.DataFrame({"y": y}), law, outcome="y", noise=Noise(0.8), vectorized=True,
+        verification=MonteCarlo(0),
+    )  # fmt: skip
+    left_out = leave_one_out(found.fit)
+    for l in range(12):
+        mean = (y.sum() - y[l]) / (11.0 + 4.0)
+        assert left_out.alpha[l, 0] == pytest.approx(mean, abs=2e-3)
+        assert left_out.each[l] == pytest.approx(stats.norm(mean, 1.0).logpdf(y[l]), abs=0.01)
+
+
 def test_errors_of_sums() -> None:
     each = np.random.default_rng(0).normal(0.0, 2.0, 10_000)
     assert summed_error(each) == pytest.approx(200.0, rel=0.02)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +24,12 @@ from aleator import (
     Noise,
     Normal,
     TruncatedNormal,
+    ceiling,
     compare,
     identify,
 )
 from aleator.laws import By
+from aleator.tasks.comparison import Comparison
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -57,6 +60,11 @@ def sleep() -> dict[str, Identification]:
 
 
 @pytest.fixture(scope="module")
+def sleep_compared(sleep: dict[str, Identification]) -> Comparison:
+    return compare(**sleep, ceilings=False)
+
+
+@pytest.fixture(scope="module")
 def dyestuff() -> dict[str, Identification]:
     table = Experiments.from_csv(DATA / "dyestuff.csv", outcome="yield", id="unit")
     noise, limits = Noise(Free(1.0, 500.0)), Free(1000.0, 2000.0)
@@ -66,8 +74,8 @@ def dyestuff() -> dict[str, Identification]:
     }
 
 
-def test_the_sleep_study_is_as_lme4_has_it(sleep: dict[str, Identification]) -> None:
-    found = compare(**sleep)
+def test_the_sleep_study_is_as_lme4_has_it(sleep_compared: Comparison) -> None:
+    found = sleep_compared
     table = found.table()
     published = {"intercepts": 1802.1, "independent": 1762.0, "correlated": 1763.9}
     for name, aic in published.items():
@@ -79,18 +87,19 @@ def test_the_sleep_study_is_as_lme4_has_it(sleep: dict[str, Identification]) -> 
 
 
 def test_a_new_scale_with_its_correlation_has_the_mixture_of_one_and_two(
-    sleep: dict[str, Identification],
+    sleep_compared: Comparison,
 ) -> None:
     """Stram and Lee 1994, case 3; against the correlated model."""
-    (ratio,) = compare(a=sleep["intercepts"], b=sleep["correlated"]).ratios
+    (ratio,) = (r for r in sleep_compared.ratios if r.df == 2)
+    assert (ratio.smaller, ratio.larger) == ("intercepts", "correlated")
     assert ratio.reference == "1/2 chi2(1) + 1/2 chi2(2)"
     assert (ratio.df, ratio.on_boundary) == (2, 1)
 
 
 def test_hyperparameters_of_laws_and_of_the_rest_are_told_apart(
-    sleep: dict[str, Identification],
+    sleep_compared: Comparison,
 ) -> None:
-    models = {m.name: m.criteria for m in compare(**sleep).models}
+    models = {m.name: m.criteria for m in sleep_compared.models}
     assert (models["intercepts"].of_law, models["intercepts"].of_rest) == (2, 2)
     assert (models["correlated"].of_law, models["correlated"].of_rest) == (5, 1)
     assert (models["correlated"].experiments, models["correlated"].observations) == (18, 180)
@@ -143,6 +152,11 @@ def proportional(frame: pd.DataFrame, law=None, scale: float = 1.0, **options) -
     return found_by(lambda t, x: scale * x * t, table, Noise(Free(0.01, 1.0)), x=law)
 
 
+@cache
+def usual() -> Identification:
+    return proportional(made())
+
+
 def test_a_number_and_fewer_terms_are_special_cases() -> None:
     frame = made().assign(load=np.repeat(np.linspace(0.0, 1.0, 10), 3))
     followed = Normal(By("1 + load", 0.1, 6.0), Free(0.0, 2.0))
@@ -182,9 +196,34 @@ def test_a_pair_that_the_user_names_is_judged_by_drawn_data() -> None:
 
 
 def test_an_unsound_answer_is_marked() -> None:
-    found = proportional(made())
-    table = compare(a=found, b=replace(found, sound=False)).table()
+    found = usual()
+    table = compare(a=found, b=replace(found, sound=False), ceilings=False).table()
     assert table["sound"].to_dict() == {"a": True, "b": False}
+    assert table["consistent"].tolist() == [found.consistent] * 2
+    assert np.all(np.isnan(table["below_ceiling"]))
+
+
+def test_how_far_any_law_could_go_is_told_where_it_is_known() -> None:
+    frame = made()
+    constant = Constant(Free(0.5, 4.0))
+    models = {"scattered": usual(), "alike": proportional(frame, constant)}
+    table = compare(**models).table()
+    best = ceiling(usual(), replicates=0)
+    assert table.loc["scattered", "below_ceiling"] == pytest.approx(best.gap)
+    assert np.isnan(table.loc["alike", "below_ceiling"])
+
+
+def test_with_a_prior_there_is_no_reference_but_drawn_data() -> None:
+    """And the likelihood is told without the prior."""
+    frame = made()
+    believed = Normal(Free(0.5, 4.0, prior=Normal(2.0, 0.1)), Free(0.0, 2.0))
+    models = {"fixed": proportional(frame, Normal(2.0, Free(0.0, 2.0)))}
+    models["believed"] = proportional(frame, believed)
+    found = compare(**models, ceilings=False)
+    (ratio,) = found.ratios
+    assert ratio.reference == "bootstrap"
+    likelihood = found.table().loc["believed", "log_likelihood"]
+    assert likelihood == pytest.approx(models["believed"].fit.scored().each.sum())
 
 
 def changed(**columns) -> pd.DataFrame:
@@ -206,14 +245,14 @@ def changed(**columns) -> pd.DataFrame:
 )
 def test_different_data_are_refused(other: pd.DataFrame, told: str) -> None:
     with pytest.raises(AleatorError, match=told):
-        compare(proportional(made()), proportional(other))
+        compare(usual(), proportional(other))
 
 
 def test_a_bound_in_place_of_a_value_is_refused() -> None:
     bounded = made().assign(status=[*["seen"] * 4, "more", *["seen"] * 25])
     options = {"censored": Censoring("status", right="more")}
     with pytest.raises(AleatorError, match="the upper end is"):
-        compare(proportional(made()), proportional(bounded, **options))
+        compare(usual(), proportional(bounded, **options))
 
 
 def test_another_transform_is_refused_with_the_jacobian() -> None:
@@ -224,7 +263,7 @@ def test_another_transform_is_refused_with_the_jacobian() -> None:
 
 
 def test_misuse_is_told() -> None:
-    found = proportional(made())
+    found = usual()
     for arguments, told in [
         (((found,), {}), "1 models"),
         (((found, found), {"bootstrap": -1}), "-1 data sets"),

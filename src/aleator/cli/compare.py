@@ -45,6 +45,7 @@ from aleator.tasks.results import documents
     metavar="R",
     help="Judge likelihood ratios by R data sets drawn under the smaller model, too.",
 )
+@click.option("--no-ceiling", is_flag=True, help="Do not look for the best law of each model.")
 @click.option(
     "--output",
     type=FOLDER,
@@ -59,6 +60,7 @@ def compare(
     studies: tuple[Path, ...],
     nested: tuple[tuple[str, str], ...],
     bootstrap: int,
+    no_ceiling: bool,
     output: Path | None,
     seed: int | None,
     no_verify: bool,
@@ -81,8 +83,9 @@ def compare(
         progress = stack.enter_context(shown(options.quiet))
         found = {name: identified(v, runners[name], progress) for name, v in values.items()}
         result = compare_models(
-            nested=nested, bootstrap=bootstrap, seed=seed or 0, progress=progress, **found
-        )
+            nested=nested, bootstrap=bootstrap, ceilings=not no_ceiling, seed=seed or 0,
+            progress=progress, **found,
+        )  # fmt: skip
     titles = {name: value.title for name, value in values.items()}
     document = documents.plain({"titles": titles, "seed": seed or 0, **result.to_dict()})
     documents.write_json(document, folder / "compare.json")

@@ -13,6 +13,7 @@ from aleator.inference.fit import Fit
 from aleator.inference.information import BOUND, STEP
 from aleator.inference.refit import refitted
 from aleator.laws.hyperparameter import Hyperparameter
+from aleator.laws.prior import curvatures
 from aleator.progress import Progress, Silent
 from aleator.types import Array, Flags, Indices
 
@@ -68,8 +69,8 @@ def summed_error(each: Array) -> float:
 def leave_one_out(fit: Fit, progress: Progress | None = None) -> LeaveOneOut:
     """log p(y_l | alpha_-l) of each experiment, alpha_-l the maximum of all others; no runs.
 
-    With scores s_l and information H_l of the experiments, H = sum_l H_l, one Newton step on the
-    others' log-likelihood is
+    With scores s_l and information H_l of the experiments, H that of all and of priors, one Newton
+    step on the others' log-likelihood is
 
         alpha_-l = alpha - (H - H_l)^-1 s_l,
 
@@ -96,7 +97,8 @@ class _Local:
     """The log-likelihood of each experiment about alpha to second order.
 
     `values` (N,), `scores` (N, F) and `information` (N, F, F) by the identified hyperparameters
-    `moving`; `inside` (F,) those off their limits.
+    `moving`; `inside` (F,) those off their limits. `believed` (F,) and `curvature` (F,) are the
+    score and the information of priors, which no experiment that is left out takes away.
     """
 
     alpha: Array
@@ -106,6 +108,8 @@ class _Local:
     values: Array
     scores: Array
     information: Array
+    believed: Array
+    curvature: Array
 
     @classmethod
     def of(cls, fit: Fit) -> _Local:
@@ -118,12 +122,19 @@ class _Local:
         inside = (alpha[moving] > lower + margin) & (alpha[moving] < upper - margin)
         information = informations(fit, scores)
         own = [fit.hyperparameters[k] for k in moving]
-        return cls(alpha, own, moving, inside, found.each, scores, information)
+        believed = found.score[moving] - scores.sum(axis=0)
+        curvature = curvatures(own, alpha[moving])
+        return cls(alpha, own, moving, inside, found.each, scores, information, believed, curvature)
+
+    @cached_property
+    def _whole(self) -> Array:
+        """H (F, F), of all experiments and the priors."""
+        return np.asarray(self.information.sum(axis=0) + np.diag(self.curvature))
 
     @cached_property
     def _whitening(self) -> Array:
         """W (F, G) with W' H W = 1 over the directions inside that the data determine."""
-        whole = self.information.sum(axis=0)[np.ix_(self.inside, self.inside)]
+        whole = self._whole[np.ix_(self.inside, self.inside)]
         scale = np.sqrt(np.abs(np.diag(whole)))
         known = scale > 0.0
         scale = np.where(known, scale, 1.0)
@@ -148,7 +159,7 @@ class _Local:
 
     def stepped(self) -> tuple[Array, Array, Flags]:
         """log p(y_l) at the step (N,), alpha there (N, K), and whether the step is trusted (N,)."""
-        rest = self.scores.sum(axis=0) - self.scores
+        rest = self.scores.sum(axis=0) + self.believed - self.scores
         safe = self.leverage < LEVERAGE
         share = np.where(safe[:, None, None], self._share, 0.0)
         unit = np.eye(share.shape[1]) - share
@@ -170,7 +181,7 @@ class _Local:
         By the score, or by the curvature: that by a scale of zero has no score.
         """
         held = np.flatnonzero(~self.inside).tolist()
-        left = self.information.sum(axis=0) - self.information
+        left = self._whole - self.information
         found = np.zeros(len(rest), dtype=bool)
         for k in held:
             h, value = self.hyperparameters[k], self.alpha[self.moving[k]]

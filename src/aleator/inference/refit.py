@@ -27,9 +27,10 @@ LEAST_CURVATURE = 1e-8
 
 @dataclass(frozen=True)
 class Refit(Generic[AnyFit]):
-    """A fit at its maximum, the log-likelihood `value` there, and whether it `arrived`.
+    """A fit at its maximum, the `value` that was climbed there, and whether it `arrived`.
 
-    With weights the value is that of the weighted experiments.
+    The value is the log-likelihood, of the weighted experiments where there are weights, with log
+    priors.
     """
 
     fit: AnyFit

@@ -20,8 +20,8 @@ SMALL = 4.0
 CHANCE = 2.0
 """Standard errors within which a difference may be chance."""
 CRITERIA: Sequence[Column] = (
-    ("model", "left"), ("log L", "right"), ("K", "right"), ("AIC", "right"), ("AICc", "right"),
-    ("BIC", "right"), ("note", "fold"),
+    ("model", "left"), ("log L", "right"), ("below best law", "right"), ("K", "right"),
+    ("AIC", "right"), ("AICc", "right"), ("BIC", "right"),
 )  # fmt: skip
 PREDICTIONS: Sequence[Column] = (
     ("model", "left"), ("left out", "right"), ("+-", "right"), ("difference", "right"),
@@ -33,7 +33,8 @@ RATIOS: Sequence[Column] = (
 )  # fmt: skip
 CRITERIA_TOLD = (
     "K free hyperparameters. Smaller AIC, AICc and BIC are better. BIC counts log N for those of "
-    "laws that scatter and log M for those of the noise and of constants."
+    "laws that scatter and log M for those of the noise and of constants. Below best law: how much "
+    "higher log L could be with a law of any shape (aleator ceiling judges that)."
 )
 PREDICTIONS_TOLD = (
     "Left out: the log-likelihood of each experiment by the maximum of the others, summed; larger "
@@ -61,7 +62,9 @@ def render(result: Document, files: Sequence[str] = ()) -> RenderableType:
     if result["nested"]:
         rows = [_ratio(ratio) for ratio in result["nested"]]
         parts += [Text(), Rows(RATIOS, rows), Text(RATIOS_TOLD)]
-    return Group(*parts, Text(), Text(verdict(result), style="bold"), *written(files))
+    notes = [Text(note) for note in map(_note, models) if note]
+    verdicts = Text(verdict(result), style="bold")
+    return Group(*parts, Text(), *notes, verdicts, *written(files))
 
 
 def verdict(result: Document) -> str:
@@ -102,16 +105,17 @@ def _alike(model: Document) -> bool:
 
 def _criteria(model: Document) -> tuple[str, ...]:
     values = [_to_two(model[key]) for key in ("aic", "aicc", "bic")]
-    return (
-        model["name"], _to_two(model["log_likelihood"]), str(model["free"]), *values, _note(model),
-    )  # fmt: skip
+    log_likelihood, below = (_to_two(model[key]) for key in ("log_likelihood", "below_ceiling"))
+    return model["name"], log_likelihood, below, str(model["free"]), *values
 
 
 def _note(model: Document) -> str:
-    notes = [] if model["sound"] else ["not computed soundly"]
+    notes = []
+    if model["consistent"] is False:
+        notes.append("NOT consistent with the experiments")
     if model["not_arrived"]:
         notes.append(f"{model['not_arrived']} of the refits did not arrive")
-    return ", ".join(notes)
+    return f"{model['name']}: {', '.join(notes)}." if notes else ""
 
 
 def _prediction(model: Document, best: Document) -> tuple[str, ...]:

@@ -3,119 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import permutations
 from string import ascii_uppercase
-from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from aleator.errors import InputsError, nearest
 from aleator.inference.criteria import Criteria
 from aleator.inference.fit import Fit
-from aleator.inference.leave_one_out import LeaveOneOut, leave_one_out, summed_error
+from aleator.inference.leave_one_out import leave_one_out
 from aleator.inference.likelihood_ratio import LikelihoodRatio
 from aleator.inference.refit import refitted
+from aleator.laws.prior import has_prior
 from aleator.progress import Progress, Silent
+from aleator.tasks.ceiling import ceiling
+from aleator.tasks.comparison import Comparison, Competitor
 from aleator.tasks.nested import Embedding, embedded
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.same_experiments import require_same_data
 from aleator.types import Array
 
 
-@dataclass(frozen=True, eq=False)
-class Competitor:
-    """One model: whether it was computed soundly, its criteria, and its predictions."""
-
-    name: str
-    sound: bool
-    criteria: Criteria
-    left_out: LeaveOneOut
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Comparison:
-    """Models of N experiments `ids`, those that predict best first, and likelihood ratios."""
-
-    ids: tuple[str, ...]
-    models: tuple[Competitor, ...]
-    ratios: tuple[LikelihoodRatio, ...]
-
-    def table(self) -> pd.DataFrame:
-        """A row for each model, by its name.
-
-        Columns `sound`, `log_likelihood`, `free` hyperparameters, `aic`, `aicc`, `bic`, `elpd` (the
-        predictive log-likelihood of experiments left out) with `elpd_error`, its `difference` to
-        the best with `difference_error`, and `refits`: maxima that were climbed to.
-        """
-        best = self.models[0].left_out.each
-        rows = [
-            {
-                "sound": model.sound,
-                "log_likelihood": model.criteria.log_likelihood,
-                "free": model.criteria.free,
-                "aic": model.criteria.aic,
-                "aicc": model.criteria.aicc,
-                "bic": model.criteria.bic,
-                "elpd": model.left_out.total,
-                "elpd_error": model.left_out.error,
-                "difference": float(np.sum(model.left_out.each - best)),
-                "difference_error": summed_error(model.left_out.each - best) if place else 0.0,
-                "refits": int(np.sum(model.left_out.refitted)),
-            }
-            for place, model in enumerate(self.models)
-        ]
-        return pd.DataFrame(rows, index=pd.Index([m.name for m in self.models], name="model"))
-
-    def experiments(self) -> pd.DataFrame:
-        """log p of each experiment (N rows) by the maximum of the others, a column a model."""
-        columns = {model.name: model.left_out.each for model in self.models}
-        return pd.DataFrame(columns, index=pd.Index(self.ids, name="id"))
-
-    def nested(self) -> pd.DataFrame:
-        """A row for each likelihood ratio.
-
-        `smaller`, `larger`, `ratio`, `df`, `reference`, its `p`, and `bootstrap_p` of so many
-        `replicates`; NaN where there is none.
-        """
-        rows = [
-            {
-                "smaller": ratio.smaller, "larger": ratio.larger, "ratio": ratio.statistic,
-                "df": ratio.df, "reference": ratio.reference, "p": ratio.p,
-                "bootstrap_p": ratio.bootstrap_p,
-                "replicates": int(np.sum(np.isfinite(ratio.bootstrap))),
-            }
-            for ratio in self.ratios
-        ]  # fmt: skip
-        return pd.DataFrame(rows)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The document compare.json as plain dictionaries, lists, numbers and texts."""
-        details = {
-            model.name: {
-                "of_law": model.criteria.of_law,
-                "of_rest": model.criteria.of_rest,
-                "observations": model.criteria.observations,
-                "not_arrived": int(np.sum(~model.left_out.arrived)),
-            }
-            for model in self.models
-        }
-        return {
-            "experiments": len(self.ids),
-            "models": [
-                {"name": name, **row, **details[str(name)]}
-                for name, row in self.table().to_dict("index").items()
-            ],
-            "nested": self.nested().to_dict("records"),
-            "left_out": self.experiments().rename_axis("id").reset_index().to_dict("records"),
-        }
-
-
 def compare(
     *found: Identification,
     nested: Sequence[tuple[str, str]] = (),
     bootstrap: int = 0,
+    ceilings: bool = True,
     seed: int = 0,
     progress: Progress | None = None,
     **named: Identification,
@@ -127,7 +40,9 @@ def compare(
     experiment in turn (`aleator.inference.leave_one_out`). A likelihood ratio is taken where one
     model is found to be a special case of another, and for the pairs (smaller, larger) in `nested`.
     `bootstrap` is the number of data sets drawn under the smaller model of each such pair, by which
-    the ratio is judged too; `seed` is theirs.
+    the ratio is judged too; `seed` is theirs. With `ceilings` the best possible law of each model
+    is found (see `aleator.ceiling`), where it can be. Of models with priors the maximum is that of
+    the posterior density, and ratios have no reference but drawn data.
 
     Raises InputsError for fewer than two models, names that are unknown, and a pair of which the
     larger model has no more free hyperparameters; ExperimentsError where the data or their
@@ -135,6 +50,7 @@ def compare(
     evaluations of each likelihood and a climb for each influential experiment; two climbs or three
     for each drawn data set.
 
+    >>> import pandas as pd
     >>> from aleator import Constant, Experiments, Free, Inputs, Noise, Normal, identify
     >>> y = [1.1, 1.2, 1.9, 2.1, 1.4, 1.5, 2.8, 2.7]
     >>> frame = pd.DataFrame({"id": list("aabbccdd"), "y": y})
@@ -157,7 +73,11 @@ def compare(
     for name, fit in fits.items():
         told.stage(f"{name}: leave one out")
         left_out = leave_one_out(fit, told)
-        competitors.append(Competitor(name, models[name].sound, criteria(fit), left_out))
+        model = models[name]
+        gap = _below_ceiling(model, seed, told) if ceilings else float("nan")
+        competitors.append(
+            Competitor(name, model.sound, model.consistent, criteria(fit), left_out, gap)
+        )
     pairs = _pairs(fits, nested)
     ratios = []
     for (small, large), found_in in pairs.items():
@@ -176,9 +96,17 @@ def criteria(fit: Fit) -> Criteria:
         law = laws.get(fit.hyperparameters[k].name.partition(".")[0])
         of_law += k < fit.inputs.size and (law is None or law.scatters)
     return Criteria(
-        fit.scored().total, of_law, len(identified) - of_law, fit.count,
+        fit.scored().likelihood, of_law, len(identified) - of_law, fit.count,
         len(fit.table.observations),
     )  # fmt: skip
+
+
+def _below_ceiling(found: Identification, seed: int, progress: Progress) -> float:
+    """NaN without noise, with laws that follow covariates, and where nothing scatters."""
+    try:
+        return ceiling(found, replicates=0, seed=seed, progress=progress).gap
+    except InputsError:
+        return float("nan")
 
 
 def _lettered(
@@ -238,10 +166,13 @@ def _ratio(
         progress.update(f"{r} of {bootstrap} data sets", r, bootstrap)
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(r,)))
         drawn[r] = _drawn_ratio(smaller, larger, place, rng)
-    statistic = 2.0 * (larger.scored().total - smaller.scored().total)
+    statistic = 2.0 * (larger.scored().likelihood - smaller.scored().likelihood)
     df = larger.inference.identified.size - smaller.inference.identified.size
     boundary = 0 if place is None else place.on_boundary
-    return LikelihoodRatio(small, large, statistic, df, boundary, place is not None, drawn)
+    regular = place is not None and not any(
+        map(has_prior, (smaller.hyperparameters, larger.hyperparameters))
+    )
+    return LikelihoodRatio(small, large, statistic, df, boundary, regular, drawn)
 
 
 def _drawn_ratio(
@@ -255,4 +186,6 @@ def _drawn_ratio(
         starts.append(place.of(one.fit.alpha))
     ends = [refitted(larger.at(start).seeing(drawn.table)) for start in starts]
     two = max(ends, key=lambda end: end.value)
-    return 2.0 * (two.value - one.value) if one.arrived and two.arrived else float("nan")
+    if not (one.arrived and two.arrived):
+        return float("nan")
+    return 2.0 * (two.fit.scored().likelihood - one.fit.scored().likelihood)
