@@ -21,10 +21,12 @@ from aleator.inference.posterior import Asked, Scale
 from aleator.types import Array, Flags, Indices
 
 SAMPLER = "mici"
-WARM_UP = 150
+WARM_UP = 100
 """Steps of each chain that set the length of its steps, and are no draws."""
 TARGET = 0.85
 """Share of proposals that is to be accepted."""
+DEEPEST = 5
+"""Times that a trajectory is doubled, at most: the density has been scaled to about N(0, I)."""
 TRIES = 50
 """Points that a chain may try to begin at."""
 
@@ -85,7 +87,8 @@ class _Chain:
     ) -> None:
         self._density, self._scale, self._told = density, scale, told
         self._known: dict[bytes, Asked] = {}
-        self._steps = self._evaluations = 0
+        # what is traced is asked for once before the first step
+        self._steps, self._evaluations = -1, 0
 
     def run(self, rng: np.random.Generator, draws: int) -> dict[str, Any]:
         """The draws after the warm-up, by the names of the fields of `Chains`."""
@@ -101,7 +104,10 @@ class _Chain:
 
         system = mici.systems.EuclideanMetricSystem(loss, grad_neg_log_dens=slope)
         sampler = mici.samplers.DynamicMultinomialHMC(
-            system, mici.integrators.LeapfrogIntegrator(system), rng
+            system,
+            mici.integrators.LeapfrogIntegrator(system),
+            rng,
+            max_tree_depth=DEEPEST,
         )
         with np.errstate(all="ignore"), _quiet():
             out = sampler.sample_chains(
@@ -152,7 +158,8 @@ class _Chain:
         found = self._at(z)
         self._known = {z.tobytes(): found}
         self._steps += 1
-        self._told(self._steps)
+        if self._steps:
+            self._told(self._steps)
         return {
             "u": self._scale.center + self._scale.factor @ z,
             "value": found.value,

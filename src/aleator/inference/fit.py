@@ -136,6 +136,7 @@ def stepped(fit: AnyFit) -> AnyFit:
         return fit
     score = fit.scored().score[moving]
     limits = np.array([[hyperparameters[k].lower, hyperparameters[k].upper] for k in moving])
+    limits = limits.reshape(-1, 2)
     here = fit.alpha[moving]
     held = ((here <= limits[:, 0]) & (score < 0.0)) | ((here >= limits[:, 1]) & (score > 0.0))
     free = np.flatnonzero(~held & np.isfinite(score))

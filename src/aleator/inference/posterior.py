@@ -22,6 +22,8 @@ STEP = 1e-2
 """Step of the differences of the slope, in scales of the logistic function."""
 LEAST = 0.05
 """Least curvature: that of a density as flat as between limits that nothing else tells of."""
+TRIED, SHRUNK, SMALLER = 16, 12, 0.6
+"""Points that tell whether a scale is too wide, and how often it is made how much smaller."""
 MODE = 50
 """Steps to the mode, at most."""
 
@@ -92,7 +94,8 @@ class Scale:
 def scaled(density: Callable[[Array], Asked], start: Array) -> Scale:
     """The mode of the density of u next to `start` (G,), and a factor of its covariance there.
 
-    The curvature is that by differences of the slope: 2 G evaluations after some tens to the mode.
+    The curvature is that by differences of the slope: 2 G evaluations after some tens to the mode,
+    and 16 that see whether the density reaches as far.
     """
 
     def loss(u: Array) -> tuple[float, Array]:
@@ -106,4 +109,15 @@ def scaled(density: Callable[[Array], Asked], start: Array) -> Scale:
         step[g] = STEP
         curvature[g] = (density(mode - step).slope - density(mode + step).slope) / (2.0 * STEP)
     values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
-    return Scale(mode, vectors / np.sqrt(np.maximum(values, LEAST)))
+    return _within(density, Scale(mode, vectors / np.sqrt(np.maximum(values, LEAST))))
+
+
+def _within(density: Callable[[Array], Asked], scale: Scale) -> Scale:
+    """A scale at half of whose points there is a density: a likelihood may end abruptly."""
+    z = np.random.default_rng(0).standard_normal((TRIED, scale.center.size))
+    for _ in range(SHRUNK):
+        inside = [np.isfinite(density(scale.center + scale.factor @ one).value) for one in z]
+        if np.mean(inside) >= 0.5:
+            break
+        scale = Scale(scale.center, SMALLER * scale.factor)
+    return scale

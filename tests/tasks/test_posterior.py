@@ -1,0 +1,223 @@
+"""Posteriors of identifications: against closed forms, as tables, netCDF and by command."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray
+from click.testing import CliRunner
+from scipy import stats
+
+import aleator
+from aleator import Free, Identification, Inputs, MonteCarlo, Noise, Normal, Posterior, posterior
+from aleator.cli import main
+from aleator.errors import AleatorError, InputsError
+from aleator.laws import Constant, Law
+from aleator.types import Array
+
+SD, NOISE, COUNT = 0.4, 0.3, 12
+MEASURED = np.random.default_rng(3).normal(2.0, np.hypot(SD, NOISE), COUNT)
+PRIOR = Normal(1.5, 0.1)
+
+
+def direct(z: Array, x: Array) -> Array:
+    return x + 0.0 * z
+
+
+def identified(law: Law, noise: Noise | None = None) -> Identification:
+    ids = [f"specimen {k}" for k in range(COUNT)]
+    table = pd.DataFrame({"id": ids, "z": np.linspace(0.0, 1.0, COUNT), "y": MEASURED})
+    return aleator.identify(
+        direct, table, Inputs({"x": law}), outcome="y", vectorized=True, noise=noise,
+        verification=MonteCarlo(0),
+    )  # fmt: skip
+
+
+def conjugate(variance: float) -> stats.rv_continuous:
+    precision = 100.0 + COUNT / variance
+    return stats.norm((150.0 + MEASURED.sum() / variance) / precision, precision**-0.5)
+
+
+@pytest.fixture(scope="module")
+def found() -> Identification:
+    return identified(Normal(Free(-10.0, 10.0, prior=PRIOR), SD), Noise(NOISE))
+
+
+@pytest.fixture(scope="module")
+def drawn(found: Identification) -> Posterior:
+    return posterior(found, draws=120, chains=2, seed=5)
+
+
+@pytest.fixture(scope="module")
+def few(found: Identification) -> Posterior:
+    return posterior(found, draws=10, chains=2, seed=5)
+
+
+def require_normal(made: Posterior, truth: stats.rv_continuous) -> None:
+    flat = made.draws[:, :, 0].ravel()
+    distance = stats.kstest(flat, truth.cdf).statistic
+    assert made.convergence.least > 40
+    assert distance * np.sqrt(min(made.convergence.least, flat.size)) < 1.95
+
+
+def test_a_noisy_normal_mean_has_its_conjugate_posterior(drawn: Posterior) -> None:
+    require_normal(drawn, conjugate(SD**2 + NOISE**2))
+
+
+def test_so_has_an_exact_one_by_the_density_of_the_outcome() -> None:
+    law = Normal(Free(-10.0, 10.0, prior=PRIOR), SD)
+    require_normal(posterior(identified(law), draws=80, chains=2, seed=1), conjugate(SD**2))
+
+
+def test_the_same_seed_gives_the_same_draws_however_many(drawn: Posterior, few: Posterior) -> None:
+    np.testing.assert_array_equal(few.draws, drawn.draws[:2, :10])
+    np.testing.assert_array_equal(few.chains.likelihood, drawn.chains.likelihood[:2, :10])
+
+
+def test_every_draw_has_its_likelihood_and_its_prior(
+    found: Identification, drawn: Posterior
+) -> None:
+    frame = drawn.frame()
+    assert frame.shape == (240, 5)
+    row = frame.iloc[177]
+    assert row["log_likelihood"] == pytest.approx(
+        found.log_likelihood_at({"x.mean": row["x.mean"]}), abs=1e-6
+    )
+    assert row["log_prior"] == pytest.approx(stats.norm.logpdf(row["x.mean"], 1.5, 0.1))
+    assert (row["chain"], row["draw"]) == (1, 57)
+    np.testing.assert_allclose(drawn.chains.each.sum(axis=2), drawn.chains.likelihood)
+
+
+def test_the_table_tells_moments_quantiles_and_convergence(drawn: Posterior) -> None:
+    row, flat = drawn.table().loc["x.mean"], drawn.draws.ravel()
+    assert row["mean"] == pytest.approx(flat.mean())
+    assert row["sd"] == pytest.approx(flat.std(ddof=1))
+    assert np.mean((flat > row["lower"]) & (flat < row["upper"])) == pytest.approx(0.95, abs=8e-3)
+    assert drawn.converged == ("NOT" not in drawn.verdict)
+    assert drawn.nodes_error < 0.01
+    assert drawn.outside == 0.0
+    assert drawn.warnings == ()
+
+
+def test_netcdf_gives_back_what_arviz_expects(drawn: Posterior, tmp_path: Path) -> None:
+    drawn.save(tmp_path / "posterior.nc")
+    with xarray.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as read:
+        np.testing.assert_array_equal(read["posterior"]["x.mean"].to_numpy(), drawn.draws[:, :, 0])
+        assert read["posterior"]["x.mean"].dims == ("chain", "draw")
+        lp = read["sample_stats"]["lp"].to_numpy()
+        np.testing.assert_allclose(lp, drawn.chains.likelihood + drawn.chains.prior)
+        assert {"diverging", "n_steps", "acceptance_rate"} <= {*read["sample_stats"].data_vars}
+        each = read["log_likelihood"]["y"]
+        assert each.dims == ("chain", "draw", "experiment")
+        assert each["experiment"].to_numpy().tolist() == [f"specimen {k}" for k in range(COUNT)]
+        assert float(read["constant_data"]["noise.sd"]) == NOISE
+
+
+def test_arviz_itself_tells_the_same_of_the_data(drawn: Posterior) -> None:
+    import arviz_stats
+
+    told = arviz_stats.rhat(drawn.data())
+    assert float(told["x.mean"]) == pytest.approx(drawn.convergence.r_hat[0])
+    # leave-one-out needs the log-likelihood of each experiment
+    assert arviz_stats.loo(drawn.data(), var_name="y").elpd < 0.0
+
+
+def test_few_draws_are_not_called_converged(few: Posterior) -> None:
+    assert not few.converged
+    assert "--draws" in few.verdict
+
+
+def test_an_unsound_identification_and_broken_trajectories_are_told(drawn: Posterior) -> None:
+    from dataclasses import replace
+
+    chains = replace(drawn.chains, divergent=np.ones_like(drawn.chains.divergent))
+    told = replace(drawn, chains=chains, sound=False, nodes_error=0.5, outside=0.3).warnings
+    assert len(told) == 4
+
+
+def test_misuse_is_told(found: Identification, tmp_path: Path) -> None:
+    with pytest.raises(InputsError, match="too few"):
+        posterior(found, draws=5)
+    with pytest.raises(InputsError, match="compares chains"):
+        posterior(found, chains=1)
+    found.save(tmp_path / "found.json")
+    with pytest.raises(AleatorError, match="read from a file"):
+        posterior(aleator.load(tmp_path / "found.json"))
+    with pytest.raises(InputsError, match="nothing is identified"):
+        posterior(identified(Constant(2.0), Noise(NOISE)))
+
+
+@pytest.mark.parametrize("package", ["mici", "arviz_stats"])
+def test_without_the_extra_it_says_how_to_install(
+    package: str, found: Identification, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(AleatorError, match=package) as told:
+        posterior(found, draws=10, chains=2)
+    assert told.value.remedy == "pip install 'aleator[bayes]'"
+
+
+@pytest.mark.parametrize("package", ["arviz_base", "h5netcdf"])
+def test_so_says_the_export(
+    package: str, drawn: Posterior, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(AleatorError, match=package):
+        drawn.save(tmp_path / "posterior.nc")
+
+
+STUDY = """\
+title = "Springs"
+[experiments]
+file = "springs.csv"
+outcome = "y"
+[simulator]
+function = "model.py:direct"
+vectorized = true
+[parameters.x]
+law = "normal"
+mean = {lower = -10, upper = 10, prior = {law = "normal", mean = 1.5, sd = 0.1}}
+sd = 0.4
+[noise]
+sd = 0.3
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    (tmp_path / "study.toml").write_text(STUDY)
+    (tmp_path / "model.py").write_text("def direct(z, x): return x + 0.0 * z\n")
+    frame = pd.DataFrame({"id": range(COUNT), "z": 0.0, "y": MEASURED})
+    frame.to_csv(tmp_path / "springs.csv", index=False)
+    return tmp_path / "study.toml"
+
+
+def test_the_command_writes_draws_table_and_netcdf(study: Path) -> None:
+    out = study.parent / "out"
+    command = ["posterior", str(study), "--draws", "20", "--chains", "2", "--output", str(out)]
+    done = CliRunner().invoke(main, [*command, "--no-store"])
+    assert done.exit_code == 0, done.output
+    document = json.loads((out / "posterior.json").read_text())
+    assert document["priors"] == ["x.mean"]
+    assert document["verdict"] in " ".join(done.stdout.split())
+    frame = pd.read_csv(out / "posterior.csv")
+    assert frame.shape == (40, 5)
+    assert document["hyperparameters"]["x.mean"]["mean"] == pytest.approx(frame["x.mean"].mean())
+    assert document["fixed"] == {"x.sd": SD, "noise.sd": NOISE}
+    with xarray.open_datatree(out / "posterior.nc", engine="h5netcdf") as read:
+        assert read["posterior"]["x.mean"].shape == (2, 20)
+
+
+def test_the_command_asks_for_the_extra_before_anything_is_computed(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mici", None)
+    done = CliRunner().invoke(main, ["posterior", str(study), "--output", str(study.parent / "o")])
+    assert done.exit_code == 2
+    assert "pip install 'aleator[bayes]'" in done.stderr
+    assert not (study.parent / "o").exists()
