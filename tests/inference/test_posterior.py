@@ -65,7 +65,7 @@ def require_sample_of(draws: Array, cdf: Callable[[Array], Array]) -> None:
     told = convergence(draws[:, :, None])
     assert told.r_hat[0] < 1.06
     size = min(told.least, draws.size)
-    assert size > 150
+    assert size > 100
     distance = stats.kstest(cdf(draws.ravel()), "uniform").statistic
     assert distance * np.sqrt(size) < 1.95  # exceeded once in a thousand
 
