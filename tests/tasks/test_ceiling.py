@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 from scipy import stats
 
 from aleator import (
@@ -23,6 +26,7 @@ from aleator import (
 )
 from aleator.errors import AleatorError
 from aleator.laws.law import Law
+from aleator.report.terminal import render
 from aleator.tasks.ceiling import Ceiling
 from aleator.tasks.results.saved import load
 
@@ -202,3 +206,30 @@ def test_what_was_read_from_a_file_is_refused(right: Identification, tmp_path) -
     right.save(tmp_path / "identification.json")
     with pytest.raises(AleatorError, match="surfaces"):
         ceiling(load(tmp_path / "identification.json"))
+
+
+def test_the_report_has_a_line_that_agrees(right: Identification, wrong: Identification) -> None:
+    told = wrong.best_possible
+    assert told is not None
+    assert told["p_value"] == pytest.approx(1 / 40)
+    assert told["log_likelihood"] == pytest.approx(
+        ceiling(wrong, replicates=0).log_likelihood, abs=0.01
+    )
+    assert right.best_possible is not None
+    assert right.best_possible["p_value"] > 0.1
+    document = wrong.to_dict()
+    assert document["best_possible"] == told
+    text = io.StringIO()
+    Console(width=100, file=text).print(render(document))
+    assert "best possible law" in text.getvalue()
+
+
+def test_an_answer_read_from_a_file_keeps_it(wrong: Identification, tmp_path) -> None:
+    wrong.save(tmp_path / "identification.json")
+    assert load(tmp_path / "identification.json").best_possible == wrong.best_possible
+
+
+def test_many_observations_are_left_to_the_command() -> None:
+    x = np.random.default_rng(3).normal(1.0, 0.2, 5000)
+    found = identified(x)
+    assert found.best_possible is None

@@ -187,6 +187,13 @@ def _values(result: Result) -> Iterator[tuple[str, str, str]]:
             f"{part['experiments']} experiments that it could judge; estimated for the same: "
             f"{to_three(part['estimated'])}",
         )
+    if best := result.get("best_possible"):
+        yield (
+            "best possible law",
+            to_three(best["log_likelihood"]),
+            f"of any family: {number(best['gap'], 3)} more, which under this law has p = "
+            f"{number(best['p_value'], 2)} (aleator ceiling)",
+        )
     baselines = result.get("baselines") or {}
     fit, linear = baselines.get("least_squares"), baselines.get("circe")
     if fit:

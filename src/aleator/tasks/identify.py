@@ -28,6 +28,7 @@ from aleator.tasks import individual
 from aleator.tasks.answer import Answer, Question, answered
 from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH, require_enough
 from aleator.tasks.baselines import baselines_of, start_point
+from aleator.tasks.ceiling.quick import best_possible
 from aleator.tasks.consistency import consistency_of
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.results import summary
@@ -126,9 +127,12 @@ def _judged(found: Identification, ledger: Ledger) -> Identification:
     """The identification with its second verdict."""
     with ledger.stage("consistency"):
         consistency = consistency_of(found.fit, found.sound, found.seed, ledger.progress)
+    with ledger.stage("best possible law"):
+        best = best_possible(found.fit, found.seed, ledger.progress) if found.sound else None
     return replace(
         found,
         consistency=consistency,
+        best_possible=best,
         runs=sum(ledger.runs.values()),
         runs_by_stage=dict(ledger.runs),
         seconds={**ledger.seconds, "total": sum(ledger.seconds.values())},

@@ -94,7 +94,7 @@ def ceiling(
     progress, fit = progress or Silent(), found.fit
     sought = Sought.of(fit)
     progress.stage("best possible law")
-    best = _best(sought, seed)
+    best = best_of(sought, seed)
     estimated = fit.scored()
     verified = _verified(found, sought, best) if verify else None
     test = None
@@ -126,7 +126,8 @@ def _verified(found: Identification, sought: Sought, best: BestLaw) -> float | N
     return mixed(there.log_density(best.points)).log_likelihood
 
 
-def _best(sought: Sought, seed: int) -> BestLaw:
+def best_of(sought: Sought, seed: int) -> BestLaw:
+    """The best law of a fit, on points of its region."""
     own = sought.own(np.random.default_rng([seed, 0]))
     points = np.concatenate([sought.cover(0, sought.count), own])
     return best_law(sought.log_density, points, sought.cover(7, 2 * sought.count))

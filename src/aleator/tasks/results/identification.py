@@ -101,6 +101,7 @@ class Identification:
     outcome: str = "outcome"
     transform: Transform = Transform.NONE
     consistency: Consistency = NOT_ASKED
+    best_possible: Mapping[str, float] | None = None
     session: Session = field(default=NO_SESSION, compare=False)
 
     def __repr__(self) -> str:
@@ -297,6 +298,7 @@ class Identification:
             "sound": self.sound,
             "consistent": self.consistent,
             "consistency": second.entry_of(self.consistency),
+            "best_possible": None if self.best_possible is None else dict(self.best_possible),
             "warnings": [dict(vars(warning)) for warning in self.warnings],
             "density": self.density,
             "density_distances": [dict(vars(row)) for row in self.density_distances],

@@ -194,6 +194,7 @@ def from_document(document: Entry, path: str | Path) -> Identification:
         observations=part("observations", lambda rows: tuple(map(_observation, rows))),
         shrinkage=part("shrinkage", dict, {}),
         quadrature=part("quadrature", _quadrature, None),
+        best_possible=part("best_possible", _best_possible, None),
         responses=part("responses", dict, {}),
         law_curves=part("law_curves", dict, {}),
         density_distances=part(
@@ -207,6 +208,11 @@ def _quadrature(row: Entry | None) -> dict[str, Any] | None:
     if row and row["nodes"] is None:
         raise ValueError
     return {**row, "gap": row["gap"]} if row else None
+
+
+def _best_possible(row: Entry | None) -> dict[str, float] | None:
+    names = ("log_likelihood", "gap", "p_value", "replicates")
+    return None if row is None else {name: float(row[name]) for name in names}
 
 
 def _matrix(row: Entry) -> tuple[tuple[float | None, ...], ...]:

@@ -1,0 +1,68 @@
+"""The best possible law as a line of every report where it costs seconds."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from aleator.inference.ceiling.bootstrap import gap, judged
+from aleator.inference.fit import Fit, stepped
+from aleator.progress import Progress
+from aleator.tasks.ceiling.ceiling import best_of
+from aleator.tasks.ceiling.sought import Sought
+from aleator.tasks.individual.fit import IndividualFit
+
+REPLICATES = 39
+FEWEST = 5
+"""Experiments below which any law explains them."""
+PARAMETERS = 2
+VALUES = 20_000
+"""Nodes of all observations together up to which a fit is quick."""
+LONGEST = 20.0
+"""Seconds that all replicates may take."""
+
+
+def best_possible(fit: Fit, seed: int, progress: Progress) -> dict[str, float] | None:
+    """Its log-likelihood, the `gap` to it, its p value and replicates; None where it is not quick.
+
+    Quick are fits by individual parameters of one or two that scatter, with few nodes, whose
+    replicates take some seconds by a first one. One near that border may go either way.
+    """
+    if not _small(fit):
+        return None
+    sought = Sought.of(fit)
+    if REPLICATES * _seconds(sought) > LONGEST:
+        return None
+    best = best_of(sought, seed).log_likelihood
+    if not np.isfinite(best):
+        return None
+    test = judged(fit, sought.points, REPLICATES, seed, progress)
+    return {
+        "log_likelihood": best,
+        "gap": best - fit.scored().total,
+        "p_value": test.p_value,
+        "replicates": float(test.replicates),
+    }
+
+
+def _small(fit: Fit) -> bool:
+    inputs = fit.inputs
+    return (
+        isinstance(fit, IndividualFit)
+        and not inputs.regressed
+        and 1 <= inputs.scattering <= PARAMETERS
+        and fit.count >= FEWEST
+        and len(fit.table.observations) * fit.likelihood.nodes.xi.shape[1] <= VALUES
+    )
+
+
+def _seconds(sought: Sought) -> float:
+    """Of a replicate, the faster of two."""
+    taken, rng = [], np.random.default_rng(0)
+    for _ in range(2):
+        began = time.perf_counter()
+        fit = stepped(sought.fit)
+        gap(fit, sought.points(fit, rng))
+        taken.append(time.perf_counter() - began)
+    return min(taken)
