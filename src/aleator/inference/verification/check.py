@@ -14,8 +14,6 @@ from aleator.inference.verification.control_variate import (
     Control,
     Controlled,
     Samples,
-    copies_of,
-    error_of,
 )
 from aleator.inference.verification.emulator import Emulator
 from aleator.inference.verification.importance_sampling import (
@@ -25,7 +23,15 @@ from aleator.inference.verification.importance_sampling import (
     moved,
     uniforms,
 )
-from aleator.inference.verification.kernel import NORMAL, Kernel, Noise, Window, chosen
+from aleator.inference.verification.kernel import (
+    NORMAL,
+    Kernel,
+    Noise,
+    Window,
+    chosen,
+    copies_of,
+    error_of,
+)
 from aleator.laws.inputs import Inputs
 from aleator.observations.model import ObservationModel
 from aleator.progress import Progress, Silent

@@ -7,7 +7,6 @@ smoothing kernel K; where it is not, its own scatter says so.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,15 @@ import numpy as np
 from aleator.inference.verification.choice import REPLICATES, Score
 from aleator.inference.verification.emulator import Emulator
 from aleator.inference.verification.importance_sampling import flat
-from aleator.inference.verification.kernel import NARROWER, Kernel, Noise, larger
+from aleator.inference.verification.kernel import (
+    NARROWER,
+    Kernel,
+    Noise,
+    copies_of,
+    error_of,
+    larger,
+    smoothing,
+)
 from aleator.inference.verification.line_sampling import COARSE, FINE, Lines, densities, drawn
 from aleator.laws.inputs import Inputs
 from aleator.types import Array, Indices
@@ -122,8 +129,8 @@ class Control:
             correction[part.index] = copies_of(gaps[-1])
             if len(gaps) > 1:
                 mean, lower = (gap.mean(axis=1) for gap in (gaps[-1], gaps[-2]))
-                narrow = _gaps(part, part.kernel.scaled(NARROWER), guess)[-1].mean(axis=1)
-                bias[part.index] = larger(0.5 * (mean - lower), mean - narrow)
+                narrow = [_gaps(part, part.kernel.scaled(f), guess)[-1] for f in NARROWER]
+                bias[part.index] = larger(0.5 * (mean - lower), smoothing(gaps[-1], narrow))
         lines = self.lines(FINE)
         return Controlled(self.known(lines, sd), correction, bias, lines[0][1].coarseness)
 
@@ -170,19 +177,6 @@ def _gaps(part: Samples, kernel: Kernel, guess: Array) -> list[Array]:
     """Weighted differences (m, S) of the kernels at true and at guessed outcomes, by order."""
     pairs = zip(kernel.orders(part.outcomes), kernel.orders(guess), strict=True)
     return [part.weight * (true - guessed) for true, guessed in pairs]
-
-
-def copies_of(terms: Array) -> Array:
-    """Means (m, C) of terms (m, S) over each copy."""
-    return np.asarray(terms.reshape(terms.shape[0], REPLICATES, -1).mean(axis=2))
-
-
-def error_of(copies: Array) -> Array:
-    """Standard error (...,) of the mean of copies (..., C); zero for a single one."""
-    count = copies.shape[-1]
-    if count == 1:
-        return np.zeros(copies.shape[:-1])
-    return np.asarray(copies.std(axis=-1, ddof=1) / math.sqrt(count))
 
 
 def _score(of_known: Array, of_samples: Array) -> Score:

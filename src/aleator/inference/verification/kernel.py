@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from aleator.inference.verification.choice import REPLICATES
 from aleator.observations.model import ObservationModel
 from aleator.observations.normal import NormalError
 from aleator.types import Array
@@ -15,8 +18,10 @@ from aleator.types import Array
 NORMAL = NormalError()
 POSITIVE = 0.2
 """An estimate of higher order below this share of that of lower order is not taken."""
-NARROWER = 0.7
+NARROWER = (0.7, 0.5, 0.35, 0.25)
 """Bandwidths of the kernels that tell of the smoothing bias, over those of the estimate."""
+SEEN = 3.0
+"""Standard errors of a difference between two bandwidths that are more than chance."""
 FAR = 0.05
 """Width about an outcome far out in which samples are drawn, over the bandwidth under the law."""
 
@@ -111,8 +116,9 @@ def chosen(kernel: Kernel, outcomes: Array, weights: Array) -> tuple[Array, Arra
     """Terms (N, S) of the highest order of use, and a bound (N,) of the smoothing bias of log f.
 
     Far in a tail an estimate of higher order may not be positive; that of lower order is. The bias
-    is bounded by half of the difference from the order below, or by that from a narrower kernel:
-    each of them may vanish by chance.
+    is bounded by half of the difference from the order below, or by that from narrower kernels:
+    each of them may vanish by chance. What a kernel smears, a kink of the density or a tail that
+    falls off within its width, only narrower ones see.
     """
     orders = kernel.orders(outcomes)
     if len(orders) == 1:
@@ -124,10 +130,39 @@ def chosen(kernel: Kernel, outcomes: Array, weights: Array) -> tuple[Array, Arra
     usable = means[2] > POSITIVE * reference
     terms = np.where(simple[:, None], first, zeroth)
     terms = np.where(usable[:, None], second, terms)
-    narrow = (weights * kernel.scaled(NARROWER).orders(outcomes)[-1]).mean(axis=1)
     safe = np.where(usable, means[2], 1.0)
-    bias = larger(0.5 * np.log(safe / np.where(usable, reference, 1.0)), 1.0 - narrow / safe)
+    narrow = [weights * kernel.scaled(f).orders(outcomes)[-1] for f in NARROWER]
+    smeared = smoothing(second, narrow) / safe
+    bias = larger(0.5 * np.log(safe / np.where(usable, reference, 1.0)), smeared)
     return terms, np.where(usable, bias, 0.5)
+
+
+def smoothing(terms: Array, narrow: Sequence[Array]) -> Array:
+    """What smoothing adds to the means (N,) of terms (N, S), as terms of narrower kernels tell.
+
+    The difference from the next narrower one, whatever its error; of the others those differences
+    that are more than chance, if they are larger.
+    """
+    found = (terms - narrow[0]).mean(axis=1)
+    for other in narrow[1:]:
+        copies = copies_of(terms - other)
+        away = copies.mean(axis=1)
+        certain = np.abs(away) > SEEN * error_of(copies)
+        found = np.where(certain, larger(found, away), found)
+    return np.asarray(found)
+
+
+def copies_of(terms: Array) -> Array:
+    """Means (m, C) of terms (m, S) over each copy."""
+    return np.asarray(terms.reshape(terms.shape[0], REPLICATES, -1).mean(axis=2))
+
+
+def error_of(copies: Array) -> Array:
+    """Standard error (...,) of the mean of copies (..., C); zero for a single one."""
+    count = copies.shape[-1]
+    if count == 1:
+        return np.zeros(copies.shape[:-1])
+    return np.asarray(copies.std(axis=-1, ddof=1) / math.sqrt(count))
 
 
 def larger(a: Array, b: Array) -> Array:
