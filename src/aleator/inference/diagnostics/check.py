@@ -95,7 +95,9 @@ def notes(
     step = None
     if told and checked.score is not None:
         prior = prior_score(problem.model.hyperparameters, alpha)
-        step = movement(checked.score, inference.free, inference.standard_error, prior)
+        step = movement(
+            checked.score, inference.free, inference.standard_error, prior, inference.covariance
+        )
     return [
         *_unseen(checked, inference, problem, alpha, ids),
         *_total(honest, checked, step, problem),
@@ -152,6 +154,9 @@ def _total(
     meaning = "estimates and standard errors may be off by a share of a standard error"
     if step is not None:
         largest = float(np.max(np.abs(step.step)))
+        if largest < LARGEST_MOVE:
+            # a difference that is the same for all alpha, which decides nothing
+            return []
         meaning = "with the density of the simulator itself an estimate would move by " + _size(
             largest
         )

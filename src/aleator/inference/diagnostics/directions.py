@@ -11,37 +11,21 @@ from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.types import Array
 
-FLAT = 0.05
+FLAT = 0.02
 """A curvature below this share of that of each hyperparameter alone marks a weak direction."""
 REMEDY = "fix a hyperparameter, or measure under more varied conditions"
 
 
 def weak_directions(
-    inference: Inference, alpha: Array, hyperparameters: Sequence[Hyperparameter]
+    inference: Inference, hyperparameters: Sequence[Hyperparameter]
 ) -> list[Diagnostic]:
-    """What the experiments hardly determine.
+    """What the experiments hardly determine: pairs, groups, and directions without any effect.
 
-    A standard deviation whose standard error exceeds half of itself, pairs or groups of
-    hyperparameters whose estimates are correlated beyond 0.95, and directions without any effect.
+    Pairs and groups are those whose estimates are correlated beyond 0.98. That a single standard
+    deviation is uncertain its interval says.
     """
-    return [
-        *_uncertain(inference, alpha, hyperparameters),
-        *(_correlated if inference.positive else _flat)(
-            inference, [hyperparameters[k] for k in inference.free]
-        ),
-    ]
-
-
-def _uncertain(
-    inference: Inference, alpha: Array, hyperparameters: Sequence[Hyperparameter]
-) -> Iterator[Diagnostic]:
-    for h, value, error in zip(hyperparameters, alpha, inference.standard_error, strict=True):
-        if h.log and error > 0.5 * value:
-            yield _weak(
-                f"{h.name} = {value:.3g} has a standard error of {error:.2g}: the experiments "
-                "hardly determine it",
-                h.name,
-            )
+    named = _correlated if inference.positive else _flat
+    return [*named(inference, [hyperparameters[k] for k in inference.free])]
 
 
 def _correlated(inference: Inference, free: Sequence[Hyperparameter]) -> Iterator[Diagnostic]:

@@ -38,7 +38,6 @@ MOSTLY = 0.5
 
 def review_individual(
     at: LogLikelihood,
-    alpha: Array,
     hyperparameters: Sequence[Hyperparameter],
     inference: Inference,
     profile: Profile,
@@ -54,7 +53,7 @@ def review_individual(
     notes = [
         *count_warnings(len(ids), inference),
         *bound_warnings(hyperparameters, inference, profile),
-        *weak_directions(inference, alpha, hyperparameters),
+        *weak_directions(inference, hyperparameters),
         *([] if refusals else _too_few_nodes(gap, NOTED_GAP)),
     ]
     return (*refusals, *notes), not refusals
@@ -120,9 +119,14 @@ def without_surfaces(lost: Flags, of: Indices, ids: Sequence[str]) -> list[Diagn
 
 
 def rival_warnings(
-    rivals: Sequence[Rival], hyperparameters: Sequence[Hyperparameter]
+    rivals: Sequence[Rival], hyperparameters: Sequence[Hyperparameter], intervals: Array
 ) -> list[Diagnostic]:
-    """That there is another maximum, and where."""
+    """That there is another maximum, and where: outside the intervals (K, 2), which hold others."""
+    rivals = [
+        rival
+        for rival in rivals
+        if any(not _within(rival.alpha[k], intervals[k]) for k in rival.moved)
+    ]
     if not rivals:
         return []
     best = rivals[0]
@@ -142,6 +146,10 @@ def rival_warnings(
             tuple(hyperparameters[k].name for k in best.moved),
         )
     ]
+
+
+def _within(value: float, ends: Array) -> bool:
+    return bool(ends[0] <= value <= ends[1])
 
 
 @dataclass(frozen=True, eq=False)

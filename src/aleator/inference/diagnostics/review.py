@@ -68,7 +68,7 @@ def review(
     notes = [
         *count_warnings(len(ids), inference),
         *bound_warnings(hyperparameters, inference, profile),
-        *weak_directions(inference, found.alpha, hyperparameters),
+        *weak_directions(inference, hyperparameters),
         *centering_warnings(problem, found.alpha, inference, conditions),
         *surface_warnings(problem, surface_error, ids),
         *_quadrature_warnings(quadrature_gap(problem, found.alpha), problem),

@@ -24,14 +24,19 @@ class Movement:
 
 
 def movement(
-    score: Score, free: NDArray[np.intp], standard_error: Array, prior: Array | None = None
+    score: Score,
+    free: NDArray[np.intp],
+    standard_error: Array,
+    prior: Array | None = None,
+    covariance: Array | None = None,
 ) -> Movement | None:
     """The scoring step of the checked scores in the hyperparameters `free` (F,).
 
     Where the density that was identified with is far off, its observed information is too: on
     stochastic frontiers a step of 2.5 where the maximum was 1.1 standard errors away, and 0.9 by
-    outer products. The score (K,) of a `prior` adds to theirs. None where no step is to be had or
-    a standard error (K,) is not known.
+    outer products. Where few experiments leave these products small, their step is too long: with
+    the `covariance` (F, F) of the estimates the shorter of both steps is taken. The score (K,) of a
+    `prior` adds to theirs. None where no step is to be had or a standard error (K,) is not known.
 
     >>> scores = np.array([[1.0], [-1.0], [1.0], [0.0]])
     >>> found = movement(Score(scores, np.zeros((1, 1))), np.array([0]), np.array([0.5]))
@@ -43,4 +48,9 @@ def movement(
     if found is None or not np.all(np.isfinite(scale)):
         return None
     variance = np.diag(found.inverse @ score.covariance[np.ix_(free, free)] @ found.inverse)
-    return Movement(found.step / scale, np.sqrt(np.maximum(variance, 0.0)) / scale)
+    step = found.step
+    if covariance is not None:
+        whole = score.value if prior is None else score.value + prior
+        observed = covariance @ whole[free]
+        step = np.where(np.abs(observed) < np.abs(step), observed, step)
+    return Movement(step / scale, np.sqrt(np.maximum(variance, 0.0)) / scale)

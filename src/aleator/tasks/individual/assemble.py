@@ -67,9 +67,7 @@ def assembled(
         failing = failing_share(end.likelihood, alpha)
     lost = without_surfaces(_lost(end.likelihood), table.observations.experiment, table.ids)
     differing = check_refusals(check.total, check.standard_error) if check is not None else []
-    warnings, sound = review_individual(
-        at, alpha, hyperparameters, inference, profile, end.gap, table.ids
-    )
+    warnings, sound = review_individual(at, hyperparameters, inference, profile, end.gap, table.ids)
     failures = failure_report(question.runner) if answer.surfaces is not None else None
     names = inputs.names
     return Identification(
@@ -86,7 +84,7 @@ def assembled(
             *warnings,
             *_centering(answer),
             *held_warnings(_held(inputs, alpha), table.ids),
-            *rival_warnings(answer.rivals, hyperparameters),
+            *rival_warnings(answer.rivals, hyperparameters, profile.intervals),
             *review_data(question.table.observations, table.observations, failing, table.ids),
             *failure_warnings(failures),
         ),
