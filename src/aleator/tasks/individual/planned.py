@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import IndividualLikelihood, Layout, Predictor
@@ -17,9 +18,6 @@ from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.population import draws
 from aleator.tasks.likely import likely_alphas
 from aleator.types import Array
-
-NODES = 7
-"""Gauss-Hermite nodes a variate."""
 
 
 def planned(
@@ -46,6 +44,8 @@ def planned(
         MeasurementErrors.of(noise, table),
         predictor(runner, draws(inputs, [alpha, *likely], count)),
         Layout(count, asked.experiment, runner.unit, runner.column),
-        GaussHermite(NODES),
+        GaussHermite(1),
     )
+    # as many nodes as the answer needed
+    likelihood = replace(likelihood, rule=fit.likelihood.rule)
     return IndividualFit(likelihood, alpha, fit.inference, table)
