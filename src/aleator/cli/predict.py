@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
+from aleator.cli.deciding import Asked, asks
 from aleator.cli.running import FILE, RESULT, RunOptions, makes_runs, running
 from aleator.cli.showing import shown
 from aleator.errors import AleatorError, short
@@ -21,6 +22,7 @@ from aleator.report import terminal
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.decide.beyond import compared
 from aleator.tasks.decide.known import estimated
 from aleator.tasks.individual.session import OWN, session_of
 from aleator.tasks.results import documents
@@ -28,6 +30,9 @@ from aleator.tasks.results.printed import number
 from aleator.tasks.results.session import OutcomeSession, Session
 from aleator.tasks.results.values import QUANTILES, in_order
 from aleator.types import Indices
+
+TOLD = 5
+"""Rows beyond the tested conditions that are named."""
 
 
 @click.command()
@@ -40,7 +45,10 @@ from aleator.types import Indices
     help="Table of new conditions, written as the study's table is; it needs no outcomes.",
 )
 @click.option(
-    "--output", type=RESULT, metavar="FILE.csv", help="Write the predictions there, not printed."
+    "--output",
+    type=RESULT,
+    metavar="FILE",
+    help="Write the table there (.csv or .json), not printed.",
 )
 @click.option(
     "--study",
@@ -59,6 +67,7 @@ from aleator.types import Indices
     is_flag=True,
     help="Take alpha at its estimate, as if it were known exactly.",
 )
+@asks
 @makes_runs
 def predict(
     identification: Path,
@@ -68,9 +77,10 @@ def predict(
     of: str | None,
     no_noise: bool,
     no_uncertainty: bool,
+    asked: Asked,
     options: RunOptions,
 ) -> None:
-    """Predict the outcome's distribution for conditions that were never tested.
+    """Predict outcomes under conditions that were never tested: distribution, probability, limits.
 
     Takes the law from IDENTIFICATION.json and the simulator from its study file. For each row of
     NEW.csv: mean, standard deviation, skewness, kurtosis and quantiles of the outcome as it would
@@ -81,6 +91,11 @@ def predict(
     The uncertainty of alpha is part of it: a mixture over laws that the experiments leave
     plausible, by the intervals and correlations in IDENTIFICATION.json. The file has a 95 %
     interval of each quantile, too. With --no-uncertainty alpha is taken at its estimate.
+
+    With --above, --below or --between: the probability of such an outcome, with a 95 % interval
+    and the standard error of the computation, however rare it is. With --tolerance limits of
+    the outcome, with --reliability a design value. All are in the unit of the outcome, and of what
+    is measured; --no-noise asks for the true value, as whether something fails does.
 
     Of experiments with several observations NEW.csv has a row for each prediction; rows with the
     same id are one new experiment. With --of they are further measurements of an experiment that
@@ -99,22 +114,76 @@ def predict(
         session = _session(value, document, table, runner, measured, of)
         draws = _draws(document, identification, session, no_uncertainty)
         who = OWN if of is not None and of == value.table.id else of
-        found = session.predict(
-            table, draws, table.transform, QUANTILES, progress, who, not no_noise
-        )
+        if asked.distribution:
+            found = session.predict(
+                table, draws, table.transform, QUANTILES, progress, who, not no_noise
+            )
+        else:
+            ground = session.ground(table, draws.estimate, table.transform, who, not no_noise)
+            found = asked.table(ground, draws, progress)
+    for note in (*_held(draws, session), *_untested(value, table)):
+        options.say(note)
     if output is not None:
         row = found["row"].to_numpy() - 1 if "row" in found else _rows_of(found, table)
         for name in reversed([name for name in table.conditions if name not in found]):
             found.insert(1, name, table.conditions[name].to_numpy()[row])
-        documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
+        _write(found, document, output)
         click.echo(f"Written: {short(output)}")
     else:
-        names = {r.name: str(r.transform) for r in value.experiments.observations.responses}
         found["id"] = _labels(found, table)
-        parts = found.groupby("response", sort=False) if "response" in found else None
-        for name, transform in names.items():
-            part = found if parts is None else parts.get_group(name)
-            Console().print(terminal.render_predictions(part.to_dict("list"), name, transform))
+        _show(found, asked, value)
+
+
+def _show(found: pd.DataFrame, asked: Asked, value: Study) -> None:
+    """Print a table for each response."""
+    responses = value.experiments.observations.responses
+    parts = {str(name): part for name, part in found.groupby("response", sort=False)} if (
+        "response" in found
+    ) else {responses[0].name: found}  # fmt: skip
+    for response in responses:
+        part = parts.get(response.name)
+        if part is None:
+            continue
+        if asked.distribution:
+            columns, transform = part.to_dict("list"), str(response.transform)
+            Console().print(terminal.render_predictions(columns, response.name, transform))
+        else:
+            Console().print(asked.rendered(part, response.name))
+
+
+def _write(found: pd.DataFrame, document: Mapping[str, Any], output: Path) -> None:
+    """Write a table as CSV, or as JSON where the file is called so."""
+    if output.suffix.lower() == ".json":
+        rows = found.to_dict("records")
+        title, study = document.get("title"), documents.study_entry(document)
+        documents.write_json({"title": title, "study": study, "rows": rows}, output)
+    else:
+        documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
+
+
+def _held(draws: AlphaDraws, session: Session) -> list[str]:
+    """A note where of the uncertainty of some hyperparameters nothing is known."""
+    names = [session.hyperparameters[k].name for k in draws.held.tolist()]
+    if not names:
+        return []
+    return [
+        f"note: the identification tells no uncertainty of {', '.join(names)}, taken as estimated"
+    ]
+
+
+def _untested(value: Study, table: Conditions) -> list[str]:
+    """A note for each row of new conditions that is beyond the tested ones."""
+    tested, new = value.experiments.table, table.table
+    asked = [*table.conditions, *value.inputs.covariates]
+    names = [name for name in dict.fromkeys(asked) if name in tested and name in new]
+    found = compared(tested[names], new[names])
+    every = [
+        f"note: beyond the tested conditions: {place}: {why}"
+        for place, why in zip(table.places, found.why, strict=True)
+        if why
+    ]
+    rest = len(every) - TOLD
+    return every if rest <= 0 else [*every[:TOLD], f"note: and {rest} more rows"]
 
 
 def _session(

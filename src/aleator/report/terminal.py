@@ -11,6 +11,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report import individual
+from aleator.report.decisions import beyond
 from aleator.report.rows import Rows, written
 from aleator.tasks.results.layout import Column
 from aleator.tasks.results.printed import (
@@ -30,7 +31,7 @@ Result = Mapping[str, Any]
 WORST = 3
 PREDICTED: Sequence[Column] = (
     ("id", "left"), ("mean", "right"), ("sd", "right"), ("median", "right"),
-    ("50 % range", "right"), ("95 % range", "right"), ("density", "fold"),
+    ("50 % range", "right"), ("95 % range", "right"), ("beyond", "right"), ("density", "fold"),
 )  # fmt: skip
 
 
@@ -64,7 +65,10 @@ def render_predictions(
     log = transform == "log"
     back = exponential if log else float
     heads = {"mean": "mean of log", "sd": "sd of log"} if log else {}
-    table: Sequence[Column] = [(heads.get(name, name), side) for name, side in PREDICTED]
+    far = any(value > 0.0 for value in columns.get("beyond", ()))
+    table: Sequence[Column] = [
+        (heads.get(name, name), side) for name, side in PREDICTED if far or name != "beyond"
+    ]
     rows = []
     for values in zip(*columns.values(), strict=True):
         row = dict(zip(columns, values, strict=True))
@@ -76,6 +80,7 @@ def render_predictions(
                 number(back(row["q0.5"])),
                 f"{number(back(row['q0.25']))} .. {number(back(row['q0.75']))}",
                 f"{number(back(row['q0.025']))} .. {number(back(row['q0.975']))}",
+                *([beyond(row["beyond"])] if far else []),
                 _words(row["status"]),
             )
         )

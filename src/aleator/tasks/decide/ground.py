@@ -59,6 +59,10 @@ class Ground:
         """Which run gives which of them."""
         return Layout(self.count, self.seen.experiment, self.runner.unit, self.runner.column)
 
+    def experiment(self, place: int) -> int:
+        """The experiment that a value is of."""
+        return int(self.seen.experiment[place])
+
     def law(self, alpha: Array) -> Array:
         """The law's part of alpha (K,)."""
         return alpha[: self.inputs.size]

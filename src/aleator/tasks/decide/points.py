@@ -139,10 +139,10 @@ def predictor_for(ground: Ground, draws: AlphaDraws, progress: Progress | None =
     return about(ground.runner, ground.inputs.box, x, ground.surfaces, ends, told(progress))
 
 
-def law_points(ground: Ground, draws: AlphaDraws, far: float = FAR) -> tuple[Array, Array]:
-    """Parameters (D, n) of all experiments under all draws, and the region (n, 2) of their laws.
+def law_points(ground: Ground, draws: AlphaDraws, only: int | None = None) -> tuple[Array, Array]:
+    """Parameters (D, n) of experiments under all draws, and the region (n, 2) of their laws.
 
-    The region holds the variates that are `far` out, one at a time.
+    Of all experiments, or `only` one. The region holds variates four out, one at a time.
     """
     inputs, s = ground.inputs, ground.inputs.scattering
     alphas = np.concatenate([draws.estimate[None], draws.alpha])
@@ -151,17 +151,18 @@ def law_points(ground: Ground, draws: AlphaDraws, far: float = FAR) -> tuple[Arr
         x = np.concatenate(
             [
                 parameters(ground, alphas[:: 1 + len(alphas) // LAWS], l, few).x
-                for l in range(ground.count)
+                for l in (range(ground.count) if only is None else [only])
             ]
         ).reshape(-1, len(inputs.names))
         return x, ends_of(x)
     xi = normal_points(PLACED, max(s, 1), 3)[:, :s]
-    axes = far * np.concatenate([np.eye(s), -np.eye(s)])
-    every = slice(0, ground.count) if inputs.regressed else slice(0, 1)
+    axes = FAR * np.concatenate([np.eye(s), -np.eye(s)])
+    first = only if only is not None and inputs.regressed else 0
+    last = ground.count if only is None and inputs.regressed else first + 1
 
     def image(variates: Array) -> Array:
-        whole = np.tile(variates, (every.stop, len(inputs.classes), 1))
-        found = [inputs.individual(ground.law(a), whole, every).x for a in alphas]
+        whole = np.tile(variates, (last - first, len(inputs.classes), 1))
+        found = [inputs.individual(ground.law(a), whole, slice(first, last)).x for a in alphas]
         return np.concatenate([x.reshape(-1, len(inputs.names)) for x in found])
 
     x = image(xi)

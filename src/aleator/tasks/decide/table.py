@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
@@ -14,7 +16,7 @@ from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.points import predictor_for
 from aleator.tasks.decide.prediction import widened
 from aleator.tasks.decide.predictors import about, direct, ends_of
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 
 def tabled(
@@ -50,26 +52,28 @@ def tabled(
     return in_rows(ground, columns)
 
 
-def heads(ground: Ground) -> dict[str, object]:
-    """The columns that say which row and response each value is."""
+def heads(ground: Ground, asked: Indices | None = None) -> dict[str, Any]:
+    """The columns that say which row and response each value is, or those that are `asked`."""
     conditions, seen = ground.conditions, ground.seen
-    columns: dict[str, object] = {"id": [conditions.ids[l] for l in seen.experiment]}
+    which = np.arange(len(seen)) if asked is None else asked
+    columns: dict[str, Any] = {"id": [conditions.ids[l] for l in seen.experiment[which]]}
     if len(conditions.ids) < len(conditions.conditions):
-        columns["row"] = seen.row + 1
+        columns["row"] = seen.row[which] + 1
     if len(seen.responses) > 1:
-        columns["response"] = [seen.responses[k].name for k in seen.response]
+        columns["response"] = [seen.responses[k].name for k in seen.response[which]]
     return columns
 
 
-def tails(ground: Ground) -> dict[str, Array]:
+def tails(ground: Ground, asked: Indices | None = None) -> dict[str, Array]:
     """How far each value is `beyond` the tested conditions, in tested ranges."""
-    found = beyond(ground)
-    return {} if found is None else {"beyond": found.distance[ground.seen.row]}
+    found, row = beyond(ground), ground.seen.row
+    return {} if found is None else {"beyond": found.distance[row if asked is None else row[asked]]}
 
 
-def in_rows(ground: Ground, columns: dict[str, object]) -> pd.DataFrame:
+def in_rows(ground: Ground, columns: dict[str, Any], asked: Indices | None = None) -> pd.DataFrame:
     """The columns in the order of the rows; the responses of a row one below the other."""
-    order = np.lexsort((ground.seen.response, ground.seen.row))
+    which = np.arange(len(ground.seen)) if asked is None else asked
+    order = np.lexsort((ground.seen.response[which], ground.seen.row[which]))
     return pd.DataFrame(columns).iloc[order].reset_index(drop=True)
 
 

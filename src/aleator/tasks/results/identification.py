@@ -12,28 +12,22 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from aleator.inference.consistency import Consistency
-from aleator.inference.decisions.alpha_draws import DRAWS, WIDE, AlphaDraws, alpha_draws
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.failures import FailureReport
 from aleator.inference.fit import Fit
-from aleator.laws import Hyperparameter
 from aleator.likelihood.comparison import DensityDistance
-from aleator.observations.experiments import Conditions
 from aleator.observations.transform import Transform
-from aleator.progress import Progress
-from aleator.tasks.decide.known import estimated
 from aleator.tasks.results import documents, printed, second
+from aleator.tasks.results.decided import Decided
 from aleator.tasks.results.law import JointLaw
-from aleator.tasks.results.session import OutcomeSession, Session, kept, missing
+from aleator.tasks.results.session import OutcomeSession, Session, kept
 from aleator.tasks.results.values import (
-    QUANTILES,
     Estimate,
     ExperimentReport,
     IndividualReport,
     LogLikelihoodReport,
     ObservationReport,
     ParameterCorrelation,
-    in_order,
 )
 
 NO_SESSION = OutcomeSession(None, None, None)
@@ -41,7 +35,7 @@ NOT_ASKED = Consistency.untested("it was not asked for")
 
 
 @dataclass(frozen=True, repr=False)
-class Identification:
+class Identification(Decided):
     """An identified law: alpha with its uncertainty, its log-likelihood, and how it was found.
 
     `sound` is true only if the search converged, every density was solved with every outcome
@@ -196,72 +190,6 @@ class Identification:
         """
         rows = [{**vars(o), **o.conditions} for o in self.observations]
         return pd.DataFrame(rows).drop(columns="conditions", errors="ignore")
-
-    def draws(
-        self, count: int = DRAWS, *, seed: int = 0, by_likelihood: bool = False
-    ) -> AlphaDraws:
-        """Values of alpha that the experiments leave plausible, with weights; none leaves limits.
-
-        By the estimates, their intervals and correlations (see `alpha_draws`), which a file holds
-        too. With `by_likelihood` they are weighted by the likelihood itself, which is exact
-        where the intervals are very skew or experiments few; that takes an evaluation of the
-        likelihood for each. Raises AleatorError where the identification was read from a file
-        without inputs, and for `by_likelihood` from any file.
-        """
-        found = alpha_draws(
-            estimated(self.alpha, self.correlation_names, self.correlation, self._hyperparameters),
-            count,
-            seed,
-            WIDE if by_likelihood else 1.0,
-        )
-        return found.reweighted(self.fit.objective()) if by_likelihood else found
-
-    def predict(
-        self,
-        conditions: Conditions | pd.DataFrame,
-        *,
-        of: str | None = None,
-        noise: bool = True,
-        uncertainty: bool | AlphaDraws = True,
-        quantiles: tuple[float, ...] = QUANTILES,
-        progress: Progress | None = None,
-    ) -> pd.DataFrame:
-        """The distribution of the outcome under conditions that need not have been tested.
-
-        It is that of a measurement of a new experiment. With `noise` False it is that of the
-        simulated value. `of` names an experiment that was measured, or a column of the conditions
-        with such names ("id": their own ids): the distribution is then that of a further
-        measurement of it.
-
-        The uncertainty of alpha is part of it: a mixture over plausible laws (see `draws`), and
-        columns ``q<p>.lower`` and ``q<p>.upper`` have a 95 % interval of each quantile. With
-        `uncertainty` False alpha is taken at its estimate; draws are taken as they are.
-
-        As `aleator.predict`, with the simulator, inputs and noise of the identification. A data
-        frame may have further columns, and the `transform` of the experiments holds for it too.
-        Raises AleatorError where the identification was read from a file without the simulator.
-        """
-        return self.session.predict(
-            conditions, self._taken(uncertainty), self.transform, quantiles, progress, of, noise
-        )
-
-    def _taken(self, uncertainty: bool | AlphaDraws) -> AlphaDraws:
-        if isinstance(uncertainty, AlphaDraws):
-            return uncertainty
-        if uncertainty:
-            return self.draws()
-        return AlphaDraws.at(in_order(self.alpha, self._hyperparameters))
-
-    @property
-    def _hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of the model; raises AleatorError where there is none."""
-        known = self.session.hyperparameters
-        if not known:
-            raise missing(
-                "this needs the inputs, and for predictions the simulator",
-                "aleator.load(path, simulator=..., inputs=..., noise=...)",
-            )
-        return known
 
     def log_likelihood_at(self, alpha: Mapping[str, float] | ArrayLike) -> float:
         """log L(alpha) on the surfaces of the identification; minus infinity outside a support.

@@ -1,0 +1,180 @@
+"""The probability of an event, rare or not, with an interval for alpha's uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from aleator.inference.decisions.alpha_draws import AlphaDraws
+from aleator.inference.decisions.event import Event
+from aleator.inference.decisions.weighted import quantiles
+from aleator.progress import Progress
+from aleator.tasks.decide.ground import Ground
+from aleator.tasks.decide.near import Near
+from aleator.tasks.decide.sample import EACH, REPLICATES, Sample, about_event, of_law
+from aleator.tasks.decide.simulator_check import CHECKS, Correction, corrected
+from aleator.tasks.decide.table import heads, in_rows, tails
+from aleator.types import Array, Flags
+
+RARE = 0.02
+"""Probability below which an event has points of its own."""
+LEVEL = np.array([0.025, 0.975])
+BATCHES = 8
+LOST = 1e-3
+"""Share of the law whose runs may fail before a probability is one of what is left."""
+
+
+@dataclass(frozen=True)
+class Probability:
+    """A probability under the mixture of plausible laws, and its 95 % interval.
+
+    `at_estimate` is that of the estimate alone, `error` the standard error of the computation,
+    `checks` the runs of the simulator that it was held against. `distance` is that of the
+    most probable point of the event, or of its contrary, from the middle of the law in standard
+    deviations; NaN where nothing is rare.
+    """
+
+    probability: float
+    lower: float
+    upper: float
+    at_estimate: float
+    error: float
+    distance: float
+    checks: int
+    status: str
+
+
+def probabilities(
+    ground: Ground,
+    draws: AlphaDraws,
+    events: dict[int, Event],
+    checks: int = CHECKS,
+    progress: Progress | None = None,
+) -> pd.DataFrame:
+    """A row for each response that has an event (by its number) and each row of the conditions."""
+    asked = np.flatnonzero(np.isin(ground.seen.response, [*events]))
+    found: list[Probability] = []
+    for place in asked.tolist():
+        if progress is not None:
+            progress.stage(f"probability {len(found) + 1} of {asked.size}")
+        near = Near.of(ground, place, draws, progress)
+        event = events[int(ground.seen.response[place])]
+        found.append(probability(near, draws, event, checks, progress))
+    names = ("probability", "lower", "upper", "at_estimate", "error", "distance", "checks")
+    columns = {name: np.array([getattr(p, name) for p in found]) for name in names}
+    status = {"status": np.array([p.status for p in found])}
+    return in_rows(ground, {**heads(ground, asked), **columns, **tails(ground, asked), **status},
+                   asked)  # fmt: skip
+
+
+def probability(
+    near: Near,
+    draws: AlphaDraws,
+    event: Event,
+    checks: int = CHECKS,
+    progress: Progress | None = None,
+) -> Probability:
+    """P(y in the event) = sum_a w_a P(y in the event | alpha_a).
+
+    A probability below 0.02, or above 0.98, is that of a sample about the most probable points of
+    the event or its contrary (`about_event`): importance sampling on the surface (Hasofer and
+    Lind, 1974; Schueller and Stix, 1987). A surface is then held against `checks` runs.
+    """
+    sample = of_law(near)
+    told = _Told.of(near, draws, event, sample)
+    asked, turned = event, False
+    if near.ground.measured is None and not RARE < told.mixed < 1.0 - RARE:
+        turned = told.mixed > 0.5
+        asked = event.contrary if turned else event
+        sample = about_event(near, draws, asked)
+        told = _Told.of(near, draws, asked, sample)
+    change = Correction(0.0, 0.0, 0)
+    if near.surface is not None and checks and sample.reached:
+        if progress is not None:
+            progress.stage(f"{checks} runs of the simulator check a probability")
+        change = corrected(near, draws, asked, sample.joined, checks)
+    found = told.found(draws, change, sample)
+    return _turned(found) if turned else found
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """Probabilities (1 + A, R) of the estimate and each draw, by each of R replicates.
+
+    Of a `plain` sample no replicate is closer than half a point."""
+
+    each: Array
+    weights: Array
+    lost: float
+    plain: bool
+
+    @classmethod
+    def of(cls, near: Near, draws: AlphaDraws, event: Event, sample: Sample) -> _Told:
+        """By outcomes at the points of the sample."""
+        alphas = np.concatenate([draws.estimate[None], draws.alpha])
+        parts, lost = [], 0.0
+        for points in sample.replicates:
+            y, found = near.outcomes(alphas, points)
+            parts.append(_shares(event.holds(y), found.weights, near.ground.measured is not None))
+            lost = max(lost, float(np.max(np.sum(found.weights, axis=1, where=np.isnan(y)))))
+        each = np.stack(parts, axis=1)
+        return cls(each, draws.weights, lost, np.isnan(sample.distance))
+
+    @property
+    def by_replicate(self) -> Array:
+        """Probabilities (R,) of the mixture."""
+        return np.asarray(self.weights @ self.each[1:])
+
+    @property
+    def mixed(self) -> float:
+        """The probability of the mixture."""
+        return float(self.by_replicate.mean())
+
+    @property
+    def error(self) -> float:
+        """Standard error of the mixture: of the points, and of the draws by batches of pairs."""
+        points = float(self.by_replicate.std(ddof=1) / np.sqrt(REPLICATES))
+        if self.plain:
+            points = max(points, float(0.5 / (EACH * np.sqrt(REPLICATES))))
+        if len(self.weights) < 4 * BATCHES:
+            return points
+        batch = (np.arange(len(self.weights)) // 2) % BATCHES
+        own = self.each[1:].mean(axis=1)
+        means = [
+            np.average(own[batch == b], weights=self.weights[batch == b] + 1e-300)
+            for b in range(BATCHES)
+        ]
+        return float(np.hypot(points, np.std(means, ddof=1) / np.sqrt(BATCHES)))
+
+    def found(self, draws: AlphaDraws, change: Correction, sample: Sample) -> Probability:
+        """The probability with its interval, corrected by the simulator's runs in proportion."""
+        mixed = self.mixed
+        whole = float(np.clip(mixed + change.value, 0.0, 1.0))
+        factor = whole / mixed if mixed > 0.0 else 1.0
+        own = np.clip(self.each.mean(axis=1) * factor, 0.0, 1.0)
+        ends = quantiles(own[1:], self.weights, LEVEL)
+        if draws.certain:
+            ends = np.full(2, np.nan)
+        status = "solved" if sample.reached else "not_reached"
+        return Probability(
+            whole, float(ends[0]), float(ends[1]), float(own[0]),
+            float(np.hypot(self.error, change.error)), sample.distance, change.runs,
+            "runs_failed" if self.lost > LOST else status,
+        )  # fmt: skip
+
+
+def _shares(holds: Flags, weights: Array, normalized: bool) -> Array:
+    """Sums (A,) of the weights of an event, or their share of all weights."""
+    inside = np.sum(weights, axis=1, where=holds)
+    whole = weights.sum(axis=1) if normalized else 1.0
+    return np.asarray(np.minimum(inside / whole, 1.0))
+
+
+def _turned(found: Probability) -> Probability:
+    """That of the contrary event."""
+    return Probability(
+        1.0 - found.probability, 1.0 - found.upper, 1.0 - found.lower, 1.0 - found.at_estimate,
+        found.error, found.distance, found.checks, found.status,
+    )  # fmt: skip

@@ -1,0 +1,159 @@
+"""Probabilities of rare events against closed forms, and checks on the simulator."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import integrate, stats
+
+from aleator import By, Inputs, LogNormal, Noise, Normal, Uniform
+from aleator.errors import InputsError
+from aleator.inference.decisions.alpha_draws import AlphaDraws
+from aleator.inference.decisions.event import Event
+from aleator.observations.errors import MeasurementErrors
+from aleator.observations.experiments import Conditions
+from aleator.simulators import Runner, as_simulator
+from aleator.surrogates import ResponseSurface
+from aleator.tasks.decide.ground import Ground
+from aleator.tasks.decide.near import Near
+from aleator.tasks.decide.probability import probability
+from aleator.tasks.decide.question import events_asked
+from aleator.tasks.decide.sample import of_law
+from aleator.tasks.decide.simulator_check import corrected
+
+ONE = pd.DataFrame({"load": [1.0]})
+
+
+def ground(
+    simulator: Callable[..., np.ndarray], inputs: Inputs, noise: Noise | None = None,
+    fast: bool = False, conditions: pd.DataFrame = ONE, transform: str = "none",
+) -> Ground:  # fmt: skip
+    table = Conditions.from_frame(conditions, transform=transform)
+    runner = Runner(as_simulator(simulator, True), table, inputs.names)
+    errors = None if noise is None else MeasurementErrors.of(noise, table)
+    return Ground(table, inputs, errors, runner, fast, ResponseSurface())
+
+
+def known(inputs: Inputs, *noise: float) -> AlphaDraws:
+    return AlphaDraws.at(np.array([*(h.start for h in inputs.hyperparameters), *noise]))
+
+
+def above(value: float) -> Event:
+    return Event(((value, np.inf),))
+
+
+def found(where: Ground, event: Event, draws: AlphaDraws, checks: int = 0):
+    return probability(Near.of(where, 0, draws), draws, event, checks)
+
+
+ALONE = Inputs({"a": Normal(0.0, 1.0)})
+PAIR = Inputs({"a": Normal(0.0, 1.0), "b": Normal(0.0, 1.0)})
+
+
+def agrees(told, exact: float, within: float) -> None:
+    assert told.status == "solved"
+    assert told.probability == pytest.approx(exact, rel=within)
+    assert abs(told.probability - exact) < 4.0 * told.error
+
+
+@pytest.mark.parametrize("fast", [True, False])
+def test_a_linear_model_has_its_normal_tail(fast: bool) -> None:
+    where = ground(lambda load, a, b: load * (3.0 * a + 4.0 * b), PAIR, fast=fast)
+    told = found(where, above(5.0 * 4.75), known(PAIR))
+    agrees(told, stats.norm.sf(4.75), 0.05)
+    assert told.distance == pytest.approx(4.75, abs=1e-3)
+
+
+def test_measurement_errors_are_part_of_it() -> None:
+    where = ground(lambda load, a, b: load * (a + b), PAIR, Noise(1.0))
+    told = found(where, Event(((-np.inf, -8.0),)), known(PAIR, 1.0))
+    agrees(told, stats.norm.cdf(-8.0 / np.sqrt(3.0)), 0.1)
+
+
+def test_both_sides_of_a_failure_count() -> None:
+    where = ground(lambda load, a: load * np.abs(a), ALONE, fast=True)
+    agrees(found(where, above(4.5), known(ALONE)), 2.0 * stats.norm.sf(4.5), 0.05)
+    between = found(ground(lambda load, a: load * a, ALONE), Event(((-4.5, 4.5),)), known(ALONE))
+    assert 1.0 - between.probability == pytest.approx(2.0 * stats.norm.sf(4.5), rel=0.05)
+
+
+def test_a_curved_limit_state_is_not_its_first_order_approximation() -> None:
+    """y = a + b^2/4 > 4: the integral over b of the tail of a."""
+    exact = integrate.quad(
+        lambda b: stats.norm.sf(4.0 - 0.25 * b**2) * stats.norm.pdf(b), -12.0, 12.0
+    )[0]
+    where = ground(lambda load, a, b: load * (a + 0.25 * b**2), PAIR)
+    told = found(where, above(4.0), known(PAIR))
+    agrees(told, exact, 0.05)
+    assert told.probability > 1.3 * stats.norm.sf(told.distance)
+
+
+def test_what_a_bounded_law_cannot_reach_has_the_probability_zero() -> None:
+    law = Inputs({"a": Uniform(0.5, np.sqrt(1.0 / 12.0))})
+    for fast in (True, False):
+        told = found(ground(lambda load, a: load * a, law, fast=fast), above(1.1), known(law))
+        assert (told.probability, told.status) == (0.0, "not_reached")
+
+
+def test_a_slow_simulator_is_run_some_tens_of_times_and_checked() -> None:
+    law = Inputs({"a": LogNormal(1.0, 0.2)})
+    where = ground(lambda load, a: load * np.sqrt(a) * np.exp(a), law)
+    limit = 3.0
+    told = found(where, above(np.sqrt(limit) * np.exp(limit)), known(law), 20)
+    variance = np.log(1.0 + 0.2**2)
+    exact = stats.norm.sf((np.log(limit) + 0.5 * variance) / np.sqrt(variance))
+    agrees(told, exact, 0.1)
+    assert exact < 1e-8
+    assert told.checks == 20
+    assert where.runner.runs < 200
+
+
+def test_runs_correct_a_surface_that_is_wrong() -> None:
+    """A surface whose outcomes are 0.1 too small: P(a > 1.9) in place of P(a > 2)."""
+    draws = known(ALONE)
+    right = ground(lambda load, a: load * a, ALONE)
+    near = Near.of(right, 0, draws)
+    wrong = Near.of(ground(lambda load, a: load * a - 0.1, ALONE), 0, draws)
+    assert wrong.surface is not None
+    wrong.surface.surfaces.emulator.error[:] = 0.1
+    mixed = replace(near, surface=wrong.surface)
+    change = corrected(mixed, draws, above(1.9), of_law(mixed).joined, 400)
+    exact = stats.norm.sf(1.9) - stats.norm.sf(2.0)
+    assert abs(change.value - exact) < 3.0 * change.error < 3.0 * exact
+    assert change.runs == 400
+
+
+def test_the_interval_is_that_of_the_uncertain_mean() -> None:
+    """P(a + mean > 3) rises with the mean: its quantiles are those at quantiles of the mean."""
+    law = Inputs({"a": Normal(0.0, 1.0)})
+    score = stats.norm.ppf((np.arange(200) + 0.5) / 200)
+    alpha = np.stack([0.5 * score, np.ones(200)], axis=1)
+    none = np.empty(0, np.intp)
+    draws = AlphaDraws(np.array([0.0, 1.0]), alpha, np.full(200, 1 / 200), alpha, score, none)
+    told = found(ground(lambda load, a: load * a, law, fast=True), above(3.0), draws)
+    ends = stats.norm.sf(3.0 - 0.5 * stats.norm.ppf([0.025, 0.975]))
+    assert [told.lower, told.upper] == pytest.approx(ends, rel=0.12)
+    assert told.at_estimate == pytest.approx(stats.norm.sf(3.0), rel=0.05)
+    assert told.probability == pytest.approx(stats.norm.sf(3.0 / np.sqrt(1.25)), rel=0.05)
+
+
+def test_laws_that_follow_covariates_are_asked_row_by_row() -> None:
+    rows = pd.DataFrame({"load": [1.0, 1.0], "t": [0.0, 2.0]})
+    law = Inputs({"a": Normal(By("1 + t", -5.0, 5.0), 1.0)}).resolved(rows)
+    where = ground(lambda load, t, a: load * a + 0.0 * t, law, fast=True, conditions=rows)
+    draws = AlphaDraws.at(np.array([0.0, 1.0, 1.0]))
+    for place, mean in ((0, 0.0), (1, 2.0)):
+        told = probability(Near.of(where, place, draws), draws, above(5.0))
+        assert told.probability == pytest.approx(stats.norm.sf(5.0 - mean), rel=0.05)
+
+
+def test_values_are_in_the_unit_of_the_outcome() -> None:
+    where = ground(lambda load, a: load * np.exp(a), ALONE, transform="log")
+    (event,) = events_asked(where, None, 2.0, None, None).values()
+    agrees(found(where, event, known(ALONE)), stats.norm.sf(np.log(2.0)), 0.02)
+    for asked in ((None, None, None), (1.0, 2.0, None), (None, None, (2.0, 1.0)),
+                  (-1.0, None, None), (np.nan, None, None)):  # fmt: skip
+        with pytest.raises(InputsError):
+            events_asked(where, None, *asked)
