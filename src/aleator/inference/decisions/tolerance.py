@@ -28,7 +28,10 @@ def content_interval(
     Its ends are quantiles t and 1 - t of the mixture of all laws, with the largest t such that laws
     of a total weight of `confidence` have at least that content between them: a content
     tolerance interval (Wilks, 1941; Hamada et al., 2004). NaN where the points end before.
+    Outcomes that are NaN do not count.
     """
+    lost = np.isnan(y)
+    y, weights = np.where(lost, 0.0, y), np.where(lost, 0.0, weights)
     total = weights.sum(axis=1)
     every = np.argsort(y, axis=None)
     values, whole = y.ravel()[every], (draws[:, None] * weights).ravel()[every]
