@@ -21,7 +21,7 @@ NO_MEMORY = AleatorError(
 
 COMMANDS = {
     "identify": "Identify the law that STUDY.toml asks for.",
-    "predict": "Predict the outcome's distribution for conditions that were never tested.",
+    "predict": "Predict outcomes of untested conditions: distribution, probability, limits.",
     "bootstrap": "Tell how far the estimates scatter, by estimating again from other data.",
     "compare": "Tell which of several models of the same experiments is to be believed.",
     "next": "Tell which experiments should be made next.",
