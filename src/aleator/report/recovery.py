@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ COLUMNS: Sequence[Column] = (
     ("alpha", "left"), ("truth", "right"), ("mean", "right"), ("bias", "right"), ("+-", "right"),
     ("scatter", "right"), ("coverage", "right"), ("note", "fold"),
 )  # fmt: skip
+BY_ERRORS: Sequence[Column] = (("alpha", "left"), ("by error", "right"), ("by sandwich", "right"))
 MEANING = {
     "biased": "Biased: the estimates are off on average by more than three times the Monte Carlo "
     "error of that average. Below half of the scatter, a single estimate is off by chance more "
@@ -69,6 +71,7 @@ def render(result: Mapping[str, Any], files: Sequence[str] = ()) -> RenderableTy
             "that hold the truth."
         ),
         Rows(COLUMNS, rows),
+        *_by_errors(result["hyperparameters"]),
         *map(Text, notes),
         *written(files),
     )
@@ -84,11 +87,27 @@ def verdict(result: Mapping[str, Any]) -> str:
 
 def _row(name: str, row: Mapping[str, Any], replicates: int) -> tuple[str, ...]:
     bias, error = with_error(row["bias"], row["bias_error"])
-    coverage = NONE if row["coverage"] is None else f"{100 * row['coverage']:.0f} %"
     return (
         name, number(row["truth"]), number(row["mean"]), bias, error,
-        number(row["scatter"], 2), coverage, _note(row, replicates),
+        number(row["scatter"], 2), _percent(row["coverage"]), _note(row, replicates),
     )  # fmt: skip
+
+
+def _by_errors(rows: Mapping[str, Mapping[str, Any]]) -> Sequence[RenderableType]:
+    """What the estimate -+ 1.96 errors would hold, in place of the profile's interval."""
+    known = {name: row for name, row in rows.items() if "by_error" in row}
+    if not known:
+        return ()
+    told = "Coverage of the estimate -+ 1.96 standard errors, or sandwich errors, where it has one:"
+    cells = [
+        (name, _percent(row["by_error"]), _percent(row["by_sandwich"]))
+        for name, row in known.items()
+    ]
+    return (Text(told), Rows(BY_ERRORS, cells))
+
+
+def _percent(share: float | None) -> str:
+    return NONE if share is None or math.isnan(share) else f"{100 * share:.0f} %"
 
 
 def _note(row: Mapping[str, Any], replicates: int) -> str:

@@ -15,9 +15,11 @@ import cloudpickle
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import stats
 
 from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
+from aleator.inference.information import LEVEL
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.propagation import Collocation
@@ -49,12 +51,15 @@ class Recovery:
     intervals: Array
     log_likelihood: Array
     converged: NDArray[np.bool_]
+    errors: Array | None = None
 
     def table(self) -> pd.DataFrame:
         """Truth, mean estimate, bias and its Monte Carlo error, scatter, and coverage, by name.
 
         `bias_error` is the standard deviation of the estimates over sqrt(R); `coverage` the
-        share of 95 % intervals that hold the truth.
+        share of 95 % intervals that hold the truth, of those that were found. `by_error` and
+        `by_sandwich` are the same for the estimate -+ 1.96 of its errors, of those replicates where
+        there is one: on a limit there is none.
         """
         count = self.alpha.shape[0]
         scatter = self.alpha.std(axis=0, ddof=1)
@@ -66,10 +71,27 @@ class Recovery:
                 "bias": self.alpha.mean(axis=0) - self.truth,
                 "bias_error": scatter / np.sqrt(count),
                 "scatter": scatter,
-                "coverage": held.mean(axis=0),
+                "coverage": _share(held, np.asarray(np.isfinite(self.intervals).all(axis=2))),
+                **self._by_errors(),
             },
             index=list(self.names),
         )
+
+    def _by_errors(self) -> dict[str, Array]:
+        """Coverage by the estimate and its errors (R, F, 2)."""
+        if self.errors is None:
+            return {}
+        half = float(stats.norm.ppf(0.5 + 0.5 * LEVEL)) * self.errors
+        held = np.abs(self.alpha - self.truth)[..., None] <= half
+        known = np.isfinite(half)
+        names = ("by_error", "by_sandwich")
+        return {name: _share(held[..., i], known[..., i]) for i, name in enumerate(names)}
+
+
+def _share(held: NDArray[np.bool_], known: NDArray[np.bool_]) -> Array:
+    """The share (F,) of those that hold the truth among the known (R, F); NaN without any."""
+    count = known.sum(axis=0)
+    return np.where(count, (held & known).sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
 def recover(
@@ -131,6 +153,7 @@ def recover(
         np.stack([r.intervals[free] for r in results]),
         np.array([r.log_likelihood for r in results]),
         np.array([r.converged for r in results]),
+        np.stack([r.errors[free] for r in results]),
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from aleator.densities import Density, NodeDensity
+from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
@@ -30,10 +31,14 @@ from aleator.types import Array
 
 @dataclass(frozen=True)
 class Replicate:
-    """One virtual data set identified: alpha (K,), intervals (K, 2), the maximum."""
+    """One virtual data set identified: alpha (K,), intervals (K, 2), errors (K, 2), the maximum.
+
+    Errors are the standard errors by the observed information, and the sandwich errors.
+    """
 
     alpha: Array
     intervals: Array
+    errors: Array
     log_likelihood: float
     converged: bool
 
@@ -92,8 +97,9 @@ class IndividualJob:
         answer = individual.answered(question, Ledger(runner, Silent()))
         found = answer.found
         return Replicate(
-            answer.settled.alpha, answer.profile.intervals, found.log_likelihood, found.converged
-        )
+            answer.settled.alpha, answer.profile.intervals, _errors(answer.inference),
+            found.log_likelihood, found.converged,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -128,8 +134,13 @@ class OutcomesJob:
         answer = answered(question, Ledger(runner, Silent()))
         found = answer.found
         return Replicate(
-            found.alpha, answer.profile.intervals, found.log_likelihood, found.converged
-        )
+            found.alpha, answer.profile.intervals, _errors(answer.inference),
+            found.log_likelihood, found.converged,
+        )  # fmt: skip
+
+
+def _errors(inference: Inference) -> Array:
+    return np.stack([inference.standard_error, inference.sandwich_error], axis=1)
 
 
 def job_of(
