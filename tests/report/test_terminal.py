@@ -151,3 +151,18 @@ def test_a_recovery_tells_bias_and_coverage() -> None:
     assert "biased" not in rows["x.mean"]
     assert "biased" in rows["x.sd"]
     assert "Written: out/recovery.json" in text
+
+
+def test_a_recovery_tells_what_its_errors_hold_where_there_is_one() -> None:
+    alpha, nothing = np.array([[0.9], [1.0], [1.1]]), np.full((3, 1, 2), np.nan)
+    errors = np.array([[[0.01, 0.06]], [[0.01, np.nan]], [[np.nan, 0.06]]])
+    found = Recovery(
+        ("x.mean",), np.array([1.0]), alpha, nothing, np.zeros(3), np.ones(3, dtype=bool), errors
+    )
+    row = found.table().loc["x.mean"]
+    assert np.isnan(row["coverage"])
+    assert row["by_error"] == pytest.approx(0.5)
+    assert row["by_sandwich"] == 1.0
+    text = printed(recovery.render(recovery.document(found)))
+    assert "50 %" in text
+    assert "100 %" in text

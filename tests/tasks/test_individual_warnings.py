@@ -9,6 +9,8 @@ from individual_cases import PAIR, straight_line, table
 
 import aleator
 from aleator import Experiments, Free, GradientMultistart, Identification, Inputs, Noise, Normal
+from aleator.inference.diagnostics.individual import Rival, rival_warnings
+from aleator.laws import Hyperparameter
 from aleator.observations.censoring import Censoring
 
 FRAME = table(straight_line, experiments=12)
@@ -102,6 +104,14 @@ def test_two_maxima_are_told(monkeypatch: pytest.MonkeyPatch, fast: bool) -> Non
     assert told(found, "two maxima", "x.mean") == ("x.mean",)
     single = identified(line, FRAME, starts=4)
     assert not any("maxima" in warning.message for warning in single.warnings)
+
+
+def test_another_maximum_is_news_only_outside_the_intervals() -> None:
+    h = [Hyperparameter("x.mean", -4.0, 4.0, 0.0, free=True)]
+    rival = Rival(np.array([-1.5]), np.array([1.5]), 0.3, (0,))
+    assert rival_warnings([rival], h, np.array([[1.0, 2.0]]))
+    assert rival_warnings([rival], h, np.array([[np.nan, np.nan]]))
+    assert not rival_warnings([rival], h, np.array([[-2.0, 2.0]]))
 
 
 @pytest.mark.parametrize(
