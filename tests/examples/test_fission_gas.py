@@ -9,7 +9,7 @@ from identifications import assert_maximum, errors_of, estimates, of_study
 from scipy import stats
 from scipy.stats import qmc
 
-from aleator import MonteCarlo
+from aleator import MonteCarlo, ceiling
 from aleator.inference.ceiling.best import best_law
 from aleator.study import load_study
 from aleator.types import Array
@@ -73,3 +73,6 @@ def test_the_answer_is_the_exact_maximum_of_the_likelihood(exact) -> None:
     assert alpha == pytest.approx([0.1, 11.98618, 1e-4, 0.3060442], rel=0.01)
     assert [e.at_bound for e in found.alpha.values()] == ["lower", None, "lower", None]
     assert_maximum(exact, alpha, errors_of(found))
+    best = ceiling(found, replicates=0)
+    assert best.log_likelihood == pytest.approx(69.694062, abs=0.02)
+    assert 69.69 < best.verified < 69.694063

@@ -17,8 +17,12 @@ from aleator.tasks.results.printed import number, to_three
 Document = Mapping[str, Any]
 UNLIKELY = 0.05
 """A p value below which the family of the law is doubted."""
-GAINING = 5
-"""Experiments that are named."""
+GAINING, SHOWN = 5, 12
+"""Experiments, and points of the best law, that are named."""
+FREE = (
+    " With the noise left free the best law may be one of points and no noise, whose likelihood "
+    "has no limit."
+)
 
 
 def document(found: Ceiling) -> dict[str, Any]:
@@ -130,10 +134,15 @@ def _p(test: Mapping[str, Any]) -> str:
     return f"p = {number(test['p_value'], 2)}"
 
 
-def _points(points: Sequence[Mapping[str, float]]) -> Rows:
+def _points(points: Sequence[Mapping[str, float]]) -> RenderableType:
+    """The points of most probability, in the order of their parameters."""
     names = [*points[0]]
     columns: list[Column] = [(name, "right") for name in names]
-    return Rows(columns, [[number(point[name]) for name in names] for point in points])
+    least = sorted((point["probability"] for point in points), reverse=True)[:SHOWN][-1]
+    kept = [point for point in points if point["probability"] >= least][:SHOWN]
+    table = Rows(columns, [[number(point[name]) for name in names] for point in kept])
+    more = len(points) - len(kept)
+    return Group(table, Text(f"and {more} more in ceiling.json")) if more else table
 
 
 def _notes(result: Document) -> list[str]:
@@ -141,10 +150,8 @@ def _notes(result: Document) -> list[str]:
     notes = []
     if result["held"]:
         named = ", ".join(f"{name} {number(value)}" for name, value in result["held"].items())
-        notes.append(
-            f"Held at the estimate meanwhile: {named}. With the noise left free the best law may "
-            "be one of points and no noise, whose likelihood has no limit."
-        )
+        noise = any(name.startswith("noise.") for name in result["held"])
+        notes.append(f"Held at the estimate meanwhile: {named}.{FREE if noise else ''}")
     for name in result["edges"]:
         low, high = result["region"][name]
         notes.append(
