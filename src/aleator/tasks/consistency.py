@@ -79,17 +79,17 @@ def _enough(
     battery: Battery, statistics: Array, source: Iterator[Array], most: int, progress: Progress
 ) -> Judged | None:
     replicates: list[Array] = []
-    made, found = 0, None
+    exists, made, found = np.isfinite(statistics), 0, None
     for stage, low, high in STAGES:
         count = min(stage, most)
         for values in islice(source, count - made):
             made += 1
             progress.update(f"replicate {made} of {count}", made, count)
-            if np.all(np.isfinite(values)):
-                replicates.append(values)
+            if np.all(np.isfinite(values[exists])):
+                replicates.append(np.where(exists, values, 0.0))
         if len(replicates) < (1.0 - LOST) * made:
             return None
-        found = judged(battery.subjects, statistics, np.array(replicates))
+        found = judged(battery.subjects, np.where(exists, statistics, 0.0), np.array(replicates))
         if count == most or found.together < low or found.together > high:
             break
     return found

@@ -48,7 +48,7 @@ def effective(smallest: Array) -> float:
     limit = float(np.median(smallest))
     low = smallest[smallest < limit]
     told = -np.log1p(-low).sum() - (smallest.size - low.size) * np.log1p(-limit)
-    return max(1.0, low.size / told) if told > 0.0 else 1.0
+    return low.size / told if told > 0.0 else 1.0
 
 
 def corrected(p: Array, tests: float) -> Array:

@@ -7,7 +7,7 @@ from aleator.inference.consistency.columns import ORDER, RESPONSE
 from aleator.inference.consistency.value import Discrepancy, Test
 
 LIGHT = "fewer outcomes lie in the middle and far out than the law says: it may have two modes"
-HEAVY = "more outcomes lie far out than the law says, and more in the middle: its tails are heavier"
+HEAVY = "more outcomes lie far out, and more in the middle, than the law says"
 
 
 def told(test: Test, several: bool) -> Discrepancy:
@@ -61,9 +61,26 @@ def _uniformity(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
 
 
 def _tails(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    if test.z > 0.0:
-        return HEAVY, 'noise of kind "student_t", a law with heavier tails, or groups that differ'
-    return LIGHT, 'try a law = "mixture", or a column that tells two groups apart'
+    heavy = test.z < 0.0
+    remedy = (
+        'noise of kind "student_t", a law with heavier tails, or a column that tells apart what '
+        "scatters more"
+        if heavy
+        else 'a law = "mixture", or a column that tells two groups apart'
+    )
+    if test.of == OUTCOMES:
+        return HEAVY if heavy else LIGHT, remedy
+    where = "more experiments pull far, and more hardly," if heavy else "experiments pull alike far"
+    return f"{where} on {test.of} than the law says", remedy
+
+
+def _unequal(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+    how = "less" if test.z < 0.0 else "more"
+    return (
+        f"the scatter within experiments is {how} alike than the noise says",
+        "let the noise differ between experiments by a column of standard deviations, or take "
+        'noise of kind "student_t"',
+    )
 
 
 def _skewness(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
@@ -131,6 +148,7 @@ _OTHERS = {
     "skewness": _skewness,
     "outlier": _outlier,
     "sandwich": _sandwich,
+    "unequal": _unequal,
     "neighbours": _neighbours,
     "groups": _groups,
 }
