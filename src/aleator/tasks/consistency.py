@@ -7,11 +7,11 @@ from itertools import islice
 
 import numpy as np
 
-from aleator.inference.consistency.battery import Battery
-from aleator.inference.consistency.columns import columns_of
+from aleator.inference.consistency.battery import SAME, Battery
+from aleator.inference.consistency.columns import columns_of, without_order
 from aleator.inference.consistency.judged import Judged, judged, replicated
 from aleator.inference.consistency.outliers import outliers_of
-from aleator.inference.consistency.residuals import Residuals, residuals_of
+from aleator.inference.consistency.residuals import points_of, residuals_of
 from aleator.inference.consistency.sentences import told
 from aleator.inference.consistency.value import LEVEL, Consistency, Test
 from aleator.inference.fit import Fit
@@ -22,9 +22,9 @@ FEWEST = 5
 """Observations below which nothing is tested."""
 STAGES = ((40, 0.001, 0.3), (100, 0.01, 0.12), (200, 0.0, 0.0))
 """So many replicates are enough where p is then below the one or above the other."""
-OBSERVATIONS, LEAST = 100_000, 20
-"""Observations of all replicates at most, and replicates at least."""
-LOST = 0.1
+VALUES, LEAST = 25_000_000, 20
+"""Simulated values of all replicates at most, and replicates at least."""
+LOST = 0.2
 """Share of probabilities or replicates that may be missing."""
 SHOWN = 3
 """Discrepancies that are told."""
@@ -39,20 +39,24 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
     """
     if not sound:
         return Consistency.untested("the answer was not computed soundly")
-    observed = residuals_of(fit)
-    if (reason := _prevented(observed)) is not None:
-        return Consistency.untested(reason)
-    table = fit.table
+    table, count = fit.table, len(fit.table.observations)
+    if count < FEWEST:
+        return Consistency.untested(f"there are only {count} observations")
+    points = points_of(fit, 1.0 - LOST)
+    observed = residuals_of(fit, points)
+    if np.mean(observed.known) < 1.0 - LOST:
+        return Consistency.untested("too many observations have no predicted probability")
+    columns, experiment = columns_of(table), table.observations.experiment
     battery = Battery.of(
-        columns_of(table),
-        table.observations.experiment,
+        without_order(columns, experiment, observed.normal),
+        experiment,
         tuple(fit.hyperparameters[k].name for k in fit.inference.free),
         fit.inference.covariance,
     )
     with np.errstate(all="ignore"):
         statistics = battery.values(observed)
-        source = replicated(fit, battery, np.random.default_rng([seed, 11]))
-        most = max(LEAST, OBSERVATIONS // observed.known.size)
+        source = replicated(fit, battery, points, np.random.default_rng([seed, 11]))
+        most = max(LEAST, VALUES // (count * points))
         found = _enough(battery, statistics, source, most, progress)
     if found is None:
         return Consistency.untested("too many replicates of the experiments have no statistics")
@@ -65,14 +69,6 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
         outliers_of(observed, table),
         found.tests,
     )
-
-
-def _prevented(observed: Residuals) -> str | None:
-    if observed.known.size < FEWEST:
-        return f"there are only {observed.known.size} observations"
-    if np.mean(observed.known) < 1.0 - LOST:
-        return "too many observations have no predicted probability"
-    return None
 
 
 def _enough(
@@ -96,8 +92,11 @@ def _enough(
 
 
 def _distinct(tests: list[Test]) -> list[Test]:
-    """The first of each column, and of those without one."""
+    """The first of each column, and of those without one; a column says more than all together."""
+    named = any(test.kind == "contrast" for test in tests)
     first: dict[str | None, Test] = {}
     for test in tests:
+        if named and test.column == SAME:
+            continue
         first.setdefault(test.column, test)
     return [*first.values()][:SHOWN]

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from aleator.inference.consistency.columns import LEVELS, Column
+from aleator.inference.consistency.columns import LEVELS, ORDER, Column
 from aleator.inference.consistency.contrasts import (
     FARTHEST,
     Contrasts,
@@ -34,7 +34,8 @@ class Battery:
 
     `experiment` (M,) is that of each observation. `names` (F,) are the hyperparameters of the
     scores, and `covariance` (F, F) that of their estimates, from the information. `groups` are
-    those by which observations may be repeated, by the name of their column.
+    those by which observations may be repeated, by the name of their column. `ordered` tells
+    whether neighbours mean anything: those of an experiment, or of a table that was not sorted.
     """
 
     contrasts: Contrasts
@@ -42,6 +43,7 @@ class Battery:
     names: tuple[str, ...]
     covariance: Array
     groups: dict[str, Indices]
+    ordered: bool
 
     @classmethod
     def of(
@@ -52,7 +54,10 @@ class Battery:
         covariance: Array,
     ) -> Battery:
         """The battery of a table."""
-        return cls(contrasts_of(columns), experiment, names, covariance, _groups(columns))
+        ordered = any(c.name == ORDER for c in columns) or len(np.unique(experiment)) < len(
+            experiment
+        )
+        return cls(contrasts_of(columns), experiment, names, covariance, _groups(columns), ordered)
 
     @cached_property
     def several(self) -> bool:
@@ -105,7 +110,8 @@ class Battery:
             yield Subject(group, "contrast", of, column.name, where, skewed=skewed)
 
     def _of_neighbours(self) -> Iterator[Subject]:
-        yield Subject(TOGETHER, "neighbours", OUTCOMES, skewed=True)
+        if self.ordered:
+            yield Subject(TOGETHER, "neighbours", OUTCOMES, skewed=True)
         for name in self.groups:
             yield Subject(TOGETHER, "groups", OUTCOMES, name, skewed=True, one_sided=True)
 
@@ -151,11 +157,13 @@ class Battery:
 
     def _together(self, w: Array) -> Array:
         """How alike neighbours are, and those of each group."""
+        alike = [shared(group, w) for group in self.groups.values()]
+        if not self.ordered:
+            return np.array(alike)
         pairs = w[1:] * w[:-1]
         if self.several:
             pairs = pairs[np.diff(self.experiment) == 0]
-        neighbours = np.sum(pairs) / np.sqrt(max(pairs.size, 1))
-        return np.array([neighbours, *(shared(group, w) for group in self.groups.values())])
+        return np.array([np.sum(pairs) / np.sqrt(max(pairs.size, 1)), *alike])
 
 
 def is_scale(name: str) -> bool:
@@ -191,11 +199,9 @@ def anderson_darling(u: Array) -> float:
 def _groups(columns: tuple[Column, ...]) -> dict[str, Indices]:
     """Groups of rows by columns of many values that repeat, and by all numbers together."""
     size = columns[0].group.size if columns else 0
-    many = {
-        column.name: column.group for column in columns if LEVELS < column.count <= REPEATED * size
-    }
-    rows = [column.group for column in columns if column.ranks is not None][:-1]
-    if rows:
+    many = {c.name: c.group for c in columns if LEVELS < c.count <= REPEATED * size}
+    rows = [c.group for c in columns if c.ranks is not None and c.name != ORDER]
+    if len(rows) > 1:
         together = np.unique(np.stack(rows, axis=1), axis=0, return_inverse=True)[1].ravel()
         if LEVELS < together.max() + 1 <= REPEATED * size:
             many[SAME] = together

@@ -22,6 +22,8 @@ FEWEST = 3
 ORDER = "the order of the rows"
 """The name of the column that counts rows."""
 RESPONSE = "response"
+PAIRS, SORTED = 5, 0.85
+"""Pairs of neighbours at least, and the share that rise (or fall) in a table that was sorted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +69,25 @@ def columns_of(table: Experiments) -> tuple[Column, ...]:
         kept[_keys(column)[0]] = len(found)
         found.append(column)
     return tuple(found)
+
+
+def without_order(
+    columns: tuple[Column, ...], experiment: Indices, normal: Array
+) -> tuple[Column, ...]:
+    """The columns without the order of the rows, where the table was sorted by its outcomes.
+
+    The normal scores (M,) then rise, or fall, from experiment to experiment under the same
+    conditions: the order says nothing of when they were made.
+    """
+    first = np.unique(experiment, return_index=True)[1]
+    own = [column.group[first] for column in columns if column.own and column.name != ORDER]
+    same = np.ones(first.size - 1, dtype=np.bool_)
+    for group in own:
+        same &= np.diff(group) == 0
+    steps = np.diff(np.add.reduceat(normal, first))[same]
+    if steps.size < PAIRS or max(np.mean(steps >= 0.0), np.mean(steps <= 0.0)) < SORTED:
+        return columns
+    return tuple(column for column in columns if column.name != ORDER)
 
 
 def _values(table: Experiments, frame: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:

@@ -51,7 +51,9 @@ def judged(subjects: tuple[Subject, ...], observed: Array, replicates: Array) ->
     return Judged(tests_found, float(found.min()), len(replicates))
 
 
-def replicated(fit: AnyFit, battery: Battery, rng: np.random.Generator) -> Iterator[Array]:
+def replicated(
+    fit: AnyFit, battery: Battery, points: int, rng: np.random.Generator
+) -> Iterator[Array]:
     """Statistics (T,) of other data under the fitted model, alpha fitted to them; without end.
 
     Of few experiments alpha takes a second step: after one, replicates miss their maximum by so
@@ -59,4 +61,5 @@ def replicated(fit: AnyFit, battery: Battery, rng: np.random.Generator) -> Itera
     """
     while True:
         other = stepped(fit.drawn(rng))
-        yield battery.values(residuals_of(stepped(other) if fit.count < MANY else other))
+        fitted = stepped(other) if fit.count < MANY else other
+        yield battery.values(residuals_of(fitted, points))

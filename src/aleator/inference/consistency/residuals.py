@@ -14,6 +14,8 @@ NEAREST = 1e-15
 """Probabilities stay so far from zero and one: normal scores stay below eight."""
 VALUES, FEWEST, POINTS = 200_000, 64, 256
 """Simulated values by which all probabilities are computed; points of each, fewest and most."""
+MORE, TIMES = 4, 3
+"""So many times as many points, so often, where too few probabilities are known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +33,19 @@ class Residuals:
     scores: Array
 
 
-def residuals_of(fit: Fit) -> Residuals:
+def points_of(fit: Fit, enough: float) -> int:
+    """The points of each experiment by which this share of the probabilities is known, or most."""
+    points = int(np.clip(VALUES // len(fit.table.observations), FEWEST, POINTS))
+    for _ in range(TIMES):
+        if np.mean(np.isfinite(fit.probabilities(points))) >= enough:
+            break
+        points *= MORE
+    return points
+
+
+def residuals_of(fit: Fit, points: int) -> Residuals:
     """The residuals of a fit; one evaluation of its probabilities and one of its scores."""
-    count = len(fit.table.observations)
-    u = fit.probabilities(int(np.clip(VALUES // count, FEWEST, POINTS)))
+    u = fit.probabilities(points)
     known = np.isfinite(u)
     inside = np.clip(np.where(known, u, 0.5), NEAREST, 1.0 - NEAREST)
     scores = fit.scored().scores

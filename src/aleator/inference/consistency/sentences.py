@@ -128,17 +128,15 @@ def _neighbours(test: Test, several: bool) -> tuple[str, str]:
     )
 
 
-def _groups(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    if test.column == SAME:
-        return (
-            "outcomes under the same conditions are alike, more than the law says",
-            "if they are of one subject, give the subjects a column and name it: [experiments] "
-            'id = "..."; else the simulator is biased under some conditions',
-        )
-    return (
-        f"outcomes with the same `{test.column}` are alike: its rows look like one subject's",
-        f"if they are, rows of one experiment share their parameters: [experiments] id = "
-        f'"{test.column}"',
+def _groups(test: Test, several: bool) -> tuple[str, str]:
+    where = "under the same conditions" if test.column == SAME else f"with the same `{test.column}`"
+    message = f"outcomes {where} err alike, more than the law says"
+    if several:
+        return message, "mend the simulator, whose curve has another shape than what was measured"
+    named = "..." if test.column == SAME else test.column
+    return message, (
+        "if their rows are of one subject, name the column that says which: [experiments] id = "
+        f'"{named}"; else mend the simulator, which is biased there'
     )
 
 
