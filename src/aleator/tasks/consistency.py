@@ -13,7 +13,7 @@ from aleator.inference.consistency.judged import Judged, judged, replicated
 from aleator.inference.consistency.outliers import outliers_of
 from aleator.inference.consistency.residuals import points_of, residuals_of
 from aleator.inference.consistency.sentences import told
-from aleator.inference.consistency.value import LEVEL, Consistency, Test
+from aleator.inference.consistency.value import LEVEL, Consistency, Statistic
 from aleator.inference.fit import Fit
 from aleator.progress import Progress
 from aleator.types import Array
@@ -91,10 +91,10 @@ def _enough(
     return found
 
 
-def _distinct(tests: list[Test]) -> list[Test]:
+def _distinct(tests: list[Statistic]) -> list[Statistic]:
     """The first of each column, and of those without one; a column says more than all together."""
     named = any(test.kind == "contrast" for test in tests)
-    first: dict[str | None, Test] = {}
+    first: dict[str | None, Statistic] = {}
     for test in tests:
         if named and test.column == SAME:
             continue

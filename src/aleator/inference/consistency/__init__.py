@@ -3,4 +3,4 @@
 from aleator.inference.consistency.value import Consistency as Consistency
 from aleator.inference.consistency.value import Discrepancy as Discrepancy
 from aleator.inference.consistency.value import Outlier as Outlier
-from aleator.inference.consistency.value import Test as Test
+from aleator.inference.consistency.value import Statistic as Statistic

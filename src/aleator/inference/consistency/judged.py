@@ -11,7 +11,7 @@ from aleator.inference.consistency.battery import SHARES, Battery
 from aleator.inference.consistency.calibration import corrected, effective, probabilities
 from aleator.inference.consistency.contrasts import Subject
 from aleator.inference.consistency.residuals import residuals_of
-from aleator.inference.consistency.value import Test
+from aleator.inference.consistency.value import Statistic
 from aleator.inference.fit import AnyFit, stepped
 from aleator.types import Array
 
@@ -23,7 +23,7 @@ MANY = 200
 class Judged:
     """Tests with their probabilities, that of all `together`, and how many replicates told them."""
 
-    tests: tuple[Test, ...]
+    tests: tuple[Statistic, ...]
     together: float
     replicates: int
 
@@ -47,7 +47,7 @@ def judged(subjects: tuple[Subject, ...], observed: Array, replicates: Array) ->
         smallest.append(corrected(least, tests))
     found = corrected(found, effective(np.min(smallest, axis=0)))
     rows = zip(subjects, z.tolist(), p.tolist(), found.tolist(), strict=True)
-    tests_found = tuple(Test(s.kind, s.of, s.column, s.where, *values) for s, *values in rows)
+    tests_found = tuple(Statistic(s.kind, s.of, s.column, s.where, *values) for s, *values in rows)
     return Judged(tests_found, float(found.min()), len(replicates))
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from aleator.inference.consistency.battery import OUTCOMES, SAME, SCATTER
 from aleator.inference.consistency.columns import ORDER, RESPONSE
-from aleator.inference.consistency.value import Discrepancy, Test
+from aleator.inference.consistency.value import Discrepancy, Statistic
 
 LIGHT = "fewer outcomes lie in the middle and far out than the law says: it may have two modes"
 HEAVY = "more outcomes lie far out, and more in the middle, than the law says"
 
 
-def told(test: Test, several: bool) -> Discrepancy:
+def told(test: Statistic, several: bool) -> Discrepancy:
     """A test as a sentence with a remedy; `several`: experiments have several observations."""
     if test.kind == "contrast":
         return Discrepancy(test, _contrast(test), _mended(test))
@@ -18,7 +18,7 @@ def told(test: Test, several: bool) -> Discrepancy:
     return Discrepancy(test, message, remedy)
 
 
-def _contrast(test: Test) -> str:
+def _contrast(test: Statistic) -> str:
     if test.where is not None:
         place = f"at {test.where}"
     elif test.column == ORDER:
@@ -33,7 +33,7 @@ def _contrast(test: Test) -> str:
     return f"experiments {place} ask for a {'larger' if up else 'smaller'} {test.of}"
 
 
-def _mended(test: Test) -> str:
+def _mended(test: Statistic) -> str:
     if test.column == ORDER:
         return (
             "something changed while the experiments were made: look for it, and give it a column "
@@ -53,14 +53,14 @@ def _mended(test: Test) -> str:
     )
 
 
-def _uniformity(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+def _uniformity(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
     return (
         "the outcomes are not spread as the law says",
         "choose another law (a mixture, a skewed one), or another kind of noise",
     )
 
 
-def _tails(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+def _tails(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
     heavy = test.z < 0.0
     remedy = (
         'noise of kind "student_t", a law with heavier tails, or a column that tells apart what '
@@ -74,7 +74,7 @@ def _tails(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
     return f"{where} on {test.of} than the law says", remedy
 
 
-def _unequal(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+def _unequal(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
     how = "less" if test.z < 0.0 else "more"
     return (
         f"the scatter within experiments is {how} alike than the noise says",
@@ -83,7 +83,7 @@ def _unequal(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
     )
 
 
-def _skewness(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+def _skewness(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
     side = "above" if test.z > 0.0 else "below"
     if test.of == OUTCOMES:
         return (
@@ -97,14 +97,14 @@ def _skewness(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
     )
 
 
-def _outlier(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+def _outlier(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
     return (
         "an outcome lies farther out than the law says",
         'look at the outliers named; noise of kind "student_t" makes them count less',
     )
 
 
-def _sandwich(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
+def _sandwich(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
     more = "more" if test.z > 0.0 else "less"
     return (
         f"experiments disagree on {test.of} {more} than the model says (sandwich against "
@@ -113,7 +113,7 @@ def _sandwich(test: Test, several: bool) -> tuple[str, str]:  # noqa: ARG001
     )
 
 
-def _neighbours(test: Test, several: bool) -> tuple[str, str]:
+def _neighbours(test: Statistic, several: bool) -> tuple[str, str]:
     alike = "alike" if test.z > 0.0 else "opposite"
     if several:
         return (
@@ -128,7 +128,7 @@ def _neighbours(test: Test, several: bool) -> tuple[str, str]:
     )
 
 
-def _groups(test: Test, several: bool) -> tuple[str, str]:
+def _groups(test: Statistic, several: bool) -> tuple[str, str]:
     where = "under the same conditions" if test.column == SAME else f"with the same `{test.column}`"
     message = f"outcomes {where} err alike, more than the law says"
     if several:

@@ -11,7 +11,7 @@ LEVEL = 0.05
 
 
 @dataclass(frozen=True)
-class Test:
+class Statistic:
     """One test: what it looks at, where, and its probability under the model.
 
     `kind` is its statistic and `of` what of the model it looks at: "outcomes", "scatter" or a
@@ -33,7 +33,7 @@ class Test:
 class Discrepancy:
     """A test that contradicts the model: what it says of it, and what may mend that."""
 
-    test: Test
+    test: Statistic
     message: str
     remedy: str
 
@@ -65,7 +65,7 @@ class Consistency:
     replicates: int
     discrepancies: tuple[Discrepancy, ...] = ()
     outliers: tuple[Outlier, ...] = ()
-    tests: tuple[Test, ...] = ()
+    tests: tuple[Statistic, ...] = ()
     reason: str = ""
 
     def table(self) -> pd.DataFrame:

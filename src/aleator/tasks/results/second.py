@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from aleator.inference.consistency import Consistency, Discrepancy, Outlier, Test
+from aleator.inference.consistency import Consistency, Discrepancy, Outlier, Statistic
 
 Entry = Mapping[str, Any]
 
@@ -44,6 +44,6 @@ def consistency_in(document: Entry) -> Consistency:
     )
 
 
-def _test(row: Entry) -> Test:
+def _test(row: Entry) -> Statistic:
     known = {key: math.nan if row[key] is None else row[key] for key in ("z", "p", "corrected")}
-    return Test(**{**row, **known})
+    return Statistic(**{**row, **known})
