@@ -57,7 +57,7 @@ LAWS = Inputs(
 REPLICATES = 40
 
 
-def print_next(console: Console, seeds: range = range(1, 4)) -> None:
+def print_next(console: Console, seeds: range = range(1, 3)) -> None:
     """A block of lines for each seed of the first measurements, in some minutes each."""
     for seed in seeds:
         one_plan(console, seed)
@@ -78,16 +78,15 @@ def one_plan(console: Console, seed: int) -> None:
     if reached > 0.5 * plan.now:
         console.print(f"  {MOST} experiments do not halve it")
         return
-    console.print(f"  repeating the factorial for the same: {108 * (plan.repetitions or 0):.0f}")
+    console.print(
+        f"  {MOST} chosen: as good as {108 * (plan.repetitions or 0):.0f} of the factorial"
+    )
+    _told(console, "those 108 alone", found, about, seed)
     rows = {f"{size} chosen": chosen_rows(plan, size), "324 of the factorial": factorial(3)}
     for name, conditions in rows.items():
         new = measure(seed + 1000, kind="model", alpha=TRUTH, conditions=conditions)
         again = identified(pd.concat([first, new], ignore_index=True).drop(columns="id"))
-        scatter, low = scattered(again, about, seed)
-        console.print(
-            f"  with {name}: {_with_error(again, about)}; over {REPLICATES} fresh data sets the "
-            f"estimates scatter by {scatter:.4f}, {low:.0%} end on the limit"
-        )
+        _told(console, f"with {name}", again, about, seed)
 
 
 def identified(table: pd.DataFrame) -> Identification:
@@ -130,6 +129,14 @@ def true_alpha(found: Identification) -> Array:
     names = ("c2_scale.mean", "zp_scale.mean", "c2_scale.sd", "zp_scale.sd")
     values = dict(zip(names, TRUTH, strict=True))
     return np.array([values[name] for name in found.alpha])
+
+
+def _told(console: Console, name: str, found: Identification, about: str, seed: int) -> None:
+    scatter, low = scattered(found, about, seed)
+    console.print(
+        f"  {name}: {_with_error(found, about)}; over {REPLICATES} fresh data sets the estimates "
+        f"scatter by {scatter:.4f}, {low:.0%} end on the limit"
+    )
 
 
 def _with_error(found: Identification, name: str) -> str:

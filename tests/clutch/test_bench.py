@@ -257,3 +257,14 @@ def test_misuse_of_trajectories_is_named(change: dict[str, object]) -> None:
     conditions = design().set_index("id").loc[1].to_dict()
     with pytest.raises(SimulatorError):
         trajectories(**{**conditions, **change})
+
+
+@pytest.mark.parametrize("kind", ["realistic", "model"])
+def test_other_conditions_are_measured_as_the_design_is(kind: str) -> None:
+    whole = measure(3, kind=kind)
+    again = measure(3, kind=kind, conditions=design())
+    pd.testing.assert_frame_equal(whole, again)
+    one = measure(3, kind=kind, conditions=design().drop(columns="id").iloc[[5, 5, 5]])
+    assert one["shifting_time"].nunique() == 3
+    with pytest.raises(SimulatorError, match="brake_torque"):
+        measure(3, kind=kind, conditions=design().drop(columns="brake_torque"))

@@ -11,6 +11,7 @@ from scipy import stats
 
 from aleator import (
     AleatorError,
+    By,
     Censoring,
     Experiments,
     Free,
@@ -263,3 +264,28 @@ def test_candidates_are_tested_to_the_limit_of_the_others() -> None:
     beyond, density = stats.norm.sf(u), stats.norm.pdf(u)
     expected = (stats.norm.cdf(u) - u * density + density**2 / beyond) / scale**2
     assert scores.information[0, 0, 0] == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_law_that_follows_a_covariate_is_learnt_at_its_far_ends() -> None:
+    rng = np.random.default_rng(5)
+    heat = np.tile([-1.0, 0.0, 1.0], 12)
+    y = 1.0 + 0.3 * heat + 0.3 * rng.standard_normal(36) + 0.1 * rng.standard_normal(36)
+    found = identify(
+        lambda x: x,
+        pd.DataFrame({"heat": heat, "y": y}),
+        Inputs({"x": Normal(By("1 + heat", -9.0, 9.0), Free(0.01, 2.0))}),
+        outcome="y",
+        noise=Noise(0.1),
+        vectorized=True,
+        verification=MonteCarlo(0),
+    )
+    (slope,) = (name for name in found.values.index if "heat" in name)
+    new = pd.DataFrame({"heat": [0.0, 0.5, 3.0]})
+    plan = next_experiments(found, new, count=1, about=slope)
+    variance = float(found.values["x.sd"]) ** 2 + 0.01
+    design = np.stack([np.ones(36), heat], axis=1)
+    for error, at in zip(plan.alone, new["heat"], strict=True):
+        whole = np.vstack([design, [1.0, at]])
+        expected = np.sqrt(variance * np.linalg.inv(whole.T @ whole)[1, 1])
+        assert error == pytest.approx(expected, rel=1e-3)
+    assert plan.chosen == ("3",)
