@@ -32,8 +32,8 @@ class Probability:
 
     `at_estimate` is that of the estimate alone, `error` the standard error of the computation,
     `checks` the runs of the simulator that it was held against. `distance` is that of the
-    most probable point of the event, or of its contrary, from the middle of the law in standard
-    deviations; NaN where nothing is rare.
+    most probable point of the event, or of its contrary, from the middle of the law of the
+    estimate in standard deviations; NaN where nothing is rare.
     """
 
     probability: float
@@ -120,7 +120,7 @@ class _Told:
             parts.append(_shares(event.holds(y), found.weights, near.ground.measured is not None))
             lost = max(lost, float(np.max(np.sum(found.weights, axis=1, where=np.isnan(y)))))
         each = np.stack(parts, axis=1)
-        return cls(each, draws.weights, lost, np.isnan(sample.distance))
+        return cls(each, draws.weights, lost, sample.plain)
 
     @property
     def by_replicate(self) -> Array:

@@ -33,14 +33,21 @@ PLACED = 24
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Replicates of points; `distance` is that of the most probable point, NaN without any.
+    """Replicates of points; `reached` says whether a point of the event was found.
 
-    `reached` says whether a point of the event was found.
+    `distance` is that of the most probable point under the estimate, `nearest` the least under any
+    of the laws that were asked; both NaN for points of the law itself.
     """
 
     replicates: tuple[Points, ...]
     distance: float = float("nan")
+    nearest: float = float("nan")
     reached: bool = True
+
+    @property
+    def plain(self) -> bool:
+        """Whether the points are those of the law itself."""
+        return bool(np.isnan(self.nearest))
 
     @property
     def joined(self) -> Points:
@@ -66,14 +73,18 @@ def about_event(near: Near, draws: AlphaDraws, event: Event) -> Sample:
         near.surface.follow(near.wide(chosen, FAR, PLACED))
     before, found = np.inf, Sample((), reached=False)
     for _ in range(ROUNDS):
-        centers = _centers(near, chosen, event)
+        own = _centers(near, chosen[:1], event)
+        others = _centers(near, chosen[1:], event)
+        centers = np.concatenate([own, others])
         if not len(centers):
             return Sample(of_law(near).replicates, reached=False)
-        distance = float(np.linalg.norm(centers[0]))
-        found = Sample(_points(near, centers), distance)
-        if near.surface is None or abs(distance - before) < STILL:
+        centers = kept_points(centers)
+        nearest = float(np.linalg.norm(centers[0]))
+        distance = float(np.linalg.norm(own[0])) if len(own) else float("nan")
+        found = Sample(_points(near, centers), distance, nearest)
+        if near.surface is None or abs(nearest - before) < STILL:
             break
-        before = distance
+        before = nearest
         near.surface.follow(_where(near, chosen, found))
     return found
 
@@ -108,7 +119,7 @@ def _where(near: Near, alphas: Array, sample: Sample) -> Array:
     """Parameters (D, n) near the event, under some laws; what is far behind it has no mass."""
     first = sample.replicates[0]
     out = np.hypot(np.linalg.norm(first.xi, axis=1), first.score)
-    chosen = np.flatnonzero(out < sample.distance + BEHIND)[::4]
+    chosen = np.flatnonzero(out < sample.nearest + BEHIND)[::4]
     few = Points(first.xi[chosen], first.score[chosen], first.weights[chosen])
     x = near.outcomes(alphas, few)[1].x
     return x.reshape(-1, x.shape[2])
