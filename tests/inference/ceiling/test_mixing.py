@@ -104,3 +104,10 @@ def test_an_experiment_that_nothing_explains_is_told_and_leaves_the_others_alone
     found = mixed(np.vstack([matrix, np.full(50, -np.inf)]))
     assert found.each[-1] == -np.inf
     assert found.weights == pytest.approx(mixed(matrix).weights)
+
+
+@pytest.mark.parametrize("nothing", [np.nan, -np.inf])
+def test_where_nothing_is_explained_that_is_told(nothing: float) -> None:
+    found = mixed(np.full((3, 4), nothing))
+    assert found.log_likelihood == -np.inf
+    assert found.weights.sum() == pytest.approx(1.0)

@@ -38,18 +38,21 @@ class Judged:
 def gap(fit: Fit, points: Array) -> float:
     """Log-likelihood of the best law on points x (J, n) above that of the fit."""
     best = mixed(fit.given(points), COARSE).log_likelihood
-    return best - fit.scored().total
+    return best - fit.scored().likelihood
 
 
-def judged(fit: Fit, points: Points, most: int, seed: int, progress: Progress) -> Judged:
+def judged(fit: Fit, points: Points, most: int, seed: int, progress: Progress) -> Judged | None:
     """The p value of the gap of a fit: data are drawn from its law, and fitted by its family.
 
     The best law has no limit distribution to compare with, so that the gap is drawn (McLachlan,
     1987). It is that on points made by one rule for measured and for drawn data. It stops early:
     after ten larger gaps p is ten over the replicates until then (Besag and Clifford, 1991), else
-    (g + 1)/(most + 1). Cost: a climb and a product of matrices for each replicate.
+    (g + 1)/(most + 1). None where the measured data have no gap. Cost: a climb and a product of
+    matrices for each replicate.
     """
     seen = gap(fit, points(fit, np.random.default_rng([seed, 0])))
+    if not np.isfinite(seen):
+        return None
     exceeded = failed = count = 0
     while count < most and exceeded < EXCEEDED:
         count += 1
@@ -71,4 +74,4 @@ def _larger(fit: Fit, seen: float, points: Points, rng: np.random.Generator) -> 
     if found >= seen:
         end = climbed(near, arrived=ARRIVED)
         found = gap(end, points(end, rng))
-    return None if np.isnan(found) else bool(found >= seen)
+    return bool(found >= seen) if np.isfinite(found) else None

@@ -64,8 +64,7 @@ def mixed(log_density: Array, enough: float = ENOUGH) -> Mixing:
     maximum (Lindsay, 1983). Solved by Newton steps whose quadratic problem on the simplex is a
     nonnegative least-squares problem, on the few points that have weight and those of largest D
     (Wang, 2007). NaN counts as -inf. An experiment that no point explains has -inf, and no part in
-    the weights.
-    Cost: some twenty products with the matrix.
+    the weights. Cost: some twenty products with the matrix.
 
     >>> found = mixed(np.log([[0.9, 0.1, 0.5], [0.1, 0.9, 0.5]]))
     >>> found.weights.round(6).tolist(), round(found.log_likelihood, 6)
@@ -74,6 +73,9 @@ def mixed(log_density: Array, enough: float = ENOUGH) -> Mixing:
     log_density = np.nan_to_num(log_density, nan=-np.inf, neginf=-np.inf)
     top = log_density.max(axis=1)
     known = np.isfinite(top)
+    if not known.any():
+        count = log_density.shape[1]
+        return Mixing(np.full(count, 1.0 / count), top, np.zeros(count))
     density = np.exp(log_density[known] - top[known, None])
     weights = _ascended(density, enough)
     each = np.full(top.size, -np.inf)

@@ -108,7 +108,7 @@ def ceiling(
     points.insert(0, "probability", best.weights[order])
     gains = pd.Series(best.each - estimated.each, index=pd.Index(fit.table.ids, name="id"))
     return Ceiling(
-        best.log_likelihood, best.gap, estimated.total, verified, points, gains, test,
+        best.log_likelihood, best.gap, estimated.likelihood, verified, points, gains, test,
         dict(zip(names, map(tuple, sought.region.tolist()), strict=True)),
         sought.held, len(names) <= SURE, sought.edges(x), gradient_curves(sought),
         gradient_map(sought),

@@ -35,12 +35,12 @@ def best_possible(fit: Fit, seed: int, progress: Progress) -> dict[str, float] |
     if REPLICATES * _seconds(sought) > LONGEST:
         return None
     best = best_of(sought, seed).log_likelihood
-    if not np.isfinite(best):
-        return None
     test = judged(fit, sought.points, REPLICATES, seed, progress)
+    if test is None:
+        return None
     return {
         "log_likelihood": best,
-        "gap": best - fit.scored().total,
+        "gap": best - fit.scored().likelihood,
         "p_value": test.p_value,
         "replicates": float(test.replicates),
     }
