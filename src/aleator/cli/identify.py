@@ -100,7 +100,8 @@ def identify(
                     lower = 0), "scipy" (distribution, args; mean, sd), "mixture"
                     (components, shares) or "constant" (value); mean, sd and value each a
                     number, or to be identified within {lower = ..., upper = ...,
-                    start = ...}; mean and sd may follow columns of the table:
+                    start = ..., prior = {law = ...}}; mean and sd may follow columns of
+                    the table:
                     mean = "1 + temperature"
       [correlation] a.b: of the parameters a and b, a number or {lower = ..., upper = ...}
       [derived]     a = "b * load": parameters from others and from conditions
