@@ -102,6 +102,7 @@ def test_the_table_tells_moments_quantiles_and_convergence(drawn: Posterior) -> 
     assert drawn.nodes_error < 0.01
     assert drawn.outside == 0.0
     assert drawn.warnings == ()
+    assert drawn.sound
 
 
 def test_netcdf_gives_back_what_arviz_expects(drawn: Posterior, tmp_path: Path) -> None:
@@ -136,8 +137,10 @@ def test_an_unsound_identification_and_broken_trajectories_are_told(drawn: Poste
     from dataclasses import replace
 
     chains = replace(drawn.chains, divergent=np.ones_like(drawn.chains.divergent))
-    told = replace(drawn, chains=chains, sound=False, nodes_error=0.5, outside=0.3).warnings
-    assert len(told) == 4
+    told = replace(
+        drawn, chains=chains, sound=False, consistent=False, nodes_error=0.5, outside=0.3
+    )
+    assert len(told.warnings) == 5
 
 
 def test_misuse_is_told(found: Identification, tmp_path: Path) -> None:

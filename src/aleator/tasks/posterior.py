@@ -87,6 +87,7 @@ def posterior(
         nodes_error=_nodes_error(fit, few),
         outside=_outside(fit, few, seed),
         sound=found.sound,
+        consistent=found.consistent,
     )
 
 

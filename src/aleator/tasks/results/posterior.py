@@ -34,7 +34,7 @@ class Posterior:
     `fixed` are the others, `estimates` (G,) the identified ones. `chains` has what belongs to each
     draw, `ids` are the N experiments. `nodes_error` is the standard deviation over the draws of
     what more nodes change of the log-likelihood, `outside` the share of the laws that lies where no
-    simulated values are known.
+    simulated values are known. `sound` and `consistent` are the verdicts of the identification.
 
     >>> from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify, posterior
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
@@ -62,6 +62,7 @@ class Posterior:
     nodes_error: float
     outside: float
     sound: bool
+    consistent: bool | None = None
 
     def __repr__(self) -> str:
         chains, draws, _ = self.draws.shape
@@ -97,6 +98,11 @@ class Posterior:
             found.append(
                 "The identification that they begin from was not computed soundly: deal with its "
                 "warnings first (aleator identify)."
+            )
+        if self.consistent is False:
+            found.append(
+                "The model is not consistent with the experiments, and a posterior of a wrong "
+                "model is as narrow as one of a right one: aleator identify says what is wrong."
             )
         if broken > BROKEN:
             found.append(
