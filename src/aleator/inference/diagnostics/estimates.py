@@ -13,7 +13,8 @@ from aleator.search import wide_limits
 LARGEST_EDM = 1e-3
 """Distance to the maximum, in log-likelihood, that still counts as arrived."""
 FEW_EXPERIMENTS = 5
-"""Experiments for each free hyperparameter below which normal theory is not to be trusted."""
+"""Experiments for each free hyperparameter below which intervals of a normal law hold the truth in
+less than 93 % of all cases: 92 % at four, 91 % at three, by the laws of Student and Helmert."""
 
 
 def count_warnings(experiments: int, inference: Inference) -> list[Diagnostic]:
@@ -24,10 +25,12 @@ def count_warnings(experiments: int, inference: Inference) -> list[Diagnostic]:
     return [
         Diagnostic(
             "experiments",
-            f"{experiments} experiments for {free} free hyperparameters: standard errors and "
-            "intervals are right for many experiments only, and estimated standard deviations tend "
-            "to be too small, by about the ratio of hyperparameters to experiments",
-            f"fix some, or add experiments ({2 * FEW_EXPERIMENTS} for each is a start)",
+            f"{experiments} experiments for {free} free hyperparameters: intervals hold the truth "
+            "in less than 93 % of all cases, estimates -+ 1.96 standard errors in less than 90 %, "
+            "and estimated standard deviations tend to be too small, by about the ratio of "
+            "hyperparameters to experiments",
+            "take the intervals, not the standard errors; fix some, or add experiments "
+            f"({2 * FEW_EXPERIMENTS} for each is a start)",
         )
     ]
 
