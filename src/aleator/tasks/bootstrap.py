@@ -34,7 +34,7 @@ ARRIVED, LEFT = "arrived", "not at a maximum"
 INTERVALS = ("percentile", "basic", "bca")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Bootstrap:
     """R replicates of the F free hyperparameters `names`.
 
@@ -51,6 +51,9 @@ class Bootstrap:
     influence: Array
     runs: tuple[Replicate, ...]
     here: bool
+
+    def __repr__(self) -> str:
+        return f"{len(self.runs)} replicates, {self.kind}\n{self.table().to_string()}"
 
     def replicates(self) -> pd.DataFrame:
         """A row for each replicate: the hyperparameters, `log_likelihood`, `status`."""

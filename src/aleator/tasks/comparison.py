@@ -12,6 +12,9 @@ from aleator.inference.criteria import Criteria
 from aleator.inference.leave_one_out import LeaveOneOut, summed_error
 from aleator.inference.likelihood_ratio import LikelihoodRatio
 
+RATIO = ("smaller", "larger", "ratio", "df", "reference", "p", "bootstrap_p", "replicates")
+"""The columns of likelihood ratios."""
+
 
 @dataclass(frozen=True, eq=False)
 class Competitor:
@@ -36,6 +39,9 @@ class Comparison:
     ids: tuple[str, ...]
     models: tuple[Competitor, ...]
     ratios: tuple[LikelihoodRatio, ...]
+
+    def __repr__(self) -> str:
+        return f"{self.table().to_string()}\n\n{self.nested().to_string()}"
 
     def table(self) -> pd.DataFrame:
         """A row for each model, by its name.
@@ -86,7 +92,7 @@ class Comparison:
             }
             for ratio in self.ratios
         ]  # fmt: skip
-        return pd.DataFrame(rows)
+        return pd.DataFrame(rows, columns=[*RATIO])
 
     def to_dict(self) -> dict[str, Any]:
         """The document compare.json as plain dictionaries, lists, numbers and texts."""
