@@ -76,3 +76,7 @@ def test_with_noise_both_kinds_of_uncertainty_add_up() -> None:
     mean = found.individuals.loc["3", "x.mean"]
     assert known["mean"][0] == pytest.approx(5.0 + mean, abs=0.02)
     assert known["beyond"][0] == pytest.approx(2.0 / 3.0)
+    alone = found.predict(pd.DataFrame({"t": [5.0]}), of="3", noise=False, uncertainty=False)
+    ratio = known["standard_deviation"][0] / alone["standard_deviation"][0]
+    assert 1.0 < ratio < 1.1
+    assert abs(known["skewness"][0]) < 0.1

@@ -83,6 +83,14 @@ class AlphaDraws:
         """1/sum w^2 (Kish, 1965)."""
         return float(1.0 / np.sum(self.weights**2))
 
+    def fewer(self, most: int) -> AlphaDraws:
+        """The first of the draws, so many at most."""
+        weights = self.weights[:most]
+        return replace(
+            self, alpha=self.alpha[:most], weights=weights / weights.sum(), z=self.z[:most],
+            log_density=self.log_density[:most],
+        )  # fmt: skip
+
     def reweighted(self, objective: Callable[[Array], LogLikelihood]) -> AlphaDraws:
         """The draws by the likelihood itself, not its approximation.
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from scipy import special
 
+from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import IndividualLikelihood, Layout
 from aleator.observations.errors import MeasurementErrors
@@ -17,13 +18,28 @@ from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.types import Array, Indices
 
+MOST = 64
+"""Draws of alpha for experiments that were measured."""
+
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Experiments that were measured already: `which` (B,) of those of a likelihood each is."""
+    """Experiments that were measured already: `which` (B,) of those of a likelihood each is.
+
+    Nodes are adapted to each alpha once: given its observations the variates of an experiment move
+    far with alpha.
+    """
 
     likelihood: IndividualLikelihood
     which: Indices
+    _adapted: dict[bytes, IndividualLikelihood] = field(default_factory=dict, repr=False)
+
+    def at(self, alpha: Array) -> IndividualLikelihood:
+        """The likelihood with nodes adapted to alpha (K,)."""
+        key = alpha.tobytes()
+        if key not in self._adapted:
+            self._adapted[key] = self.likelihood.adapted(alpha)
+        return self._adapted[key]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +78,10 @@ class Ground:
     def experiment(self, place: int) -> int:
         """The experiment that a value is of."""
         return int(self.seen.experiment[place])
+
+    def taken(self, draws: AlphaDraws) -> AlphaDraws:
+        """The draws; of measured experiments 64 at most, for each of which nodes are adapted."""
+        return draws if self.measured is None else draws.fewer(MOST)
 
     def law(self, alpha: Array) -> Array:
         """The law's part of alpha (K,)."""

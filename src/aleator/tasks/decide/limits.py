@@ -56,6 +56,7 @@ def limits(
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """A row for each of the values `which`; limits are in the unit of the outcome."""
+    draws = ground.taken(draws)
     lower, upper, error = np.full((3, which.size), np.nan)
     for row, place in enumerate(which.tolist()):
         if progress is not None:

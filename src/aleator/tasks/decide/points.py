@@ -95,17 +95,18 @@ def parameters(ground: Ground, alphas: Array, experiment: int, points: Points) -
 def _of_measured(ground: Ground, alphas: Array, experiment: int, points: Points) -> Parameters:
     """Given the observations: points about the individual law, weighted by the likelihood."""
     assert ground.measured is not None
-    likelihood, which = ground.measured.likelihood, int(ground.measured.which[experiment])
-    block, nodes, inputs = likelihood.layout.alone(which), likelihood.nodes, likelihood.inputs
-    part, count = block.experiments, len(points.score)
-    xi, log_weight = proposed(nodes.modes[part], nodes.information[part], count)
+    which, count = int(ground.measured.which[experiment]), len(points.score)
     x, weights = [], []
     for alpha in alphas:
+        likelihood = ground.measured.at(alpha)
+        block, nodes, inputs = likelihood.layout.alone(which), likelihood.nodes, likelihood.inputs
+        part = block.experiments
+        xi, log_weight = proposed(nodes.modes[part], nodes.information[part], count)
         with np.errstate(all="ignore"):
             weights.append(mean_of(likelihood.sums(alpha, block, xi) + log_weight)[1][0])
         x.append(inputs.individual(alpha[: inputs.size], xi, part).x[0])
     # the points are in the order of a sequence: errors must not go along with them
-    score = np.random.default_rng(count).permutation(normal_points(xi.shape[1], 1, 0)[:, 0])
+    score = np.random.default_rng(count).permutation(normal_points(x[0].shape[0], 1, 0)[:, 0])
     return Parameters(np.stack(x), np.stack(weights), score)
 
 

@@ -54,6 +54,7 @@ def probabilities(
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """A row for each response that has an event (by its number) and each row of the conditions."""
+    draws = ground.taken(draws)
     asked = np.flatnonzero(np.isin(ground.seen.response, [*events]))
     found: list[Probability] = []
     for place in asked.tolist():

@@ -30,7 +30,7 @@ def tabled(
     With draws of alpha, their mixture, and columns ``q<p>.lower`` and ``q<p>.upper`` with 95 %
     intervals of the quantiles.
     """
-    probabilities = np.array(quantiles)
+    draws, probabilities = ground.taken(draws), np.array(quantiles)
     own = _own(ground, draws.estimate)
     predictor = _about(ground, own) if draws.certain else predictor_for(ground, draws, progress)
     found = forecast(
