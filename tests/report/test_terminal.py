@@ -48,6 +48,28 @@ def test_details_are_told_to_who_asks() -> None:
     assert "262.512" in short
 
 
+def test_both_verdicts_are_told_and_all_tests_to_who_asks() -> None:
+    test = {
+        "kind": "contrast", "of": "outcomes", "column": "hot", "where": None, "z": -6.2,
+        "p": 3e-9, "corrected": 4e-8,
+    }  # fmt: skip
+    against = {"test": test, "message": "outcomes under high `hot` are smaller", "remedy": "mend"}
+    outlier = {"id": "7", "row": 8, "response": "y", "p": 1e-5, "corrected": 0.001}
+    found = {
+        "p": 4e-8, "replicates": 40, "discrepancies": [against], "outliers": [outlier],
+        "tests": [test], "reason": "",
+    }  # fmt: skip
+    whole = result(consistent=False, consistency=found)
+    short, long = (" ".join(printed(terminal.render(whole, (), d)).split()) for d in (False, True))
+    assert "Computed soundly" in short
+    told = "NOT consistent with the experiments: outcomes under high `hot` are smaller (p = 4e-08)."
+    assert told in short
+    assert "Remedy: mend." in short
+    assert "Outliers: 7 (p = 1e-05)" in short
+    assert "contrast" not in short
+    assert "contrast outcomes -6.2 3e-09 4e-08 hot" in long
+
+
 def test_the_three_experiments_explained_worst_are_named_worst_first() -> None:
     text = printed(terminal.render(result()))
     rows = [line.split()[1] for line in text.splitlines() if line.startswith("experiment ")]

@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from aleator.report import individual
+from aleator.report import consistency, individual
 from aleator.report.decisions import beyond
 from aleator.report.rows import Rows, written
 from aleator.tasks.results.layout import Column
@@ -50,6 +50,7 @@ def render(result: Result, files: Sequence[str] = (), details: bool = False) -> 
         _worst(result),
         _effort(result, details),
         *_warnings(result),
+        consistency.tests(result) if details else None,
         _verdict(result, files),
     ]
     return Group(*(line for part in parts if part is not None for line in (part, Text())))
