@@ -26,8 +26,9 @@ from aleator import (
 )
 from aleator.errors import AleatorError
 from aleator.laws.law import Law
+from aleator.progress import Silent
 from aleator.report.terminal import render
-from aleator.tasks.ceiling import Ceiling
+from aleator.tasks.ceiling import Ceiling, quick
 from aleator.tasks.results.saved import load
 
 COUNT, NOISE = 80, 0.1
@@ -144,7 +145,7 @@ def test_constants_and_noise_are_held_at_their_estimates() -> None:
 
 
 def test_mass_at_an_edge_of_what_was_searched_is_told_but_not_at_the_end_of_a_box() -> None:
-    x = np.concatenate([one_mode(), [2.6]])
+    x = np.concatenate([one_mode()[:20], [2.6]])
     narrow = TruncatedNormal(box=(0.8, 1.2))
     assert ceiling(identified(x, narrow), replicates=0).edges == ()
     fixed = Normal(mean=1.0, sd=0.1)
@@ -229,7 +230,12 @@ def test_an_answer_read_from_a_file_keeps_it(wrong: Identification, tmp_path) ->
     assert load(tmp_path / "identification.json").best_possible == wrong.best_possible
 
 
-def test_many_observations_are_left_to_the_command() -> None:
-    x = np.random.default_rng(3).normal(1.0, 0.2, 5000)
-    found = identified(x)
-    assert found.best_possible is None
+def test_what_takes_longer_is_left_to_the_command(
+    right: Identification, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert quick.best_possible(right.fit, 0, Silent()) == right.best_possible
+    monkeypatch.setattr(quick, "LONGEST", 1e-6)
+    assert quick.best_possible(right.fit, 0, Silent()) is None
+    monkeypatch.undo()
+    monkeypatch.setattr(quick, "VALUES", COUNT)
+    assert quick.best_possible(right.fit, 0, Silent()) is None
