@@ -24,10 +24,10 @@ PYTHON ?= python3
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo reproduce test bench lint lock clean .venv create-venv FORCE
+.PHONY: help demo reproduce test test-long bench lint lock clean .venv create-venv FORCE
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 demo: $(addprefix demo-,$(EXAMPLES)) ## Identify the laws of both examples into out/
 
@@ -38,7 +38,10 @@ reproduce: $(STAMP) ## Compute the paper's figures and judge its claims, into ou
 	$(BIN)/python -m reproduction --output out/paper
 
 test: $(STAMP) ## Run the tests, the doctests of the source and the README
-	$(BIN)/pytest --numprocesses auto --dist loadfile --no-loadscope-reorder --durations=20
+	$(BIN)/pytest -m "not long" --numprocesses auto --dist loadfile --no-loadscope-reorder --durations=20
+
+test-long: $(STAMP) ## Run the tests that take a minute or more each
+	$(BIN)/pytest -m long --numprocesses auto --dist loadfile --durations=0
 
 bench: $(PEERS) ## Run the benchmarks, against peers that only they need
 	$(BIN)/python -m benchmarks

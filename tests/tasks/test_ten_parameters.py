@@ -44,7 +44,7 @@ def exact_maximum(c: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
     return end.x, -float(end.fun)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_law_of_ten_parameters_is_identified_from_few_runs() -> None:
     c, y = experiments()
     table = pd.DataFrame({f"c{i}": c[:, i] for i in range(TEN)} | {"y": y})
