@@ -111,11 +111,11 @@ def second_verdict(document: Document) -> str:
     if document["consistent"]:
         return (
             f"Consistent with the experiments: none of {len(found['tests'])} tests contradicts the "
-            f"model (p = {number(found['p'], 1)})."
+            f"model (p = {number(found['p'], 2)})."
         )
     told = [
-        f"{row['message']} (p = {number(row['test']['corrected'], 1)})"
-        for row in found["discrepancies"]
+        f"{place}{row['message']} (p = {number(row['test']['corrected'], 1)})"
+        for place, row in _counted("({}) ", found["discrepancies"])
     ]
     return f"NOT consistent with the experiments: {'; '.join(told)}."
 
@@ -128,12 +128,21 @@ def verdicts(document: Document) -> list[str]:
 def remedies(document: Document) -> list[str]:
     """What may mend a model that is not consistent, and the outliers by name."""
     found = document.get("consistency") or {}
-    rows = [f"  Remedy: {row['remedy']}." for row in found.get("discrepancies", ())]
+    rows = [
+        f"  Remedy{place}: {row['remedy']}."
+        for place, row in _counted(" ({})", found.get("discrepancies", ()))
+    ]
     outliers = [
         f"{row['id']}{_row_of(document, row)} (p = {number(row['p'], 1)})"
         for row in found.get("outliers", ())
     ]
     return rows + ([f"  Outliers: {', '.join(outliers)}."] if outliers else [])
+
+
+def _counted(form: str, rows: Sequence[Document]) -> Iterator[tuple[str, Document]]:
+    """Rows with a number before each; one alone needs none."""
+    for place, row in enumerate(rows, start=1):
+        yield form.format(place) if len(rows) > 1 else "", row
 
 
 def _row_of(document: Document, outlier: Document) -> str:
