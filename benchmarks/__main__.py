@@ -22,6 +22,7 @@ from benchmarks.individual import individual_rows
 from benchmarks.likelihood import likelihood_rows
 from benchmarks.moments import moment_rows
 from benchmarks.next_experiment import print_next
+from benchmarks.power import print_power
 from benchmarks.right import print_right
 from benchmarks.row import Row, table_of
 from benchmarks.runs import print_runs
@@ -44,9 +45,11 @@ TABLES: dict[str, Callable[[Console], None]] = {
     "runs": lambda _: print_runs(),
     "next": print_next,
 }
-COVERAGE, RIGHT = "coverage", "right"
+COVERAGE, POWER, RIGHT = "coverage", "power", "right"
 PARTS = (*ROWS, *TABLES, COVERAGE)
-"""All parts that are measured unless some are named; `right` takes hours, and is named."""
+"""All parts that are measured unless some are named."""
+LONG = (POWER, RIGHT)
+"""Parts that take an hour and more."""
 
 
 def main() -> None:
@@ -58,8 +61,8 @@ def main() -> None:
     parser.add_argument("--replicates", type=int, default=40, help="data sets of the coverage")
     parser.add_argument("--workers", type=int, default=2, help="processes of the coverage")
     options = parser.parse_args()
-    if unknown := set(options.parts) - {*PARTS, RIGHT}:
-        named = ", ".join((*PARTS, RIGHT))
+    if unknown := set(options.parts) - {*PARTS, *LONG}:
+        named = ", ".join((*PARTS, *LONG))
         parser.error(f"no part {', '.join(sorted(unknown))}; choose from {named}")
     chosen, console = options.parts or PARTS, Console()
     for name, measured in ROWS.items():
@@ -70,6 +73,8 @@ def main() -> None:
             printed(console)
     if COVERAGE in chosen:
         print_coverage(console, options.replicates, options.workers)
+    if POWER in chosen:
+        print_power(console, options.replicates, options.workers)
     if RIGHT in chosen:
         print_right(console, Path("right.jsonl"), options.replicates)
 

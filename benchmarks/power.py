@@ -1,0 +1,151 @@
+"""How often the second verdict is right: false alarms, and wrong models that it finds.
+
+One study, 108 synthetic experiments y = a load + noise at three loads and three temperatures on two
+rigs, identified with a normal law of a; temperature and rig are columns that the simulator does not
+ask for. Beside each wrong model stands the power of a test that knows it: the likelihood ratio
+(Neyman and Pearson) of the true distribution to the best normal law, at a level of 5 %.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+from scipy import optimize, stats
+
+from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify
+from aleator.types import Array
+
+MEAN, SD, NOISE = 1.0, 0.2, 0.05
+REPETITIONS = 6
+GRID = np.linspace(-12.0, 12.0, 2401)
+"""Values of (a - mean)/sd over which true densities are integrated."""
+ORACLE = 1000
+"""Data sets by which the power of the test that knows the truth is measured."""
+
+Standard = Callable[[Array], Array]
+
+
+def two_modes(z: Array) -> Array:
+    """Two normal laws of equal weight, as a density of mean zero and standard deviation one."""
+    apart, own = 0.93, np.sqrt(1.0 - 0.93**2)
+    return 0.5 * (stats.norm.pdf(z, apart, own) + stats.norm.pdf(z, -apart, own))
+
+
+def heavy_tails(z: Array) -> Array:
+    """Student's t with three degrees of freedom, scaled to a standard deviation of one."""
+    return np.asarray(stats.t.pdf(z, 3, scale=1.0 / np.sqrt(3.0)))
+
+
+def experiments() -> pd.DataFrame:
+    """The plan: loads, temperatures and rigs, each combination six times."""
+    plan = product((1.0, 2.0, 3.0), (20.0, 50.0, 80.0), ("A", "B"), range(REPETITIONS))
+    return pd.DataFrame(plan, columns=["load", "temperature", "rig", "number"]).drop(
+        columns="number"
+    )
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Where data come from: the standardized law of a, and what a condition does.
+
+    `shift` is in standard deviations of a, and `louder` a factor of the noise; both by experiment.
+    """
+
+    law: Standard = stats.norm.pdf
+    shift: Callable[[pd.DataFrame], Array | float] = lambda _: 0.0
+    louder: Callable[[pd.DataFrame], Array | float] = lambda _: 1.0
+    noise: float = NOISE
+
+    def draw(self, plan: pd.DataFrame, rng: np.random.Generator) -> Array:
+        """Outcomes (N,)."""
+        density = self.law(GRID)
+        reached = np.cumsum(density) / density.sum()
+        z = np.interp(rng.random(len(plan)), reached, GRID) + self.shift(plan)
+        noise = self.noise * self.louder(plan) * rng.standard_normal(len(plan))
+        return np.asarray(plan["load"] * (MEAN + SD * z) + noise)
+
+    def log_likelihood(self, plan: pd.DataFrame, y: Array) -> float:
+        """log of the true density of the outcomes (N,)."""
+        load = plan["load"].to_numpy()
+        z = GRID + np.reshape(self.shift(plan) + np.zeros(len(plan)), (-1, 1))
+        scale = np.reshape(self.noise * self.louder(plan) + np.zeros(len(plan)), (-1, 1))
+        given = stats.norm.pdf(y[:, None], load[:, None] * (MEAN + SD * z), scale)
+        weights = self.law(GRID) / self.law(GRID).sum()
+        return float(np.sum(np.log(given @ weights)))
+
+
+TRUTHS = {
+    "the right model": Truth(),
+    "two modes": Truth(law=two_modes),
+    "tails of t3": Truth(law=heavy_tails),
+    "noise three times larger on one rig": Truth(
+        louder=lambda plan: np.where(plan["rig"] == "B", 3.0, 1.0), noise=0.3
+    ),
+    "bias of one scatter at one temperature": Truth(
+        shift=lambda plan: np.where(plan["temperature"] == 50.0, 1.0, 0.0)
+    ),
+    "drift of the mean with temperature": Truth(
+        shift=lambda plan: (plan["temperature"].to_numpy() - 50.0) / 60.0
+    ),
+}
+
+
+def print_power(console: Console, replicates: int, workers: int) -> None:
+    """Identify `replicates` data sets of each truth, in `workers` processes."""
+    table = Table("truth", "flagged", "by a test that knows", "not sound", "seconds each")
+    for name, truth in TRUTHS.items():
+        began = time.perf_counter()
+        with ProcessPoolExecutor(workers) as pool:
+            found = [*pool.map(partial(_judged, name), range(replicates))]
+        seconds = (time.perf_counter() - began) * workers / replicates
+        flagged, unsound = (sum(part) for part in zip(*found, strict=True))
+        oracle = "" if truth is TRUTHS["the right model"] else f"{100 * _power(truth):.0f} %"
+        table.add_row(name, f"{flagged} of {replicates}", oracle, str(unsound), f"{seconds:.1f}")
+    console.print(table)
+
+
+def _judged(name: str, seed: int) -> tuple[bool, bool]:
+    """Whether a data set of a truth is called inconsistent, and whether it is not sound."""
+    plan, truth = experiments(), TRUTHS[name]
+    plan["y"] = truth.draw(plan, np.random.default_rng([seed, 1]))
+    law = Inputs({"a": Normal(mean=Free(0.2, 2.0), sd=Free(0.01, 1.0))})
+    found = identify(
+        lambda load, a: a * load, plan, law, outcome="y", vectorized=True,
+        noise=Noise(truth.noise), verification=MonteCarlo(0), seed=seed,
+    )  # fmt: skip
+    return found.consistent is False, not found.sound
+
+
+def _power(truth: Truth) -> float:
+    """The power of the likelihood ratio of the truth to the best normal law, at 5 %."""
+    plan, right, rng = experiments(), Truth(noise=truth.noise), np.random.default_rng(0)
+
+    def ratios(source: Truth) -> Array:
+        return np.array(
+            [
+                truth.log_likelihood(plan, y) - _best_normal(plan, y, truth.noise)
+                for y in (source.draw(plan, rng) for _ in range(ORACLE))
+            ]
+        )
+
+    return float(np.mean(ratios(truth) > np.quantile(ratios(right), 0.95)))
+
+
+def _best_normal(plan: pd.DataFrame, y: Array, noise: float) -> float:
+    """The largest log-likelihood of a normal law of a."""
+    load = plan["load"].to_numpy()
+
+    def lost(theta: Array) -> float:
+        scale = np.sqrt((load * np.exp(theta[1])) ** 2 + noise**2)
+        return -float(np.sum(stats.norm.logpdf(y, load * theta[0], scale)))
+
+    return -float(optimize.minimize(lost, np.array([MEAN, np.log(SD)]), method="BFGS").fun)
