@@ -37,7 +37,7 @@ Standard = Callable[[Array], Array]
 def two_modes(z: Array) -> Array:
     """Two normal laws of equal weight, as a density of mean zero and standard deviation one."""
     apart, own = 0.93, np.sqrt(1.0 - 0.93**2)
-    return 0.5 * (stats.norm.pdf(z, apart, own) + stats.norm.pdf(z, -apart, own))
+    return np.asarray(0.5 * (stats.norm.pdf(z, apart, own) + stats.norm.pdf(z, -apart, own)))
 
 
 def heavy_tails(z: Array) -> Array:
