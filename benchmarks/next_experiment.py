@@ -73,7 +73,7 @@ def one_plan(console: Console, seed: int) -> None:
     reached = plan.after[size - 1]
     console.print(
         f"seed {seed}: {about} {_with_error(found, about)}; planned: {size} experiments "
-        f"({len(set(plan.chosen[:size]))} distinct) for {reached:.4f}"
+        f"({len(set(plan.chosen[:size]))} distinct) from {plan.now:.4f} to {reached:.4f}"
     )
     if reached > 0.5 * plan.now:
         console.print(f"  {MOST} experiments do not halve it")
