@@ -3,8 +3,7 @@
 The virtual bench of kind "model" measures the 108 experiments, the law is identified, and the
 experiments are chosen by which the standard error of the weakest standard deviation is to halve.
 They are measured on the same bench, and all are identified again. Beside that stands the factorial
-with three repetitions, which quarter every variance. Estimates from fresh data of both tell whether
-the standard errors hold.
+with three repetitions, which quarter every variance.
 All measurements are synthetic.
 """
 
@@ -28,9 +27,7 @@ from aleator import (
 )
 from aleator.clutch import design, measure, shifting_time
 from aleator.clutch.bench import BOX
-from aleator.inference.fit import climbed
 from aleator.tasks.results.next_experiments import NextExperiments
-from aleator.types import Array
 
 TRUTH = (0.91, 0.55, 0.081, 0.046)
 """Means and standard deviations that the bench draws its two parameters by."""
@@ -54,7 +51,6 @@ LAWS = Inputs(
         "zp_scale": TruncatedNormal(BOX[1], sd=Free(0.002, 0.4)),
     }
 )
-REPLICATES = 40
 
 
 def print_next(console: Console, seeds: range = range(1, 3)) -> None:
@@ -81,12 +77,11 @@ def one_plan(console: Console, seed: int) -> None:
     console.print(
         f"  {MOST} chosen: as good as {108 * (plan.repetitions or 0):.0f} of the factorial"
     )
-    _told(console, "those 108 alone", found, about, seed)
     rows = {f"{size} chosen": chosen_rows(plan, size), "324 of the factorial": factorial(3)}
     for name, conditions in rows.items():
         new = measure(seed + 1000, kind="model", alpha=TRUTH, conditions=conditions)
         again = identified(pd.concat([first, new], ignore_index=True).drop(columns="id"))
-        _told(console, f"with {name}", again, about, seed)
+        console.print(f"  with {name}: {_with_error(again, about)}")
 
 
 def identified(table: pd.DataFrame) -> Identification:
@@ -111,32 +106,6 @@ def chosen_rows(plan: NextExperiments, size: int) -> pd.DataFrame:
 def factorial(times: int) -> pd.DataFrame:
     """The conditions of the 108 experiments, so many times."""
     return pd.concat([design().drop(columns="id")] * times, ignore_index=True)
-
-
-def scattered(found: Identification, about: str, seed: int) -> tuple[float, float]:
-    """Scatter of the estimates over data sets drawn at the truth, and the share on the limit.
-
-    On the surfaces of the identification, from the truth to the nearest maximum.
-    """
-    fit, rng = found.fit.at(true_alpha(found)), np.random.default_rng(seed)
-    k = [h.name for h in fit.hyperparameters].index(about)
-    ends = np.array([climbed(fit.drawn(rng)).alpha[k] for _ in range(REPLICATES)])
-    return float(ends.std(ddof=1)), float(np.mean(ends <= fit.hyperparameters[k].lower + 1e-6))
-
-
-def true_alpha(found: Identification) -> Array:
-    """The truth in the order of the hyperparameters."""
-    names = ("c2_scale.mean", "zp_scale.mean", "c2_scale.sd", "zp_scale.sd")
-    values = dict(zip(names, TRUTH, strict=True))
-    return np.array([values[name] for name in found.alpha])
-
-
-def _told(console: Console, name: str, found: Identification, about: str, seed: int) -> None:
-    scatter, low = scattered(found, about, seed)
-    console.print(
-        f"  {name}: {_with_error(found, about)}; over {REPLICATES} fresh data sets the estimates "
-        f"scatter by {scatter:.4f}, {low:.0%} end on the limit"
-    )
 
 
 def _with_error(found: Identification, name: str) -> str:
