@@ -45,7 +45,7 @@ def test_contrasts_have_mean_zero_and_length_one() -> None:
         load=RNG.random(40), level=RNG.integers(0, 3, 40), kind=RNG.choice(["a", "b"], 40),
         y=np.zeros(40),
     )  # fmt: skip
-    found = contrasts_of(columns_of(table))
+    found = contrasts_of(columns_of(table), len(table))
     assert np.allclose(found.weights.sum(axis=1), 0.0, atol=1e-12)
     assert np.allclose(np.linalg.norm(found.weights, axis=1), 1.0)
     named = [(c.name, w) for c, w in zip(found.column, found.where, strict=True)]

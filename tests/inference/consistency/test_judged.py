@@ -87,6 +87,10 @@ def test_a_table_that_was_sorted_by_its_outcomes_is_not_told_to_drift() -> None:
     assert judged(y, hot=np.sort(HOT)).consistent
 
 
+def test_a_table_without_any_column_or_order_is_judged_by_its_shape() -> None:
+    assert judged(np.sort(normal(8)[1]), load=np.ones(N)).consistent
+
+
 def test_a_coefficient_that_follows_a_condition_is_seen_in_its_hyperparameter() -> None:
     rng, z = normal(9)
     y = (z + 0.02 * HOT)[:, None] + 0.5 * rng.standard_normal((N, 4))

@@ -43,13 +43,16 @@ class Contrasts:
     weights: Array
 
 
-def contrasts_of(columns: tuple[Column, ...]) -> Contrasts:
-    """A trend along each column of numbers, and each part of it against the rest."""
+def contrasts_of(columns: tuple[Column, ...], count: int) -> Contrasts:
+    """A trend along each column of numbers, and each part of it against the rest.
+
+    `count` is M, of a table without a column too.
+    """
     found = [(column, where, weight) for column in columns for where, weight in _of_column(column)]
     return Contrasts(
         tuple(column for column, _, _ in found),
         tuple(where for _, where, _ in found),
-        np.array([weight for _, _, weight in found]).reshape(len(found), -1),
+        np.array([weight for _, _, weight in found]).reshape(len(found), count),
     )
 
 
