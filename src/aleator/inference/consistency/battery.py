@@ -57,7 +57,8 @@ class Battery:
         ordered = any(c.name == ORDER for c in columns) or len(np.unique(experiment)) < len(
             experiment
         )
-        return cls(contrasts_of(columns, experiment.size), experiment, names, covariance, _groups(columns), ordered)
+        contrasts = contrasts_of(columns, experiment.size)
+        return cls(contrasts, experiment, names, covariance, _groups(columns), ordered)
 
     @cached_property
     def several(self) -> bool:
