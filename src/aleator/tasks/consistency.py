@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 
 from aleator.inference.consistency.battery import SAME, Battery
-from aleator.inference.consistency.columns import columns_of, without_order
+from aleator.inference.consistency.columns import ORDER, RESPONSE, columns_of, without_order
 from aleator.inference.consistency.judged import Judged, judged, replicated
 from aleator.inference.consistency.outliers import outliers_of
 from aleator.inference.consistency.residuals import points_of, residuals_of
@@ -61,11 +61,12 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
     if found is None:
         return Consistency.untested("too many replicates of the experiments have no statistics")
     against = sorted((t for t in found.tests if t.corrected < LEVEL), key=lambda t: t.corrected)
+    within = {column.name for column in columns if not column.own} - {RESPONSE, ORDER}
     return Consistency(
         found.together >= LEVEL,
         found.together,
         found.replicates,
-        tuple(told(test, battery.several) for test in _distinct(against)),
+        tuple(told(test, battery.several, within) for test in _distinct(against)),
         outliers_of(observed, table),
         found.tests,
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from aleator.inference.consistency.battery import OUTCOMES, SAME, SCATTER
 from aleator.inference.consistency.columns import ORDER, RESPONSE
 from aleator.inference.consistency.value import Discrepancy, Statistic
@@ -10,10 +12,15 @@ LIGHT = "fewer outcomes lie in the middle and far out than the law says: it may 
 HEAVY = "more outcomes lie far out, and more in the middle, than the law says"
 
 
-def told(test: Statistic, several: bool) -> Discrepancy:
-    """A test as a sentence with a remedy; `several`: experiments have several observations."""
+def told(test: Statistic, several: bool, within: Collection[str]) -> Discrepancy:
+    """A test as a sentence with a remedy.
+
+    `several`: experiments have several observations; `within` are the columns that differ within
+    an experiment, which no law can follow.
+    """
     if test.kind == "contrast":
-        return Discrepancy(test, _contrast(test), _mended(test))
+        mended = _curved if test.column in within else _mended
+        return Discrepancy(test, _contrast(test), mended(test))
     message, remedy = _OTHERS[test.kind](test, several)
     return Discrepancy(test, message, remedy)
 
@@ -50,6 +57,18 @@ def _mended(test: Statistic) -> str:
     of = "the mean of a parameter" if test.of == OUTCOMES else test.of
     return (
         f'let {of} follow {test.column}: "1 + {formula}"; or mend how the simulator depends on it'
+    )
+
+
+def _curved(test: Statistic) -> str:
+    if test.of == SCATTER:
+        return (
+            f"let the noise differ with {test.column} (a column of standard deviations), or be "
+            "relative: [noise] relative"
+        )
+    return (
+        f"the simulator depends on {test.column} in another way than the experiments: mend it, or "
+        "let a constant of it be identified"
     )
 
 
