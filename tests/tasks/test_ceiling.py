@@ -234,7 +234,7 @@ def test_what_takes_longer_is_left_to_the_command(
     right: Identification, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert quick.best_possible(right.fit, 0, Silent()) == right.best_possible
-    monkeypatch.setattr(quick, "LONGEST", 1e-6)
+    monkeypatch.setattr(quick, "DIRECT", COUNT)
     assert quick.best_possible(right.fit, 0, Silent()) is None
     monkeypatch.undo()
     monkeypatch.setattr(quick, "VALUES", COUNT)

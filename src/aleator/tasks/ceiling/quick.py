@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
-import numpy as np
-
-from aleator.inference.ceiling.bootstrap import gap, judged
-from aleator.inference.fit import Fit, stepped
+from aleator.inference.ceiling.bootstrap import judged
+from aleator.inference.fit import Fit
+from aleator.likelihood.individual import OnSurfaces
 from aleator.progress import Progress
 from aleator.tasks.ceiling.ceiling import best_of
 from aleator.tasks.ceiling.sought import Sought
@@ -19,20 +16,20 @@ FEWEST = 5
 PARAMETERS = 2
 VALUES = 20_000
 """Nodes of all observations together up to which a fit is quick."""
-LONGEST = 20.0
-"""Seconds that all replicates may take."""
+DIRECT, ON_SURFACES = 100_000, 300_000
+"""Values of a simulator itself, and of surfaces, that a replicate may take."""
 
 
 def best_possible(fit: Fit, seed: int, progress: Progress) -> dict[str, float] | None:
     """Its log-likelihood, the `gap` to it, its p value and replicates; None where it is not quick.
 
-    Quick are fits by individual parameters of one or two that scatter, with few nodes, whose
-    replicates take some seconds by a first one. One near that border may go either way.
+    Quick are fits by individual parameters of one or two that scatter, with few nodes, and few
+    values to compute for a replicate. So counted, and not timed, the answer is always the same.
     """
     if not _small(fit):
         return None
     sought = Sought.of(fit)
-    if REPLICATES * _seconds(sought) > LONGEST:
+    if len(fit.table.observations) * sought.count > _allowed(fit):
         return None
     best = best_of(sought, seed).log_likelihood
     test = judged(fit, sought.points, REPLICATES, seed, progress)
@@ -57,12 +54,6 @@ def _small(fit: Fit) -> bool:
     )
 
 
-def _seconds(sought: Sought) -> float:
-    """Of a replicate, the faster of two."""
-    taken, rng = [], np.random.default_rng(0)
-    for _ in range(2):
-        began = time.perf_counter()
-        fit = stepped(sought.fit)
-        gap(fit, sought.points(fit, rng))
-        taken.append(time.perf_counter() - began)
-    return min(taken)
+def _allowed(fit: Fit) -> int:
+    assert isinstance(fit, IndividualFit)
+    return ON_SURFACES if isinstance(fit.likelihood.predictor, OnSurfaces) else DIRECT
