@@ -93,6 +93,10 @@ class Levels:
             mean, variance = mean + gain * (y - mean), variance * (1.0 - gain)
         return np.asarray(special.ndtr(w).ravel())
 
+    def rough(self) -> Levels:
+        """The same: it has no nodes."""
+        return self
+
     def at(self, alpha: Array) -> Levels:
         """The same outcomes."""
         return replace(self, alpha=alpha)

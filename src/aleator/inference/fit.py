@@ -79,6 +79,9 @@ class Fit(Protocol):
         many `points` of each experiment where they are integrals; None takes what a report needs.
         """
 
+    def rough(self) -> Self:
+        """The same with the fewest nodes that serve: for statistics of many replicates."""
+
     def at(self, alpha: Array) -> Self:
         """The same data at another alpha."""
 

@@ -39,6 +39,7 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
     """
     if not sound:
         return Consistency.untested("the answer was not computed soundly")
+    fit = fit.rough()
     table, count = fit.table, len(fit.table.observations)
     if count < FEWEST:
         return Consistency.untested(f"there are only {count} observations")
@@ -46,7 +47,9 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
     observed = residuals_of(fit, points)
     if np.mean(observed.known) < 1.0 - LOST:
         return Consistency.untested("too many observations have no predicted probability")
-    columns, experiment = columns_of(table), table.observations.experiment
+    columns = columns_of(table)
+    # experiments of which nothing was observed have no say
+    experiment = np.unique(table.observations.experiment, return_inverse=True)[1]
     battery = Battery.of(
         without_order(columns, experiment, observed.normal),
         experiment,

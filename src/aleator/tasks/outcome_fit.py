@@ -80,6 +80,10 @@ class OutcomeFit:
         """P(below the outcome | alpha), (N,)."""
         return self.problem.predictive.fitted(self.alpha).cdf(self.problem.outcomes)
 
+    def rough(self) -> OutcomeFit:
+        """The same: its nodes are those of the law."""
+        return self
+
     def at(self, alpha: Array) -> OutcomeFit:
         """The same outcomes at another alpha."""
         return replace(self, alpha=alpha)

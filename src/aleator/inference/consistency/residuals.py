@@ -25,7 +25,7 @@ class Residuals:
     w = Phi^-1(P(below what was measured | earlier ones of the same experiment)): independent and
     standard normal under the right model. `known` (M,) tells where the probability is one; w is
     zero elsewhere. `scores` are those of the hyperparameters that were identified; zero where an
-    experiment has none.
+    experiment has none. Experiments of which nothing was observed are left out.
     """
 
     normal: Array
@@ -50,5 +50,6 @@ def residuals_of(fit: Fit, points: int) -> Residuals:
     inside = np.clip(np.where(known, u, 0.5), NEAREST, 1.0 - NEAREST)
     scores = fit.scored().scores
     assert scores is not None
-    scores = scores[:, fit.inference.free]
+    observed = np.unique(fit.table.observations.experiment)
+    scores = scores[np.ix_(observed, fit.inference.free)]
     return Residuals(special.ndtri(inside), known, np.where(np.isfinite(scores), scores, 0.0))

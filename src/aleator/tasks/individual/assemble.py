@@ -126,7 +126,7 @@ def assembled(
             question.table.observations.responses,
             question.table,
             runners(question.runner, question.table),
-            IndividualFit(end.likelihood, alpha, inference, table),
+            IndividualFit(end.likelihood, alpha, inference, table, end.coarse.rule),
             answer.surfaces is None,
             question.surfaces,
         ),

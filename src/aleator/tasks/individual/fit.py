@@ -12,7 +12,7 @@ from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.individual import drawn
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.individual import Direct, IndividualLikelihood, OnSurfaces
+from aleator.likelihood.individual import Direct, IndividualLikelihood, OnSurfaces, Rule
 from aleator.likelihood.individual.importance import proposed, standard_points
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import mean_of
@@ -33,12 +33,16 @@ TRIES = 20
 
 @dataclass(frozen=True, eq=False)
 class IndividualFit:
-    """A `Fit`: the likelihood with nodes adapted to alpha, on surfaces or a fast simulator."""
+    """A `Fit`: the likelihood with nodes adapted to alpha, on surfaces or a fast simulator.
+
+    `few` is the rule with the fewest nodes of which more hardly change the log-likelihood.
+    """
 
     likelihood: IndividualLikelihood
     alpha: Array
     inference: Inference
     table: Experiments
+    few: Rule
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -91,6 +95,10 @@ class IndividualFit:
         """Of each observation given the earlier ones of its experiment, (M,)."""
         seen, points = self.table.observations, points or PROBABLE
         return sequential_pit(self.likelihood, self.alpha, seen, points)
+
+    def rough(self) -> IndividualFit:
+        """The same with few nodes."""
+        return replace(self, likelihood=self.likelihood.by(self.few, self.alpha))
 
     def at(self, alpha: Array) -> IndividualFit:
         """The same data at another alpha, nodes adapted to it."""

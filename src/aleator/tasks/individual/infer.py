@@ -20,6 +20,8 @@ CLIMBS = 3
 """Times that a profile may meet a better maximum."""
 DIFFERS = 0.04
 """A drop of the profile by other nodes that is another one: twice what an end is found to."""
+DEAR = 400
+"""Nodes of an experiment beyond which a profile by them costs minutes."""
 UNKNOWN = 0.2
 """A drop that more nodes change by so much is not known."""
 
@@ -52,12 +54,15 @@ def inferred(end: Settled, found: SearchResult) -> tuple[Settled, SearchResult, 
 def _profile(end: Settled, alpha: Array, inference: Inference) -> Profile:
     """By few nodes; by those of the answer where these tell another drop at an end.
 
-    What more nodes than those of the answer change at an end is what cannot be known.
+    What more nodes than those of the answer change at an end is what cannot be known. Where the
+    answer has very many, they judge the ends that few have found, and find none.
     """
     hyperparameters = end.likelihood.hyperparameters
     found = profile_intervals(end.coarse.continued, alpha, hyperparameters, inference)
     if found.better is not None:
         return found
+    if end.likelihood.nodes.xi.shape[1] > DEAR:
+        return found.only_known(_off(end.likelihood, alpha, found, UNKNOWN))
     wrong = _off(end.likelihood, alpha, found, DIFFERS)
     if np.any(wrong):
         objective, rows = end.likelihood.continued, np.flatnonzero(np.any(wrong, axis=1))

@@ -48,4 +48,4 @@ def planned(
     )
     # as many nodes as the answer needed
     likelihood = replace(likelihood, rule=fit.likelihood.rule)
-    return IndividualFit(likelihood, alpha, fit.inference, table)
+    return IndividualFit(likelihood, alpha, fit.inference, table, fit.few)
