@@ -69,6 +69,7 @@ def test_an_experiment_that_is_lost_has_the_individual_law_of_none() -> None:
     )
 
 
+@pytest.mark.long
 def test_laws_that_reach_where_runs_fail_are_told() -> None:
     found = identified(
         lambda time, a: np.where(a > 1.8, np.nan, a - 0.5 * time), FRAME, ONE, starts=1
