@@ -125,7 +125,7 @@ def test_what_cannot_be_reached_is_told() -> None:
         def objective(self):
             return Unreachable()
 
-    broken = Broken(fit.likelihood, fit.alpha, fit.inference, fit.table)
+    broken = Broken(**vars(fit))
     assert not refitted(broken).arrived
 
 
