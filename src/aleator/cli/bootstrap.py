@@ -71,7 +71,7 @@ def bootstrap(
     documents.make_folder(folder)
     with running(value, options) as runner, shown(options.quiet) as progress:
         found = resample(
-            identified(value, runner, progress),
+            identified(value, runner, progress, consistency=False),
             replicates=replicates,
             kind=PARAMETRIC if parametric else NONPARAMETRIC,
             seed=value.seed,

@@ -69,7 +69,7 @@ def ceiling(
     value = load_study(study).overridden(seed, verified=False)
     documents.make_folder(folder)
     with running(value, options) as runner, shown(options.quiet) as progress:
-        identification = identified(value, runner, progress)
+        identification = identified(value, runner, progress, consistency=False)
         found = best_possible(
             identification,
             replicates=replicates,

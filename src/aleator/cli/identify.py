@@ -128,7 +128,7 @@ def identify(
     for line in () if options.quiet else value.told():
         say(f"{value.simulator.name}, {line}")
     with running(value, options) as runner, shown(options.quiet) as progress:
-        result = identified(value, runner, progress)
+        result = identified(value, runner, progress, best_law=True)
     called = {"simulator": {"name": value.simulator.name, "notes": value.told()}}
     document = documents.linked(
         result.to_dict() | called, value.title, study_file, value.sha256, outcome_of(value), folder

@@ -134,8 +134,15 @@ def running(
             yield runner
 
 
-def identified(study: Study, runner: Runner, progress: Progress) -> Identification:
-    """The identification that a study asks for."""
+def identified(
+    study: Study,
+    runner: Runner,
+    progress: Progress,
+    *,
+    consistency: bool = True,
+    best_law: bool = False,
+) -> Identification:
+    """The identification that a study asks for, with what a command makes use of."""
     runner.progress = progress
     return identify(
         runner,
@@ -148,6 +155,8 @@ def identified(study: Study, runner: Runner, progress: Progress) -> Identificati
         verification=study.verification,
         seed=study.seed,
         progress=progress,
+        consistency=consistency,
+        best_law=best_law,
     )
 
 

@@ -52,6 +52,8 @@ def identify(
     seed: int = 0,
     progress: Progress | None = None,
     executor: Executor | None = None,
+    consistency: bool = True,
+    best_law: bool = True,
 ) -> Identification:
     """Identify the law of the inputs from experiments, by maximum likelihood.
 
@@ -64,7 +66,9 @@ def identify(
     with `density` None, it takes the density of the outcome itself if there are response surfaces,
     at most three parameters scatter, and its nodes suffice; otherwise that of maximum entropy with
     four moments. Runs are made by the workers of `executor`, or here; the
-    result does not depend on it. Raises AleatorError for input that cannot be used; failures of
+    result does not depend on it. With `consistency` False the second verdict is left out, with
+    `best_law` False the best possible law; the estimates do not depend on them. Raises
+    AleatorError for input that cannot be used; failures of
     numerics are statuses and warnings on the result. Cost: the runs of the surfaces and of the
     verification, and some milliseconds for each of some hundred evaluations of the likelihood.
 
@@ -99,7 +103,7 @@ def identify(
             seed,
             ledger,
         )
-        return _judged(found, ledger)
+        return _judged(found, consistency, best_law, ledger)
     assert noise is None or isinstance(noise, Noise)
     model = Model.of(inputs, noise, propagation, density)
     require_enough(table, model.hyperparameters)
@@ -120,19 +124,23 @@ def identify(
         seed=seed, failures=diagnostics.failure_report(runner),
         notes=[diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [],
     )  # fmt: skip
-    return _judged(found, ledger)
+    return _judged(found, consistency, best_law, ledger)
 
 
-def _judged(found: Identification, ledger: Ledger) -> Identification:
-    """The identification with its second verdict."""
-    with ledger.stage("consistency"):
-        consistency = consistency_of(found.fit, found.sound, found.seed, ledger.progress)
-    with ledger.stage("best possible law"):
-        best = best_possible(found.fit, found.seed, ledger.progress) if found.sound else None
+def _judged(
+    found: Identification, consistency: bool, best_law: bool, ledger: Ledger
+) -> Identification:
+    """The identification with its second verdict and the best possible law, where asked for."""
+    if consistency:
+        with ledger.stage("consistency"):
+            second = consistency_of(found.fit, found.sound, found.seed, ledger.progress)
+        found = replace(found, consistency=second)
+    if best_law and found.sound:
+        with ledger.stage("best possible law"):
+            best = best_possible(found.fit, found.seed, ledger.progress)
+        found = replace(found, best_possible=best)
     return replace(
         found,
-        consistency=consistency,
-        best_possible=best,
         runs=sum(ledger.runs.values()),
         runs_by_stage=dict(ledger.runs),
         seconds={**ledger.seconds, "total": sum(ledger.seconds.values())},
