@@ -55,7 +55,7 @@ lint: $(STAMP) ## Check style, formatting, types and layers
 lock: ## Write requirements.lock anew (UPGRADE=--upgrade takes newer versions)
 	$(PYTHON) -m venv $(VENV)-lock
 	$(VENV)-lock/bin/python -m pip install --quiet $(UV)
-	$(COMPILE) $(addprefix --extra ,plot bayes evolution fmi parquet dask mpi dev) --output-file requirements.lock
+	$(COMPILE) $(addprefix --extra ,plot report bayes evolution fmi parquet dask mpi dev) --output-file requirements.lock
 	$(COMPILE) --all-extras --constraint requirements.lock --output-file requirements-bench.lock
 
 clean: ## Remove results, caches and build outputs (not .venv)
