@@ -167,6 +167,8 @@ echo 1"""
         'echo "$(echo "a {label}")" > /dev/null; echo 1',
         "echo `echo {label}` > /dev/null; echo 1",
         "eval echo {label} > /dev/null; echo 1",
+        "bash -c 'echo '{label} > /dev/null; echo 1",
+        "ssh host echo {label} > /dev/null; echo 1",
         "# it's\necho '{label}' > /dev/null; echo 1",
     ],
 )
@@ -175,6 +177,22 @@ def test_a_shell_never_reads_what_a_cell_says(tmp_path: Path, command: str, valu
     with pytest.raises(SimulatorError, match=r"LABEL = \"\{label\}\"") as told:
         simulator.run_one({"label": value}, {})
     assert not isinstance(told.value, SurroundingsError)
+    assert not list(tmp_path.rglob("X"))
+
+
+@pytest.mark.parametrize("program", [["sh", "-c"], ["bash", "-e", "-uc"]])
+def test_a_shell_that_is_the_program_itself_does_not_either(
+    tmp_path: Path, program: list[str]
+) -> None:
+    quoted = CommandSimulator([*program, 'echo "{label}"; echo 1'], base=tmp_path, keep=Keep.ALL)
+    with pytest.raises(SimulatorError, match="a shell would read"):
+        quoted.run_one({"label": "$(touch X)"}, {})
+    for command in (
+        [*program, "printf %s {label} | wc -c"],
+        [*program, 'printf %s "$1" | wc -c', "sh", "{label}"],
+    ):
+        simulator = CommandSimulator(command, base=tmp_path, keep=Keep.ALL)
+        assert simulator.run_one({"label": "$(touch X)"}, {}) == len("$(touch X)")
     assert not list(tmp_path.rglob("X"))
 
 

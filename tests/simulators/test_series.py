@@ -284,7 +284,21 @@ class Mute(Exception):
         raise RuntimeError("no words")
 
 
-@pytest.mark.parametrize("error", [Mute(), ValueError("a file \udcff")])
+class Gone(Exception):
+    def __str__(self) -> str:
+        raise GeneratorExit
+
+
+TEXTS = [
+    Mute(),
+    Gone(),
+    ValueError("a file \udcff"),
+    SyntaxError("a file \udcff"),
+    SyntaxError("odd", (3, 1, 2, b"x")),
+]
+
+
+@pytest.mark.parametrize("error", TEXTS, ids=lambda error: type(error).__name__)
 def test_a_failure_is_kept_whatever_its_text_is(tmp_path: Path, error: Exception) -> None:
     def brittle(load: float, time: float, x: float) -> float:
         raise error

@@ -42,6 +42,13 @@ def server(load, x):
         except OSError as error:
             raise ValueError("no license") from error
     return load * x
+def answered(load, x):
+    if x > 0.5 and refused():
+        try:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        except OSError:
+            raise RuntimeError("the result could not be written")
+    return load * x
 def arrays(load, x):
     if (x > 0.5).any() and refused():
         raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
@@ -66,7 +73,7 @@ def model(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("workers", [False, True])
-@pytest.mark.parametrize("name", ["disk", "server", "arrays"])
+@pytest.mark.parametrize("name", ["disk", "server", "answered", "arrays"])
 def test_a_study_stops_and_goes_on_as_if_nothing_had_been(
     pool: ProcessPool, model: Path, name: str, workers: bool
 ) -> None:

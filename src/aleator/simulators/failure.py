@@ -90,7 +90,9 @@ def said(error: BaseException) -> str:
     """
     try:
         text = str(error)
-    except Exception:
+    except KeyboardInterrupt:
+        raise
+    except BaseException:
         return ""
     return readable(text)
 
@@ -107,12 +109,11 @@ def describe(error: BaseException) -> str:
     'ValueError: too cold'
     """
     if isinstance(error, RunFailed):
-        return str(error)
-    if isinstance(error, SyntaxError):
-        place = f" ({Path(error.filename or '?').name}, line {error.lineno})"
-        return f"{type(error).__name__}: {error.msg}{place}"
+        return said(error)
     text = " ".join(said(error).split())
-    kind = type(error).__name__
+    kind = readable(type(error).__name__)
+    if isinstance(error, SyntaxError):  # its own text has the place
+        return f"{kind}: {text}"
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)

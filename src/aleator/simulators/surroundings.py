@@ -128,7 +128,8 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
     while one is not None and id(one) not in seen:
         yield one
         seen.add(id(one))
-        one = one.__cause__
+        # also what it was raised in answer to, unless `from None` says that this does not matter
+        one = one.__cause__ or (None if one.__suppress_context__ else one.__context__)
 
 
 def _is_ours(error: MemoryError) -> bool:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from aleator.errors import SimulatorError, nearest
 from aleator.simulators.command.placeholders import Text, Values
-from aleator.simulators.command.shell import filled
+from aleator.simulators.command.shell import filled, script
 
 # The placeholder for the study's folder, which is not the folder that a program runs in.
 STUDY = "study"
@@ -84,7 +84,11 @@ class Program:
         """
         if self.shell:
             return [str(self.executable), "-c", filled(self.texts[0], values)]
-        return [str(self.executable), *(text.fill(values) for text in self.texts[1:])]
+        given = [text.fill(values) for text in self.texts[1:]]
+        read = script(self.executable.name, given)
+        if read is not None:
+            given[read] = filled(self.texts[1 + read], values)
+        return [str(self.executable), *given]
 
     def settings(self, values: Values) -> dict[str, str]:
         """The environment variables with the values in place."""
