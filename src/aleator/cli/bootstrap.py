@@ -9,12 +9,12 @@ from rich.console import Console
 
 from aleator.cli.running import (
     FILE,
-    FOLDER,
+    OUTPUT,
     SEED,
     RunOptions,
+    folder_of,
     identified,
     makes_runs,
-    name_of,
     running,
 )
 from aleator.cli.showing import shown
@@ -42,12 +42,7 @@ from aleator.tasks.results import documents
     show_default=True,
     help="Draw data under the identified law, or draw experiments with replacement.",
 )
-@click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Folder of the results [default: out/ and the name of the study's folder].",
-)
+@OUTPUT
 @SEED
 @makes_runs
 def bootstrap(
@@ -66,7 +61,7 @@ def bootstrap(
     replicate. Finished replicates are kept in DIR/bootstrap.jsonl: after Ctrl-C, and for more
     replicates, the same command goes on from there. With --workers N processes do the work.
     """
-    folder = output or (Path("out") / name_of(study)).absolute()
+    folder = folder_of(output, study)
     value = load_study(study).overridden(seed, verified=False)
     documents.make_folder(folder)
     with running(value, options) as runner, shown(options.quiet) as progress:

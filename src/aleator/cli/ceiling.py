@@ -9,12 +9,12 @@ from rich.console import Console
 
 from aleator.cli.running import (
     FILE,
-    FOLDER,
+    OUTPUT,
     SEED,
     RunOptions,
+    folder_of,
     identified,
     makes_runs,
-    name_of,
     outcome_of,
     running,
 )
@@ -29,12 +29,7 @@ from aleator.tasks.results import documents
 
 @click.command()
 @click.argument("study", type=FILE, metavar="STUDY.toml")
-@click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Folder of the results [default: out/ and the name of the study's folder].",
-)
+@OUTPUT
 @click.option(
     "--replicates",
     type=click.IntRange(min=0),
@@ -65,7 +60,7 @@ def ceiling(
     noise. Constants, and noise that was identified, are held at their estimates.
     Writes DIR/ceiling.json, and DIR/ceiling.png if matplotlib is installed.
     """
-    folder, study_file = output or (Path("out") / name_of(study)).absolute(), study.absolute()
+    folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, verified=False)
     documents.make_folder(folder)
     with running(value, options) as runner, shown(options.quiet) as progress:

@@ -10,12 +10,12 @@ from rich.console import Console
 
 from aleator.cli.running import (
     FILE,
-    FOLDER,
+    OUTPUT,
     SEED,
     RunOptions,
+    folder_of,
     identified,
     makes_runs,
-    name_of,
     outcome_of,
     running,
 )
@@ -31,12 +31,7 @@ IDENTIFICATION = "identification.json"
 
 @click.command()
 @click.argument("study", type=FILE, metavar="STUDY.toml")
-@click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Folder of the results [default: out/ and the name of the study's folder].",
-)
+@OUTPUT
 @SEED
 @click.option(
     "--starts",
@@ -122,7 +117,7 @@ def identify(
       [verification] samples = 1000 simulator runs an experiment; 0 = off
     docs/study.md explains them all.
     """
-    folder, study_file = output or (Path("out") / name_of(study)).absolute(), study.absolute()
+    folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     documents.make_folder(folder)
     for line in () if options.quiet else value.told():

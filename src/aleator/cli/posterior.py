@@ -9,12 +9,12 @@ from rich.console import Console
 
 from aleator.cli.running import (
     FILE,
-    FOLDER,
+    OUTPUT,
     SEED,
     RunOptions,
+    folder_of,
     identified,
     makes_runs,
-    name_of,
     running,
 )
 from aleator.cli.showing import shown
@@ -39,12 +39,7 @@ from aleator.tasks.results import documents
     "--chains", type=click.IntRange(min=2), default=4, show_default=True, help="Number of chains."
 )
 @SEED
-@click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Folder of the results [default: out/ and the name of the study's folder].",
-)
+@OUTPUT
 @makes_runs
 def posterior(
     study: Path,
@@ -71,7 +66,7 @@ def posterior(
     """
     for package in (SAMPLER, "arviz_stats", "arviz_base", "h5netcdf"):
         installed(package)
-    folder = output or (Path("out") / name_of(study)).absolute()
+    folder = folder_of(output, study)
     value = load_study(study).overridden(seed, verified=False)
     documents.make_folder(folder)
     with running(value, options) as runner, shown(options.quiet) as progress:

@@ -55,6 +55,13 @@ FOLDER = _Placed(path_type=Path, file_okay=False)
 SEED = click.option(
     "--seed", type=click.IntRange(min=0), help="Seed of everything random [default: the study's]."
 )
+OUTPUT = click.option(
+    "--output",
+    type=FOLDER,
+    metavar="DIR",
+    help="Folder of the results [default: out/ and the name of the study's folder].",
+)
+"""Where a command of one study writes; `folder_of` says where that is."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +176,11 @@ def outcome_of(study: Study) -> str:
 def name_of(study: Path) -> str:
     """What a study is called: its file, or its folder if the file is just study.toml."""
     return study.resolve().parent.name if study.stem == "study" else study.stem
+
+
+def folder_of(output: Path | None, study: Path) -> Path:
+    """Where the results of a study go: into `output`, or into out/ and what the study is called."""
+    return output or (Path("out") / name_of(study)).absolute()
 
 
 def _workers(options: RunOptions) -> AbstractContextManager[Executor | None]:

@@ -9,11 +9,11 @@ from rich.console import Console
 
 from aleator.cli.running import (
     FILE,
-    FOLDER,
+    OUTPUT,
     SEED,
     RunOptions,
+    folder_of,
     makes_runs,
-    name_of,
     outcome_of,
     running,
 )
@@ -28,12 +28,7 @@ from aleator.tasks.screen import screen
 
 @click.command()
 @click.argument("study", type=FILE, metavar="STUDY.toml")
-@click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Folder of the results [default: out/ and the name of the study].",
-)
+@OUTPUT
 @SEED
 @click.option(
     "--runs",
@@ -66,7 +61,7 @@ def sensitivity(
     Writes DIR/sensitivity.json (all), DIR/sensitivity.csv (a row for each experiment and
     parameter) and DIR/sensitivity.png if matplotlib is installed.
     """
-    folder, study_file = output or (Path("out") / name_of(study)).absolute(), study.absolute()
+    folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed)
     documents.make_folder(folder)
     ids = None if experiments is None else [name.strip() for name in experiments.split(",")]
