@@ -14,10 +14,10 @@ from typing import Protocol, Self, TypeVar
 import numpy as np
 
 from aleator.inference.information import Inference
-from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Experiments
-from aleator.search.newton import ARRIVED, ascended
+from aleator.search.newton import ARRIVED, ascended, held
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
@@ -133,20 +133,16 @@ def stepped(fit: AnyFit) -> AnyFit:
     For data drawn at the identified alpha the step ends within 1/N of the maximum, where the
     maximum itself is 1/sqrt(N) away: what a bootstrap of many replicates needs, at one evaluation.
     """
-    inference, hyperparameters = fit.inference, fit.hyperparameters
-    moving = inference.identified
+    moving = fit.inference.identified
     if not moving.size:
         return fit
     score = fit.scored().score[moving]
-    limits = np.array([[hyperparameters[k].lower, hyperparameters[k].upper] for k in moving])
-    limits = limits.reshape(-1, 2)
-    here = fit.alpha[moving]
-    held = ((here <= limits[:, 0]) & (score < 0.0)) | ((here >= limits[:, 1]) & (score > 0.0))
-    free = np.flatnonzero(~held & np.isfinite(score))
+    limits, here = limits_of(fit.hyperparameters, moving), fit.alpha[moving]
+    free = np.flatnonzero(~held(here, score, *limits) & np.isfinite(score))
     step = np.zeros(moving.size)
-    step[free] = np.linalg.lstsq(inference.information[np.ix_(free, free)], score[free])[0]
+    step[free] = np.linalg.lstsq(fit.inference.information[np.ix_(free, free)], score[free])[0]
     alpha = fit.alpha.copy()
-    alpha[moving] = np.clip(here + step, *limits.T)
+    alpha[moving] = np.clip(here + step, *limits)
     return fit.at(alpha)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.laws.prior import curvatures
 from aleator.search import Objective
 from aleator.types import Array
@@ -86,12 +86,12 @@ def infer(
     standard_error[free] = np.sqrt(np.diag(covariance))
     sandwich_error[free] = np.sqrt(np.diag(sandwich))
     half = stats.norm.ppf(0.5 + LEVEL / 2.0) * standard_error
-    limits = np.array([[h.lower, h.upper] for h in hyperparameters])
+    lower, upper = limits_of(hyperparameters)
     return Inference(
         standard_error,
         sandwich_error,
-        np.maximum(alpha - half, limits[:, 0]),
-        np.minimum(alpha + half, limits[:, 1]),
+        np.maximum(alpha - half, lower),
+        np.minimum(alpha + half, upper),
         free,
         covariance,
         0.5 * float(gradient @ covariance @ gradient) if positive else float("nan"),
@@ -110,15 +110,14 @@ def observed_information(
     scores: Array,
 ) -> Array:
     """-d2 log L/d alpha2 (F, F) by differences of the exact score, steps within the limits."""
-    width = np.array([hyperparameters[k].upper - hyperparameters[k].lower for k in free])
-    scale = 1.0 / np.sqrt(np.maximum(np.sum(scores**2, axis=0), 1.0 / width**2))
+    lower, upper = limits_of(hyperparameters, free)
+    scale = 1.0 / np.sqrt(np.maximum(np.sum(scores**2, axis=0), 1.0 / (upper - lower) ** 2))
     information = np.zeros((free.size, free.size))
     for row, k in enumerate(free):
         ends = []
         for sign in (1.0, -1.0):
             moved = alpha.copy()
-            target = alpha[k] + sign * STEP * scale[row]
-            moved[k] = np.clip(target, hyperparameters[k].lower, hyperparameters[k].upper)
+            moved[k] = np.clip(alpha[k] + sign * STEP * scale[row], lower[row], upper[row])
             ends.append((moved[k], objective(moved).score[free]))
         information[row] = -(ends[0][1] - ends[1][1]) / (ends[0][0] - ends[1][0])
     return 0.5 * (information + information.T)

@@ -12,7 +12,7 @@ import numpy as np
 from aleator.inference.fit import Fit
 from aleator.inference.information import BOUND, STEP
 from aleator.inference.refit import refitted
-from aleator.laws.hyperparameter import Hyperparameter
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.laws.prior import curvatures
 from aleator.progress import Progress, Silent
 from aleator.types import Array, Flags, Indices
@@ -117,7 +117,7 @@ class _Local:
         found = fit.scored()
         assert found.scores is not None
         scores = found.scores[:, moving]
-        lower, upper = _limits(fit.hyperparameters, moving)
+        lower, upper = limits_of(fit.hyperparameters, moving)
         margin = BOUND * (upper - lower)
         inside = (alpha[moving] > lower + margin) & (alpha[moving] < upper - margin)
         information = informations(fit, scores)
@@ -167,7 +167,7 @@ class _Local:
         step = z @ self._whitening.T
         change = np.sum(self.scores * step, axis=1)
         change -= 0.5 * np.einsum("lf,lfg,lg->l", step, self.information, step)
-        lower, upper = _limits(self.hyperparameters)
+        lower, upper = limits_of(self.hyperparameters)
         end = self.alpha[self.moving] + step
         within = np.all((end >= lower) & (end <= upper), axis=1)
         alpha = np.repeat(self.alpha[None], len(self.values), axis=0)
@@ -201,7 +201,7 @@ def informations(fit: Fit, scores: Array) -> Array:
     limits. Cost: 2 F evaluations.
     """
     moving = fit.inference.identified
-    lower, upper = _limits(fit.hyperparameters, moving)
+    lower, upper = limits_of(fit.hyperparameters, moving)
     size = 1.0 / np.sqrt(np.maximum(np.sum(scores**2, axis=0), 1.0 / (upper - lower) ** 2))
     found = np.zeros((fit.count, moving.size, moving.size))
     for row, k in enumerate(moving.tolist()):
@@ -214,10 +214,3 @@ def informations(fit: Fit, scores: Array) -> Array:
             ends.append((alpha[k], at[:, moving]))
         found[:, row] = (ends[1][1] - ends[0][1]) / (ends[0][0] - ends[1][0])
     return 0.5 * (found + found.transpose(0, 2, 1))
-
-
-def _limits(
-    hyperparameters: Sequence[Hyperparameter], which: Indices | None = None
-) -> tuple[Array, Array]:
-    chosen = hyperparameters if which is None else [hyperparameters[k] for k in which]
-    return np.array([h.lower for h in chosen]), np.array([h.upper for h in chosen])

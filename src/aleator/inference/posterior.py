@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, special
 
-from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
 
@@ -79,8 +79,7 @@ class RealLine:
 
     @property
     def _limits(self) -> tuple[Array, Array]:
-        own = [self.hyperparameters[k] for k in self.moving]
-        return np.array([h.lower for h in own]), np.array([h.upper for h in own])
+        return limits_of(self.hyperparameters, self.moving)
 
 
 @dataclass(frozen=True)

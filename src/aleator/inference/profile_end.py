@@ -10,9 +10,9 @@ from scipy import stats
 
 from aleator.inference.bracket import Bracket
 from aleator.inference.information import LEVEL, Inference
-from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search import Objective
-from aleator.search.newton import Summit, ascended
+from aleator.search.newton import Summit, ascended, held
 from aleator.types import Array, Indices
 
 TARGET = float(np.sqrt(stats.chi2.ppf(LEVEL, 1)))
@@ -137,10 +137,9 @@ class Trace:
         Where nothing is gained by that, nothing was left.
         """
         information = self._outer(summit)
-        lower = np.array([self.hyperparameters[j].lower for j in self.moving])
-        upper = np.array([self.hyperparameters[j].upper for j in self.moving])
-        here, score = summit.alpha[self.moving], summit.score[self.moving]
-        free = ~(((here <= lower) & (score < 0.0)) | ((here >= upper) & (score > 0.0)))
+        score = summit.score[self.moving]
+        limits = limits_of(self.hyperparameters, self.moving)
+        free = ~held(summit.alpha[self.moving], score, *limits)
         inside = information[np.ix_(free, free)]
         left = 0.5 * float(score[free] @ np.linalg.lstsq(inside, score[free])[0])
         if left < LEFT:
@@ -188,9 +187,8 @@ class Trace:
         if so_far != 0.0:
             ahead = ahead + (moved - self.follow * so_far) * (distance / so_far) ** 2
         guess = alpha.copy()
-        for j, step in zip(self.moving, ahead, strict=True):
-            h = self.hyperparameters[j]
-            guess[j] = np.clip(alpha[j] + step, h.lower, h.upper)
+        limits = limits_of(self.hyperparameters, self.moving)
+        guess[self.moving] = np.clip(alpha[self.moving] + ahead, *limits)
         guess[k] = value
         return guess
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from aleator.errors import InputsError
 from aleator.laws.prior import Prior
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
     from aleator.laws.law import Law
@@ -233,10 +233,20 @@ def within(hyperparameters: Sequence[Hyperparameter], wanted: Sequence[float]) -
     >>> within([resolve("mean", Free(0.0, 1.0), (None, None))], [3.0]).tolist()
     [1.0]
     """
-    lower = np.array([h.lower for h in hyperparameters])
-    upper = np.array([h.upper for h in hyperparameters])
-    moved: Array = np.clip(np.asarray(wanted, dtype=float), lower, upper)
+    moved: Array = np.clip(np.asarray(wanted, dtype=float), *limits_of(hyperparameters))
     return moved
+
+
+def limits_of(
+    hyperparameters: Sequence[Hyperparameter], which: Indices | None = None
+) -> tuple[Array, Array]:
+    """Lower and upper limits (k,) each; of all, or of those at the places `which`.
+
+    >>> limits_of([resolve("mean", Free(0.0, 1.0), (None, None))])
+    (array([0.]), array([1.]))
+    """
+    chosen = hyperparameters if which is None else [hyperparameters[k] for k in which]
+    return np.array([h.lower for h in chosen]), np.array([h.upper for h in chosen])
 
 
 def _require(condition: bool, problem: str, remedy: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import optimize
 
 from aleator.laws.distinct import by_distinct
-from aleator.laws.hyperparameter import Hyperparameter, within
+from aleator.laws.hyperparameter import Hyperparameter, limits_of, within
 from aleator.laws.image import STEP, difference, from_tails, slope
 from aleator.laws.law import MeanSd, Rule, Standard
 from aleator.polynomials.gauss import gauss, gauss_legendre
@@ -137,8 +137,7 @@ class QuantileLaw(ABC):
         free = np.array([h.free for h in self.hyperparameters], dtype=bool)
         if not free.any():
             return start
-        lower = np.array([h.lower for h in self.hyperparameters])[free]
-        upper = np.array([h.upper for h in self.hyperparameters])[free]
+        lower, upper = limits_of(self.hyperparameters, np.flatnonzero(free))
         scale = self._points(start)[1] if sd is None else sd
 
         def away(at: Array) -> Array:

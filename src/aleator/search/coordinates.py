@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.types import Array, Indices
 
 KNEE = 1e-3
@@ -32,8 +32,7 @@ class Coordinates:
         self._base = np.array([h.start for h in hyperparameters])
         chosen = [hyperparameters[k] for k in self.free]
         self.log = np.array([h.log for h in chosen], dtype=bool)
-        self.lower = np.array([h.lower for h in chosen])
-        self.upper = np.array([h.upper for h in chosen])
+        self.lower, self.upper = limits_of(chosen)
         self._knee = np.array([KNEE * h.upper * h.reaches_zero for h in chosen])
         self._beside, self._known = _sums(hyperparameters, self.free)
         ends = np.array([(h.beside.lower, h.beside.upper) if h.beside else (h.lower, h.upper)

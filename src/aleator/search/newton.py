@@ -6,12 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search.counted import CountedObjective
 from aleator.search.interface import Objective, Scored
-from aleator.types import Array, Indices
+from aleator.types import Array, Flags, Indices
 
 ARRIVED = 1e-5
 """Stop when this close to the maximum, in log-likelihood (0.5 g' H^-1 g)."""
@@ -60,8 +59,7 @@ def ascended(
     method that has to learn the curvature needs twenty. It never returns a smaller value than
     that of the alpha given; it ends, without an error, when no step gains.
     """
-    lower = np.array([hyperparameters[k].lower for k in moving])
-    upper = np.array([hyperparameters[k].upper for k in moving])
+    lower, upper = limits_of(hyperparameters, moving)
     matrix = information.copy()
     point = alpha[moving]
     counted = CountedObjective(objective)
@@ -76,8 +74,7 @@ def ascended(
     gain = 0.0
     for _ in range(STEPS):
         score = whole[moving]
-        blocked = ((point <= lower) & (score < 0)) | ((point >= upper) & (score > 0))
-        step = _newton_step(matrix, score, ~blocked)
+        step = _newton_step(matrix, score, ~held(point, score, lower, upper))
         gain = 0.5 * float(score @ step)
         if gain < arrived:
             break
@@ -92,7 +89,16 @@ def ascended(
     return Summit(end, value, whole, matrix, gain)
 
 
-def _newton_step(matrix: Array, score: Array, free: NDArray[np.bool_]) -> Array:
+def held(point: Array, score: Array, lower: Array, upper: Array) -> Flags:
+    """Which of the values (F,) stay on a limit, as their score (F,) leads beyond it.
+
+    >>> held(np.array([0.0, 0.0]), np.array([-1.0, 1.0]), np.zeros(2), np.ones(2)).tolist()
+    [True, False]
+    """
+    return np.asarray(((point <= lower) & (score < 0.0)) | ((point >= upper) & (score > 0.0)))
+
+
+def _newton_step(matrix: Array, score: Array, free: Flags) -> Array:
     step = np.zeros_like(score)
     if np.any(free):
         # least squares: a hyperparameter without effect makes the matrix singular

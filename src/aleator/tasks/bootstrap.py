@@ -21,6 +21,7 @@ from aleator.errors import InputsError, SurroundingsError
 from aleator.inference import resampling
 from aleator.inference.fit import Fit
 from aleator.inference.refit import refitted
+from aleator.laws.hyperparameter import limits_of
 from aleator.progress import Progress, Silent
 from aleator.simulators import ProcessPool
 from aleator.tasks.replicate_file import Replicate, ReplicateFile, head_of
@@ -176,10 +177,10 @@ def bootstrap(
                 file.add(replicate)
             told.update(f"{len(done)} of {replicates} replicates", len(done), replicates)
     own = fit.inference.identified
-    limits = np.array([[fit.hyperparameters[k].lower, fit.hyperparameters[k].upper] for k in own])
+    limits = np.column_stack(limits_of(fit.hyperparameters, own))
     return Bootstrap(
         kind, seed, tuple(fit.hyperparameters[k].name for k in own), fit.alpha[own],
-        limits.reshape(-1, 2), influence(fit), tuple(done[r] for r in range(replicates)),
+        limits, influence(fit), tuple(done[r] for r in range(replicates)),
         workers > 1 and bool(left) and packed is None,
     )  # fmt: skip
 

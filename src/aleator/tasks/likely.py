@@ -9,7 +9,7 @@ from scipy import special
 from scipy.stats import qmc
 
 from aleator.inference.information import Inference
-from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.laws.inputs import Inputs
 from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array
@@ -46,16 +46,16 @@ def likely_alphas(
     1.5 times as wide as the information says, and no wider than the limits in any direction.
     """
     free = inference.identified
-    limits = np.array([[h.lower, h.upper] for h in hyperparameters])
+    lower, upper = limits_of(hyperparameters)
     u = qmc.Sobol(max(free.size, 1), rng=2).random_base2(int(np.log2(ALPHAS)))[:, : free.size]
-    width = (limits[:, 1] - limits[:, 0])[free]
+    width = (upper - lower)[free]
     # a direction that the experiments leave open ends at the limits: information of 4 / width^2
     scaled = inference.information * np.outer(width, width)
     values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
     root = vectors / np.sqrt(np.maximum(values, 4.0))
     out = np.tile(alpha, (ALPHAS, 1))
     out[:, free] += SPREAD * width * (special.ndtri(np.clip(u, 1e-9, 1.0)) @ root.T)
-    return np.clip(out, limits[:, 0], limits[:, 1])
+    return np.clip(out, lower, upper)
 
 
 def interval_alphas(
@@ -65,7 +65,7 @@ def interval_alphas(
     hyperparameters: tuple[Hyperparameter, ...],
 ) -> list[Array]:
     """alpha at both ends of every interval (K, 2), the others gone along as the covariance says."""
-    limits = np.array([[h.lower, h.upper] for h in hyperparameters])
+    lower, upper = limits_of(hyperparameters)
     free = inference.free.tolist()
     out = []
     for place, k in enumerate(free):
@@ -75,7 +75,7 @@ def interval_alphas(
         for end in intervals[k][np.isfinite(intervals[k])]:
             moved = alpha.copy()
             moved[inference.free] += column / column[place] * (end - alpha[k])
-            out.append(np.clip(moved, limits[:, 0], limits[:, 1]))
+            out.append(np.clip(moved, lower, upper))
     return out
 
 

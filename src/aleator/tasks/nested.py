@@ -10,6 +10,7 @@ import numpy as np
 from aleator.inference.fit import Fit
 from aleator.inference.information import BOUND
 from aleator.laws import Hyperparameter, Law, Mixture
+from aleator.laws.hyperparameter import limits_of
 from aleator.types import Array
 
 AGREE = 0.02
@@ -49,8 +50,7 @@ def embedded(smaller: Fit, larger: Fit) -> Embedding | None:
     if found is None or found.df < 1:
         return None
     alpha = found.of(smaller.alpha)
-    lower = np.array([h.lower for h in larger.hyperparameters])
-    upper = np.array([h.upper for h in larger.hyperparameters])
+    lower, upper = limits_of(larger.hyperparameters)
     if np.any((alpha < lower) | (alpha > upper)):
         return None
     gaps = larger.at(alpha).scored().each - smaller.scored().each

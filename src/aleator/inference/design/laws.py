@@ -9,7 +9,7 @@ from scipy import special
 from scipy.stats import qmc
 
 from aleator.inference.information import Inference
-from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.types import Array
 
 SEED = 5
@@ -29,5 +29,4 @@ def possible_laws(
     root = np.linalg.cholesky(inference.covariance)
     found = np.tile(alpha, (count, 1))
     found[:, inference.free] += special.ndtri(np.clip(uniform, 1e-6, 1.0 - 1e-6)) @ root.T
-    limits = np.array([[h.lower, h.upper] for h in hyperparameters])
-    return np.asarray(np.clip(found, *limits.T))
+    return np.asarray(np.clip(found, *limits_of(hyperparameters)))

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from aleator.inference.decisions.alpha_draws import Estimated
-from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.tasks.results.values import Estimate, in_order
 from aleator.types import Array
 
@@ -29,7 +29,7 @@ def estimated(
         at,
         _numbers([e.standard_error for e in own]),
         np.array([_numbers(e.interval or (None, None)) for e in own]).reshape(-1, 2),
-        np.array([[h.lower, h.upper] for h in hyperparameters]).reshape(-1, 2),
+        np.column_stack(limits_of(hyperparameters)),
         np.array([h.free for h in hyperparameters], dtype=bool),
         np.array([h.log for h in hyperparameters], dtype=bool),
         np.array([place[name] for name in names], dtype=np.intp),

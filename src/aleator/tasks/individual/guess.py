@@ -8,6 +8,7 @@ import numpy as np
 from scipy import optimize
 
 from aleator.laws.classes import apart
+from aleator.laws.hyperparameter import limits_of
 from aleator.likelihood.individual import IndividualLikelihood, individual_parameters
 from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array
@@ -74,8 +75,7 @@ def guesses(likelihood: IndividualLikelihood, fit: PooledFit) -> list[Array]:
     around = np.array([h.start for h in hyperparameters])
     inputs = likelihood.inputs
     around[: inputs.size] = inputs.about(fit.x)
-    lower = np.array([h.lower for h in hyperparameters])
-    upper = np.array([h.upper for h in hyperparameters])
+    lower, upper = limits_of(hyperparameters)
     for k in range(inputs.size, around.size):
         around[k] = np.clip(fit.rmse, lower[k], upper[k]) if hyperparameters[k].log else around[k]
     narrow = around.copy()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.likelihood.individual import ImportancePoints, IndividualLikelihood, Rule
 from aleator.search.newton import ascended
 from aleator.types import Array, Indices
@@ -191,5 +191,5 @@ def _outer(scores: Array | None, free: Indices, hyperparameters: Sequence[Hyperp
     """The information by outer products of the scores, never less than the limits tell."""
     assert scores is not None
     own = scores[:, free]
-    width = np.array([hyperparameters[k].upper - hyperparameters[k].lower for k in free])
-    return np.asarray(own.T @ own + np.diag(width**-2.0))
+    lower, upper = limits_of(hyperparameters, free)
+    return np.asarray(own.T @ own + np.diag((upper - lower) ** -2.0))
