@@ -4,7 +4,11 @@ from aleator.likelihood.individual.gauss_hermite import GaussHermite
 from aleator.likelihood.individual.importance import ImportancePoints
 from aleator.likelihood.individual.layout import Layout
 from aleator.likelihood.individual.likelihood import IndividualLikelihood
-from aleator.likelihood.individual.moments import IndividualParameters, individual_parameters
+from aleator.likelihood.individual.moments import (
+    IndividualParameters,
+    individual_parameters,
+    individual_points,
+)
 from aleator.likelihood.individual.on_surfaces import OnSurfaces
 from aleator.likelihood.individual.panels import Panels
 from aleator.likelihood.individual.predictor import Direct, Evaluator, Predictor
@@ -23,4 +27,5 @@ __all__ = [
     "Predictor",
     "Rule",
     "individual_parameters",
+    "individual_points",
 ]

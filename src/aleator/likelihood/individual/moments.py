@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aleator.likelihood.individual.importance import proposed
+from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import IndividualLikelihood, mean_of
 from aleator.types import Array
 
@@ -53,3 +55,18 @@ def individual_parameters(likelihood: IndividualLikelihood, alpha: Array) -> Ind
     shrinkage = np.full(n, np.nan)
     shrinkage[list(inputs.scattered)] = 1.0 - np.var(variate, axis=0)
     return IndividualParameters(mode, mean, sd, predicted, shrinkage)
+
+
+def individual_points(
+    likelihood: IndividualLikelihood, alpha: Array, block: Block, count: int
+) -> tuple[Array, Array]:
+    """Points x (B, J, n) of the individual laws at alpha (K,), with weights (B, J) of sum one.
+
+    Importance points about the modes, to which the likelihood is adapted; some `count` for each
+    class (see `proposed`). A point whose run fails weighs nothing. Cost: a run for each point.
+    """
+    nodes, inputs, part = likelihood.nodes, likelihood.inputs, block.experiments
+    xi, log_weight = proposed(nodes.modes[part], nodes.information[part], count)
+    with np.errstate(all="ignore"):
+        share = mean_of(likelihood.sums(alpha, block, xi) + log_weight)[1]
+    return inputs.individual(alpha[: inputs.size], xi, part).x, share

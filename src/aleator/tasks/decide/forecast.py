@@ -9,16 +9,20 @@ import numpy as np
 
 from aleator.densities.inversion import invert
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.individual import IndividualLikelihood, Layout, Predictor
-from aleator.likelihood.individual.importance import proposed, standard_points
-from aleator.likelihood.individual.likelihood import mean_of
+from aleator.likelihood.individual import (
+    IndividualLikelihood,
+    Layout,
+    Predictor,
+    individual_points,
+)
+from aleator.likelihood.individual.importance import standard_points
 from aleator.observations.errors import MeasurementErrors
 from aleator.types import Array
 
 POINTS = 4096
 """Points that stand for the law of an experiment."""
 LOST = 1e-3
-"""Share of the law whose runs may fail before a prediction is one of what is left."""
+"""Share of the law whose runs may fail before what is told is told of what is left."""
 STEP = 1e-4
 """Step in scales of the difference that a density is taken by."""
 
@@ -42,13 +46,7 @@ class Draws:
     @classmethod
     def old(cls, likelihood: IndividualLikelihood, alpha: Array, which: int) -> Draws:
         """Of one experiment of a likelihood that is adapted to alpha, given its observations."""
-        block, nodes = likelihood.layout.alone(which), likelihood.nodes
-        part = block.experiments
-        xi, log_weight = proposed(nodes.modes[part], nodes.information[part], POINTS)
-        with np.errstate(all="ignore"):
-            share = mean_of(likelihood.sums(alpha, block, xi) + log_weight)[1]
-        inputs = likelihood.inputs
-        return cls(inputs.individual(alpha[: inputs.size], xi, part).x, share)
+        return cls(*individual_points(likelihood, alpha, likelihood.layout.alone(which), POINTS))
 
     @classmethod
     def joined(cls, parts: Sequence[Draws]) -> Draws:

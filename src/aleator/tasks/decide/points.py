@@ -10,10 +10,8 @@ from scipy import special
 from scipy.stats import qmc
 
 from aleator.inference.decisions.alpha_draws import AlphaDraws
-from aleator.likelihood.individual import Predictor
-from aleator.likelihood.individual.importance import proposed
+from aleator.likelihood.individual import Predictor, individual_points
 from aleator.likelihood.individual.layout import Block
-from aleator.likelihood.individual.likelihood import mean_of
 from aleator.likelihood.problem import told
 from aleator.progress import Progress
 from aleator.tasks.decide.ground import Ground
@@ -99,12 +97,9 @@ def _of_measured(ground: Ground, alphas: Array, experiment: int, points: Points)
     x, weights = [], []
     for alpha in alphas:
         likelihood = ground.measured.at(alpha)
-        block, nodes, inputs = likelihood.layout.alone(which), likelihood.nodes, likelihood.inputs
-        part = block.experiments
-        xi, log_weight = proposed(nodes.modes[part], nodes.information[part], count)
-        with np.errstate(all="ignore"):
-            weights.append(mean_of(likelihood.sums(alpha, block, xi) + log_weight)[1][0])
-        x.append(inputs.individual(alpha[: inputs.size], xi, part).x[0])
+        own, share = individual_points(likelihood, alpha, likelihood.layout.alone(which), count)
+        x.append(own[0])
+        weights.append(share[0])
     # the points are in the order of a sequence: errors must not go along with them
     score = np.random.default_rng(count).permutation(normal_points(x[0].shape[0], 1, 0)[:, 0])
     return Parameters(np.stack(x), np.stack(weights), score)

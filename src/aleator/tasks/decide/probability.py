@@ -11,6 +11,7 @@ from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.inference.decisions.event import Event
 from aleator.inference.decisions.weighted import quantiles
 from aleator.progress import Progress
+from aleator.tasks.decide.forecast import LOST
 from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.near import Near
 from aleator.tasks.decide.sample import EACH, REPLICATES, Sample, about_event, of_law
@@ -22,8 +23,6 @@ RARE = 0.02
 """Probability below which an event has points of its own."""
 LEVEL = np.array([0.025, 0.975])
 BATCHES = 8
-LOST = 1e-3
-"""Share of the law whose runs may fail before a probability is one of what is left."""
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,15 @@ from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.individual import drawn
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.individual import Direct, IndividualLikelihood, OnSurfaces, Rule
-from aleator.likelihood.individual.importance import proposed, standard_points
+from aleator.likelihood.individual import (
+    Direct,
+    IndividualLikelihood,
+    OnSurfaces,
+    Rule,
+    individual_points,
+)
+from aleator.likelihood.individual.importance import standard_points
 from aleator.likelihood.individual.layout import Block
-from aleator.likelihood.individual.likelihood import mean_of
 from aleator.observations.experiments import Experiments
 from aleator.search.value import LogLikelihood
 from aleator.simulators import Runner
@@ -145,19 +150,13 @@ class IndividualFit:
 
     def individuals(self, rng: np.random.Generator) -> Array:
         """A draw (N, n) of each experiment's parameters given its observations."""
-        likelihood, nodes = self.likelihood, self.likelihood.nodes
-        inputs = likelihood.inputs
-        found = np.empty((self.count, len(inputs.names)))
-        for block in likelihood.layout.blocks(POINTS):
-            part = block.experiments
-            xi, log_weight = proposed(nodes.modes[part], nodes.information[part], POINTS)
-            with np.errstate(all="ignore"):
-                share = mean_of(likelihood.sums(self.alpha, block, xi) + log_weight)[1]
-            x = inputs.individual(self.alpha[: inputs.size], xi, part).x
+        found = np.empty((self.count, len(self.inputs.names)))
+        for block in self.likelihood.layout.blocks(POINTS):
+            x, share = individual_points(self.likelihood, self.alpha, block, POINTS)
             reached = np.cumsum(share, axis=1)
             level = rng.random((len(block), 1)) * reached[:, -1:]
             chosen = np.minimum(np.sum(reached < level, axis=1), share.shape[1] - 1)
-            found[part] = x[np.arange(len(block)), chosen]
+            found[block.experiments] = x[np.arange(len(block)), chosen]
         return found
 
     def given(self, x: Array) -> Array:
