@@ -13,7 +13,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import cloudpickle
 import numpy as np
 import pandas as pd
 
@@ -24,6 +23,7 @@ from aleator.inference.refit import refitted
 from aleator.laws.hyperparameter import limits_of
 from aleator.progress import Progress, Silent
 from aleator.simulators import ProcessPool
+from aleator.simulators.workers.parcel import packed
 from aleator.tasks.replicate_file import Replicate, ReplicateFile, head_of
 from aleator.tasks.results.identification import Identification
 from aleator.threads import single_threaded
@@ -169,8 +169,8 @@ def bootstrap(
         file = ReplicateFile(Path(folder) / FILE, head_of(fit, kind, seed))
     done = file.begun() if file is not None else {}
     left = [number for number in range(replicates) if number not in done]
-    packed = _packed(fit) if workers > 1 and left else None
-    with closing(_made(fit, packed, kind, seed, left, workers)) as made:
+    parcel = packed(fit) if workers > 1 and left else None
+    with closing(_made(fit, parcel, kind, seed, left, workers)) as made:
         for replicate in made:
             done[replicate.number] = replicate
             if file is not None:
@@ -181,7 +181,7 @@ def bootstrap(
     return Bootstrap(
         kind, seed, tuple(fit.hyperparameters[k].name for k in own), fit.alpha[own],
         limits, influence(fit), tuple(done[r] for r in range(replicates)),
-        workers > 1 and bool(left) and packed is None,
+        workers > 1 and bool(left) and parcel is None,
     )  # fmt: skip
 
 
@@ -209,16 +209,16 @@ def replicated(fit: Fit, kind: str, seed: int, number: int) -> Replicate:
 
 
 def _made(
-    fit: Fit, packed: bytes | None, kind: str, seed: int, numbers: Sequence[int], workers: int
+    fit: Fit, parcel: bytes | None, kind: str, seed: int, numbers: Sequence[int], workers: int
 ) -> Generator[Replicate, None, None]:
-    """The replicates of these numbers as they are finished; here, or where they are packed for."""
-    if packed is None:
+    """The replicates of these numbers as they are finished; here, or where the parcel goes."""
+    if parcel is None:
         for number in numbers:
             yield replicated(fit, kind, seed, number)
         return
     with TemporaryDirectory() as folder:
         path = Path(folder) / "fit.pickle"
-        path.write_bytes(packed)
+        path.write_bytes(parcel)
         pool = ProcessPool(min(workers, len(numbers)))
         try:
             jobs = [pool.submit(_elsewhere, str(path), kind, seed, number) for number in numbers]
@@ -232,14 +232,6 @@ def _made(
             ) from None
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _packed(fit: Fit) -> bytes | None:
-    """The fit as bytes; None where its simulator cannot travel."""
-    try:
-        return cloudpickle.dumps(fit)  # type: ignore[no-any-return]
-    except (pickle.PicklingError, AttributeError, TypeError):
-        return None
 
 
 def _elsewhere(path: str, kind: str, seed: int, number: int) -> Replicate:

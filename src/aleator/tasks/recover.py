@@ -11,7 +11,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import cloudpickle
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -29,6 +28,7 @@ from aleator.progress import Progress, Silent
 from aleator.search import Search
 from aleator.simulators import Runner, Simulator
 from aleator.simulators.store import Store
+from aleator.simulators.workers.parcel import packed
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import (
     DEFAULT_PROPAGATION,
@@ -196,27 +196,19 @@ def _identified(
 ) -> Iterator[tuple[int, Replicate]]:
     with TemporaryDirectory() as folder:
         store = runner.cache.store.path if runner.cache else Path(folder) / "runs.sqlite"
-        packed = _packed(_Elsewhere.of(runner, job, store)) if workers > 1 else None
-        if packed is None:
+        parcel = packed(_Elsewhere.of(runner, job, store)) if workers > 1 else None
+        if parcel is None:
             for k, part in enumerate(data):
                 yield k, job.identify(runner, part, seed + k)
             return
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(workers, mp_context=context) as pool:
-            jobs = {pool.submit(_unpacked, packed, y, seed + k): k for k, y in enumerate(data)}
+            jobs = {pool.submit(_unpacked, parcel, y, seed + k): k for k, y in enumerate(data)}
             try:
                 for done in as_completed(jobs):
                     yield jobs[done], done.result()
             finally:
                 pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _packed(elsewhere: _Elsewhere) -> bytes | None:
-    """The work as bytes; None for a simulator that cannot travel."""
-    try:
-        return cloudpickle.dumps(elsewhere)  # type: ignore[no-any-return]
-    except (pickle.PicklingError, AttributeError, TypeError):
-        return None
 
 
 def _unpacked(job: bytes, data: Any, seed: int) -> Replicate:
