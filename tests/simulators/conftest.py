@@ -20,3 +20,10 @@ def spring(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An FMU in Python."""
     source = Path(__file__).parents[1] / "fmus" / "spring.py"
     return python_fmu(source, tmp_path_factory.mktemp("spring"))
+
+
+@pytest.fixture(scope="session")
+def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An FMU in Python of a ball that bounces."""
+    source = Path(__file__).parents[1] / "fmus" / "ball.py"
+    return python_fmu(source, tmp_path_factory.mktemp("ball"))
