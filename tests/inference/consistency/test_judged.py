@@ -3,7 +3,7 @@ import pytest
 from normal_levels import judged
 from scipy import stats
 
-from aleator.inference.consistency.value import Consistency
+from aleator.inference.consistency.value import Consistency, Statistic
 from aleator.types import Array
 
 N = 108
@@ -120,3 +120,27 @@ def test_few_observations_are_not_tested() -> None:
     found = judged(np.arange(4.0))
     assert found.consistent is None
     assert "4 observations" in found.reason
+
+
+def test_a_ratio_that_the_maximum_pins_is_no_discrepancy() -> None:
+    found = judged(stats.t.rvs(3, size=N, random_state=8), load=LOAD)
+    (pinned,) = (t for t in found.tests if (t.kind, t.of) == ("sandwich", "a.mean"))
+    assert pinned.p > 0.5
+
+
+def test_trends_along_conditions_have_a_larger_share_than_parts_and_the_order() -> None:
+    found = judged(normal(1)[1], hot=HOT)
+    trend, part, order = (
+        next(
+            t
+            for t in found.tests
+            if (t.kind, t.of, t.column, t.where) == ("contrast", "outcomes", *at)
+        )
+        for at in (("hot", None), ("hot", "hot = 20"), ("the order of the rows", None))
+    )
+
+    def tests(statistic: Statistic) -> float:
+        return float(np.log1p(-statistic.corrected) / np.log1p(-statistic.p))
+
+    assert tests(trend) < 0.5 * tests(part)
+    assert tests(order) > 2.0 * tests(trend)

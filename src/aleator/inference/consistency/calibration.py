@@ -16,17 +16,18 @@ SHRUNK = 20.0
 
 
 def probabilities(
-    observed: Array, replicates: Array, skewed: Flags, one_sided: Flags
+    observed: Array, replicates: Array, skewed: Flags, one_sided: Flags, least: Array
 ) -> tuple[Array, Array, Array]:
     """p (T,) of observed statistics, p (B, T) of each replicate among the others, and z (T,).
 
     By the normal law, and where `skewed` by Pearson's third with the skewness of the replicates
     (Wilson and Hilferty, 1931); Student's t with B - 1 degrees of freedom is for their mean and
-    scatter, which are estimated. So a few dozen replicates tell small probabilities. One where the
-    replicates do not scatter.
+    scatter, which are estimated. So a few dozen replicates tell small probabilities. They are taken
+    to scatter by `least` (T,) more; the probability is one where they do not scatter at all.
     """
     count = len(replicates)
-    mean, sd = replicates.mean(axis=0), replicates.std(axis=0, ddof=1)
+    mean = replicates.mean(axis=0)
+    sd = np.hypot(replicates.std(axis=0, ddof=1), least)
     flat = ~(sd > FLATTEST * (1.0 + np.abs(mean)))
     scale = np.where(flat, 1.0, sd)
     third = np.mean(((replicates - mean) / scale) ** 3, axis=0)

@@ -10,6 +10,8 @@ import numpy as np
 from aleator.inference.consistency.columns import FEWEST, ORDER, Column
 from aleator.types import Array, Indices
 
+MAIN = 3.0
+"""The weight of the likeliest form of dependence on a column, its trend, among its parts."""
 FARTHEST = 4.0
 """Normal scores count no more than this in a sum, so that an outlier does not make a trend."""
 
@@ -19,7 +21,9 @@ class Subject:
     """What a test is about: its group of tests, what of the residuals, and where.
 
     `of` is "outcomes", "scatter", or a hyperparameter. `column` is None where a test is about all
-    observations; `where` names the part of the column, and is None for a trend along it.
+    observations; `where` names the part of the column, and is None for a trend along it. `weight`
+    says how many times as many of the false alarms it may have as another test of its group, and
+    `least` how far a right model's statistic is taken to scatter at least.
     """
 
     group: str
@@ -29,17 +33,21 @@ class Subject:
     where: str | None = None
     skewed: bool = False
     one_sided: bool = False
+    weight: float = 1.0
+    least: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Contrasts:
     """Weights (T, M) of observations, each of mean zero and length one, of these columns and parts.
 
-    The sum of independent values of variance one has then the variance one.
+    The sum of independent values of variance one has then the variance one. `main` tells those
+    that weigh more: the trend along a condition, and the one contrast of a column of two values.
     """
 
     column: tuple[Column, ...]
     where: tuple[str | None, ...]
+    main: tuple[bool, ...]
     weights: Array
 
 
@@ -52,8 +60,13 @@ def contrasts_of(columns: tuple[Column, ...], count: int) -> Contrasts:
     return Contrasts(
         tuple(column for column, _, _ in found),
         tuple(where for _, where, _ in found),
+        tuple(_is_main(column, where) for column, where, _ in found),
         np.array([weight for _, _, weight in found]).reshape(len(found), count),
     )
+
+
+def _is_main(column: Column, where: str | None) -> bool:
+    return column.name != ORDER and (where is None or column.count == 2)
 
 
 def _of_column(column: Column) -> Iterator[tuple[str | None, Array]]:

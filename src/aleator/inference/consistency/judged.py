@@ -31,20 +31,21 @@ class Judged:
 def judged(subjects: tuple[Subject, ...], observed: Array, replicates: Array) -> Judged:
     """What B replicates (B, T) of the statistics say of the observed ones (T,).
 
-    First within each group of tests, then of the groups: each has its share of the false alarms,
-    however many columns and hyperparameters there are.
+    First within each group of tests, the smallest p over its weight, then of the groups: each has
+    its share of the false alarms, however many columns and hyperparameters there are.
     """
     skewed = np.array([s.skewed for s in subjects])
     one_sided = np.array([s.one_sided for s in subjects])
-    p, own, z = probabilities(observed, replicates, skewed, one_sided)
+    least, weight = np.array([[s.least, s.weight] for s in subjects]).T
+    p, own, z = probabilities(observed, replicates, skewed, one_sided, least)
     groups = np.array([s.group for s in subjects])
     found, smallest = np.ones(p.size), []
     for name in dict.fromkeys(groups.tolist()):
         inside = groups == name
-        least = own[:, inside].min(axis=1)
-        tests = effective(least) / SHARES[name]
-        found[inside] = corrected(p[inside], tests)
-        smallest.append(corrected(least, tests))
+        strongest = np.min(own[:, inside] / weight[inside], axis=1)
+        tests = effective(strongest) / SHARES[name]
+        found[inside] = corrected(p[inside] / weight[inside], tests)
+        smallest.append(corrected(strongest, tests))
     found = corrected(found, effective(np.min(smallest, axis=0)))
     rows = zip(subjects, z.tolist(), p.tolist(), found.tolist(), strict=True)
     tests_found = tuple(Statistic(s.kind, s.of, s.column, s.where, *values) for s, *values in rows)
