@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from aleator import Experiments
+from aleator import Experiments, Free, Inputs, Normal
 from aleator.inference.consistency import Consistency
 from aleator.progress import Silent
 from aleator.tasks.consistency import consistency_of
@@ -69,6 +69,20 @@ class Levels:
     def noise(self) -> float:
         """s."""
         return float(self.alpha[2]) if self.alpha.size > 2 else 0.0
+
+    @property
+    def inputs(self) -> Any:
+        """One parameter."""
+        return Inputs({"a": Normal(Free(-9.0, 9.0), Free(0.01, 9.0))})
+
+    def variates(self) -> tuple[Array, Array] | None:
+        """Those of the best linear predictor; None where outcomes are alone."""
+        m, tau = self.y.shape[1], self.alpha[1]
+        if m == 1:
+            return None
+        gain = tau**2 / (tau**2 + self.noise**2 / m)
+        means = gain * (self.y.mean(axis=1) - self.alpha[0])[:, None] / tau
+        return means, (means**2 + 1.0 - gain)[:, :, None]
 
     def scored(self) -> Any:
         """The scores (N, K)."""

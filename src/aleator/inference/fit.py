@@ -100,6 +100,13 @@ class Fit(Protocol):
         Under the right model they are a sample of the law. None where there is no noise.
         """
 
+    def variates(self) -> tuple[Array, Array] | None:
+        """Means (N, s) and mean products (N, s, s) of the variates of the scattering parameters.
+
+        Given the observations of their experiment; under the law they are standard normal. None
+        where there is no noise.
+        """
+
     def given(self, x: Array) -> Array:
         """log p(observations of an experiment | parameters) (N, J) at points x (J, n).
 

@@ -64,6 +64,30 @@ def shrinkage(result: Result) -> RenderableType:
     return Group(Text(head), Rows(columns, rows))
 
 
+def relations(result: Result) -> RenderableType | None:
+    """The individual means against columns and each other, what is least likely first."""
+    found = (result.get("consistency") or {}).get("relations")
+    if not found:
+        return None
+    columns: Sequence[Column] = (
+        ("individual", "left"), ("against", "left"), ("correlation", "right"), ("p", "right"),
+        ("shrinkage", "right"),
+    )  # fmt: skip
+    rows = [
+        (
+            row["parameter"], row["other"], f"{row['correlation']:+.2f}", number(row["p"], 2),
+            f"{100 * result['shrinkage'][row['parameter']]:.0f} %",
+        )
+        for row in sorted(found, key=lambda row: row["p"])
+    ]  # fmt: skip
+    head = (
+        "Individual means against the columns of the table and each other. p tells how often a "
+        "right model, shrinkage included, has a correlation as strong; one of many is small by "
+        "chance."
+    )
+    return Group(Text(head), Rows(columns, rows))
+
+
 def worst(result: Result) -> RenderableType | None:
     """The observations that lie farthest from what the individual law predicts, in scales."""
     seen = [entry for entry in result["observations"] if entry["residual"] is not None]

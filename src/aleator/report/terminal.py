@@ -47,6 +47,7 @@ def render(result: Result, files: Sequence[str] = (), details: bool = False) -> 
         _log_likelihood(result),
         _densities(result) if details else None,
         individual.shrinkage(result) if individual.is_individual(result) else None,
+        individual.relations(result) if details else None,
         _worst(result),
         _effort(result, details),
         *_warnings(result),

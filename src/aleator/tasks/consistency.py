@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import islice
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from aleator.inference.consistency.battery import SAME, Battery
 from aleator.inference.consistency.columns import ORDER, RESPONSE, columns_of, without_order
 from aleator.inference.consistency.judged import Judged, judged, replicated
 from aleator.inference.consistency.outliers import outliers_of
+from aleator.inference.consistency.relations import RELATED
 from aleator.inference.consistency.residuals import points_of, residuals_of
 from aleator.inference.consistency.sentences import told
 from aleator.inference.consistency.value import LEVEL, Consistency, Statistic
@@ -51,10 +52,11 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
     # experiments of which nothing was observed have no say
     experiment = np.unique(table.observations.experiment, return_inverse=True)[1]
     battery = Battery.of(
-        without_order(columns, experiment, observed.normal),
+        without_order(columns, experiment, observed.normal, observed.means),
         experiment,
         tuple(fit.hyperparameters[k].name for k in fit.inference.free),
         fit.inference.covariance,
+        *_scattering(fit),
     )
     with np.errstate(all="ignore"):
         statistics = battery.values(observed)
@@ -72,7 +74,20 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
         tuple(told(test, battery.several, within) for test in _distinct(against)),
         outliers_of(observed, table),
         found.tests,
+        relations=battery.relations.told(
+            observed.means, [t for t in found.tests if t.kind in RELATED]
+        ),
     )
+
+
+def _scattering(fit: Fit) -> tuple[tuple[str, ...], tuple[tuple[int, int], ...]]:
+    """The parameters that scatter, and the places of pairs of them that the law does not tie."""
+    inputs = fit.inputs
+    names, tied = inputs.names, inputs.correlation
+    known = {frozenset((tied.members[i], tied.members[j])) for i, j in tied.pairs}
+    places = combinations(range(inputs.scattering), 2)
+    free = tuple(pair for pair in places if frozenset(pair) not in known)
+    return tuple(names[i] for i in inputs.scattered), free
 
 
 def _enough(

@@ -120,6 +120,10 @@ class OutcomeFit:
         """None: without noise one outcome leaves a surface of parameters open."""
         return
 
+    def variates(self) -> None:
+        """None: see `individuals`."""
+        return
+
     def given(self, x: Array) -> Array:
         """log p(outcome | parameters) (N, J) at points x (J, n), by the noise.
 

@@ -136,7 +136,7 @@ def test_individual_parameters_are_the_best_linear_predictors_of_a_linear_model(
         assert found.mode[l] == pytest.approx(wanted, abs=1e-6)
         assert found.sd[l] == pytest.approx(left, abs=1e-8)
         variates.append((wanted - mean) / ALPHA[[1, 3]])
-    assert found.shrinkage == pytest.approx(1.0 - np.var(variates, axis=0), abs=1e-8)
+    assert found.shrinkage == pytest.approx(1.0 - np.std(variates, axis=0), abs=1e-8)
 
 
 def test_a_standard_deviation_next_to_zero_leaves_the_common_curve():

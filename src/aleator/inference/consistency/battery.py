@@ -18,11 +18,12 @@ from aleator.inference.consistency.contrasts import (
     contrasts_of,
     shared,
 )
+from aleator.inference.consistency.relations import INDIVIDUAL, Relations
 from aleator.inference.consistency.residuals import Residuals
 from aleator.types import Array, Flags, Indices
 
 SHAPE, OUTCOMES, SCATTER, TOGETHER = "shape", "outcomes", "scatter", "together"
-SHARES = {SHAPE: 0.27, OUTCOMES: 0.55, SCATTER: 0.11, TOGETHER: 0.07}
+SHARES = {SHAPE: 0.27, OUTCOMES: 0.55, SCATTER: 0.11, TOGETHER: 0.07, INDIVIDUAL: 0.1}
 """Share of each group of tests in the false alarms: most where most is asked, of every column."""
 PINNED = 0.05
 """Logarithms of a sandwich over information are taken to scatter at least so much.
@@ -43,6 +44,7 @@ class Battery:
     scores, and `covariance` (F, F) that of their estimates, from the information. `groups` are
     those by which observations may be repeated, by the name of their column. `ordered` tells
     whether neighbours mean anything: those of an experiment, or of a table that was not sorted.
+    `relations` are asked of experiments with several observations.
     """
 
     contrasts: Contrasts
@@ -51,6 +53,7 @@ class Battery:
     covariance: Array
     groups: dict[str, Indices]
     ordered: bool
+    relations: Relations
 
     @classmethod
     def of(
@@ -59,13 +62,17 @@ class Battery:
         experiment: Indices,
         names: tuple[str, ...],
         covariance: Array,
+        parameters: tuple[str, ...] = (),
+        pairs: tuple[tuple[int, int], ...] = (),
     ) -> Battery:
-        """The battery of a table."""
-        ordered = any(c.name == ORDER for c in columns) or len(np.unique(experiment)) < len(
-            experiment
-        )
+        """The battery of a table; no law ties the `pairs` of scattering `parameters`."""
+        first = np.unique(experiment, return_index=True)[1]
+        several = len(first) < len(experiment)
+        ordered = any(c.name == ORDER for c in columns) or several
         contrasts = contrasts_of(columns, experiment.size)
-        return cls(contrasts, experiment, names, covariance, _groups(columns), ordered)
+        asked = (parameters, pairs) if several else ((), ())
+        relations = Relations.of(*asked, columns, first)
+        return cls(contrasts, experiment, names, covariance, _groups(columns), ordered, relations)
 
     @cached_property
     def several(self) -> bool:
@@ -75,7 +82,12 @@ class Battery:
     @cached_property
     def subjects(self) -> tuple[Subject, ...]:
         """What each of the numbers of `values` is about."""
-        return (*self._of_shape(), *self._of_columns(), *self._of_neighbours())
+        return (
+            *self._of_shape(),
+            *self._of_columns(),
+            *self._of_neighbours(),
+            *self.relations.subjects(),
+        )
 
     def values(self, residuals: Residuals) -> Array:
         """The statistics (T,); not finite where one does not exist."""
@@ -86,6 +98,8 @@ class Battery:
         if self.several:
             parts += [self._experiments(near, scores), (scores.T @ self._own.T).ravel()]
         parts += [(features @ self._rows.T).ravel(), self._together(near)]
+        if self.relations.names:
+            parts.append(self.relations.values(residuals.means, residuals.products))
         return np.concatenate(parts)
 
     def _of_shape(self) -> Iterator[Subject]:

@@ -22,7 +22,7 @@ FEWEST = 3
 ORDER = "the order of the rows"
 """The name of the column that counts rows."""
 RESPONSE = "response"
-PAIRS, SORTED = 5, 0.85
+PAIRS, SORTED = 8, 0.8
 """Pairs of neighbours at least, and the share that rise (or fall) in a table that was sorted."""
 
 
@@ -72,22 +72,31 @@ def columns_of(table: Experiments) -> tuple[Column, ...]:
 
 
 def without_order(
-    columns: tuple[Column, ...], experiment: Indices, normal: Array
+    columns: tuple[Column, ...], experiment: Indices, normal: Array, means: Array
 ) -> tuple[Column, ...]:
     """The columns without the order of the rows, where the table was sorted by its outcomes.
 
     The normal scores (M,) then rise, or fall, from experiment to experiment under the same
-    conditions: the order says nothing of when they were made.
+    conditions, or the individual means (N, s) of a parameter do where experiments have several
+    observations: the order says nothing of when they were made.
     """
     first = np.unique(experiment, return_index=True)[1]
     own = [column.group[first] for column in columns if column.own and column.name != ORDER]
     same = np.ones(first.size - 1, dtype=np.bool_)
     for group in own:
         same &= np.diff(group) == 0
-    steps = np.diff(np.add.reduceat(normal, first))[same]
-    if steps.size < PAIRS or max(np.mean(steps >= 0.0), np.mean(steps <= 0.0)) < SORTED:
+    steps = [np.diff(np.add.reduceat(normal, first))[same]]
+    if first.size < experiment.size:
+        steps += [*np.diff(means, axis=0).T]
+    if not any(map(_sorted, steps)):
         return columns
     return tuple(column for column in columns if column.name != ORDER)
+
+
+def _sorted(steps: Array) -> bool:
+    """Whether nearly all steps go one way, of enough."""
+    share = max(np.mean(steps >= 0.0), np.mean(steps <= 0.0)) if steps.size >= PAIRS else 0.0
+    return bool(share >= SORTED)
 
 
 def _values(table: Experiments, frame: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:

@@ -25,12 +25,16 @@ class Residuals:
     w = Phi^-1(P(below what was measured | earlier ones of the same experiment)): independent and
     standard normal under the right model. `known` (M,) tells where the probability is one; w is
     zero elsewhere. `scores` are those of the hyperparameters that were identified; zero where an
-    experiment has none. Experiments of which nothing was observed are left out.
+    experiment has none. `means` (N, s) and `products` (N, s, s) are those of the variates of the
+    individual parameters; s is zero where there is no noise. Experiments of which nothing was
+    observed are left out.
     """
 
     normal: Array
     known: Flags
     scores: Array
+    means: Array
+    products: Array
 
 
 def points_of(fit: Fit, enough: float) -> int:
@@ -52,4 +56,11 @@ def residuals_of(fit: Fit, points: int) -> Residuals:
     assert scores is not None
     observed = np.unique(fit.table.observations.experiment)
     scores = scores[np.ix_(observed, fit.inference.free)]
-    return Residuals(special.ndtri(inside), known, np.where(np.isfinite(scores), scores, 0.0))
+    means, products = fit.variates() or (np.zeros((fit.count, 0)), np.zeros((fit.count, 0, 0)))
+    return Residuals(
+        special.ndtri(inside),
+        known,
+        np.where(np.isfinite(scores), scores, 0.0),
+        means[observed],
+        products[observed],
+    )

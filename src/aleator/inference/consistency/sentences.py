@@ -159,7 +159,30 @@ def _groups(test: Statistic, several: bool) -> tuple[str, str]:
     )
 
 
+def _pair(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
+    sign = "together" if test.z > 0.0 else "in opposite directions"
+    return (
+        f"{test.of} and {test.column} of single experiments differ {sign}, more than a law says "
+        "that takes them as independent",
+        f"let them be correlated: [correlation] {test.of}.{test.column}",
+    )
+
+
+def _relation(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
+    late = test.column == ORDER
+    place = "late in the table" if late else f"under high `{test.column}`"
+    size = "larger" if test.z > 0.0 else "smaller"
+    return (
+        f"{test.of} of single experiments is {size} {place} than the law says",
+        "look for what changed while the experiments were made"
+        if late
+        else f'let the mean of {test.of} follow {test.column}: "1 + {test.column}"',
+    )
+
+
 _OTHERS = {
+    "pair": _pair,
+    "relation": _relation,
     "uniformity": _uniformity,
     "tails": _tails,
     "skewness": _skewness,

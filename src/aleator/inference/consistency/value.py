@@ -50,6 +50,22 @@ class Outlier:
 
 
 @dataclass(frozen=True)
+class Relation:
+    """The correlation of a parameter's individual means with a column, or with another parameter.
+
+    `other` is the name of either, and `pair` tells whether it is a parameter's. Shrinkage makes
+    such a correlation smaller or larger than that of the parameters themselves; `p` accounts for
+    it: the probability that a right model, whose replicates shrink as much, has one as strong.
+    """
+
+    parameter: str
+    other: str
+    pair: bool
+    correlation: float
+    p: float
+
+
+@dataclass(frozen=True)
 class Consistency:
     """Whether the model is consistent with the experiments.
 
@@ -57,7 +73,8 @@ class Consistency:
     whether it is at least 0.05, and None where that could not be tested: `reason` says why.
     `discrepancies` are the strongest of those that contradict it, `outliers` the observations that
     one in twenty right models would not have. `replicates` under the fitted model say what is
-    usual.
+    usual. `relations` are those of the individual parameters of experiments with several
+    observations.
     """
 
     consistent: bool | None
@@ -67,6 +84,7 @@ class Consistency:
     outliers: tuple[Outlier, ...] = ()
     tests: tuple[Statistic, ...] = ()
     reason: str = ""
+    relations: tuple[Relation, ...] = ()
 
     def table(self) -> pd.DataFrame:
         """A row for each test, the one that says most first.

@@ -18,8 +18,8 @@ class IndividualParameters:
 
     The mode is that of the standard normal variates, as parameters. `predicted` (M,) is the mean
     simulated value of each observation under its individual law. `shrinkage` (n,) is
-    1 - var_l(E[theta_l | y_l]) with theta the variate of each parameter, which has variance one: 0
-    where the observations alone say what each x is, 1 where only the law does (Savic and Karlsson,
+    1 - sd_l(E[theta_l | y_l]) with theta the variate of each parameter, whose sd is one: 0 where
+    the observations alone say what each x is, 1 where only the law does (Savic and Karlsson,
     2009); NaN for a constant.
     """
 
@@ -53,7 +53,7 @@ def individual_parameters(likelihood: IndividualLikelihood, alpha: Array) -> Ind
         x_of_modes = inputs.individual(alpha[: inputs.size], at_modes, part).x
         mode[part] = np.take_along_axis(x_of_modes, best, axis=1)[:, 0]
     shrinkage = np.full(n, np.nan)
-    shrinkage[list(inputs.scattered)] = 1.0 - np.var(variate, axis=0)
+    shrinkage[list(inputs.scattered)] = 1.0 - np.std(variate, axis=0)
     return IndividualParameters(mode, mean, sd, predicted, shrinkage)
 
 
@@ -70,3 +70,17 @@ def individual_points(
     with np.errstate(all="ignore"):
         share = mean_of(likelihood.sums(alpha, block, xi) + log_weight)[1]
     return inputs.individual(alpha[: inputs.size], xi, part).x, share
+
+
+def individual_variates(likelihood: IndividualLikelihood, alpha: Array) -> tuple[Array, Array]:
+    """Means (N, s) and mean products (N, s, s) of the variates given the observations, by nodes."""
+    s = likelihood.inputs.scattering
+    means, products = np.empty((likelihood.count, s)), np.empty((likelihood.count, s, s))
+    for block in likelihood.blocks:
+        part = block.experiments
+        found = likelihood.at(alpha, block, likelihood.nodes.xi[part])
+        share = mean_of(found.sums + likelihood.nodes.log_weight[part])[1]
+        theta = found.individual.normal_scores
+        means[part] = np.einsum("lj,ljs->ls", share, theta)
+        products[part] = np.einsum("lj,ljs,ljt->lst", share, theta, theta)
+    return means, products

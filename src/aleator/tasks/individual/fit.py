@@ -21,6 +21,7 @@ from aleator.likelihood.individual import (
 )
 from aleator.likelihood.individual.importance import standard_points
 from aleator.likelihood.individual.layout import Block
+from aleator.likelihood.individual.moments import individual_variates
 from aleator.observations.experiments import Experiments
 from aleator.search.value import LogLikelihood
 from aleator.simulators import Runner
@@ -158,6 +159,10 @@ class IndividualFit:
             chosen = np.minimum(np.sum(reached < level, axis=1), share.shape[1] - 1)
             found[block.experiments] = x[np.arange(len(block)), chosen]
         return found
+
+    def variates(self) -> tuple[Array, Array]:
+        """Means (N, s) and mean products (N, s, s) by the nodes."""
+        return individual_variates(self.likelihood, self.alpha)
 
     def given(self, x: Array) -> Array:
         """log p(observations | parameters) (N, J) at points x (J, n), the same for all."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from aleator.inference.consistency import Consistency, Discrepancy, Outlier, Statistic
+from aleator.inference.consistency import Consistency, Discrepancy, Outlier, Relation, Statistic
 
 Entry = Mapping[str, Any]
 
@@ -41,6 +41,7 @@ def consistency_in(document: Entry) -> Consistency:
         tuple(Outlier(**row) for row in entry["outliers"]),
         tuple(map(_test, entry["tests"])),
         entry["reason"],
+        tuple(Relation(**row) for row in entry.get("relations", ())),
     )
 
 
