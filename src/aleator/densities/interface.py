@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -170,6 +170,16 @@ class Density(Protocol):
 
     def fit(self, moments: Moments, lower: ArrayLike, upper: ArrayLike) -> FittedMomentDensity:
         """Fit N densities to the moments on the physical ranges lower, upper (N,)."""
+
+
+@runtime_checkable
+class NearbyDensity(Density, Protocol):
+    """A density that is found sooner where those of nearby moments are known."""
+
+    def fit_near(
+        self, moments: Moments, lower: ArrayLike, upper: ArrayLike, known: Any
+    ) -> FittedMomentDensity:
+        """What `fit` finds, to its tolerance; `known` are densities that this choice has fitted."""
 
 
 @runtime_checkable

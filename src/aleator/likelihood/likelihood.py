@@ -12,6 +12,7 @@ import numpy as np
 
 from aleator.laws import Hyperparameter
 from aleator.laws.prior import log_prior
+from aleator.likelihood.located import Located
 from aleator.likelihood.predictive import Predictive
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
@@ -35,8 +36,8 @@ class Likelihood:
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood with its exact score; outside a support the score leads back to it."""
-        fitted, smooth = self.predictive.scored(alpha, self.outcomes)
-        honest = replace(smooth, each=fitted.log_pdf(self.outcomes))
+        here = self.predictive.at(alpha)
+        honest = replace(here.scored(self.outcomes), each=here.fitted.log_pdf(self.outcomes))
         return honest.believed(self.hyperparameters, alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
@@ -55,20 +56,22 @@ class Likelihood:
         return Likelihood(self.predictive.take(rows), self.outcomes[rows])
 
 
-@dataclass(frozen=True)
 class Continued:
     """The objective of a search: the log-likelihood, continued where there is none.
 
     Outside a support and where a density failed it is a smooth penalty with the exact score of just
     what is computed, so that a search that is still far away finds its way. A sound answer
-    contains none of it.
+    contains none of it. The last densities are where the next ones are sought from, which is all
+    that it remembers: values depend on it by rounding only.
     """
 
-    likelihood: Likelihood
+    def __init__(self, likelihood: Likelihood, known: Located | None = None) -> None:
+        self.likelihood, self._last = likelihood, known
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The continued log-likelihood at alpha (K,) with its score."""
-        found = self.likelihood.predictive.scored(alpha, self.likelihood.outcomes)[1]
+        self._last = self.likelihood.predictive.at(alpha, self._last)
+        found = self._last.scored(self.likelihood.outcomes)
         return found.believed(self.likelihood.hyperparameters, alpha)
 
     def values(self, alphas: Array) -> Array:

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aleator.densities import Density, FittedDensity, NodeDensity, NodeSensitivity, Sensitivity
+from aleator.densities import Density, FittedDensity, NodeDensity
+from aleator.densities.interface import NearbyDensity
 from aleator.densities.moments import Moments, add_noise, joined
-from aleator.densities.outcomes import Outcomes
 from aleator.laws import Hyperparameter
+from aleator.likelihood.located import Located, OfMoments, OfNodes
 from aleator.likelihood.propagation import NodePropagation, Propagation
 from aleator.observations.noise import Noise
-from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
 
 
@@ -45,11 +45,8 @@ class Predictive(ABC):
         """The N densities of the measured outcomes at alpha."""
 
     @abstractmethod
-    def scored(self, alpha: Array, y: Array) -> tuple[FittedDensity, LogLikelihood]:
-        """The densities at alpha, and their smooth continuation at y (N,) with its scores.
-
-        The continuation is the log-density itself wherever there is one.
-        """
+    def at(self, alpha: Array, known: Located | None = None) -> Located:
+        """These with their derivatives by alpha, from those that are `known` nearby or here."""
 
     @abstractmethod
     def continued(self, alphas: Array, y: Array) -> Array:
@@ -115,12 +112,16 @@ class FromMoments(Predictive):
         """The N densities with these moments on the range of the outcome."""
         return self.density.fit(self.moments(alpha), *self.range(self.noise_sd(alpha)))
 
-    def scored(self, alpha: Array, y: Array) -> tuple[FittedDensity, LogLikelihood]:
-        """By the chain rule over the moments and over the ends of the range."""
-        moments = self.moments(alpha, gradient=True)
-        fitted = self.density.fit(moments, *self.range(self.noise_sd(alpha)))
-        s = fitted.sensitivity(y)
-        return fitted, LogLikelihood(s.value, self._scores(s, moments), s.status)
+    def at(self, alpha: Array, known: Located | None = None) -> Located:
+        """Sooner where the densities of an alpha nearby are known."""
+        if known is not None and np.array_equal(known.alpha, alpha):
+            return known
+        moments, ends = self.moments(alpha, gradient=True), self.range(self.noise_sd(alpha))
+        if isinstance(self.density, NearbyDensity) and isinstance(known, OfMoments):
+            fitted = self.density.fit_near(moments, *ends, known.fitted)
+        else:
+            fitted = self.density.fit(moments, *ends)
+        return OfMoments(alpha.copy(), fitted, moments, self.noise)
 
     def continued(self, alphas: Array, y: Array) -> Array:
         """One batch of A N densities."""
@@ -130,20 +131,6 @@ class FromMoments(Predictive):
         fitted = self.density.fit(every, lower, upper)
         value = fitted.sensitivity(np.tile(y, len(alphas))).value
         return np.asarray(value.reshape(-1, y.size).sum(axis=1))
-
-    def _scores(self, s: Sensitivity, moments: Moments) -> Array:
-        assert moments.mean_jac is not None
-        assert moments.sd_jac is not None
-        assert moments.standardized_jac is not None
-        scores = (
-            s.d_mean[:, None] * moments.mean_jac
-            + s.d_sd[:, None] * moments.sd_jac
-            + np.einsum("nm,nmk->nk", s.d_standardized, moments.standardized_jac)
-        )
-        if self.noise is not None:
-            # the range of the outcome is widened by the noise
-            scores[:, -1] += self.noise.kind.reach * (s.d_upper - s.d_lower)
-        return np.asarray(scores)
 
 
 @dataclass(frozen=True)
@@ -160,34 +147,24 @@ class FromNodes(Predictive):
 
     def fitted(self, alpha: Array) -> FittedDensity:
         """The N densities around the nodes' outcomes."""
-        outcomes = self._at_nodes(alpha, gradient=False)
-        return self.density.fit_nodes(outcomes, self.noise_sd(alpha), self.lower, self.upper)
+        return self._at(alpha, gradient=False).fitted
 
-    def scored(self, alpha: Array, y: Array) -> tuple[FittedDensity, LogLikelihood]:
-        """By the chain rule over the nodes' outcomes and weights."""
-        fitted, s, outcomes = self._sensitivity(alpha, y, gradient=True)
-        assert outcomes.dy is not None
-        assert outcomes.dweights is not None
-        scores = (s.d_y[:, None, :] @ outcomes.dy)[:, 0, :] + s.d_weights @ outcomes.dweights
-        if self.noise is not None:
-            scores = np.concatenate([scores, s.d_noise[:, None]], axis=1)
-        return fitted, LogLikelihood(s.value, scores, s.status)
+    def at(self, alpha: Array, known: Located | None = None) -> Located:
+        """What is known nearby is of no use."""
+        if known is not None and np.array_equal(known.alpha, alpha):
+            return known
+        return self._at(alpha, gradient=True)
 
     def continued(self, alphas: Array, y: Array) -> Array:
         """One alpha after the other: their nodes are many."""
-        return np.array([self._sensitivity(a, y, gradient=False)[1].value.sum() for a in alphas])
+        fitted = (self._at(alpha, gradient=False).fitted for alpha in alphas)
+        return np.array([one.node_sensitivity(y).value.sum() for one in fitted])
 
-    def _sensitivity(
-        self, alpha: Array, y: Array, *, gradient: bool
-    ) -> tuple[FittedDensity, NodeSensitivity, Outcomes]:
-        outcomes = self._at_nodes(alpha, gradient=gradient)
-        noise_sd = self.noise_sd(alpha)
-        fitted = self.density.fit_nodes(outcomes, noise_sd, self.lower, self.upper)
-        return fitted, fitted.node_sensitivity(y), outcomes
-
-    def _at_nodes(self, alpha: Array, *, gradient: bool) -> Outcomes:
+    def _at(self, alpha: Array, *, gradient: bool) -> OfNodes:
         outcomes = self.propagation.outcomes(self.law(alpha), gradient=gradient)
-        return outcomes.take(self.condition)
+        outcomes = outcomes.take(self.condition)
+        fitted = self.density.fit_nodes(outcomes, self.noise_sd(alpha), self.lower, self.upper)
+        return OfNodes(alpha.copy(), fitted, outcomes, self.noise)
 
 
 def predictive(

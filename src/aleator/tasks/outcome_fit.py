@@ -15,6 +15,8 @@ from aleator.inference.fit import SPAN
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.likelihood import Continued
+from aleator.likelihood.located import Located
 from aleator.likelihood.policy import quadrature_gap
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
@@ -33,12 +35,17 @@ TABULATED = 81
 
 @dataclass(frozen=True, eq=False)
 class OutcomeFit:
-    """A `Fit` of a problem; the outcomes of the table are those of the problem."""
+    """A `Fit` of a problem; the outcomes of the table are those of the problem.
+
+    `known` are densities of the same problem at this alpha or at one nearby. They are found once
+    for all outcomes that are seen at one alpha.
+    """
 
     problem: Problem
     alpha: Array
     inference: Inference
     table: Experiments
+    known: Located | None = None
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -62,11 +69,11 @@ class OutcomeFit:
 
     def scored(self) -> LogLikelihood:
         """Log-densities (N,) with scores (N, K); a smooth continuation where there is none."""
-        return self.problem.objective(self.alpha)
+        return self.objective()(self.alpha)
 
     def objective(self) -> Callable[[Array], LogLikelihood]:
         """The continued log-likelihood."""
-        return self.problem.objective
+        return Continued(self.problem.likelihood, self._here)
 
     def honest(self) -> Callable[[Array], LogLikelihood]:
         """The log-likelihood itself."""
@@ -78,7 +85,7 @@ class OutcomeFit:
 
     def probabilities(self, points: int | None = None) -> Array:  # noqa: ARG002  see `Fit`
         """P(below the outcome | alpha), (N,)."""
-        return self.problem.predictive.fitted(self.alpha).cdf(self.problem.outcomes)
+        return self._here.fitted.cdf(self.problem.outcomes)
 
     def rough(self) -> OutcomeFit:
         """The same: its nodes are those of the law."""
@@ -86,11 +93,12 @@ class OutcomeFit:
 
     def at(self, alpha: Array) -> OutcomeFit:
         """The same outcomes at another alpha."""
-        return replace(self, alpha=alpha)
+        return replace(self, alpha=alpha, known=self._here)
 
     def seeing(self, table: Experiments) -> OutcomeFit:
         """The same experiments with the outcomes of another table."""
-        return replace(self, problem=self.problem.given(table.outcomes), table=table)
+        problem = self.problem.given(table.outcomes)
+        return replace(self, problem=problem, table=table, known=self._here)
 
     def drawn(self, rng: np.random.Generator) -> OutcomeFit:
         """Other outcomes under the law and the noise of alpha.
@@ -161,6 +169,11 @@ class OutcomeFit:
         return np.where(np.isfinite(y), y, self.problem.outcomes)
 
     @cached_property
+    def _here(self) -> Located:
+        """The densities at alpha."""
+        return self.problem.predictive.at(self.alpha, self.known)
+
+    @cached_property
     def _simulated(self) -> Array:
         """The outcomes (U, J) of all conditions at quasi-random points of the law of alpha."""
         inputs = self.problem.model.inputs
@@ -174,4 +187,4 @@ class OutcomeFit:
     def _quantiles(self) -> tuple[Array, Array]:
         """Normal scores (Q,) and the outcomes (N, Q) at their probabilities, at alpha."""
         score = np.linspace(-FARTHEST, FARTHEST, TABULATED)
-        return score, self.problem.predictive.fitted(self.alpha).quantile(special.ndtr(score))
+        return score, self._here.fitted.quantile(special.ndtr(score))

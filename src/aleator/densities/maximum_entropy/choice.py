@@ -69,12 +69,25 @@ class MaximumEntropy:
         """Name for reports."""
         return f"maximum_entropy({self.order})"
 
-    @single_threaded
     def fit(self, moments: Moments, lower: ArrayLike, upper: ArrayLike) -> FittedMaximumEntropy:
         """Fit N densities on the physical ranges lower, upper (N,), each possibly infinite.
 
         Raises InputsError for too few moments or a wrong shape. A mean outside its range, or
         moments that no density on the support has, are a status.
+        """
+        return self.fit_near(moments, lower, upper, None)
+
+    @single_threaded
+    def fit_near(
+        self,
+        moments: Moments,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        known: FittedMaximumEntropy | None,
+    ) -> FittedMaximumEntropy:
+        """The same densities, sooner where those of nearby moments and this choice are known.
+
+        Some 3 Newton steps instead of 7 and more; what is solved differs by rounding.
         """
         check_moments(moments, self.order, self.name)
         normal = FittedGaussian(moments.mean, moments.sd, moments.standardized.shape[1])
@@ -86,8 +99,9 @@ class MaximumEntropy:
         usable = (lower < 0.0) & (upper > 0.0) & np.isfinite(standardized).all(axis=1)
         standardized = np.where(usable[:, None], standardized, _first(self.order))
         lower, upper = np.where(usable, lower, -np.inf), np.where(usable, upper, np.inf)
+        start = known.solution if known else None
         return FittedMaximumEntropy(
-            normal, solve(lower, upper, standardized, self.reach, self.nodes)
+            normal, solve(lower, upper, standardized, self.reach, self.nodes, start)
         )
 
 

@@ -19,7 +19,7 @@ from aleator.types import Array, Flags
 
 _PASSES = 150
 
-_CLOSE = 1e-12
+CLOSE = 1e-12
 """Newton decrement (twice the distance in entropy) from which one step reaches rounding."""
 
 _NEAR = 1e-6
@@ -158,7 +158,7 @@ def minimize_dual(target: Array, start: Array, rule: Rule) -> tuple[Array, Flags
         # a trial that overflows is refused
         with np.errstate(over="ignore", invalid="ignore"):
             descent.advance(rule)
-        close = descent.decrement < _CLOSE
+        close = descent.decrement < CLOSE
         answer[descent.rows[close]] = (descent.position + descent.step)[close]
         converged[descent.rows[close]] = True
         if close.any():

@@ -23,6 +23,7 @@ from aleator.densities.maximum_entropy.legendre import (
     panel_rule,
     realizable,
 )
+from aleator.densities.maximum_entropy.nearby import follow, predicted
 from aleator.densities.maximum_entropy.support import Support, support_of
 from aleator.densities.maximum_entropy.whitened import density_at, orthonormal, outcomes_at, polish
 from aleator.types import Array, Flags
@@ -62,7 +63,9 @@ class Solution:
     f, in phi_0..phi_M and in the powers of u; rows of degrees that are not used are zero, so that
     H^-1 = T^T T with T = psi without row and column 0. `order_used` (N,) is M or that of the
     fallback on the same support, 0 where none could be solved: then the row is a uniform law
-    that stands for nothing. `check` is the rule of the residual, independent of that of the solve.
+    that stands for nothing. `exponent` (N, M+1) is multipliers.phi in powers of u, `standardized`
+    (N, M+1) the moments asked for. `check` is the rule of the residual, independent of that of the
+    solve.
     """
 
     a: Array
@@ -75,14 +78,29 @@ class Solution:
     mean: Array
     psi: Array
     powers: Array
+    exponent: Array
+    standardized: Array
     residual: Array
     order_used: Codes
     status: Codes
     check: Rule
 
+    def take(self, rows: slice) -> Solution:
+        """Some of the densities."""
+        return Solution(*(_taken(getattr(self, field.name), rows) for field in fields(self)))
 
-def solve(lower: Array, upper: Array, standardized: Array, least: float, nodes: int) -> Solution:
+
+def solve(
+    lower: Array,
+    upper: Array,
+    standardized: Array,
+    least: float,
+    nodes: int,
+    known: Solution | None = None,
+) -> Solution:
     """Densities with the standardized moments (N, M+1) on lower, upper (N,), each with a status.
+
+    Where densities of the same experiments are `known` for moments nearby, they are the start.
 
     The range, in standard deviations from the mean, is cut at the reach, at least `least`. Where
     the check refutes a solve it is polished on finer nodes in a basis orthonormal under the
@@ -90,9 +108,12 @@ def solve(lower: Array, upper: Array, standardized: Array, least: float, nodes: 
     and `status` keeps the failure. Cost O(N nodes M) a Newton step.
     """
     blocks = [
-        _solve_block(lower[block], upper[block], standardized[block], least, nodes)
+        _solve_block(
+            lower[block], upper[block], standardized[block], least, nodes,
+            known and known.take(block),
+        )
         for block in (slice(i, i + _BLOCK) for i in range(0, max(lower.size, 1), _BLOCK))
-    ]
+    ]  # fmt: skip
     if len(blocks) == 1:
         return blocks[0]
     joined: dict[str, Any] = {
@@ -105,9 +126,14 @@ def solve(lower: Array, upper: Array, standardized: Array, least: float, nodes: 
 
 
 def _solve_block(
-    lower: Array, upper: Array, standardized: Array, least: float, nodes: int
+    lower: Array,
+    upper: Array,
+    standardized: Array,
+    least: float,
+    nodes: int,
+    known: Solution | None,
 ) -> Solution:
-    best = _attempt(lower, upper, standardized, least, nodes)
+    best = _attempt(lower, upper, standardized, least, nodes, known)
     order = standardized.shape[1] - 1
     multipliers, finest = best.multipliers, best.check
     used = np.where(best.status == Status.SOLVED, order, 0)
@@ -128,14 +154,19 @@ def _solve_block(
         finest = max(finest, second.check)
     check = panel_rule(order, PANELS, finest)
     law = expectations(multipliers, check)
-    psi, powers = _orthonormal(support, multipliers, law, check)
+    in_powers, residual = best.in_powers, best.residual
+    if np.any(best.status) or finest != _check_nodes(nodes):
+        in_powers = legendre_in_powers(support.a, support.b, order)
+        residual = _residual(multipliers, check, support.a, support.b, standardized)
+        residual[failed] = _relative(_NORMAL_MOMENTS[: order + 1], standardized[failed])
+    psi, powers = _orthonormal(support, multipliers, law, check, in_powers)
     unused = np.arange(order + 1) > used[:, None]
     psi[unused], powers[unused] = 0.0, 0.0
-    residual = _residual(multipliers, check, support.a, support.b, standardized)
-    residual[failed] = _relative(_NORMAL_MOMENTS[: order + 1], standardized[failed])
+    exponent = (multipliers[:, None] @ in_powers[:, 1:])[:, 0]
     return Solution(
         support.a, support.b, support.lower_moves, support.upper_moves, support.slope,
-        multipliers, law.log_z, law.mean, psi, powers, residual, used, best.status, check,
+        multipliers, law.log_z, law.mean, psi, powers, exponent, standardized, residual, used,
+        best.status, check,
     )  # fmt: skip
 
 
@@ -146,27 +177,43 @@ def _lower_orders(order: int) -> list[int]:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Multipliers (N, M) of one order on its support, their status (N,), and the nodes in a panel
-    of the finest check that was needed."""
+    """Multipliers (N, M) of one order on its support, phi there in powers of u, their status and
+    residual (N,), and the nodes in a panel of the finest check that was needed."""
 
     support: Support
+    in_powers: Array
     multipliers: Array
     status: Codes
+    residual: Array
     check: int
 
 
-def _attempt(lower: Array, upper: Array, standardized: Array, least: float, nodes: int) -> _Attempt:
+def _attempt(
+    lower: Array,
+    upper: Array,
+    standardized: Array,
+    least: float,
+    nodes: int,
+    known: Solution | None = None,
+) -> _Attempt:
     """Solve one order; solve again on finer nodes, then polish, what the check refutes."""
-    order, check = standardized.shape[1] - 1, max(_PANEL_NODES, nodes // 15)
+    order, check = standardized.shape[1] - 1, _check_nodes(nodes)
     support = support_of(lower, upper, standardized, least)
     a, b = support.a, support.b
-    target = (legendre_in_powers(a, b, order) @ standardized[:, :, None])[:, :, 0]
+    in_powers = legendre_in_powers(a, b, order)
+    target = (in_powers @ standardized[:, :, None])[:, :, 0]
     possible = realizable(target)
     start = gaussian_start(a, b, order)
     trial = _Trial(
         a, b, standardized, start, np.full(a.size, np.inf), np.flatnonzero(possible)
     )  # fmt: skip
 
+    if known is not None:
+        change = standardized - known.standardized
+        guess = predicted(known.exponent, known.powers, change, in_powers)
+        guess[known.status != Status.SOLVED] = np.nan
+        nearby = follow(target[trial.hard, 1:], guess[trial.hard], gauss_rule(order, nodes))
+        trial = trial.after(*nearby, check, _UNPOLISHED)
     first = check
     for finer, allowed in ((1, _UNPOLISHED), (_FINER, _POLISHED[0][2])):
         if trial.hard.size > 0:
@@ -181,7 +228,7 @@ def _attempt(lower: Array, upper: Array, standardized: Array, least: float, node
             trial = trial.after(*polish(*trial.rows(), rule), check, allowed)
     status = np.where(possible, Status.SOLVED, Status.NOT_REALIZABLE).astype(np.int64)
     status[trial.hard] = Status.NOT_CONVERGED
-    return _Attempt(support, trial.multipliers, status, check)
+    return _Attempt(support, in_powers, trial.multipliers, status, trial.residual, check)
 
 
 @dataclass(frozen=True)
@@ -214,7 +261,7 @@ class _Trial:
 
 
 def _orthonormal(
-    support: Support, multipliers: Array, law: Expectations, check: Rule
+    support: Support, multipliers: Array, law: Expectations, check: Rule, in_powers: Array
 ) -> tuple[Array, Array]:
     """Coefficients (N, M+1, M+1) of the polynomials orthonormal under the densities, in phi and in
     the powers of u: from the factors of the covariance, or by recurrence where these fail."""
@@ -227,7 +274,7 @@ def _orthonormal(
         unit[:, k] = 1.0
         psi[:, 1:, k + 1] = forward(factor, unit)
     psi[:, 1:, 0] = -np.einsum("nkj,nj->nk", psi[:, 1:, 1:], law.mean)
-    powers = psi @ legendre_in_powers(support.a, support.b, order)
+    powers = psi @ in_powers
     lost = np.flatnonzero(pivot < _SMALLEST_PIVOT)
     if lost.size > 0:
         a, b = support.a[lost], support.b[lost]
@@ -256,5 +303,14 @@ def _relative(found: Array, asked: Array) -> Array:
     return largest
 
 
+def _check_nodes(nodes: int) -> int:
+    """Of a panel, for so many nodes of the solve."""
+    return max(_PANEL_NODES, nodes // 15)
+
+
 def _size(rule: Rule) -> int:
     return rule.nodes.size
+
+
+def _taken(values: Any, rows: slice) -> Any:
+    return values[rows] if isinstance(values, np.ndarray) else values
