@@ -17,6 +17,7 @@ from aleator.laws import Hyperparameter
 from aleator.likelihood.likelihood import Continued
 from aleator.search import ascend
 from aleator.search.coordinates import Coordinates
+from aleator.search.interface import Optimum, SearchResult
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
@@ -260,6 +261,24 @@ def test_an_improvement_goes_in_front() -> None:
     better = found.improved(np.array([0.1, 0.2]), found.log_likelihood + 1.0)
     assert better.optima[0].log_likelihood == better.log_likelihood
     assert better.optima[1:] == found.optima
+
+
+def test_an_optimum_that_moves_takes_the_starts_that_led_to_it_along() -> None:
+    y = SAMPLE.draw(13)
+    found = GradientMultistart(4).maximize(SAMPLE.likelihood(y), SAMPLE.hyperparameters, seed=0)
+    moved = found.moved(np.array([0.1, 0.2]), found.log_likelihood - 3.0)
+    assert moved.converged
+    assert moved.optima[0].starts == found.optima[0].starts
+    assert {tuple(a.alpha) for a in moved.ascents} == {(0.1, 0.2)}
+
+
+@pytest.mark.parametrize(
+    ("starts", "exhaustive"), [((10,), True), ((7,), False), ((9, 1), False), ((16, 1), True)]
+)
+def test_another_optimum_is_unlikely_after_many_starts_that_found_few(starts, exhaustive) -> None:
+    """w (n - 1)/(n - w - 2) below w + 1/2: from 8 starts at one optimum, from 17 at two."""
+    optima = tuple(Optimum(np.zeros(1), -float(k), n) for k, n in enumerate(starts))
+    assert SearchResult(np.zeros(1), 0.0, (), optima).exhaustive is exhaustive
 
 
 # ------------------------------------------------------------------------------ parts

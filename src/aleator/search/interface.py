@@ -71,6 +71,10 @@ def objective_of(function: Continuable | Objective | Scored) -> Objective:
     return function if isinstance(function, Objective) else _Looped(function)
 
 
+SAME_VALUE = 0.01
+"""Two ends within this log-likelihood of each other may be the same optimum."""
+
+
 @dataclass(frozen=True)
 class Ascent:
     """One start: where it began, where it ended, and at what cost."""
@@ -121,16 +125,40 @@ class SearchResult:
         return sum(ascent.evaluations for ascent in self.ascents)
 
     @property
+    def exhaustive(self) -> bool:
+        """Whether another optimum is unlikely, after all starts of a multistart.
+
+        Of n starts that ended at w optima, w (n - 1)/(n - w - 2) optima are to be expected, if
+        before the search any number was as likely (Boender and Rinnooy Kan, 1987): to be less than
+        half an optimum more than w.
+        """
+        w, n = len(self.optima), sum(optimum.starts for optimum in self.optima)
+        return n > w + 2 and w * (n - 1) / (n - w - 2) < w + 0.5
+
+    @property
     def converged(self) -> bool:
         """Whether a start that ended at the best optimum met its convergence test."""
         best = self.log_likelihood
-        return any(a.converged and best - a.log_likelihood < 0.01 for a in self.ascents)
+        return any(a.converged and best - a.log_likelihood < SAME_VALUE for a in self.ascents)
 
     def improved(self, alpha: Array, log_likelihood: float) -> SearchResult:
         """The result with a better optimum in front, met after the starts had ended."""
         optimum = Optimum(alpha, log_likelihood, starts=0)
         return replace(
             self, alpha=alpha, log_likelihood=log_likelihood, optima=(optimum, *self.optima)
+        )
+
+    def moved(self, alpha: Array, log_likelihood: float) -> SearchResult:
+        """The result where the best optimum has moved, as the objective has since the search."""
+        best, *others = self.optima
+        led = [self.log_likelihood - a.log_likelihood < SAME_VALUE for a in self.ascents]
+        ascents = tuple(
+            replace(ascent, alpha=alpha, log_likelihood=log_likelihood) if same else ascent
+            for ascent, same in zip(self.ascents, led, strict=True)
+        )
+        optima = (replace(best, alpha=alpha, log_likelihood=log_likelihood), *others)
+        return replace(
+            self, alpha=alpha, log_likelihood=log_likelihood, ascents=ascents, optima=optima
         )
 
 

@@ -9,12 +9,10 @@ import numpy as np
 from aleator.laws import Hyperparameter
 from aleator.search.coordinates import Coordinates
 from aleator.search.counted import FLOOR, CountedObjective
-from aleator.search.interface import Ascent, Optimum, SearchResult
+from aleator.search.interface import SAME_VALUE, Ascent, Optimum, SearchResult
 from aleator.search.limits import nowhere_finite
 from aleator.types import Array
 
-SAME_VALUE = 0.01
-"""Two ends within this log-likelihood of each other may be the same optimum."""
 SAME_PLACE = 0.3
 """... and are, if also within this many standard errors (outer product of scores)."""
 

@@ -18,24 +18,42 @@ def legendre(z: Array, degree: int) -> tuple[Array, Array]:
     >>> legendre(np.array([1.0]), 2)[0].ravel() ** 2
     array([1., 3., 5.])
     """
-    value = np.ones((degree + 1, len(z)))
-    slope = np.zeros((degree + 1, len(z)))
+    value = _unscaled(z, degree)
+    slope = np.zeros_like(value)
     if degree > 0:
-        value[1], slope[1] = z, 1.0
+        slope[1] = 1.0
     for k in range(2, degree + 1):
-        value[k] = ((2 * k - 1) * z * value[k - 1] - (k - 1) * value[k - 2]) / k
         slope[k] = slope[k - 2] + (2 * k - 1) * value[k - 1]
-    scale = np.sqrt(2.0 * np.arange(degree + 1) + 1.0)[:, None]
+    scale = _scale(degree)[:, None]
     return value * scale, slope * scale
+
+
+def _unscaled(z: Array, degree: int) -> Array:
+    """P_0..P_degree at z (...), by the three-term recurrence: (degree+1, ...)."""
+    value = np.empty((degree + 1, *z.shape))
+    value[0] = 1.0
+    if degree > 0:
+        value[1] = z
+    for k in range(2, degree + 1):
+        np.multiply(z, value[k - 1], out=value[k])
+        value[k] *= (2 * k - 1) / k
+        value[k] -= (k - 1) / k * value[k - 2]
+    return value
+
+
+def _scale(degree: int) -> Array:
+    return np.asarray(np.sqrt(2.0 * np.arange(degree + 1) + 1.0))
 
 
 def products(indices: Indices, z: Array) -> Array:
     """Return the products phi_nu(z) as (P, J), for indices (P, n) and points z (J, n)."""
-    out = np.ones((len(indices), len(z)))
-    for i, degrees in enumerate(indices.T):
-        if degrees.any():
-            out *= legendre(z[:, i], int(degrees.max()))[0][degrees]
-    return out
+    highest = indices.max(axis=0, initial=0)
+    values = _unscaled(z.T, int(highest.max(initial=0)))
+    scale = _scale(len(values) - 1)
+    out = np.broadcast_to(scale[indices].prod(axis=1)[:, None], (len(indices), len(z)))
+    for i in np.flatnonzero(highest):
+        out = out * values[indices[:, i], i]
+    return np.array(out)
 
 
 def products_with_gradient(indices: Indices, z: Array) -> Array:

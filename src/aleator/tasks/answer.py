@@ -20,7 +20,7 @@ from aleator.search import Search, SearchResult, WarmStart, ascend
 from aleator.simulators import Runner
 from aleator.tasks.baselines import baselines_of
 from aleator.tasks.ledger import Ledger
-from aleator.tasks.refinement import Refined, Refinement, refinement_of
+from aleator.tasks.refinement import SEARCH, Refined, Refinement, refinement_of
 from aleator.types import Array
 
 WIDER = 3
@@ -108,7 +108,7 @@ class _Search:
         inputs = problem.model.inputs
         for law, part, value in zip(inputs.laws.values(), inputs.slices, fit.x, strict=True):
             around[part] = law.filling(value)
-        with self.ledger.stage("search"):
+        with self.ledger.stage(SEARCH):
             return self.search.maximize(
                 problem.objective,
                 hyperparameters,

@@ -21,7 +21,8 @@ from aleator.inference.information import Inference, infer
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Forward, Problem, forward, prepare, told
 from aleator.progress import Progress
-from aleator.search import SearchResult, ascend
+from aleator.search import SearchResult, WarmStart, ascend
+from aleator.search.interface import SAME_VALUE
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, Surface, surfaces_of
 from aleator.surrogates.responses import moving_parameters
@@ -31,8 +32,8 @@ from aleator.types import Array, Flags, Indices
 
 Search = Callable[[Problem, list[Array]], SearchResult]
 
-SURFACE = "response surface"
-"""What the rounds are called in the account of runs and seconds."""
+SURFACE, SEARCH = "response surface", "search"
+"""What the rounds and searches are called in the account of runs and seconds."""
 FINEST = 1e-3
 """Estimated error of a surface, over the scatter, below which no error can matter to an answer."""
 STILL = 0.1
@@ -203,7 +204,7 @@ class UnderLaw(Refinement):
         return self._settled(Refined(problem, found, surfaces, held), surfaces, -1)
 
     def _settled(self, refined: Refined, surfaces: AdaptiveSurfaces, searched: int) -> Refined:
-        """Refine and climb until nothing moves, and the full search finds nothing else.
+        """Refine and climb until nothing moves, and another search finds nothing else.
 
         `searched` is the number of runs at which it has been made.
         """
@@ -217,8 +218,8 @@ class UnderLaw(Refinement):
                 if searched == surfaces.total_runs:
                     break
                 searched, before = surfaces.total_runs, refined.found
-                found = self.full(refined.problem, [before.alpha])
-                refined = replace(refined, found=found)
+                refined = self._searched(refined)
+                found = refined.found
                 if self._calm(before, found, inference):
                     break
                 level, calm = surfaces.level, False
@@ -228,6 +229,22 @@ class UnderLaw(Refinement):
                     refined = self._refined(refined, surfaces, inference, level)
                 calm = self._calm(before, refined.found, inference)
         return refined
+
+    def _searched(self, refined: Refined) -> Refined:
+        """What a search finds on surfaces finer than those of the full one.
+
+        A short one tells whether it is still the same where no other optimum was likely.
+        """
+        problem, known = refined.problem, refined.found
+        if known.exhaustive:
+            with self.stage(SEARCH):
+                found = WarmStart(known.alpha).maximize(
+                    problem.objective, problem.model.hyperparameters, seed=0,
+                    progress=self.progress,
+                )  # fmt: skip
+            if found.log_likelihood < known.log_likelihood + SAME_VALUE:
+                return refined
+        return replace(refined, found=self.full(problem, [known.alpha]))
 
     def _look(self, refined: Refined, surfaces: AdaptiveSurfaces) -> Inference:
         """Judge the surfaces under the law of the answer, and tell how sure that is."""
@@ -319,4 +336,4 @@ def _climbed(problem: Problem, found: SearchResult, inference: Inference) -> Sea
         problem.objective, found.alpha, problem.model.hyperparameters,
         inference.identified, inference.information,
     )  # fmt: skip
-    return found.improved(alpha, value)
+    return found.moved(alpha, value)
