@@ -37,6 +37,8 @@ class Repeats:
             return np.empty(0, np.intp)
         self._made += new
         due = min(MOST, math.isqrt(self._made)) - self._again
+        if due <= 0:
+            return np.empty(0, np.intp)
         chosen = np.unique(np.linspace(0, new - 1, min(due, new)).astype(np.intp))
         self._again += len(chosen)
         return chosen
