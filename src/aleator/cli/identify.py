@@ -8,22 +8,25 @@ from typing import Any
 import click
 from rich.console import Console
 
+from aleator.cli.reporting import write_report
 from aleator.cli.running import (
     FILE,
     OUTPUT,
     SEED,
     RunOptions,
+    described,
     folder_of,
     identified,
     makes_runs,
     outcome_of,
     running,
 )
-from aleator.cli.showing import can_draw, say, shown
+from aleator.cli.showing import can_draw, can_report, say, shown
 from aleator.errors import short
 from aleator.plot.identification import save_figures
 from aleator.report import terminal
 from aleator.study import load_study
+from aleator.tasks.pictures import pictured
 from aleator.tasks.results import documents, printed
 
 IDENTIFICATION = "identification.json"
@@ -40,7 +43,7 @@ IDENTIFICATION = "identification.json"
 )
 @click.option("--no-verify", is_flag=True, help="Leave out the Monte Carlo check on the simulator.")
 @makes_runs
-@click.option("--no-figures", is_flag=True, help="Draw no figures.")
+@click.option("--no-figures", is_flag=True, help="Draw no figures, and write no report.html.")
 @click.option(
     "--details",
     is_flag=True,
@@ -59,7 +62,8 @@ def identify(
     """Identify the law that STUDY.toml asks for.
 
     Prints a report and writes DIR/identification.json; for one seed that file is always the same,
-    but for its "seconds". Draws DIR/experiments.png (what was measured beside what is predicted)
+    but for its "seconds". Writes DIR/report.html, a page of charts that needs no network, if Bokeh
+    is installed. Draws DIR/experiments.png (what was measured beside what is predicted)
     and DIR/calibration.png if matplotlib is installed, and with measurement noise
     DIR/parameters.png. Progress goes to the standard error.
 
@@ -124,7 +128,9 @@ def identify(
         say(f"{value.simulator.name}, {line}")
     with running(value, options) as runner, shown(options.quiet) as progress:
         result = identified(value, runner, progress, best_law=True)
-    called = {"simulator": {"name": value.simulator.name, "notes": value.told()}}
+        if not no_figures:
+            result = pictured(result, progress)
+    called = {"simulator": described(value)}
     document = documents.linked(
         result.to_dict() | called, value.title, study_file, value.sha256, outcome_of(value), folder
     )
@@ -132,6 +138,7 @@ def identify(
     files = [short(folder / IDENTIFICATION)]
     if not no_figures:
         files += _figures(document, folder, options.quiet)
+        files += _report(document, folder, study_file, options.quiet)
     if options.quiet:
         click.echo("\n".join(printed.verdicts(document)))
     else:
@@ -141,3 +148,10 @@ def identify(
 def _figures(document: dict[str, Any], folder: Path, quiet: bool) -> list[str]:
     """Draw the figures, or say what they need."""
     return [short(path) for path in save_figures(document, folder)] if can_draw(quiet=quiet) else []
+
+
+def _report(document: dict[str, Any], folder: Path, study: Path, quiet: bool) -> list[str]:
+    """Write report.html, or say what it needs."""
+    if not can_report(quiet=quiet):
+        return []
+    return [short(write_report(document, folder, study))]

@@ -21,6 +21,7 @@ NO_MEMORY = AleatorError(
 
 COMMANDS = {
     "identify": "Identify the law that STUDY.toml asks for.",
+    "report": "Write report.html of an identification, or of two side by side.",
     "predict": "Predict outcomes of untested conditions: distribution, probability, limits.",
     "bootstrap": "Tell how far the estimates scatter, by estimating again from other data.",
     "compare": "Tell which of several models of the same experiments is to be believed.",

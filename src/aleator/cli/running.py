@@ -167,6 +167,12 @@ def identified(
     )
 
 
+def described(study: Study) -> dict[str, Any]:
+    """What a document says of the simulator."""
+    simulator = study.simulator
+    return {"name": simulator.name, "notes": study.told(), "fingerprint": simulator.fingerprint()}
+
+
 def outcome_of(study: Study) -> str:
     """What the likelihood sees of an experiment, as reports and figures call it."""
     name = study.experiments.outcome_name

@@ -9,6 +9,7 @@ from contextlib import contextmanager, nullcontext
 import click
 from rich.console import Console
 
+from aleator.errors import AleatorError
 from aleator.progress import Progress, Silent
 from aleator.report import live
 
@@ -31,3 +32,19 @@ def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = Fal
     if not (found or quiet):
         say(f"{missing} matplotlib (pip install matplotlib)")
     return found
+
+
+def can_report(quiet: bool = False) -> bool:
+    """Whether Bokeh is there, which draws the charts of report.html; says so where it is not."""
+    found = importlib.util.find_spec("bokeh") is not None
+    if not (found or quiet):
+        say("no report.html is written: it needs bokeh (pip install 'aleator[report]')")
+    return found
+
+
+def require_report() -> None:
+    """Raise AleatorError where Bokeh is not installed, which draws the charts of report.html."""
+    if importlib.util.find_spec("bokeh") is None:
+        raise AleatorError(
+            "report.html needs bokeh, which is not installed", "pip install 'aleator[report]'"
+        )

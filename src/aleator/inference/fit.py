@@ -94,6 +94,12 @@ class Fit(Protocol):
     def span(self) -> tuple[Array, Array]:
         """Ends (M,) between which each observation would lie, but for one in many thousands."""
 
+    def quantiles(self, probabilities: Array) -> Array:
+        """Quantiles (M, P) of what would be measured in place of each observation, under alpha.
+
+        Of the law, not of what is known of the experiment. NaN where there is none.
+        """
+
     def individuals(self, rng: np.random.Generator) -> Array | None:
         """A draw (N, n) of the parameters of each experiment given its observations.
 

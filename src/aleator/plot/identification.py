@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom, kstwo
 
+from aleator.inference.calibration import counted, cumulated
 from aleator.plot import individual
 from aleator.plot.style import (
     BLACK,
@@ -287,26 +287,21 @@ def _explain(figure: Figure, outside: bool, unknown: bool) -> None:
 
 
 def _draw_histogram(axes: Axes, pit: Array) -> None:
-    bins = int(np.clip(pit.size // 10, 2, 20))
-    low, high = binom.ppf([0.025, 0.975], pit.size, 1.0 / bins)
-    axes.axhspan(low, high, color=_BAND, lw=0.0)
-    counts, edges = np.histogram(pit, bins, (0.0, 1.0))
-    axes.bar(0.5 * (edges[1:] + edges[:-1]), counts, 0.84 / bins, color=_NARROW)
-    axes.axhline(pit.size / bins, color=_UNKNOWN, lw=1.0, ls=_DASHES)
-    axes.set_ylim(0.0, 1.12 * max(high, counts.max()))
+    found = counted(pit)
+    axes.axhspan(found.low, found.high, color=_BAND, lw=0.0)
+    middle, width = 0.5 * (found.edges[1:] + found.edges[:-1]), 0.84 * found.edges[1]
+    axes.bar(middle, found.counts, width, color=_NARROW)
+    axes.axhline(found.expected, color=_UNKNOWN, lw=1.0, ls=_DASHES)
+    axes.set_ylim(0.0, 1.12 * max(found.high, found.counts.max()))
     axes.locator_params(axis="y", integer=True)
 
 
 def _draw_cumulative(axes: Axes, pit: Array) -> None:
     """The difference from uniform: the cumulative share itself would hide it where N is large."""
-    reach = float(kstwo.ppf(0.95, pit.size))
-    x = np.sort([0.0, reach, 1.0 - reach, 1.0])
-    axes.fill_between(x, np.maximum(-reach, -x), np.minimum(reach, 1.0 - x), color=_BAND, lw=0.0)
+    found = cumulated(pit)
+    axes.fill_between(found.band_x, found.band_low, found.band_high, color=_BAND, lw=0.0)
     axes.axhline(0.0, color=_UNKNOWN, lw=1.0, ls=_DASHES)
-    share = np.arange(pit.size + 1) / pit.size
-    # from each jump of the share straight down to the next: two points for each outcome
-    ends = np.concatenate([[0.0], np.repeat(pit, 2), [1.0]])
-    axes.plot(ends, np.repeat(share, 2) - ends, color=_MEDIAN, lw=1.4)
+    axes.plot(found.x, found.difference, color=_MEDIAN, lw=1.4)
 
 
 def _explain_calibration(figure: Figure, what: str) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from aleator.plot.style import BLACK, BLUE, VERMILION, WIDTH, empty_figure, styled
+from aleator.tasks.results.series import varying_number
 from aleator.types import Array
 
 if TYPE_CHECKING:
@@ -59,16 +60,6 @@ def parameters_figure(result: Document) -> Figure:
             _draw_law(axes, name, result)
         _legend(figure, {"identified law": ("line", BLUE), "mean of each experiment": ("|", BLACK)})
     return figure
-
-
-def varying_number(seen: Entries) -> str | None:
-    """The condition that varies within experiments, is a number, and has the most values."""
-    values: dict[str, set[float]] = {}
-    for entry in seen:
-        for name, value in entry["conditions"].items():
-            if isinstance(value, int | float):
-                values.setdefault(name, set()).add(float(value))
-    return max(values, key=lambda name: len(values[name])) if values else None
 
 
 def chosen(seen: Entries, most: int) -> list[str]:

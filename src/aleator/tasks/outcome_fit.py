@@ -124,6 +124,10 @@ class OutcomeFit:
         reach = SPAN * moments.sd
         return np.maximum(low, moments.mean - reach), np.minimum(high, moments.mean + reach)
 
+    def quantiles(self, probabilities: Array) -> Array:
+        """Those (N, P) of the densities."""
+        return self.problem.predictive.fitted(self.alpha).quantile(probabilities)
+
     def individuals(self, rng: np.random.Generator) -> None:  # noqa: ARG002  see `Fit`
         """None: without noise one outcome leaves a surface of parameters open."""
         return

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ from aleator.inference.diagnostics.failures import FailureReport
 from aleator.inference.fit import Fit
 from aleator.likelihood.comparison import DensityDistance
 from aleator.observations.transform import Transform
+from aleator.progress import Progress
 from aleator.tasks.results import documents, printed, second
 from aleator.tasks.results.decided import Decided
 from aleator.tasks.results.law import JointLaw
@@ -32,6 +34,18 @@ from aleator.tasks.results.values import (
 
 NO_SESSION = OutcomeSession(None, None, None)
 NOT_ASKED = Consistency.untested("it was not asked for")
+
+
+class Report(Protocol):
+    """A page to look at; `aleator.report.html.saved` makes it."""
+
+    text: str
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page to a file."""
+
+    def _repr_html_(self) -> str:
+        """The page in a notebook."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -96,6 +110,7 @@ class Identification(Decided):
     transform: Transform = Transform.NONE
     consistency: Consistency = NOT_ASKED
     best_possible: Mapping[str, float] | None = None
+    pictures: Mapping[str, Any] = field(default_factory=dict)
     session: Session = field(default=NO_SESSION, compare=False)
 
     def __repr__(self) -> str:
@@ -202,6 +217,19 @@ class Identification(Decided):
         """
         return self.session.log_likelihood(alpha, self.alpha)
 
+    def report(self, *, progress: Progress | None = None) -> Report:
+        """A page of charts that needs no network: a notebook shows it, `.save(path)` writes it.
+
+        What it draws beside the answer is computed where the fit is at hand, in seconds and without
+        runs; of an identification that was read from a file it shows what that has. Raises
+        AleatorError where Bokeh is not installed.
+        """
+        whole = self
+        if not self.pictures and self.session.fit is not None:
+            whole = _above("tasks.pictures").pictured(self, progress)
+        made: Report = _above("report.html.saved").report_of(whole.to_dict())
+        return made
+
     def save(self, path: str | Path) -> None:
         """Write all values as a JSON file, which `aleator.load` reads; the session is not saved.
 
@@ -243,10 +271,16 @@ class Identification(Decided):
             "quadrature": None if self.quadrature is None else dict(self.quadrature),
             "responses": dict(self.responses),
             "law_curves": {name: dict(curve) for name, curve in self.law_curves.items()},
+            "pictures": dict(self.pictures),
             "seed": self.seed,
             "versions": dict(self.versions),
             "seconds": dict(self.seconds),
         }
+
+
+def _above(name: str) -> Any:
+    """A room above, asked by name where an answer is to be shown: imports run downward only."""
+    return import_module(f"aleator.{name}")
 
 
 def _estimate(value: Estimate) -> dict[str, Any]:

@@ -197,6 +197,7 @@ def from_document(document: Entry, path: str | Path) -> Identification:
         best_possible=part("best_possible", _best_possible, None),
         responses=part("responses", dict, {}),
         law_curves=part("law_curves", dict, {}),
+        pictures=part("pictures", dict, {}),
         density_distances=part(
             "density_distances",
             lambda rows: tuple(DensityDistance(**_numbers(row)) for row in rows),

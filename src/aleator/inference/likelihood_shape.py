@@ -1,0 +1,155 @@
+"""The shape of the log-likelihood about its maximum: along one hyperparameter, and over two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.inference.information import Inference
+from aleator.inference.profile_end import positive
+from aleator.laws import Hyperparameter
+from aleator.search.newton import ascended
+from aleator.search.value import LogLikelihood
+from aleator.types import Array, Indices
+
+Objective = Callable[[Array], LogLikelihood]
+MARGIN = 0.3
+"""Share of an interval by which a curve goes beyond it, so that its ends are seen to drop."""
+
+ARRIVED = 0.01
+"""Log-likelihood left to climb at a point of a curve: less than the width of its line."""
+
+
+@dataclass(frozen=True)
+class LikelihoodCurve:
+    """The profile of the log-likelihood: largest `value`s (P,) where alpha_k is held `at` (P,)."""
+
+    k: int
+    at: Array
+    value: Array
+
+
+@dataclass(frozen=True)
+class LikelihoodSurface:
+    """Log-likelihoods `value` (Q, P) over `first` (P,) and `second` (Q,) of two of alpha."""
+
+    pair: tuple[int, int]
+    first: Array
+    second: Array
+    value: Array
+
+
+def likelihood_curve(
+    objective: Objective,
+    alpha: Array,
+    hyperparameters: Sequence[Hyperparameter],
+    inference: Inference,
+    k: int,
+    at: Array,
+) -> LikelihoodCurve:
+    """The profile log-likelihood of alpha_k at the values `at` (P,), which rise (Wilks, 1938).
+
+    max log L over all other free hyperparameters: from the maximum alpha (K,) outward, each climbed
+    to from the one before, moved along the ridge by -I_oo^-1 I_ok. Less than `ARRIVED` is left to
+    climb. Cost: two to six evaluations a point.
+    """
+    way = _Way.of(hyperparameters, inference, [k])
+    value = np.full(at.size, np.nan)
+    outward = [np.flatnonzero(at <= alpha[k])[::-1], np.flatnonzero(at > alpha[k])]
+    for side in outward:
+        here = alpha
+        for p in side:
+            here = way.followed(here, np.array([at[p]]))
+            end = ascended(objective, here, hyperparameters, way.moving, way.own, ARRIVED)
+            here, value[p] = end.alpha, end.value
+    return LikelihoodCurve(k, at, np.where(np.isfinite(value), value, np.nan))
+
+
+def likelihood_surface(
+    objective: Objective,
+    alpha: Array,
+    hyperparameters: Sequence[Hyperparameter],
+    inference: Inference,
+    pair: tuple[int, int],
+    axes: tuple[Array, Array],
+) -> LikelihoodSurface:
+    """The log-likelihood over two hyperparameters; the others that are free follow along the ridge.
+
+    They move by -I_oo^-1 I_op from the maximum alpha (K,), within their limits: exact for two
+    hyperparameters, near the maximum for more. NaN where there is none. Cost: one evaluation a
+    point.
+    """
+    way = _Way.of(hyperparameters, inference, list(pair))
+    value = [
+        [objective(way.followed(alpha, np.array([p, q]))).total for p in axes[0]] for q in axes[1]
+    ]
+    found = np.array(value)
+    return LikelihoodSurface(pair, *axes, np.where(np.isfinite(found), found, np.nan))
+
+
+def around(interval: Sequence[float], estimate: float, h: Hyperparameter, count: int) -> Array:
+    """`count` values over an interval and somewhat beyond, within the limits, and the estimate.
+
+    >>> import numpy as np
+    >>> h = Hyperparameter("x", 0.0, 5.0, 1.0, True)
+    >>> around((1.0, 2.0), 1.4, h, 5).round(2).tolist()
+    [0.7, 1.1, 1.4, 1.5, 1.9, 2.3]
+    """
+    low, high = interval
+    reach = MARGIN * (high - low)
+    ends = max(low - reach, h.lower), min(high + reach, h.upper)
+    return np.unique(np.append(np.linspace(*ends, count), estimate))
+
+
+def weakest_pair(correlation: Array) -> tuple[int, int] | None:
+    """The rows of the two estimates that depend on each other most; None below two.
+
+    >>> weakest_pair(np.array([[1.0, 0.1, -0.9], [0.1, 1.0, 0.2], [-0.9, 0.2, 1.0]]))
+    (0, 2)
+    """
+    size = len(correlation)
+    pairs = [(i, j) for i in range(size) for j in range(i + 1, size)]
+    known = [pair for pair in pairs if np.isfinite(correlation[pair])]
+    return max(known, key=lambda pair: abs(correlation[pair])) if known else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """How the `moving` hyperparameters follow those that are `held`.
+
+    `own` (F, F) is the information of the moving ones, `follow` (F, H) their slopes by the held.
+    """
+
+    held: list[int]
+    moving: Indices
+    limits: Array
+    own: Array
+    follow: Array
+
+    @classmethod
+    def of(
+        cls,
+        hyperparameters: Sequence[Hyperparameter],
+        inference: Inference,
+        held: list[int],
+    ) -> _Way:
+        """That of the information at the maximum."""
+        apart = np.isin(inference.identified, held)
+        moving = inference.identified[~apart]
+        # in the order in which they are held
+        rows = [int(np.flatnonzero(inference.identified == k)[0]) for k in held]
+        own = positive(inference.information[np.ix_(~apart, ~apart)])
+        coupling = inference.information[:, rows][~apart]
+        ends = [[hyperparameters[k].lower, hyperparameters[k].upper] for k in moving]
+        follow = -np.linalg.solve(own, coupling) if moving.size else coupling
+        return cls(held, moving, np.array(ends).reshape(-1, 2), own, np.asarray(follow, float))
+
+    def followed(self, here: Array, values: Array) -> Array:
+        """From here (K,) to where the held ones have these values (H,)."""
+        there = here.copy()
+        there[self.held] = values
+        wished = here[self.moving] + self.follow @ (values - here[self.held])
+        there[self.moving] = np.clip(wished, *self.limits.T)
+        return there

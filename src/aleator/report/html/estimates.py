@@ -1,0 +1,110 @@
+"""The estimates: a table, profiles of the likelihood, and its surface over the weakest pair."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from aleator.report.html import colors
+from aleator.report.html.chart import Chart, axes, points, shared, straight
+from aleator.report.html.markup import Section, folded, missing, paragraph, side_by_side, table
+from aleator.report.html.rows import numbers
+from aleator.tasks.results.printed import COLUMNS, alpha_rows, number, with_error
+
+Document = Mapping[str, Any]
+DROP = float(stats.chi2.ppf(0.95, 1)) / 2.0
+"""How far the profile drops at the ends of an interval (Wilks, 1938)."""
+LEVELS = (0.0, *(float(stats.chi2.ppf(p, 2)) / 2.0 for p in (0.5, 0.8, 0.95)))
+
+
+def estimates(document: Document) -> Section:
+    """Estimates with intervals, their profiles, and how they depend on each other."""
+    pictures = document.get("pictures") or {}
+    parts: list[Any] = [
+        table("estimates", "Estimates", [name for name, _ in COLUMNS],
+              alpha_rows(document["alpha"])),
+        *_correlated(document),
+    ]  # fmt: skip
+    profiles = pictures.get("profiles") or {}
+    if not profiles:
+        parts.append(
+            missing(
+                "There are no profiles of the likelihood in this document.",
+                "They are left out where the maximum has no curvature, and of more than 3,000 "
+                "observations.",
+            )
+        )
+    alpha = document["alpha"]
+    charts = [_profile(name, curve, alpha[name]) for name, curve in profiles.items()]
+    parts += side_by_side(*charts)
+    if pictures.get("surface"):
+        parts += side_by_side(_surface(pictures["surface"], alpha))
+    return Section.of("estimates", "Estimates", *parts)
+
+
+def _correlated(document: Document) -> Iterator[str]:
+    entries = document.get("parameter_correlations") or ()
+    for entry in entries:
+        value, error = with_error(entry["estimate"], entry["standard_error"], estimate=True)
+        known = "" if entry["standard_error"] is None else f" ± {error}"
+        yield paragraph(f"Correlation of {' and '.join(entry['between'])}: {value}{known}.")
+    names = document["correlation"]["names"]
+    if len(names) > 1:
+        rows = [
+            [name, *(number(value, 2) for value in row)]
+            for name, row in zip(names, document["correlation"]["matrix"], strict=True)
+        ]
+        yield folded(
+            "Correlations of the estimates",
+            table("correlations", "Correlations of the estimates", ["", *names], rows),
+        )
+
+
+def _profile(name: str, curve: Document, entry: Document) -> Chart:
+    plot = axes(name, "log-likelihood below its maximum", height=250)
+    below = numbers(curve["below"])
+    source = shared({"at": curve["at"], "below": -below}, f"profile-{name}")
+    plot.line("at", "below", source=source, color=colors.BLUE, line_width=2.0)
+    plot.scatter("at", "below", source=source, color=colors.BLUE, size=4.0)
+    straight(plot, "width", -DROP)
+    for end in entry.get("interval") or ():
+        if end is not None:
+            straight(plot, "height", end)
+    straight(plot, "height", entry["estimate"], colors.INK)
+    return Chart(
+        f"profile-{name}", f"Profile of {name}",
+        "The largest log-likelihood for each value. Dashed: the 95 % interval, where it has "
+        "dropped by 1.92, or a limit.",
+        plot, source, {"at": name, "below": "log-likelihood minus its maximum"},
+    )  # fmt: skip
+
+
+def _surface(surface: Document, alpha: Document) -> Chart:
+    first, second = surface["between"]
+    plot = axes(first, second, height=380)
+    x, y = numbers(surface["first"]), numbers(surface["second"])
+    below = np.array([numbers(row) for row in surface["below"]])
+    tall = max(float(np.nanmax(below)), LEVELS[-1] + 1.0)
+    plot.contour(
+        x, y, below, [*LEVELS, tall], fill_color=list(colors.HEIGHTS), line_color=colors.BLUE,
+        line_width=[0.0, 1.0, 1.0, 2.0, 0.0],
+    )  # fmt: skip
+    plot.scatter([alpha[first]["estimate"]], [alpha[second]["estimate"]], marker="cross",
+                 size=14, color=colors.INK, line_width=2.0)  # fmt: skip
+    across, up = np.meshgrid(x, y)
+    source = shared(
+        {"x": across.ravel(), "y": up.ravel(), "below": -below.ravel()},
+        name=f"surface-{first}-{second}",
+    )
+    points(plot, source, "x", "y", [(first, "@x"), (second, "@y"), ("below", "@below")],
+           size=12.0, fill_alpha=0.0)  # fmt: skip
+    return Chart(
+        "surface", f"Likelihood over {first} and {second}",
+        "The two estimates that are told apart worst: their correlation is "
+        f"{surface['correlation']:.2f}. Curves hold 50, 80 and 95 % (thick) of both together; the "
+        "cross is the estimate.",
+        plot, source, {"x": first, "y": second, "below": "log-likelihood minus its maximum"},
+    )  # fmt: skip

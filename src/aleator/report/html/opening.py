@@ -1,0 +1,76 @@
+"""The head of the page: both verdicts, warnings with their remedies, what was identified."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from html import escape
+from typing import Any
+
+from aleator.report.html.markup import Section, paragraph
+from aleator.tasks.results.printed import number, second_verdict, to_three, verdict
+
+Document = Mapping[str, Any]
+
+
+def opening(document: Document) -> str:
+    """Both verdicts, a sentence each, in a color that its words do not need."""
+    second = second_verdict(document)
+    parts = [_verdict(verdict(document), document["sound"])]
+    if second:
+        parts.append(_verdict(second, document["consistent"]))
+    return "".join(parts) + paragraph(_identified(document), "lead")
+
+
+def warnings(document: Document) -> Section:
+    """Every warning and every discrepancy, with its remedy."""
+    rows = [*_warned(document), *_contradicted(document)]
+    body = "".join(rows) if rows else paragraph("There is none.")
+    return Section.of("warnings", "Warnings and remedies", body)
+
+
+def _verdict(sentence: str, good: bool | None) -> str:
+    head, colon, rest = sentence.partition(":")
+    kind = "unknown" if good is None else "good" if good else "bad"
+    return f'<p class="verdict {kind}"><strong>{escape(head)}</strong>{colon}{escape(rest)}</p>'
+
+
+def _identified(document: Document) -> str:
+    free = sum(not entry.get("fixed") for entry in document["alpha"].values())
+    seen = document.get("observations") or ()
+    values = f" with {len(seen):,} observations" if seen else ""
+    likelihood = document["log_likelihood"]
+    text = (
+        f"{free} hyperparameters identified from {len(document['experiments']):,} experiments"
+        f"{values}, with {document['runs']:,} runs of the simulator. "
+        f"Log-likelihood {to_three(likelihood['estimated'])}"
+    )
+    if likelihood.get("verified") is not None:
+        error = number(likelihood.get("verified_standard_error"), 2)
+        text += f"; on the simulator itself {to_three(likelihood['verified'])} ± {error}"
+    return f"{text}."
+
+
+def _warned(document: Document) -> Iterator[str]:
+    for entry in document.get("warnings") or ():
+        yield _item(f"Warning, {entry['about']}", entry["message"], entry.get("remedy"))
+
+
+def _contradicted(document: Document) -> Iterator[str]:
+    found = document.get("consistency") or {}
+    for row in found.get("discrepancies", ()):
+        p = number(row["test"]["corrected"], 1)
+        yield _item("Not consistent", f"{row['message']} (p = {p})", row["remedy"])
+    for row in found.get("outliers", ()):
+        p = number(row["p"], 1)
+        yield _item("Outlier", f"experiment {row['id']} (p = {p})", "", row["id"])
+
+
+def _item(head: str, message: str, remedy: str | None, id: str | None = None) -> str:
+    mended = f'<span class="remedy">Remedy: {escape(remedy)}</span>' if remedy else ""
+    pick = (
+        f' <button type="button" data-pick="{escape(id)}">Mark it</button>'
+        if id is not None
+        else ""
+    )
+    said = f"<strong>{escape(head)}:</strong> {escape(message)}"
+    return f'<p class="warning">{said}{pick}{mended}</p>'
