@@ -72,7 +72,7 @@ def test_every_command_and_option_is_documented() -> None:
         "aleator", "aleator identify", "aleator predict", "aleator recover",
         "aleator ceiling", "aleator clutch", "aleator clutch bench",
         "aleator sensitivity", "aleator box", "aleator compare",
-        "aleator bootstrap", "aleator posterior", "aleator next",
+        "aleator bootstrap", "aleator posterior", "aleator next", "aleator report",
         "aleator runs", "aleator runs list", "aleator runs show", "aleator runs export",
         "aleator runs import", "aleator runs retry", "aleator runs forget",
     }  # fmt: skip

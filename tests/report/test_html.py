@@ -21,7 +21,7 @@ from aleator.tasks.pictures import pictured
 
 VOID = {"meta", "input", "br", "link", "img"}
 SECTIONS = [
-    "law", "estimates", "predicted", "calibration", "individuals", "surfaces", "warnings",
+    "warnings", "law", "estimates", "predicted", "calibration", "individuals", "surfaces",
     "effort", "experiments", "origin",
 ]  # fmt: skip
 LARGEST = 3_000_000

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -36,15 +37,20 @@ def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = Fal
 
 def can_report(quiet: bool = False) -> bool:
     """Whether Bokeh is there, which draws the charts of report.html; says so where it is not."""
-    found = importlib.util.find_spec("bokeh") is not None
-    if not (found or quiet):
-        say("no report.html is written: it needs bokeh (pip install 'aleator[report]')")
-    return found
+    try:
+        require_report()
+    except AleatorError as error:
+        if not quiet:
+            say(f"no report.html is written: {error.problem}. {error.remedy}")
+        return False
+    return True
 
 
 def require_report() -> None:
     """Raise AleatorError where Bokeh is not installed, which draws the charts of report.html."""
-    if importlib.util.find_spec("bokeh") is None:
+    try:
+        importlib.import_module("bokeh")
+    except ModuleNotFoundError:
         raise AleatorError(
             "report.html needs bokeh, which is not installed", "pip install 'aleator[report]'"
-        )
+        ) from None

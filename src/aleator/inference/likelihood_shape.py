@@ -9,7 +9,7 @@ import numpy as np
 
 from aleator.inference.information import Inference
 from aleator.inference.profile_end import positive
-from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search.newton import ascended
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
@@ -18,6 +18,8 @@ Objective = Callable[[Array], LogLikelihood]
 MARGIN = 0.3
 """Share of an interval by which a curve goes beyond it, so that its ends are seen to drop."""
 
+REACH = 3.0
+"""Standard errors to which a surface goes."""
 ARRIVED = 0.01
 """Log-likelihood left to climb at a point of a curve: less than the width of its line."""
 
@@ -33,7 +35,11 @@ class LikelihoodCurve:
 
 @dataclass(frozen=True)
 class LikelihoodSurface:
-    """Log-likelihoods `value` (Q, P) over `first` (P,) and `second` (Q,) of two of alpha."""
+    """Log-likelihoods `value` (Q, Q) at `first` and `second` (Q, Q) of two hyperparameters.
+
+    Rows and columns of the grid go along the axes of the ellipse of the information. NaN beyond
+    the limits.
+    """
 
     pair: tuple[int, int]
     first: Array
@@ -73,34 +79,46 @@ def likelihood_surface(
     hyperparameters: Sequence[Hyperparameter],
     inference: Inference,
     pair: tuple[int, int],
-    axes: tuple[Array, Array],
+    count: int,
 ) -> LikelihoodSurface:
-    """The log-likelihood over two hyperparameters; the others that are free follow along the ridge.
+    """The log-likelihood over two free hyperparameters; the others follow along the ridge.
 
-    They move by -I_oo^-1 I_op from the maximum alpha (K,), within their limits: exact for two
-    hyperparameters, near the maximum for more. NaN where there is none. Cost: one evaluation a
-    point.
+    On a grid of `count` times `count` points, three standard errors to either side along the axes
+    of the ellipse: a narrow ridge is not missed. The others move by -I_oo^-1 I_op from the maximum
+    alpha (K,), within their limits: exact for two hyperparameters, near the maximum for more. Cost:
+    an evaluation a point.
     """
+    rows = [int(np.flatnonzero(inference.free == k)[0]) for k in pair]
+    variance, axes = np.linalg.eigh(inference.covariance[np.ix_(rows, rows)])
+    half = axes * np.sqrt(np.maximum(variance, 0.0))
+    u, v = np.meshgrid(*[np.linspace(-REACH, REACH, count)] * 2)
+    points = alpha[list(pair)] + np.stack([u.ravel(), v.ravel()], axis=1) @ half.T
+    lower, upper = limits_of(hyperparameters, np.array(pair))
+    inside = np.all((points >= lower) & (points <= upper), axis=1)
     way = _Way.of(hyperparameters, inference, list(pair))
-    value = [
-        [objective(way.followed(alpha, np.array([p, q]))).total for p in axes[0]] for q in axes[1]
-    ]
-    found = np.array(value)
-    return LikelihoodSurface(pair, *axes, np.where(np.isfinite(found), found, np.nan))
+    value = np.full(len(points), np.nan)
+    for k in np.flatnonzero(inside):
+        value[k] = objective(way.followed(alpha, points[k])).total
+    value = np.where(np.isfinite(value), value, np.nan)
+    first, second = points.T
+    return LikelihoodSurface(
+        pair, first.reshape(u.shape), second.reshape(u.shape), value.reshape(u.shape)
+    )
 
 
 def around(interval: Sequence[float], estimate: float, h: Hyperparameter, count: int) -> Array:
-    """`count` values over an interval and somewhat beyond, within the limits, and the estimate.
+    """`count` values over an interval and somewhat beyond, within the limits; one is the estimate.
 
     >>> import numpy as np
     >>> h = Hyperparameter("x", 0.0, 5.0, 1.0, True)
     >>> around((1.0, 2.0), 1.4, h, 5).round(2).tolist()
-    [0.7, 1.1, 1.4, 1.5, 1.9, 2.3]
+    [0.7, 1.1, 1.4, 1.9, 2.3]
     """
     low, high = interval
     reach = MARGIN * (high - low)
-    ends = max(low - reach, h.lower), min(high + reach, h.upper)
-    return np.unique(np.append(np.linspace(*ends, count), estimate))
+    at = np.linspace(max(low - reach, h.lower), min(high + reach, h.upper), count)
+    at[np.argmin(np.abs(at - estimate))] = estimate
+    return at
 
 
 def weakest_pair(correlation: Array) -> tuple[int, int] | None:
@@ -124,7 +142,7 @@ class _Way:
 
     held: list[int]
     moving: Indices
-    limits: Array
+    limits: tuple[Array, Array]
     own: Array
     follow: Array
 
@@ -142,14 +160,14 @@ class _Way:
         rows = [int(np.flatnonzero(inference.identified == k)[0]) for k in held]
         own = positive(inference.information[np.ix_(~apart, ~apart)])
         coupling = inference.information[:, rows][~apart]
-        ends = [[hyperparameters[k].lower, hyperparameters[k].upper] for k in moving]
+        limits = limits_of(hyperparameters, moving)
         follow = -np.linalg.solve(own, coupling) if moving.size else coupling
-        return cls(held, moving, np.array(ends).reshape(-1, 2), own, np.asarray(follow, float))
+        return cls(held, moving, limits, own, np.asarray(follow, float))
 
     def followed(self, here: Array, values: Array) -> Array:
         """From here (K,) to where the held ones have these values (H,)."""
         there = here.copy()
         there[self.held] = values
         wished = here[self.moving] + self.follow @ (values - here[self.held])
-        there[self.moving] = np.clip(wished, *self.limits.T)
+        there[self.moving] = np.clip(wished, *self.limits)
         return there

@@ -42,10 +42,15 @@ def effort(document: Document) -> Section:
     rows.append(["all", f"{document['runs']:,}", f"{seconds.get('total', 0.0):.1f}"])
     search = document.get("search") or {}
     optima = [
-        [number(one["log_likelihood"], 7), str(one["starts"]),
-         ", ".join(f"{name} {number(value)}" for name, value in (one.get("alpha") or {}).items())]
+        [
+            ", ".join(
+                f"{name} {number(value)}" for name, value in (one.get("alpha") or {}).items()
+            ),
+            number(one["log_likelihood"], 7),
+            str(one["starts"]),
+        ]
         for one in search.get("optima", ())
-    ]  # fmt: skip
+    ]
     return Section.of(
         "effort", "Runs and cost",
         table("runs", "Runs of the simulator, and seconds", ["stage", "runs", "seconds"], rows),
@@ -53,9 +58,13 @@ def effort(document: Document) -> Section:
             f"Search: {str(search.get('method', '')).replace('_', ' ')}, "
             f"{search.get('evaluations', 0):,} evaluations of the likelihood."
         ),
-        table("optima", "Optima that the search met", ["log-likelihood", "starts", "alpha"],
-              optima, text=0),
+        table("optima", "Optima that the search met", ["alpha", "log-likelihood", "starts"],
+              optima),
     )  # fmt: skip
+
+
+def _named(alpha: Document) -> str:
+    return ", ".join(f"{name} {number(value)}" for name, value in alpha.items())
 
 
 def _told(surface: Document, experiments: int) -> str:

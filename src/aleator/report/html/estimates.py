@@ -7,14 +7,20 @@ from typing import Any
 
 import numpy as np
 from scipy import stats
+from scipy.interpolate import PchipInterpolator, RectBivariateSpline, RegularGridInterpolator
 
 from aleator.report.html import colors
 from aleator.report.html.chart import Chart, axes, points, shared, straight
 from aleator.report.html.markup import Section, folded, missing, paragraph, side_by_side, table
 from aleator.report.html.rows import numbers
 from aleator.tasks.results.printed import COLUMNS, alpha_rows, number, with_error
+from aleator.types import Array
 
 Document = Mapping[str, Any]
+CURVE = 80
+"""Points of the line of a profile."""
+STEPS = 5
+"""Steps between two points of a surface."""
 DROP = float(stats.chi2.ppf(0.95, 1)) / 2.0
 """How far the profile drops at the ends of an interval (Wilks, 1938)."""
 LEVELS = (0.0, *(float(stats.chi2.ppf(p, 2)) / 2.0 for p in (0.5, 0.8, 0.95)))
@@ -65,9 +71,9 @@ def _correlated(document: Document) -> Iterator[str]:
 
 def _profile(name: str, curve: Document, entry: Document) -> Chart:
     plot = axes(name, "log-likelihood below its maximum", height=250)
-    below = numbers(curve["below"])
-    source = shared({"at": curve["at"], "below": -below}, f"profile-{name}")
-    plot.line("at", "below", source=source, color=colors.BLUE, line_width=2.0)
+    at, below = numbers(curve["at"]), numbers(curve["below"])
+    source = shared({"at": at, "below": -below}, f"profile-{name}")
+    plot.line(*_smooth(at, below, entry["estimate"]), color=colors.BLUE, line_width=2.0)
     plot.scatter("at", "below", source=source, color=colors.BLUE, size=4.0)
     straight(plot, "width", -DROP)
     for end in entry.get("interval") or ():
@@ -82,11 +88,31 @@ def _profile(name: str, curve: Document, entry: Document) -> Chart:
     )  # fmt: skip
 
 
+def _smooth(at: Array, below: Array, estimate: float) -> tuple[Array, Array]:
+    """A curve through the points of a profile: its signed root is nearly a straight line."""
+    known = np.isfinite(below) & (np.diff(at, prepend=-np.inf) > 0.0)
+    root = np.sign(at - estimate) * np.sqrt(2.0 * np.maximum(below, 0.0))
+    if known.sum() < 2:
+        return at[known], -below[known]
+    x = np.linspace(at[known][0], at[known][-1], CURVE)
+    return x, -0.5 * PchipInterpolator(at[known], root[known])(x) ** 2
+
+
+def _finer(grid: Array) -> Array:
+    """A square grid with steps between its points: smooth, or straight where some are unknown."""
+    at = np.arange(float(len(grid)))
+    fine = np.linspace(0.0, at[-1], STEPS * (len(grid) - 1) + 1)
+    if np.all(np.isfinite(grid)):
+        return np.asarray(RectBivariateSpline(at, at, grid)(fine, fine))
+    between = np.meshgrid(fine, fine, indexing="ij")
+    return np.asarray(RegularGridInterpolator((at, at), grid)(tuple(between)))
+
+
 def _surface(surface: Document, alpha: Document) -> Chart:
     first, second = surface["between"]
     plot = axes(first, second, height=380)
-    x, y = numbers(surface["first"]), numbers(surface["second"])
-    below = np.array([numbers(row) for row in surface["below"]])
+    x, y, below = (np.array([numbers(r) for r in surface[k]]) for k in ("first", "second", "below"))
+    x, y, below = _finer(x), _finer(y), _finer(below)
     tall = max(float(np.nanmax(below)), LEVELS[-1] + 1.0)
     plot.contour(
         x, y, below, [*LEVELS, tall], fill_color=list(colors.HEIGHTS), line_color=colors.BLUE,
@@ -94,9 +120,12 @@ def _surface(surface: Document, alpha: Document) -> Chart:
     )  # fmt: skip
     plot.scatter([alpha[first]["estimate"]], [alpha[second]["estimate"]], marker="cross",
                  size=14, color=colors.INK, line_width=2.0)  # fmt: skip
-    across, up = np.meshgrid(x, y)
     source = shared(
-        {"x": across.ravel(), "y": up.ravel(), "below": -below.ravel()},
+        {
+            "x": x[::STEPS, ::STEPS].ravel(),
+            "y": y[::STEPS, ::STEPS].ravel(),
+            "below": -below[::STEPS, ::STEPS].ravel(),
+        },
         name=f"surface-{first}-{second}",
     )
     points(plot, source, "x", "y", [(first, "@x"), (second, "@y"), ("below", "@below")],

@@ -62,7 +62,8 @@ def _contradicted(document: Document) -> Iterator[str]:
         yield _item("Not consistent", f"{row['message']} (p = {p})", row["remedy"])
     for row in found.get("outliers", ()):
         p = number(row["p"], 1)
-        yield _item("Outlier", f"experiment {row['id']} (p = {p})", "", row["id"])
+        at = f", row {row['row']}" if document.get("observations") else ""
+        yield _item("Outlier", f"experiment {row['id']}{at} (p = {p})", "", row["id"])
 
 
 def _item(head: str, message: str, remedy: str | None, id: str | None = None) -> str:

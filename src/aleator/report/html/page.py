@@ -36,6 +36,7 @@ def page(document: Document, ceiling: Document | None = None, study: str | None 
     sources = [source_of(one, number) for number, one in enumerate(seen)]
     own = individuals_of(document)
     sections = [
+        warnings(document),
         law(document, own, ceiling),
         estimates(document),
         predicted(seen, sources),
@@ -43,7 +44,6 @@ def page(document: Document, ceiling: Document | None = None, study: str | None 
         series(document, seen),
         None if own is None else individuals(own, document.get("shrinkage") or {}),
         surfaces(document, seen, sources),
-        warnings(document),
         effort(document),
         experiments(document),
         origin(document, study),

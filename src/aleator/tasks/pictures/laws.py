@@ -12,7 +12,7 @@ from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.inference.decisions.weighted import quantiles
 from aleator.laws import Law
 from aleator.laws.inputs import Inputs
-from aleator.tasks.pictures.numbers import drawn
+from aleator.tasks.pictures.numbers import PLACES, drawn
 from aleator.types import Array
 
 POINTS = 101
@@ -47,7 +47,7 @@ def law_bands(inputs: Inputs, draws: AlphaDraws, count: int) -> dict[str, dict[s
         each = np.array([_density(law, own[i], x) for own in others])
         if not np.all(np.isfinite(x)) or not np.any(np.isfinite(density)):
             continue
-        found[name] = {"x": drawn(x), "density": drawn(density)}
+        found[name] = {"x": drawn(x, PLACES), "density": drawn(density)}
         if not draws.certain:
             with np.errstate(invalid="ignore"):
                 band = quantiles(each.T, np.broadcast_to(draws.weights, each.T.shape), LEVELS)
@@ -80,7 +80,7 @@ def law_contours(inputs: Inputs, alpha: Array) -> list[dict[str, Any]]:
                 laws[k].standard(alpha[inputs.slices[k]], at).x
                 for k, at in zip((i, j), theta, strict=True)
             )
-            curves[f"{mass:g}"] = [drawn(x), drawn(y)]
+            curves[f"{mass:g}"] = [drawn(x, PLACES), drawn(y, PLACES)]
         found.append({"between": [inputs.names[i], inputs.names[j]], "curves": curves})
     return found
 

@@ -15,11 +15,11 @@ from aleator.inference.likelihood_shape import (
     likelihood_surface,
     weakest_pair,
 )
-from aleator.tasks.pictures.numbers import drawn
+from aleator.tasks.pictures.numbers import PLACES, drawn
 from aleator.tasks.results.values import Estimate
 from aleator.types import Array
 
-POINTS, ACROSS = 8, 9
+POINTS, ACROSS = 5, 9
 MOST = 8
 """Hyperparameters that are profiled, the first of them: more are no picture."""
 OBSERVATIONS = 3000
@@ -45,7 +45,7 @@ def likelihood_shapes(
         interval = estimates[h.name].interval or ()
         at = around(interval, float(fit.alpha[k]), h, POINTS)
         curve = likelihood_curve(objective, fit.alpha, fit.hyperparameters, inference, k, at)
-        profiles[h.name] = {"at": drawn(curve.at), "below": _below(curve.value)}
+        profiles[h.name] = {"at": drawn(curve.at, PLACES), "below": _below(curve.value)}
     return {"profiles": profiles, "surface": _surface(fit, estimates, objective, told)}
 
 
@@ -71,19 +71,14 @@ def _surface(
     first, second = (free[rows[r]] for r in weakest)
     names = [fit.hyperparameters[k].name for k in (first, second)]
     told(" and ".join(names))
-    axes = [
-        around(estimates[name].interval or (), float(fit.alpha[k]), fit.hyperparameters[k], ACROSS)
-        for name, k in zip(names, (first, second), strict=True)
-    ]
     found = likelihood_surface(
-        objective, fit.alpha, fit.hyperparameters, fit.inference, (first, second),
-        (axes[0], axes[1]),
-    )  # fmt: skip
+        objective, fit.alpha, fit.hyperparameters, fit.inference, (first, second), ACROSS
+    )
     return {
         "between": names,
         "correlation": float(correlation[weakest]),
-        "first": drawn(found.first),
-        "second": drawn(found.second),
+        "first": drawn(found.first, PLACES),
+        "second": drawn(found.second, PLACES),
         "below": _below(found.value),
     }
 

@@ -8,19 +8,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 DIGITS = 5
+PLACES = 10
+"""Digits of where something is: an interval may be narrow beside its place."""
 
 
-def drawn(values: ArrayLike) -> Any:
-    """Numbers of any shape as nested lists with five significant digits; None where there is none.
+def drawn(values: ArrayLike, digits: int = DIGITS) -> Any:
+    """Numbers of any shape as nested lists with so many significant digits; None for none.
 
-    >>> drawn([1.23456789, float("inf"), 0.0])
-    [1.2346, None, 0.0]
+    >>> drawn([1.23456789, float("inf"), 0.0]), drawn([1000000.25], PLACES)
+    ([1.2346, None, 0.0], [1000000.25])
     """
-    array = np.asarray(values, dtype=np.float64)
-    return _shortest(array.tolist())
+    return _shortest(np.asarray(values, dtype=np.float64).tolist(), digits)
 
 
-def _shortest(values: Any) -> Any:
+def _shortest(values: Any, digits: int) -> Any:
     if isinstance(values, list):
-        return [_shortest(value) for value in values]
-    return float(f"{values:.{DIGITS}g}") if np.isfinite(values) else None
+        return [_shortest(value, digits) for value in values]
+    return float(f"{values:.{digits}g}") if np.isfinite(values) else None

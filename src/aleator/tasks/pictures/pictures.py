@@ -12,7 +12,7 @@ from aleator.inference.fit import Fit
 from aleator.progress import Progress, Silent
 from aleator.tasks.pictures.laws import law_bands, law_contours
 from aleator.tasks.pictures.likelihood import likelihood_shapes
-from aleator.tasks.pictures.numbers import drawn
+from aleator.tasks.pictures.numbers import PLACES, drawn
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.values import QUANTILES
 
@@ -64,7 +64,7 @@ def _conditions(fit: Fit) -> dict[str, list[Any]]:
             continue
         first = column.groupby(owner).first().reindex(range(fit.count))
         found[str(name)] = (
-            drawn(first.to_numpy())
+            drawn(first.to_numpy(), PLACES)
             if pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
             else [str(value) for value in first]
         )
@@ -73,4 +73,4 @@ def _conditions(fit: Fit) -> dict[str, list[Any]]:
 
 def _predicted(fit: Fit) -> dict[str, list[float]]:
     quantiles = fit.quantiles(np.array(QUANTILES))
-    return {str(p): drawn(q) for p, q in zip(QUANTILES, quantiles.T, strict=True)}
+    return {str(p): drawn(q, PLACES) for p, q in zip(QUANTILES, quantiles.T, strict=True)}

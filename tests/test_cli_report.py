@@ -1,0 +1,104 @@
+"""`aleator report`: the page of a folder of results, anew and without runs."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from aleator import Free, Inputs, MonteCarlo, Noise, Normal, cli, identify
+from aleator.tasks.pictures import pictured
+
+Run = Callable[..., Result]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an identification of eight experiments."""
+    import pandas as pd
+
+    table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0, 1.0, 2.0, 3.0, 4.0]})
+    table["way"] = table["load"] * [1.1, 0.9, 1.2, 1.0, 0.8, 1.3, 0.7, 1.0]
+    found = identify(
+        lambda load, x: load * x, table, Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))}),
+        outcome="way", noise=Noise(0.1), vectorized=True, verification=MonteCarlo(0),
+        consistency=False, best_law=False,
+    )  # fmt: skip
+    folder = tmp_path_factory.mktemp("results")
+    pictured(found).save(folder / "identification.json")
+    return folder
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(cli.main, [str(one) for one in arguments])
+
+
+def test_it_writes_the_page_that_python_writes(written: Path) -> None:
+    result = run("report", written)
+    assert result.exit_code == 0, result.output
+    text = (written / "report.html").read_text(encoding="utf-8")
+    assert str(Path("report.html")) in result.output
+    from aleator import load
+
+    assert load(written / "identification.json").report().text == text
+
+
+def test_a_ceiling_of_the_same_study_is_shown_and_of_another_not(
+    written: Path, tmp_path: Path
+) -> None:
+    document = json.loads((written / "identification.json").read_text(encoding="utf-8"))
+    document["study"] = {"file": "gone.toml", "sha256": "one", "outcome": "way"}
+    (tmp_path / "identification.json").write_text(json.dumps(document), encoding="utf-8")
+    for sha256, shown in (("one", True), ("another", False)):
+        ceiling = {"study": {"sha256": sha256}, "points": [{"x": 1.0, "probability": 1.0}]}
+        (tmp_path / "ceiling.json").write_text(json.dumps(ceiling), encoding="utf-8")
+        assert run("report", tmp_path).exit_code == 0
+        text = (tmp_path / "report.html").read_text(encoding="utf-8")
+        assert ("mass-x" in text) == shown
+        assert "gone.toml" in text
+
+
+def test_a_folder_without_an_identification_is_told(tmp_path: Path) -> None:
+    result = run("report", tmp_path)
+    assert result.exit_code == 2
+    assert "identification.json" in result.output
+    (tmp_path / "identification.json").write_text(
+        '{"alpha": 3, "log_likelihood": {}, "experiments": []}', encoding="utf-8"
+    )
+    result = run("report", tmp_path)
+    assert result.exit_code == 2
+    assert "alpha" in result.output
+
+
+def test_without_bokeh_it_says_what_it_needs(
+    written: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from aleator import AleatorError, load
+    from aleator.cli.showing import can_report
+
+    for name in [name for name in sys.modules if name.startswith("aleator.report.html")]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "bokeh"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(sys, "meta_path", [Without("bokeh"), *sys.meta_path])
+    result = run("report", written)
+    assert result.exit_code == 2
+    assert "aleator[report]" in result.output
+    assert not can_report(quiet=True)
+    with pytest.raises(AleatorError, match="bokeh"):
+        load(written / "identification.json").report()
+
+
+class Without:
+    """An import system in which a package is not installed."""
+
+    def __init__(self, package: str) -> None:
+        self.package = package
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> None:  # noqa: ARG002
+        if name.partition(".")[0] == self.package:
+            raise ModuleNotFoundError(f"No module named '{name}'", name=self.package)
