@@ -74,7 +74,7 @@ def main() -> None:
     if COVERAGE in chosen:
         print_coverage(console, options.replicates, options.workers)
     if POWER in chosen:
-        print_power(console, options.replicates, options.workers)
+        print_power(console, Path("power.jsonl"), options.replicates)
     if RIGHT in chosen:
         print_right(console, Path("right.jsonl"), options.replicates)
 

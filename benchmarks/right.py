@@ -1,8 +1,8 @@
 """Right models, identified again and again: how often intervals hold the truth, and what is warned.
 
 `python -m benchmarks right --replicates 60` keeps each replicate as a line of a file, begins where
-it ended, and prints two tables: the coverage of the intervals by hyperparameter, and the share of
-the replicates in which each warning was told, all of them false alarms.
+it ended, and prints the coverage of the intervals by hyperparameter, and the share of the
+replicates in which each warning was told or the model was called inconsistent: false alarms all.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from aleator.inference.information import LEVEL
 from aleator.progress import Silent
 from aleator.tasks import individual
 from aleator.tasks.asked import DEFAULT_SEARCH, runner_on
+from aleator.tasks.consistency import consistency_of
 from aleator.tasks.ledger import Ledger
 from benchmarks.shapes import SHAPES, Shape
 
@@ -29,7 +30,7 @@ HALF = float(stats.norm.ppf(0.5 + LEVEL / 2.0))
 
 
 def replicate(shape: Shape, seed: int) -> dict[str, Any]:
-    """One virtual data set identified, without the tests of consistency: estimates and warnings."""
+    """One virtual data set identified: estimates, warnings and the second verdict."""
     table = shape.table(seed)
     runner = runner_on(shape.simulator, table, shape.inputs.names, vectorized=True)
     found = individual.identified(
@@ -40,6 +41,7 @@ def replicate(shape: Shape, seed: int) -> dict[str, Any]:
         "shape": shape.name,
         "seed": seed,
         "sound": found.sound,
+        "consistent": consistency_of(found.fit, found.sound, seed, Silent()).consistent,
         "warnings": [[w.about, w.message] for w in found.warnings],
         "alpha": {
             name: [e.estimate, e.standard_error, e.sandwich_error, e.interval]
@@ -85,6 +87,13 @@ def _coverages(entries: list[Entry]) -> Iterator[dict[str, Any]]:
                 yield row
 
 
+def inconsistent(entries: list[Entry]) -> pd.DataFrame:
+    """How many of the replicates of each shape were called inconsistent."""
+    judged = [e for e in entries if e.get("consistent") is not None]
+    rows = pd.DataFrame([{"shape": e["shape"], "flagged": not e["consistent"]} for e in judged])
+    return rows.groupby("shape", sort=False)["flagged"].agg(["sum", "count"]).reset_index()
+
+
 def _percent(held: list[bool]) -> str:
     return f"{100 * sum(held) / len(held):.0f} %" if held else "-"
 
@@ -127,4 +136,6 @@ def print_right(console: Console, path: Path, replicates: int) -> None:
     console.print(coverage(entries).to_string(index=False))
     console.print(f"\nwarnings, in per cent of {len(entries)} right studies")
     console.print(alarms(entries).T.to_string())
+    console.print("\ncalled inconsistent with the experiments")
+    console.print(inconsistent(entries).to_string(index=False))
     console.print(f"not computed soundly: {sum(not entry['sound'] for entry in entries)}")

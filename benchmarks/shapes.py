@@ -1,4 +1,4 @@
-"""A dozen small studies with a right model: virtual data of each, identified in about a second."""
+"""Fourteen small studies with a right model: virtual data of each, identified in about a second."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from aleator import (
+    By,
     Censoring,
     Constant,
     Experiments,
@@ -16,6 +17,7 @@ from aleator import (
     Gamma,
     Inputs,
     LogNormal,
+    Mixture,
     Noise,
     Normal,
     StudentError,
@@ -30,7 +32,8 @@ class Shape:
 
     `simulator` takes columns of the conditions and of the parameters. `values` observations of each
     experiment are at conditions between `span`. `law` draws the parameters of N experiments,
-    `errors` the measurement errors of simulated values, one for each of the values.
+    `errors` the measurement errors of simulated values, one for each of the values. Where there is
+    a `shift`, every other experiment is on rig B, and its first parameter larger by so much.
     """
 
     name: str
@@ -44,17 +47,22 @@ class Shape:
     values: int = 3
     span: tuple[float, float] = (0.5, 3.0)
     above: float = np.inf
+    shift: float = 0.0
 
     def table(self, seed: int) -> Experiments:
         """Virtual experiments; what is above `above` is known to be above it."""
         rng = np.random.default_rng(seed)
-        law = self.law(rng, self.count)
+        law, rig = self.law(rng, self.count), np.arange(self.count) % 2
+        first = next(iter(law))
+        law[first] = law[first] + self.shift * rig
         rows = np.repeat(np.arange(self.count), self.values)
         # the same conditions of all replicates, spread over the span in another order of each
         c = np.random.default_rng(7).permuted(np.linspace(*self.span, rows.size))
         eta = self.simulator(c, **{name: value[rows] for name, value in law.items()})
         y = eta + self.errors(rng, eta)
         table = pd.DataFrame({"c": c, "y": np.minimum(y, self.above)})
+        if self.shift:
+            table["rig"] = np.where(rig[rows] == 1, "B", "A")
         censored = None
         if np.isfinite(self.above):
             table["status"] = np.where(y > self.above, "above", "seen")
@@ -106,6 +114,10 @@ def _truncated(rng: np.random.Generator, n: int) -> dict[str, Array]:
     return {"a": drawn[(drawn > 0.2) & (drawn < 3.0)][:n]}
 
 
+def _mixed(rng: np.random.Generator, n: int) -> dict[str, Array]:
+    return {"a": rng.choice([0.6, 1.4], n) + 0.1 * rng.standard_normal(n)}
+
+
 def _gamma(rng: np.random.Generator, n: int) -> dict[str, Array]:
     return {"a": rng.gamma(6.25, 0.16, n)}
 
@@ -151,4 +163,10 @@ SHAPES = (
           _normals(a=(1.0, 0.25)), lambda rng, eta: 0.1 * rng.standard_t(4.0, eta.shape)),
     Shape("a third censored", line, ONE_NORMAL, Noise(SMALL), ONE, _normals(a=(1.0, 0.25)),
           normal_errors(0.1), above=2.2),
+    Shape("a covariate", line, Inputs({"a": Normal(By("1 + C(rig)", -2.0, 4.0), SD)}), Noise(SMALL),
+          {"a.mean[Intercept]": 1.0, "a.mean[rig=B]": 0.3, "a.sd": 0.25, "noise.sd": 0.1},
+          _normals(a=(1.0, 0.25)), normal_errors(0.1), shift=0.3),
+    Shape("a mixture", line, Inputs({"a": Mixture((Normal(MEAN, SMALL), Normal(MEAN, SMALL)))}),
+          Noise(SMALL), {"a.1.mean": 0.6, "a.2.mean": 1.4, "a.1.share": 0.5, "noise.sd": 0.1},
+          _mixed, normal_errors(0.1)),
 )  # fmt: skip
