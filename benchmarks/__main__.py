@@ -13,6 +13,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from benchmarks.closed import print_closed
 from benchmarks.coverage import print_coverage
 from benchmarks.densities import density_rows, failure_table
 from benchmarks.expansions import expansion_rows
@@ -45,8 +46,8 @@ TABLES: dict[str, Callable[[Console], None]] = {
     "runs": lambda _: print_runs(),
     "next": print_next,
 }
-COVERAGE, POWER, RIGHT = "coverage", "power", "right"
-PARTS = (*ROWS, *TABLES, COVERAGE)
+COVERAGE, CLOSED, POWER, RIGHT = "coverage", "closed", "power", "right"
+PARTS = (*ROWS, *TABLES, COVERAGE, CLOSED)
 """All parts that are measured unless some are named."""
 LONG = (POWER, RIGHT)
 """Parts that take an hour and more."""
@@ -73,6 +74,8 @@ def main() -> None:
             printed(console)
     if COVERAGE in chosen:
         print_coverage(console, options.replicates, options.workers)
+    if CLOSED in chosen:
+        print_closed(console, options.replicates)
     if POWER in chosen:
         print_power(console, Path("power.jsonl"), options.replicates)
     if RIGHT in chosen:
