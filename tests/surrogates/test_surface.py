@@ -58,6 +58,15 @@ def test_gradient_of_a_polynomial_is_exact() -> None:
     assert slope[0, :, 1] == pytest.approx(-x[:, 0], abs=1e-11)
 
 
+def test_some_experiments_are_those_of_all(surface: Surface) -> None:
+    x, rows = some_points(20), np.array([5, 0, 3])
+    some, (value, slope) = surface.take(rows), surface.evaluate_with_gradient(x)
+    assert some.evaluate(x) == pytest.approx(value[rows], abs=1e-13)
+    assert some.evaluate_with_gradient(x)[1] == pytest.approx(slope[rows], abs=1e-11)
+    for name in ("error", "runs", "lower", "upper", "degrees"):
+        assert np.array_equal(getattr(some, name), getattr(surface, name)[rows])
+
+
 def test_blocks_do_not_show(surface: Surface, monkeypatch: pytest.MonkeyPatch) -> None:
     x = some_points(50)
     index = np.arange(50) % COUNT

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -17,9 +18,13 @@ from aleator.densities.interface import NearbyDensity
 from aleator.densities.moments import Moments, add_noise, joined
 from aleator.laws import Hyperparameter
 from aleator.likelihood.located import Located, OfMoments, OfNodes
-from aleator.likelihood.propagation import NodePropagation, Propagation
+from aleator.likelihood.parts import FittedInParts, InParts
+from aleator.likelihood.propagation import NodePropagation, Propagation, QuadraturePropagation
 from aleator.observations.noise import Noise
 from aleator.types import Array, Indices
+
+LARGEST = 250_000
+"""Outcomes at nodes that are summed at once: some ten arrays of them fit a core's cache."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +84,15 @@ class Predictive(ABC):
         return self.lower - margin, self.upper + margin
 
     def take(self, rows: Indices) -> Predictive:
-        """The distributions of some of the experiments."""
+        """The distributions of some of the experiments, without a thought of the others."""
+        propagation, condition = self.propagation, self.condition[rows]
+        if isinstance(propagation, QuadraturePropagation) and propagation.divisible:
+            asked, condition = np.unique(condition, return_inverse=True)
+            propagation = propagation.take(asked)
         return replace(
             self,
-            condition=self.condition[rows],
+            propagation=propagation,
+            condition=condition,
             lower=self.lower[rows],
             upper=self.upper[rows],
         )
@@ -147,18 +157,40 @@ class FromNodes(Predictive):
 
     def fitted(self, alpha: Array) -> FittedDensity:
         """The N densities around the nodes' outcomes."""
+        if self._rows:
+            return self._fitted_in_parts(alpha)
         return self._at(alpha, gradient=False).fitted
 
     def at(self, alpha: Array, known: Located | None = None) -> Located:
         """What is known nearby is of no use."""
         if known is not None and np.array_equal(known.alpha, alpha):
             return known
+        if self._rows:
+            parts = tuple(partial(part.at, alpha) for part in self._parts)
+            return InParts(alpha.copy(), self._rows, parts, self._fitted_in_parts(alpha))
         return self._at(alpha, gradient=True)
 
     def continued(self, alphas: Array, y: Array) -> Array:
         """One alpha after the other: their nodes are many."""
-        fitted = (self._at(alpha, gradient=False).fitted for alpha in alphas)
-        return np.array([one.node_sensitivity(y).value.sum() for one in fitted])
+        return np.array([self.at(alpha).scored(y).each.sum() for alpha in alphas])
+
+    @cached_property
+    def _rows(self) -> tuple[slice, ...]:
+        """Experiments whose outcomes at the nodes are summed at once; none where all are."""
+        count, way = self.condition.size, self.propagation
+        if not isinstance(way, QuadraturePropagation) or not way.divisible:
+            return ()
+        start = np.array([h.start for h in self.hyperparameters])
+        size = max(1, LARGEST // way.points(self.law(start)))
+        firsts = range(0, count if count > size else 0, size)
+        return tuple(slice(first, min(first + size, count)) for first in firsts)
+
+    @cached_property
+    def _parts(self) -> tuple[Predictive, ...]:
+        return tuple(self.take(np.arange(rows.start, rows.stop)) for rows in self._rows)
+
+    def _fitted_in_parts(self, alpha: Array) -> FittedInParts:
+        return FittedInParts(self._rows, tuple(partial(one.fitted, alpha) for one in self._parts))
 
     def _at(self, alpha: Array, *, gradient: bool) -> OfNodes:
         outcomes = self.propagation.outcomes(self.law(alpha), gradient=gradient)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -25,6 +25,15 @@ class Response(Protocol):
 
     def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
         """Outcomes (N, J) and their derivatives (N, J, n) at points x (J, n)."""
+        ...
+
+
+@runtime_checkable
+class Divisible(Response, Protocol):
+    """A response whose experiments may be asked for in parts."""
+
+    def take(self, rows: Indices) -> Divisible:
+        """The response of the experiments `rows`, each at most once."""
         ...
 
 
@@ -91,8 +100,12 @@ class Confined:
     known: the inner response is one of the others alone.
     """
 
-    inner: Response
+    inner: Divisible
     region: Array
+
+    def take(self, rows: Indices) -> Confined:
+        """The response of the experiments `rows`."""
+        return Confined(self.inner.take(rows), self.region)
 
     @cached_property
     def moving(self) -> Indices:

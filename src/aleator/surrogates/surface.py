@@ -66,6 +66,21 @@ class Surface:
         """Runs of all experiments together."""
         return int(self.runs.sum())
 
+    def take(self, rows: Indices) -> Surface:
+        """Return the surfaces of the experiments `rows`, each at most once."""
+        place = np.full(len(self.error), -1)
+        place[rows] = np.arange(len(rows))
+        groups = []
+        for group in self.groups:
+            kept = place[group.members] >= 0
+            if kept.any():
+                groups.append(Group(place[group.members[kept]], group.coefficients[kept]))
+        ends = (end[rows] if end.size else end for end in (self.lower, self.upper))
+        return Surface(
+            self.box, self.indices, tuple(groups), self.error[rows], self.scatter[rows],
+            self.converged[rows], self.runs[rows], self.failed[rows], self.degrees[rows], *ends,
+        )  # fmt: skip
+
     @single_threaded
     def evaluate(self, x: Array) -> Array:
         """Return the outcomes (N, J) of all experiments at points x (J, n)."""

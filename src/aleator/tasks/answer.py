@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from aleator.search import Search, SearchResult, WarmStart, ascend
 from aleator.simulators import Runner
 from aleator.tasks.baselines import baselines_of
 from aleator.tasks.ledger import Ledger
+from aleator.tasks.many import of_many
 from aleator.tasks.refinement import SEARCH, Refined, Refinement, refinement_of
 from aleator.types import Array
 
@@ -108,14 +110,12 @@ class _Search:
         inputs = problem.model.inputs
         for law, part, value in zip(inputs.laws.values(), inputs.slices, fit.x, strict=True):
             around[part] = law.filling(value)
+        maximize = partial(
+            self.search.maximize, hyperparameters=hyperparameters, seed=self.seed,
+            guesses=[*guess, around, linear.alpha], progress=self.ledger.progress,
+        )  # fmt: skip
         with self.ledger.stage(SEARCH):
-            return self.search.maximize(
-                problem.objective,
-                hyperparameters,
-                seed=self.seed,
-                guesses=[*guess, around, linear.alpha],
-                progress=self.ledger.progress,
-            )
+            return of_many(problem, maximize)
 
 
 def _way(question: Question, model: Model, search: _Search, ledger: Ledger) -> Refinement:

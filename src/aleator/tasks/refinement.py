@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, Surface, surfaces_of
 from aleator.surrogates.responses import moving_parameters
 from aleator.tasks.likely import interval_alphas, law_draws, likely_alphas, wide_draws
+from aleator.tasks.many import of_many
 from aleator.tasks.region import first_region, interval_region, next_region, own_region, widened
 from aleator.types import Array, Flags, Indices
 
@@ -237,11 +239,12 @@ class UnderLaw(Refinement):
         """
         problem, known = refined.problem, refined.found
         if known.exhaustive:
+            short = partial(
+                WarmStart(known.alpha).maximize, hyperparameters=problem.model.hyperparameters,
+                seed=0, progress=self.progress,
+            )  # fmt: skip
             with self.stage(SEARCH):
-                found = WarmStart(known.alpha).maximize(
-                    problem.objective, problem.model.hyperparameters, seed=0,
-                    progress=self.progress,
-                )  # fmt: skip
+                found = of_many(problem, short)
             if found.log_likelihood < known.log_likelihood + SAME_VALUE:
                 return refined
         return replace(refined, found=self.full(problem, [known.alpha]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,8 +10,8 @@ from aleator.densities.moments import Moments
 from aleator.densities.outcomes import Outcomes
 from aleator.laws import Inputs
 from aleator.quadrature import Cubature
-from aleator.surrogates.responses import Response
-from aleator.types import Array
+from aleator.surrogates.responses import Divisible, Response
+from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,20 @@ class QuadraturePropagation:
     inputs: Inputs
     response: Response
     cubature: Cubature
+
+    @property
+    def divisible(self) -> bool:
+        """Whether some of the conditions can be asked for alone."""
+        return isinstance(self.response, Divisible)
+
+    def take(self, conditions: Indices) -> QuadraturePropagation:
+        """Of some of the conditions, each at most once."""
+        assert isinstance(self.response, Divisible)
+        return replace(self, response=self.response.take(conditions))
+
+    def points(self, alpha: Array) -> int:
+        """J."""
+        return self.cubature.nodes(self.inputs, alpha).weights.size
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
         """Moments of the N outcomes, with the derivatives of just what is computed."""
