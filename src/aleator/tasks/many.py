@@ -14,7 +14,7 @@ from aleator.search.interface import SAME_VALUE
 from aleator.search.optima import SAME_PLACE
 from aleator.types import Array
 
-MANY, SAMPLE = 2000, 1000
+MANY, SAMPLE = 1000, 400
 """Experiments from which a sample of so many tells where optima are."""
 BEST = 2
 """Optima of the sample that are climbed from."""
