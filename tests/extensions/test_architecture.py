@@ -83,7 +83,9 @@ def test_one_alpha_passes_the_files_of_the_first_walk(monkeypatch: pytest.Monkey
     )  # fmt: skip
     densities = [objective.likelihood.predictive.density for objective, _ in asked]
     last = max(k for k, density in enumerate(densities) if isinstance(density, Convolution))
-    assert passed_by(lambda: plain(*asked[last])) - HELPERS == walks()[0]
+    objective, alpha = asked[last]
+    fresh = Continued(objective.likelihood)
+    assert passed_by(lambda: plain(fresh, alpha)) - HELPERS == walks()[0]
 
 
 def test_one_alpha_passes_the_files_of_the_second_way() -> None:
