@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,10 @@ from aleator.densities import Density
 from aleator.study import load_study
 from aleator.types import Array
 
+unjudged = partial(identify, consistency=False, best_law=False)
+"""The same without the second verdict and the best possible law, which cost most of a small study:
+for tests that look at neither."""
+
 
 def identified(
     problem: Problem,
@@ -24,7 +29,7 @@ def identified(
     samples: int = 0,
     **more: object,
 ) -> Identification:
-    return identify(
+    return unjudged(
         problem.simulator,
         problem.table(y),
         problem.inputs,
@@ -41,7 +46,7 @@ def identified(
 def of_study(path: Path, verification: MonteCarlo) -> Identification:
     """A study file through the Python API, with another check; nothing is stored."""
     study = load_study(path)
-    return identify(
+    return unjudged(
         study.runner(),
         study.experiments,
         study.inputs,

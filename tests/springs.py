@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pandas as pd
+from identifications import unjudged
 
 from aleator import (
     Free,
@@ -14,7 +15,6 @@ from aleator import (
     MonteCarlo,
     Noise,
     Normal,
-    identify,
 )
 from aleator.types import Array
 
@@ -40,7 +40,7 @@ def found_with(scatter: float = 0.4, noisy: bool = True) -> Identification:
     table = data(scatter)
     if not noisy:
         table["y"] = table["load"] * (1.0 + scatter * np.random.default_rng(1).standard_normal(36))
-    return identify(
+    return unjudged(
         springs,
         table,
         Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 1.5))}),

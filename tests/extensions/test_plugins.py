@@ -13,9 +13,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from identifications import unjudged
 from scipy import stats
 
-from aleator import Collocation, Constant, Free, Inputs, MonteCarlo, Noise, Normal, identify
+from aleator import Collocation, Constant, Free, Inputs, MonteCarlo, Noise, Normal
 from aleator.cli import main
 from aleator.errors import InputsError, SimulatorError, StudyError
 from aleator.study import load_study
@@ -75,7 +76,7 @@ def test_a_law(install: Install, study: Write) -> None:
     scale = math.sqrt(np.mean(y**2))
     value = stats.weibull_min(2.0, scale=scale).logpdf(y).sum()
     law = plugin("weibull").Weibull(shape=2.0, scale=Free(0.5, 3.0))
-    found = identify(
+    found = unjudged(
         itself, table(y), Inputs({"x": law}), outcome="y", vectorized=True, verification=UNCHECKED
     )
     assert estimates(found.to_dict()) == pytest.approx([2.0, scale], rel=2e-3)
@@ -92,7 +93,7 @@ def test_a_density(install: Install, study: Write) -> None:
     mean, scale = stats.logistic.fit(y)
     alpha = [mean, scale * math.pi / math.sqrt(3.0)]
     inputs = Inputs({"x": Normal(Free(-2.0, 4.0), Free(0.05, 3.0))})
-    found = identify(
+    found = unjudged(
         itself, table(y), inputs, outcome="y", vectorized=True, verification=UNCHECKED,
         density=plugin("logistic").Logistic(), propagation=Collocation(nodes=6),
     )  # fmt: skip
@@ -113,7 +114,7 @@ def test_an_observation_model(install: Install, study: Write) -> None:
     value = stats.t(4.0, center, scale).logpdf(y).sum()
     noise = Noise(Free(0.01, 2.0), plugin("student").StudentError(4.0))
     inputs = Inputs({"x": Constant(Free(-2.0, 4.0))})
-    found = identify(
+    found = unjudged(
         itself, table(y), inputs, outcome="y", vectorized=True, verification=UNCHECKED, noise=noise
     )
     assert estimates(found.to_dict()) == pytest.approx([center, scale], abs=1e-3)
@@ -132,7 +133,7 @@ def test_a_simulator(install: Install, study: Write, tmp_path: Path) -> None:
     y = stats.norm(3.0, 0.8).rvs(40, random_state=3)
     alpha = [0.5 * (y.mean() - 1.0), 0.5 * y.std()]
     inputs = Inputs({"x": Normal(Free(-2.0, 4.0), Free(0.05, 3.0))})
-    found = identify(
+    found = unjudged(
         plugin("lookup").Lookup(curve), table(y)[["y"]], inputs, outcome="y", verification=UNCHECKED
     )
     assert estimates(found.to_dict()) == pytest.approx(alpha, abs=2e-3)
@@ -149,7 +150,7 @@ def test_a_search(install: Install, study: Write) -> None:
     install("aleator.searches", "nelder_mead", "simplex:nelder_mead")
     y = stats.norm(1.0, 0.6).rvs(30, random_state=4)
     inputs = Inputs({"x": Normal(Free(-2.0, 4.0), Free(0.05, 3.0))})
-    found = identify(
+    found = unjudged(
         itself, table(y), inputs, outcome="y", vectorized=True, verification=UNCHECKED,
         search=plugin("simplex").nelder_mead(), propagation=Collocation(nodes=6),
     )  # fmt: skip

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 
 from aleator import (
     Constant,
@@ -20,7 +21,6 @@ from aleator import (
     Noise,
     Normal,
     ResponseSurface,
-    identify,
 )
 from aleator.densities import Convolution, Density, LogSpline, NodeDensity
 from aleator.laws import Law
@@ -45,7 +45,7 @@ def to_center(found: Identification) -> list[str]:
 
 def expanded(model: Callable[..., Array], a: Law, noise: Noise | None = None) -> Identification:
     table = pd.DataFrame({"T": TEMPERATURE, "day": 20.0, "length": LENGTH})
-    return identify(
+    return unjudged(
         model, table, Inputs({"a": a, "b": Constant(Free(0.0, 0.1))}), outcome="length",
         vectorized=True, noise=noise, search=GradientMultistart(2), verification=MonteCarlo(0),
     )  # fmt: skip
@@ -80,7 +80,7 @@ def test_parameters_alike_for_another_reason_get_no_such_advice() -> None:
         return a + 100.0 * b * (1.0 + 0.02 * k)
 
     table = pd.DataFrame({"T": TEMPERATURE, "k": k, "y": LENGTH})
-    found = identify(
+    found = unjudged(
         model, table,
         Inputs({"a": Normal(Free(-20.0, 40.0), Free(0.01, 4.0)), "b": Constant(Free(0.0, 0.3))}),
         outcome="y", vectorized=True, search=GradientMultistart(2), verification=MonteCarlo(0),
@@ -99,7 +99,7 @@ def found_with(
     z = np.linspace(1.0, 2.0, count)
     x = 1.0 + 0.3 * rng.standard_normal(count)
     y = np.exp(2.0 * z * x) + 0.1 * rng.standard_normal(count)
-    return identify(
+    return unjudged(
         lambda z, x: np.exp(2.0 * z * x), pd.DataFrame({"z": z, "y": y}),
         Inputs({"x": Normal(1.0, Free(0.05, 0.5))}), outcome="y", vectorized=True,
         noise=Noise(0.1), density=density, propagation=ResponseSurface(nodes=nodes),

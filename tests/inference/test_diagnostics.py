@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from identifications import Array, estimates, identified, maximum
+from identifications import Array, estimates, identified, maximum, unjudged
 from problems import FRONTIER, SAMPLE, log_frontier
 
 from aleator import (
@@ -16,7 +16,6 @@ from aleator import (
     Identification,
     MonteCarlo,
     ResponseSurface,
-    identify,
 )
 from aleator.densities import Convolution, Status
 from aleator.errors import SimulatorError
@@ -69,7 +68,7 @@ def test_a_gaussian_density_of_a_skew_outcome_is_told_and_one_of_a_normal_outcom
     y = problem.draw(1)
     straight = identified(problem, y, Gaussian(), samples=512)
     assert told(straight, "density") == []
-    bent = identify(
+    bent = unjudged(
         lambda x: np.exp(0.8 * x), pd.DataFrame({"y": np.exp(0.8 * y)}), problem.inputs,
         outcome="y", vectorized=True, density=Gaussian(), verification=MonteCarlo(512),
     )  # fmt: skip
@@ -100,7 +99,7 @@ def test_a_surface_that_stalls_and_one_that_ran_out_of_runs_are_told_apart() -> 
     table = pd.DataFrame({"y": y})
     stopped, ran_out = (
         told(
-            identify(
+            unjudged(
                 saw, table, problem.inputs, outcome="y", vectorized=True,
                 propagation=ResponseSurface(tolerance=0.001, max_runs=runs),
                 verification=MonteCarlo(0),
@@ -126,7 +125,7 @@ def test_a_simulator_that_draws_random_numbers_is_refused_at_once() -> None:
 
     table = pd.DataFrame({"y": SAMPLE.draw(5)})
     with pytest.raises(SimulatorError, match="x="):
-        identify(noisy, table, SAMPLE.inputs, outcome="y")
+        unjudged(noisy, table, SAMPLE.inputs, outcome="y")
     assert len(runs) == 2
 
 

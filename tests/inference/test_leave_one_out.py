@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from scipy import stats
 
 from aleator import (
@@ -18,7 +19,6 @@ from aleator import (
     MonteCarlo,
     Noise,
     Normal,
-    identify,
 )
 from aleator.inference.fit import climbed
 from aleator.inference.leave_one_out import informations, leave_one_out, summed_error
@@ -34,7 +34,7 @@ def regression() -> tuple[Identification, np.ndarray, np.ndarray]:
     y = 1.0 + 0.5 * t + rng.normal(0.0, 0.3, COUNT)
     y[3] += 1.0
     law = Inputs({"a": Constant(Free(-5.0, 5.0)), "b": Constant(Free(-5.0, 5.0))})
-    found = identify(
+    found = unjudged(
         lambda t, a, b: a + b * t, pd.DataFrame({"t": t, "y": y}), law, outcome="y",
         noise=Noise(Free(0.01, 3.0)), vectorized=True, verification=MonteCarlo(0),
     )  # fmt: skip
@@ -47,7 +47,7 @@ def multiplied(noise: float | None, count: int = COUNT) -> Identification:
     load = rng.uniform(0.5, 2.0, count)
     y = np.exp(load * rng.normal(0.2, 0.3, count)) + (noise or 0.0) * rng.standard_normal(count)
     law = Inputs({"x": Normal(Free(-1.0, 1.0), Free(0.01, 1.0))})
-    return identify(
+    return unjudged(
         lambda load, x: np.exp(load * x), pd.DataFrame({"load": load, "y": y}), law, outcome="y",
         noise=None if noise is None else Noise(noise), vectorized=True, verification=MonteCarlo(0),
     )  # fmt: skip
@@ -93,7 +93,7 @@ def test_a_scale_that_only_one_experiment_needs_is_zero_without_it() -> None:
     frame = pd.DataFrame({"id": np.repeat(list("abcdef"), 6)})
     frame["y"] = 2.0 + np.tile(rng.normal(0.0, 0.2, 6), 6) + 0.6 * (frame["id"] == "f")
     law = Inputs({"x": Normal(Free(0.0, 5.0), Free(0.0, 2.0))})
-    found = identify(
+    found = unjudged(
         lambda x: x, Experiments.from_frame(frame, outcome="y"), law, noise=Noise(Free(0.01, 2.0)),
         verification=MonteCarlo(0),
     )  # fmt: skip
@@ -133,7 +133,7 @@ def test_a_prior_stays_when_an_experiment_goes() -> None:
     """A normal mean with a normal prior and known spread: the mean without l is a weighted one."""
     y = np.random.default_rng(2).normal(1.0, 1.0, 12)
     law = Inputs({"x": Normal(Free(-5.0, 5.0, prior=Normal(0.0, 0.5)), 0.6)})
-    found = identify(
+    found = unjudged(
         lambda x: x, pd.DataFrame({"y": y}), law, outcome="y", noise=Noise(0.8), vectorized=True,
         verification=MonteCarlo(0),
     )  # fmt: skip

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from scipy import stats
 
 from aleator import (
@@ -18,7 +19,6 @@ from aleator import (
     MaximumEntropy,
     MonteCarlo,
     Normal,
-    identify,
 )
 from aleator.inference.verification import Verification
 from aleator.types import Array
@@ -29,7 +29,7 @@ OUTLIER = np.append(ORDINARY[:-1], 2.0)
 
 def found_from(y: Array) -> Identification:
     law = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))})
-    return identify(
+    return unjudged(
         lambda x: x, pd.DataFrame({"y": y}), law, outcome="y", vectorized=True,
         density=MaximumEntropy(4), search=GradientMultistart(2), verification=MonteCarlo(1024),
     )  # fmt: skip
@@ -87,7 +87,7 @@ def test_one_that_contributes_little_is_marked_but_no_warning(
 def test_without_a_check_nothing_is_told_of_it() -> None:
     law = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))})
     table = pd.DataFrame({"y": ORDINARY})
-    found = identify(
+    found = unjudged(
         lambda x: x, table, law, outcome="y", vectorized=True, verification=MonteCarlo(0)
     )
     assert found.log_likelihood.verified is None

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from scipy import optimize, stats
 
-from aleator import Free, Inputs, MaximumEntropy, MonteCarlo, Noise, Normal, identify
+from aleator import Free, Inputs, MaximumEntropy, MonteCarlo, Noise, Normal
 from aleator.errors import InputsError
 from aleator.likelihood.model import Model
 from aleator.observations.model import Observed
@@ -71,7 +72,7 @@ def test_noise_of_another_kind_is_identified_exactly() -> None:
     z = np.tile([0.5, 1.0, 2.0, 3.0], 30)
     y = z * rng.normal(1.0, 0.2, z.size) + 0.15 * rng.standard_t(5, z.size)
     law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.02, 1.0))})
-    found = identify(
+    found = unjudged(
         lambda z, x: z * x, pd.DataFrame({"z": z, "y": y}), law, outcome="y", vectorized=True,
         noise=Noise(Free(0.02, 1.0), StudentError()), verification=MonteCarlo(0),
     )  # fmt: skip

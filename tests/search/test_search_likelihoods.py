@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from problems import GROWTH, REGRESSION, SAMPLE
 from scipy import optimize, stats
 
@@ -24,7 +25,6 @@ from aleator import (
     MonteCarlo,
     Noise,
     Normal,
-    identify,
 )
 from aleator.likelihood.likelihood import Continued
 from aleator.search import compare, wide_limits
@@ -112,7 +112,7 @@ def test_an_answer_that_is_no_maximum_names_the_wide_limits() -> None:
     """Beyond a few units b has no effect; nothing leads back from there."""
     z = np.linspace(0.5, 3.0, 20)
     x = np.random.default_rng(0).normal(2.0, 0.2, 20)
-    found = identify(
+    found = unjudged(
         saturating,
         pd.DataFrame({"z": z, "y": x * z + 1.0}),
         Inputs({"v": Normal(Free(0.0, 4.0), Free(0.01, 1.0)), "b": Constant(Free(1e3, 1e10))}),

@@ -5,8 +5,9 @@ import shutil
 from pathlib import Path
 
 import pytest
+from identifications import unjudged
 
-from aleator import Identification, MonteCarlo, identify
+from aleator import Identification, MonteCarlo
 from aleator.errors import AleatorError, SimulatorError, StudyError
 from aleator.search import GradientMultistart
 from aleator.simulators.command import (
@@ -67,7 +68,7 @@ def study(folder: Path, simulator: str) -> Path:
 
 def identified(path: Path) -> Identification:
     study = load_study(path)
-    return identify(
+    return unjudged(
         study.runner(),
         study.experiments,
         study.inputs,

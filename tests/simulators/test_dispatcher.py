@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 
 from aleator.errors import InputsError, SimulatorError
 from aleator.inference.verification import MonteCarlo
@@ -23,7 +24,6 @@ from aleator.simulators import FunctionSimulator, Runner, Runs, Store
 from aleator.simulators.failure import WorkerLost
 from aleator.simulators.records import stored_runs
 from aleator.simulators.workers.pool import ProcessPool
-from aleator.tasks.identify import identify
 
 TABLE = Conditions(("A", "B"), pd.DataFrame({"load": [1.0, 2.0]}))
 INDEX, X = np.repeat([0, 1], 20), np.tile(np.linspace(0.0, 1.0, 20), 2)[:, None]
@@ -317,7 +317,7 @@ def test_an_identification_by_workers_is_the_same(pool: ProcessPool) -> None:
     table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
     law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
     results = [
-        identify(
+        unjudged(
             lambda load, x: load * x, table, law, outcome="y", verification=MonteCarlo(50),
             executor=executor,
         ).to_dict()

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from fmus.build import python_fmu
+from identifications import unjudged
 
 from aleator import (
     Experiments,
@@ -18,7 +19,6 @@ from aleator import (
     Noise,
     ResponseSurface,
     TruncatedNormal,
-    identify,
 )
 from aleator.clutch import shifting_time
 from aleator.simulators import FunctionSimulator, Simulator
@@ -76,7 +76,7 @@ def test_the_fmu_leads_to_the_same_law(simulator: FMUSimulator, table: pd.DataFr
     )
 
     def found(model: Simulator) -> Identification:
-        return identify(
+        return unjudged(
             model,
             experiments,
             inputs,

@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from fmus.truths import cooled
+from identifications import unjudged
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from aleator import Free, Inputs, Noise, Normal, identify
+from aleator import Free, Inputs, Noise, Normal
 from aleator.errors import SimulatorError, StudyError
 from aleator.observations.experiments import Experiments
 from aleator.simulators.fmu import Final, FMUSimulator, Operation
@@ -84,7 +85,7 @@ def test_a_law_is_identified_from_series(fmus: dict[int, Path]) -> None:
     ids = np.repeat([f"body {k}" for k in range(6)], 4)
     table = pd.DataFrame({"id": ids, "time": times.ravel(), "T": measured.ravel()})
     simulator = FMUSimulator(fmus[2], Final("T"), variables=K, operation=HERE, series=True)
-    found = identify(
+    found = unjudged(
         simulator,
         Experiments.from_frame(table, outcome="T", id="id"),
         Inputs({"k": Normal(Free(0.5, 2.0), Free(0.01, 1.0))}),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 
 from aleator import (
     AleatorError,
@@ -19,7 +20,6 @@ from aleator import (
     Noise,
     Normal,
     bootstrap,
-    identify,
 )
 from aleator.inference.leave_one_out import leave_one_out
 from aleator.progress import Silent
@@ -38,7 +38,7 @@ def found_with(noise: float | None, count: int = COUNT, seed: int = 0) -> Identi
     load = rng.uniform(1.0, 3.0, count)
     y = load * rng.normal(1.0, 0.2, count) + (noise or 0.0) * rng.standard_normal(count)
     law = Inputs({"x": Normal(Free(0.0, 2.0), Free(0.001, 1.0))})
-    return identify(
+    return unjudged(
         proportional, pd.DataFrame({"load": load, "y": y}), law, outcome="y", vectorized=True,
         noise=None if noise is None else Noise(noise), verification=MonteCarlo(0),
     )  # fmt: skip
@@ -128,7 +128,7 @@ def test_a_scale_may_go_to_zero_and_come_back() -> None:
     """Dyestuff: with so few batches some data sets show none of them, and BCa stays in limits."""
     table = Experiments.from_csv(DATA / "dyestuff.csv", outcome="yield", id="unit")
     law = Inputs({"m": Normal(Free(1000.0, 2000.0), Free(0.0, 500.0))})
-    found = identify(
+    found = unjudged(
         lambda m: m, table, law, noise=Noise(Free(1.0, 500.0)), vectorized=True,
         verification=MonteCarlo(0),
     )  # fmt: skip

@@ -7,6 +7,7 @@ import io
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from rich.console import Console
 from scipy import stats
 
@@ -22,7 +23,6 @@ from aleator import (
     Normal,
     TruncatedNormal,
     ceiling,
-    identify,
 )
 from aleator.errors import AleatorError
 from aleator.laws.law import Law
@@ -40,7 +40,7 @@ def identified(x: np.ndarray, law: Law = LAW, noise: Noise | None = None, **more
     rng = np.random.default_rng(1)
     load = rng.uniform(1.0, 3.0, len(x))
     y = load * x + rng.normal(0.0, NOISE, len(x))
-    return identify(
+    return unjudged(
         lambda load, x: load * x, pd.DataFrame({"load": load, "y": y}), Inputs({"x": law}),
         outcome="y", vectorized=True, noise=noise or Noise(NOISE), verification=MonteCarlo(0),
         **more,
@@ -133,7 +133,7 @@ def test_constants_and_noise_are_held_at_their_estimates() -> None:
     rng = np.random.default_rng(2)
     load = rng.uniform(1.0, 3.0, COUNT)
     y = 0.5 + load * rng.normal(1.0, 0.2, COUNT) + rng.normal(0.0, NOISE, COUNT)
-    found = identify(
+    found = unjudged(
         lambda load, x, b: b + load * x, pd.DataFrame({"load": load, "y": y}),
         Inputs({"x": LAW, "b": Constant(Free(0.0, 1.0))}), outcome="y", vectorized=True,
         noise=Noise(Free(0.01, 1.0)), verification=MonteCarlo(0),
@@ -166,7 +166,7 @@ def test_surfaces_serve_as_well_as_the_simulator() -> None:
         sum(range(50_000))  # too slow for thousands of runs
         return float(load * np.exp(x))
 
-    found = identify(slow, table, law, outcome="y", noise=Noise(NOISE), verification=MonteCarlo(0))
+    found = unjudged(slow, table, law, outcome="y", noise=Noise(NOISE), verification=MonteCarlo(0))
     best = ceiling(found, replicates=0)
     at = best.points["x"].to_numpy()
     density = stats.norm.pdf(y[:, None], load[:, None] * np.exp(at), NOISE)
@@ -179,7 +179,7 @@ def test_surfaces_serve_as_well_as_the_simulator() -> None:
 
 def test_without_noise_it_is_refused_with_the_remedy() -> None:
     table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
-    found = identify(lambda load, x: load * x, table, Inputs({"x": LAW}), outcome="y",
+    found = unjudged(lambda load, x: load * x, table, Inputs({"x": LAW}), outcome="y",
                      verification=MonteCarlo(0))  # fmt: skip
     with pytest.raises(AleatorError, match="noise") as told:
         ceiling(found)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from scipy import stats
 
 from aleator import (
@@ -26,7 +27,6 @@ from aleator import (
     TruncatedNormal,
     ceiling,
     compare,
-    identify,
 )
 from aleator.laws import By
 from aleator.tasks.comparison import Comparison
@@ -39,7 +39,7 @@ def line(days: np.ndarray, start: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 
 def found_by(model, table: Experiments, noise: Noise, correlation=None, **laws) -> Identification:
-    return identify(
+    return unjudged(
         model, table, Inputs(laws, correlation), noise=noise, vectorized=True,
         verification=MonteCarlo(0),
     )  # fmt: skip
@@ -200,9 +200,11 @@ def test_a_pair_that_the_user_names_is_judged_by_drawn_data() -> None:
 
 def test_an_unsound_answer_is_marked() -> None:
     found = usual()
-    table = compare(a=found, b=replace(found, sound=False), ceilings=False).table()
+    contradicted = replace(found.consistency, consistent=False)
+    marked = replace(found, sound=False, consistency=contradicted)
+    table = compare(a=found, b=marked, ceilings=False).table()
     assert table["sound"].to_dict() == {"a": True, "b": False}
-    assert table["consistent"].tolist() == [found.consistent] * 2
+    assert table["consistent"].to_dict() == {"a": None, "b": False}
     assert np.all(np.isnan(table["below_ceiling"]))
 
 

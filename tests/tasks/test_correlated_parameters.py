@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from rich.console import Console
 from scipy import optimize, stats
 
@@ -22,7 +23,6 @@ from aleator import (
     MaximumEntropy,
     MonteCarlo,
     Normal,
-    identify,
     predict,
 )
 from aleator.errors import StudyError
@@ -91,7 +91,7 @@ def found_for(
 ) -> Identification:
     n = regressors.shape[1]
     laws = {name: Normal(Free(-2.0, 4.0), Free(0.05, 3.0)) for name in COEFFICIENTS[:n]}
-    return identify(
+    return unjudged(
         simulator(n),
         pd.DataFrame({"y": y} | dict(zip("zt", regressors.T[1:], strict=False))),
         Inputs(laws, dict.fromkeys(combinations(COEFFICIENTS[:n], 2), Free(-0.98, 0.98))),
@@ -154,7 +154,7 @@ def test_a_known_correlation_and_what_follows_from_known_ones_have_no_error() ->
     regressors = conditions(3, 60)
     y = outcomes(np.array([1.0, 2.0, 0.5]), 0.2 * np.eye(3), regressors, 5)
     laws = {name: Normal(Free(-2.0, 4.0), 0.45) for name in COEFFICIENTS}
-    found = identify(
+    found = unjudged(
         simulator(3),
         pd.DataFrame({"z": regressors[:, 1], "t": regressors[:, 2], "y": y}),
         Inputs(laws, {("a", "b"): 0.3, ("a", "c"): Free(-0.9, 0.9)}),

@@ -3,18 +3,29 @@
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from scipy import stats
 
 import aleator
-from aleator import Censoring, Experiments, Free, Identification, Inputs, Noise, Normal
+from aleator import (
+    Censoring,
+    Experiments,
+    Free,
+    Identification,
+    Inputs,
+    MonteCarlo,
+    Noise,
+    Normal,
+)
 
 NOISE = 0.05
-X = stats.norm.ppf((np.arange(24) + 0.5) / 24, 0.2, 1.0)
+SD = 1.0
+X = stats.norm.ppf((np.arange(12) + 0.5) / 12, 0.2, SD)
 FRAME = pd.DataFrame({"life": np.where(X < 0.5, X, 2.0), "end": np.where(X < 0.5, "", "never")})
 TABLE = Experiments.from_frame(
     FRAME, outcome="life", conditions=[], censored=Censoring("end", right="never")
 )
-INPUTS = Inputs({"x": Normal(Free(-2.0, 2.0), Free(0.1, 4.0))})
+INPUTS = Inputs({"x": Normal(Free(-2.0, 2.0), SD)})
 
 
 def life(x):
@@ -23,19 +34,21 @@ def life(x):
 
 @pytest.fixture(scope="module")
 def found() -> Identification:
-    return aleator.identify(life, TABLE, INPUTS, vectorized=True, noise=Noise(NOISE))
+    return unjudged(
+        life, TABLE, INPUTS, vectorized=True, noise=Noise(NOISE), verification=MonteCarlo(64)
+    )
 
 
 def test_a_prediction_is_infinite_where_the_law_is(found: Identification) -> None:
     """Of the lives that end those below y are Phi((y - mean)/sd) of all, but for the noise."""
-    mean, sd = found.values["x.mean"], found.values["x.sd"]
-    ends = stats.norm.cdf(0.5, mean, sd)
+    mean = found.values["x.mean"]
+    ends = stats.norm.cdf(0.5, mean, SD)
     told = found.predict(pd.DataFrame({"row": [1]}), noise=False, uncertainty=False).iloc[0]
     assert told["status"] == "solved"
     assert told["mean"] == np.inf
     assert np.isnan(told["standard_deviation"])
     for p in (0.025, 0.25, 0.5):
-        assert told[f"q{p}"] == pytest.approx(stats.norm.ppf(p, mean, sd), abs=2e-3)
+        assert told[f"q{p}"] == pytest.approx(stats.norm.ppf(p, mean, SD), abs=2e-3)
     assert 0.5 < ends < 0.75
     assert told["q0.75"] == told["q0.975"] == np.inf
 

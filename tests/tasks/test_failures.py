@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from identifications import unjudged
 
 from aleator import cli
 from aleator.errors import SimulatorError
@@ -14,7 +15,6 @@ from aleator.inference.verification import MonteCarlo
 from aleator.laws import Free, Normal, TruncatedNormal
 from aleator.laws.inputs import Inputs
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.identify import identify
 from aleator.types import Array
 
 Z = np.linspace(1.0, 2.0, 40)
@@ -37,8 +37,8 @@ def test_runs_that_fail_here_and_there_leave_the_answer() -> None:
         return np.where(hashed < 0.06, np.nan, model(z, x))
 
     check = MonteCarlo(64)
-    whole = identify(model, TABLE, BOXED, outcome="y", vectorized=True, verification=check)
-    result = identify(brittle, TABLE, BOXED, outcome="y", vectorized=True, verification=check)
+    whole = unjudged(model, TABLE, BOXED, outcome="y", vectorized=True, verification=check)
+    result = unjudged(brittle, TABLE, BOXED, outcome="y", vectorized=True, verification=check)
     error = {name: value.standard_error or 0.0 for name, value in whole.alpha.items()}
     for name, value in result.alpha.items():
         assert abs(value.estimate - whole.alpha[name].estimate) < 0.02 * error[name]
@@ -64,8 +64,8 @@ def test_the_first_look_of_a_law_without_a_box_leaves_out_what_fails() -> None:
         return np.where(lost, np.nan, model(z, x))
 
     check = MonteCarlo(64)
-    whole = identify(model, TABLE, free, outcome="y", vectorized=True, verification=check)
-    result = identify(brittle, TABLE, free, outcome="y", vectorized=True, verification=check)
+    whole = unjudged(model, TABLE, free, outcome="y", vectorized=True, verification=check)
+    result = unjudged(brittle, TABLE, free, outcome="y", vectorized=True, verification=check)
     for name, value in result.alpha.items():
         error = whole.alpha[name].standard_error
         assert error is not None
@@ -78,7 +78,7 @@ def test_a_failed_corner_is_told_and_costs_accuracy_only_there() -> None:
     def hot(z: Array, x: Array) -> Array:
         return np.where((x > 2.2) & (z > 1.7), np.nan, model(z, x))
 
-    result = identify(hot, TABLE, BOXED, outcome="y", vectorized=True)
+    result = unjudged(hot, TABLE, BOXED, outcome="y", vectorized=True)
     assert result.alpha["x.mean"].estimate == pytest.approx(MEAN, abs=0.1 * SD / 40**0.5)
     assert result.failures is not None
     low, high = result.failures.region["x"]
@@ -89,7 +89,7 @@ def test_a_failed_corner_is_told_and_costs_accuracy_only_there() -> None:
 def test_a_law_that_reaches_far_beyond_the_simulator_is_given_the_box_that_mends_it() -> None:
     everywhere = ResponseSurface(tolerance=0.005)
     with pytest.raises(SimulatorError) as caught:
-        identify(model, TABLE, WIDE, outcome="y", vectorized=True, propagation=everywhere)
+        unjudged(model, TABLE, WIDE, outcome="y", vectorized=True, propagation=everywhere)
     lines = [line.strip() for line in caught.value.remedy.splitlines()]
     assert 'law = "truncated_normal"' in lines
     (box,) = (line for line in lines if line.startswith("box = "))
@@ -103,7 +103,7 @@ def test_surfaces_that_follow_the_law_leave_what_fails_behind() -> None:
     def rooted(z: Array, x: Array) -> Array:
         return np.where(x > 0.0, model(z, np.abs(x)), np.nan)
 
-    result = identify(rooted, TABLE, WIDE, outcome="y", vectorized=True, verification=MonteCarlo(0))
+    result = unjudged(rooted, TABLE, WIDE, outcome="y", vectorized=True, verification=MonteCarlo(0))
     assert result.alpha["x.mean"].estimate == pytest.approx(MEAN, abs=1e-3)
     assert result.alpha["x.sd"].estimate == pytest.approx(SD, abs=1e-3)
     assert result.failures is not None

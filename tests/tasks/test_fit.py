@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from scipy import stats
 
-from aleator import Free, Identification, Inputs, MonteCarlo, Noise, Normal, identify
+from aleator import Free, Identification, Inputs, MonteCarlo, Noise, Normal
 from aleator.inference.fit import climbed, stepped
 
 COUNT = 60
@@ -24,7 +25,7 @@ def identified(noise: Noise | None) -> Identification:
     if noise is not None:
         y = y + rng.normal(0.0, 0.1, COUNT)
     law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.6))})
-    return identify(
+    return unjudged(
         model, pd.DataFrame({"load": load, "y": y}), law, outcome="y", vectorized=True,
         noise=noise, verification=MonteCarlo(0),
     )  # fmt: skip
@@ -116,7 +117,7 @@ def test_where_nothing_is_identified_a_fit_stays_where_it_is() -> None:
     rng = np.random.default_rng(3)
     table = pd.DataFrame({"load": np.ones(8), "y": rng.normal(1.0, 0.3, 8)})
     law = Inputs({"x": Normal(1.0, 0.2)})
-    fit = identify(
+    fit = unjudged(
         model, table, law, outcome="y", vectorized=True, noise=Noise(0.1),
         verification=MonteCarlo(0),
     ).fit  # fmt: skip

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from identifications import Array, estimates, identified, maximum
+from identifications import Array, estimates, identified, maximum, unjudged
 from problems import BINDING, REGRESSION, SAMPLE
 from scipy import stats
 
@@ -23,7 +23,6 @@ from aleator import (
     Normal,
     ResponseSurface,
     TruncatedNormal,
-    identify,
 )
 from aleator.errors import ExperimentsError, InputsError
 
@@ -73,14 +72,14 @@ def test_too_few_experiments_are_refused() -> None:
 
 def test_a_frame_needs_the_name_of_its_outcome() -> None:
     with pytest.raises(InputsError, match="outcome"):
-        identify(lambda z, x: z * x, pd.DataFrame({"z": [1.0], "y": [1.0]}), SAMPLE.inputs)
+        unjudged(lambda z, x: z * x, pd.DataFrame({"z": [1.0], "y": [1.0]}), SAMPLE.inputs)
 
 
 def test_a_known_constant_is_no_parameter_of_the_surface() -> None:
     """y = k x with k = 2 known."""
     y = 2.0 * replace(SAMPLE, z=np.zeros(20)).draw(8)
     inputs = Inputs({"x": SAMPLE.inputs.laws["x"], "k": Constant(2.0)})
-    found = identify(
+    found = unjudged(
         lambda x, k: k * x, pd.DataFrame({"y": y}), inputs, outcome="y",
         search=GradientMultistart(3), verification=MonteCarlo(0),
     )  # fmt: skip
@@ -93,7 +92,7 @@ def test_constants_and_noise_alone_are_least_squares() -> None:
     z = np.linspace(0.0, 4.0, 40)
     y = 1.0 + 2.0 * z + 0.5 * np.random.default_rng(9).standard_normal(40)
     inputs = Inputs({"b0": Constant(Free(-20.0, 20.0)), "b1": Constant(Free(-20.0, 20.0))})
-    found = identify(
+    found = unjudged(
         lambda z, b0, b1: b0 + b1 * z, pd.DataFrame({"z": z, "y": y}), inputs, outcome="y",
         noise=Noise(Free(0.01, 10.0)), search=GradientMultistart(3), verification=MonteCarlo(64),
     )  # fmt: skip
@@ -110,7 +109,7 @@ def test_a_logarithmic_transform_is_that_of_the_outcome() -> None:
     """Lognormal outcomes: the likelihood sees their logarithms, which are normal."""
     y = np.exp(replace(SAMPLE, z=np.zeros(25)).draw(10))
     table = Experiments.from_frame(pd.DataFrame({"y": y}), outcome="y", transform="log")
-    found = identify(
+    found = unjudged(
         lambda x: np.exp(x), table, SAMPLE.inputs, vectorized=True,
         search=GradientMultistart(3), verification=MonteCarlo(0),
     )  # fmt: skip
@@ -181,7 +180,7 @@ def test_intervals_of_a_weak_line_are_those_of_the_books(propagation) -> None:
     inputs = Inputs(
         {"a": Normal(mean=Free(-20.0, 20.0), sd=Free(0.05, 3.0)), "b": Constant(Free(-20.0, 20.0))}
     )
-    found = identify(
+    found = unjudged(
         lambda z, a, b: a + b * z, pd.DataFrame({"z": z, "y": y}), inputs, outcome="y",
         vectorized=True, propagation=propagation, search=GradientMultistart(4),
         verification=MonteCarlo(0),
@@ -200,7 +199,7 @@ def test_intervals_of_a_weak_line_are_those_of_the_books(propagation) -> None:
 
 def test_a_study_in_which_nothing_scatters_is_refused() -> None:
     with pytest.raises(InputsError):
-        identify(
+        unjudged(
             lambda z, k: k * z,
             pd.DataFrame({"z": [1.0, 2.0], "y": [1.0, 2.1]}),
             Inputs({"k": Constant(Free(0.0, 5.0))}),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from scipy import optimize, stats
 
 from aleator import (
@@ -24,7 +25,6 @@ from aleator import (
     Normal,
     ScipyLaw,
     Uniform,
-    identify,
 )
 from aleator.laws import Law
 from aleator.likelihood.model import Model
@@ -89,7 +89,7 @@ def exact_maximum(y: Array, law: Callable[..., Any], start: tuple[float, float])
 
 
 def identified(y: Array, inputs: Inputs, simulator: Callable[..., Array]) -> Any:
-    return identify(
+    return unjudged(
         simulator, pd.DataFrame({"z": Z, "y": y}), inputs, outcome="y", vectorized=True,
         noise=Noise(NOISE), density=MaximumEntropy(6), search=GradientMultistart(4),
         verification=MonteCarlo(0),

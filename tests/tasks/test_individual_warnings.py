@@ -5,6 +5,7 @@ import time as clock
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from individual_cases import PAIR, straight_line, table
 
 import aleator
@@ -25,7 +26,7 @@ def line(time, a, b):
 
 def identified(model, frame, inputs=PAIR, vectorized=True, starts=2, **keys) -> Identification:
     experiments = Experiments.from_frame(frame, outcome="y", id="id", **keys)
-    return aleator.identify(
+    return unjudged(
         model, experiments, inputs, vectorized=vectorized, noise=NOISE,
         search=GradientMultistart(starts=starts),
     )  # fmt: skip
@@ -125,4 +126,4 @@ def test_what_takes_one_outcome_is_refused_before_any_run(choice) -> None:
         raise AssertionError
 
     with pytest.raises(aleator.AleatorError, match="exact outcome"):
-        aleator.identify(never, FRAME, ONE, outcome="y", noise=NOISE, **choice)
+        unjudged(never, FRAME, ONE, outcome="y", noise=NOISE, **choice)

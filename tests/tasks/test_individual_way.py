@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from identifications import unjudged
 from individual_cases import ALPHA, PAIR, decay, likelihood_of, straight_line, table
 
-from aleator import Experiments, Free, Noise, identify
+from aleator import Experiments, Free, Noise
 from aleator.likelihood.individual import OnSurfaces
 from aleator.simulators import Runner
 from aleator.surrogates import build_surface
@@ -37,9 +38,9 @@ def test_surfaces_and_the_simulator_itself_lead_to_one_answer(monkeypatch):
     noise = Noise(Free(0.01, 5.0))
     cheap = "aleator.tasks.individual.answer.cheap"
     monkeypatch.setattr(cheap, lambda *_: True)
-    direct = identify(line, experiments, PAIR, noise=noise)
+    direct = unjudged(line, experiments, PAIR, noise=noise)
     monkeypatch.setattr(cheap, lambda *_: False)
-    surfaced = identify(line, experiments, PAIR, noise=noise)
+    surfaced = unjudged(line, experiments, PAIR, noise=noise)
     assert surfaced.sound
     assert surfaced.log_likelihood.estimated == pytest.approx(
         direct.log_likelihood.estimated, abs=0.01

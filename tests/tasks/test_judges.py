@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from identifications import assert_maximum, errors_of, estimates
+from identifications import assert_maximum, errors_of, estimates, unjudged
 from scipy import integrate, stats
 
 from aleator import (
@@ -21,7 +21,6 @@ from aleator import (
     Inputs,
     Noise,
     Normal,
-    identify,
 )
 
 DATA = Path(__file__).parents[1] / "data"
@@ -40,13 +39,13 @@ def sleep_study(correlated: bool) -> Identification:
         {("start", "slope"): Free(-0.99, 0.99)} if correlated else None,
     )
     table = Experiments.from_csv(DATA / "sleepstudy.csv", outcome="reaction", id="unit")
-    return identify(line, table, inputs, noise=Noise(Free(1.0, 200.0)))
+    return unjudged(line, table, inputs, noise=Noise(Free(1.0, 200.0)))
 
 
 def dyestuff() -> Identification:
     inputs = Inputs({"mean": Normal(Free(1000.0, 2000.0), Free(0.1, 500.0))})
     table = Experiments.from_csv(DATA / "dyestuff.csv", outcome="yield", id="unit")
-    return identify(lambda mean: mean, table, inputs, noise=Noise(Free(1.0, 500.0)))
+    return unjudged(lambda mean: mean, table, inputs, noise=Noise(Free(1.0, 500.0)))
 
 
 # Maxima of the closed form and standard errors; those of CORRELATED are published too.
@@ -143,7 +142,7 @@ def test_censored_values_give_the_exact_maximum(kind: str, rows: int) -> None:
     inputs = Inputs({"log_rate": Normal(Free(-2.0, 1.0), Free(0.01, 2.0))})
     # one value an experiment does not tell the noise from the scatter
     noise = Noise(Free(0.01, 2.0) if rows > 1 else 0.2)
-    answer = identify(growth, table, inputs, noise=noise)
+    answer = unjudged(growth, table, inputs, noise=noise)
     alpha = estimates(answer)
     assert answer.sound
     assert answer.log_likelihood.estimated == pytest.approx(exact(frame, alpha), abs=0.01)

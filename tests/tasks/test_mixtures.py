@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from identifications import unjudged
 from reports import printed
 from scipy import integrate, optimize, stats
 
-import aleator
 from aleator import Experiments, Free, GradientMultistart, Identification, Inputs, Mixture, Noise
 
 from aleator import Normal, cli  # isort: skip
@@ -86,7 +86,7 @@ def values(found: Identification) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def of_one() -> Identification:
-    return aleator.identify(
+    return unjudged(
         elongation, springs(), LAW, outcome="y", vectorized=True, noise=Noise(Free(0.005, 0.5))
     )
 
@@ -114,7 +114,7 @@ def test_series_are_integrated_over_both_components(
 ) -> None:
     monkeypatch.setattr(cost, "LONGEST", longest)
     frame = decays()
-    found = aleator.identify(
+    found = unjudged(
         decay, Experiments.from_frame(frame, outcome="y", id="id"), LAW, vectorized=True,
         noise=Noise(Free(0.005, 0.5)), search=GradientMultistart(starts=4),
     )  # fmt: skip
@@ -204,4 +204,4 @@ def test_what_is_wrong_in_a_component_is_told(
 
 def test_without_noise_it_is_refused() -> None:
     with pytest.raises(InputsError, match="noise"):
-        aleator.identify(elongation, springs(), LAW, outcome="y", vectorized=True)
+        unjudged(elongation, springs(), LAW, outcome="y", vectorized=True)

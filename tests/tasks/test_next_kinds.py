@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from scipy import stats
 from springs import NOISE, asked, closed_form, data, found_with, observed, springs
 
@@ -17,7 +18,6 @@ from aleator import (
     MonteCarlo,
     Noise,
     Normal,
-    identify,
     next_experiments,
 )
 from aleator.inference.design import expected_scores
@@ -66,7 +66,7 @@ def test_candidates_are_tested_to_the_limit_of_the_others() -> None:
     table = data(0.4)
     table["seen"] = np.where(table["y"] > 2.5, "beyond", "")
     table["y"] = table["y"].clip(upper=2.5)
-    found = identify(
+    found = unjudged(
         springs,
         Experiments.from_frame(
             table, outcome="y", censored={"y": Censoring("seen", right="beyond")}
@@ -98,7 +98,7 @@ def test_a_law_that_follows_a_covariate_is_learnt_at_its_far_ends() -> None:
     rng = np.random.default_rng(5)
     heat = np.tile([-1.0, 0.0, 1.0], 12)
     y = 1.0 + 0.3 * heat + 0.3 * rng.standard_normal(36) + 0.1 * rng.standard_normal(36)
-    found = identify(
+    found = unjudged(
         lambda x: x,
         pd.DataFrame({"heat": heat, "y": y}),
         Inputs({"x": Normal(By("1 + heat", -9.0, 9.0), Free(0.01, 2.0))}),

@@ -6,6 +6,7 @@ Four moments are a share of a standard error off on each of these, and more wher
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from problems import BINDING, GROWTH, Problem
 from scipy import optimize, stats
 
@@ -20,7 +21,6 @@ from aleator import (
     Noise,
     Normal,
     ResponseSurface,
-    identify,
     predict,
 )
 from aleator.errors import InputsError
@@ -40,7 +40,7 @@ def exponential(x: np.ndarray) -> np.ndarray:
 
 
 def identified(y: np.ndarray, **more: object) -> Identification:
-    return identify(
+    return unjudged(
         exponential, pd.DataFrame({"y": y}), EXPONENT, outcome="y", vectorized=True,
         verification=MonteCarlo(0), search=GradientMultistart(3), **more,
     )  # type: ignore[arg-type]  # fmt: skip
@@ -94,7 +94,7 @@ def test_no_outcome_is_out_of_reach_of_a_normal_law_without_a_box(
     """A pilot that is linear in x knows little of exp(x) over six decades."""
     y = np.exp(2.0 + sd * np.random.default_rng(0).standard_normal(60))
     wide = Inputs({"x": Normal(mean=Free(-5.0, 10.0), sd=Free(0.02, 3.0))})
-    found = identify(
+    found = unjudged(
         exponential, pd.DataFrame({"y": y}), wide, outcome="y", vectorized=True,
         verification=MonteCarlo(0), search=GradientMultistart(3), propagation=propagation,
     )  # fmt: skip
@@ -146,7 +146,7 @@ def test_of_two_parameters_the_exact_density_is_taken_where_it_moves_an_estimate
     law = Inputs(
         {"x": Normal(mean=0.0, sd=Free(0.1, 1.0)), "w": Normal(mean=Free(0.5, 2.0), sd=0.1)}
     )
-    found = identify(
+    found = unjudged(
         lambda x, w: w * np.exp(x), pd.DataFrame({"y": y}), law, outcome="y", vectorized=True,
         verification=MonteCarlo(0), search=GradientMultistart(2),
         propagation=ResponseSurface(tolerance=1e-3),

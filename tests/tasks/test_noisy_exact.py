@@ -5,6 +5,7 @@ from dataclasses import replace
 import mpmath
 import numpy as np
 import pytest
+from identifications import unjudged
 from problems import FRONTIER, NOISY, Problem, log_frontier
 from scipy import optimize
 
@@ -19,14 +20,13 @@ from aleator import (
     Noise,
     ResponseSurface,
     SobolPoints,
-    identify,
 )
 from aleator.errors import InputsError
 from aleator.polynomials.gauss import gauss_hermite
 
 
 def identified(problem: Problem, y: np.ndarray, **more: object) -> Identification:
-    return identify(
+    return unjudged(
         problem.simulator, problem.table(y), problem.inputs, outcome="y", vectorized=True,
         noise=problem.noise, search=GradientMultistart(3), verification=MonteCarlo(0), **more,
     )  # type: ignore[arg-type]  # fmt: skip

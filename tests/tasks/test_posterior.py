@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 import xarray
 from click.testing import CliRunner
+from identifications import unjudged
 from scipy import stats
 
 import aleator
@@ -29,12 +30,12 @@ def direct(z: Array, x: Array) -> Array:
     return x + 0.0 * z
 
 
-def identified(law: Law, noise: Noise | None = None) -> Identification:
+def identified(law: Law, noise: Noise | None = None, **more: bool) -> Identification:
     ids = [f"specimen {k}" for k in range(COUNT)]
     table = pd.DataFrame({"id": ids, "z": np.linspace(0.0, 1.0, COUNT), "y": MEASURED})
-    return aleator.identify(
+    return unjudged(
         direct, table, Inputs({"x": law}), outcome="y", vectorized=True, noise=noise,
-        verification=MonteCarlo(0),
+        verification=MonteCarlo(0), **more,
     )  # fmt: skip
 
 
@@ -45,7 +46,8 @@ def conjugate(variance: float) -> stats.rv_continuous:
 
 @pytest.fixture(scope="module")
 def found() -> Identification:
-    return identified(Normal(Free(-10.0, 10.0, prior=PRIOR), SD), Noise(NOISE))
+    law = Normal(Free(-10.0, 10.0, prior=PRIOR), SD)
+    return identified(law, Noise(NOISE), consistency=True)
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from scipy import optimize, stats
 
 from aleator import (
@@ -15,7 +16,6 @@ from aleator import (
     MonteCarlo,
     Noise,
     Normal,
-    identify,
 )
 from aleator.laws import By, Law
 from aleator.types import Array
@@ -31,7 +31,7 @@ def direct(z: Array, x: Array) -> Array:
 
 def identified(law: Law, noise: Noise | None, y: Array = MEASURED) -> Identification:
     table = pd.DataFrame({"z": np.linspace(0.0, 1.0, y.size), "y": y})
-    return identify(
+    return unjudged(
         direct, table, Inputs({"x": law}), outcome="y", vectorized=True, noise=noise,
         verification=MonteCarlo(0),
     )  # fmt: skip
@@ -118,7 +118,7 @@ def test_a_correlation_may_have_a_prior() -> None:
         {"a": Normal(0.0, 1.0), "b": Normal(0.0, 1.0)},
         {("a", "b"): Free(-0.9, 0.9, prior=prior)},
     )
-    found = identify(
+    found = unjudged(
         lambda z, a, b: np.where(z > 0.5, b, a), Experiments.from_frame(table, outcome="y"),
         inputs, vectorized=True, noise=Noise(0.1), verification=MonteCarlo(0),
     )  # fmt: skip

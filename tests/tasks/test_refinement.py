@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 
 from aleator import (
     Experiments,
@@ -12,7 +13,6 @@ from aleator import (
     MonteCarlo,
     ResponseSurface,
     TruncatedNormal,
-    identify,
 )
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
@@ -36,7 +36,7 @@ TABLE = pd.DataFrame({"z": Z, "y": front(Z, X)})
 
 
 def found(propagation: ResponseSurface, run: Runner | None = None) -> Identification:
-    return identify(
+    return unjudged(
         run or front, Experiments.from_frame(TABLE, outcome="y"), LAW, vectorized=True,
         propagation=propagation, search=GradientMultistart(3),
         verification=MonteCarlo(0),

@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from numpy.typing import NDArray
 
-from aleator import Free, Inputs, MaximumEntropy, MonteCarlo, Normal, ResponseSurface, identify
+from aleator import Free, Inputs, MaximumEntropy, MonteCarlo, Normal, ResponseSurface
 from aleator.errors import InputsError
 from aleator.observations.experiments import Experiments
 from aleator.simulators import FunctionSimulator, Runner
@@ -118,7 +119,7 @@ def test_a_shared_surface_leads_to_the_exact_maximum() -> None:
     x = RNG.normal(1.0, 0.1, 40)
     table = pd.DataFrame({"load": load, "y": load * x + np.sin(load)})
     inputs = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
-    result = identify(
+    result = unjudged(
         lambda load, x: load * x + np.sin(load), table, inputs, outcome="y",
         propagation=ResponseSurface(surfaces="shared"), density=MaximumEntropy(order=4),
         verification=MonteCarlo(0),

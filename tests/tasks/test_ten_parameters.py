@@ -3,9 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from scipy import optimize
 
-from aleator import Free, GradientMultistart, Inputs, MonteCarlo, Normal, identify
+from aleator import Free, GradientMultistart, Inputs, MonteCarlo, Normal
 
 COUNT, TEN, BEND = 80, 10, 0.03
 MEANS, SDS = np.linspace(-1.0, 1.0, TEN), np.linspace(0.1, 0.5, TEN)
@@ -52,7 +53,7 @@ def test_a_law_of_ten_parameters_is_identified_from_few_runs() -> None:
         f"x{i}": Normal(Free(-2.0, 2.0), Free(0.02, 1.0) if i in FREE_SDS else SDS[i])
         for i in range(TEN)
     }
-    found = identify(
+    found = unjudged(
         model, table, Inputs(laws), outcome="y", vectorized=True,
         search=GradientMultistart(1), verification=MonteCarlo(0),
     )  # fmt: skip

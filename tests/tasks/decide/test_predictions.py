@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from scipy import stats
 
-import aleator
 from aleator import Free, GradientMultistart, Identification, Inputs, MonteCarlo, Noise, Normal
 
 N = 12
@@ -19,7 +19,7 @@ QUANTILES = (0.025, 0.5, 0.975)
 @pytest.fixture(scope="module")
 def found() -> Identification:
     """y = load x without noise: x itself is seen, a normal sample of twelve."""
-    return aleator.identify(
+    return unjudged(
         lambda load, x: load * x, TABLE, Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))}),
         outcome="y", vectorized=True, search=GradientMultistart(1), verification=MonteCarlo(0),
     )  # fmt: skip
@@ -56,7 +56,7 @@ def test_with_noise_both_kinds_of_uncertainty_add_up() -> None:
     rows = pd.DataFrame({"id": np.repeat(np.arange(15), 4), "t": np.tile([0.0, 1, 2, 3], 15)})
     x = np.repeat(rng.normal(1.0, 0.3, 15), 4)
     rows["y"] = x + rows["t"] + rng.normal(0.0, 0.2, 60)
-    found = aleator.identify(
+    found = unjudged(
         lambda t, x: x + t, rows, Inputs({"x": Normal(Free(0.0, 2.0), Free(0.01, 2.0))}),
         outcome="y", vectorized=True, noise=Noise(Free(0.01, 1.0)), search=GradientMultistart(1),
         verification=MonteCarlo(0),
