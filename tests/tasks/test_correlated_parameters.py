@@ -108,7 +108,7 @@ def found_for(
 def test_two_correlated_coefficients(density: Gaussian | MaximumEntropy) -> None:
     mean, sd, rho = np.array([1.0, 2.0]), np.array([0.5, 0.4]), -0.6
     covariance = np.outer(sd, sd) * np.array([[1.0, rho], [rho, 1.0]])
-    regressors = conditions(2, 150)
+    regressors = conditions(2, 60)
     y = outcomes(mean, covariance, regressors, 3)
     exact, value, error = maximum(regressors, y, np.array([*mean, *sd, rho]))
     found = found_for(regressors, y, density)
@@ -133,7 +133,7 @@ def test_three_correlated_coefficients_and_their_delta_method() -> None:
     """The maximum in plain correlations, another parametrization, and its errors are the same."""
     mean, sd = np.array([1.0, 2.0, 0.5]), np.array([0.6, 0.5, 0.4])
     matrix = np.array([[1.0, 0.5, -0.3], [0.5, 1.0, 0.2], [-0.3, 0.2, 1.0]])
-    regressors = conditions(3, 300)
+    regressors = conditions(3, 120)
     y = outcomes(mean, np.outer(sd, sd) * matrix, regressors, 11)
     exact, value, error = maximum(
         regressors, y, np.array([*mean, *sd, matrix[1, 0], matrix[2, 0], matrix[2, 1]])

@@ -125,7 +125,7 @@ def test_repeated_conditions_share_their_runs_and_change_nothing() -> None:
 
 @pytest.mark.slow
 def test_random_coefficients_by_collocation_are_the_same() -> None:
-    problem = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 30))
+    problem = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 15))
     y = problem.draw(5)
     by_surface = identified(problem, y)
     by_runs = identified(problem, y, propagation=Collocation(nodes=5))
@@ -138,7 +138,7 @@ def test_random_coefficients_by_collocation_are_the_same() -> None:
     assert by_runs.surface is None
     # an evaluation costs the runs of nodes and of differences, less those that another has made
     evaluations = by_runs.search["evaluations"] + by_runs.search["distinct_optima"]
-    most = evaluations * 30 * 25 * 5
+    most = evaluations * 15 * 25 * 5
     assert 0.9 * most < by_runs.runs_by_stage["search"] <= most
 
 
@@ -188,7 +188,7 @@ def test_a_stochastic_frontier_is_found_as_well_as_its_moments_tell(order, close
 
 def test_a_search_that_leaves_the_pilot_s_region_comes_back() -> None:
     """Almost no noise: the pilot takes the half normal law for a normal one, b0 a unit too low."""
-    problem = replace(FRONTIER, z=np.linspace(0.0, 3.0, 80))
+    problem = replace(FRONTIER, z=np.linspace(0.0, 3.0, 40))
     y = problem.draw(5, np.array([1.0, 0.7, 0.0, 1.0, 0.1]))
     found = identified(problem, y)
     direct = identified(problem, y, propagation=Collocation(nodes=8))
