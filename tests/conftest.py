@@ -21,3 +21,13 @@ settings.load_profile("house")
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+@pytest.fixture
+def unjudged_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands identify without the second verdict and the best law, for tests of neither."""
+    from aleator.cli import running
+
+    left_out = {"consistency": False, "best_law": False}
+    whole = running.identify
+    monkeypatch.setattr(running, "identify", lambda *given, **by: whole(*given, **by | left_out))

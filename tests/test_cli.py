@@ -165,12 +165,14 @@ def test_a_folder_that_cannot_be_made_is_told_before_anything_runs(study: Path) 
     assert "response surface" not in done.stderr
 
 
+@pytest.mark.usefixtures("unjudged_commands")
 def test_starts_can_be_chosen(study: Path) -> None:
     run("identify", study, "--starts", 1, "--no-verify", "--output", "one")
     document = json.loads(Path("one/identification.json").read_text())
     assert document["search"]["starts"] == 1
 
 
+@pytest.mark.usefixtures("unjudged_commands")
 def test_completed_runs_survive_and_are_taken_up(study: Path) -> None:
     model, counter = study.with_name("model.py"), Path("count.txt")
     model.write_text(
@@ -207,6 +209,7 @@ def test_completed_runs_survive_and_are_taken_up(study: Path) -> None:
     assert whole.exit_code == 0
 
 
+@pytest.mark.usefixtures("unjudged_commands")
 def test_runs_of_a_simulator_that_has_changed_are_not_taken(study: Path) -> None:
     run("identify", study, "--no-figures", "--output", "result", "--no-verify")
     again = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
@@ -217,6 +220,7 @@ def test_runs_of_a_simulator_that_has_changed_are_not_taken(study: Path) -> None
     assert "runs of 'length' with other files or settings" in changed.stderr
 
 
+@pytest.mark.usefixtures("unjudged_commands")
 def test_a_version_keeps_runs_valid_whatever_happens_to_the_source(study: Path) -> None:
     study.write_text(STUDY.replace("[simulator]", '[simulator]\nversion = "A"'))
     run("identify", study, "--no-figures", "--output", "result", "--no-verify")
@@ -228,6 +232,7 @@ def test_a_version_keeps_runs_valid_whatever_happens_to_the_source(study: Path) 
     assert "none is repeated" not in changed.stderr
 
 
+@pytest.mark.usefixtures("unjudged_commands")
 def test_the_store_may_lie_anywhere_or_nowhere(study: Path) -> None:
     study.write_text(STUDY.replace("[simulator]", '[simulator]\nstore = "kept/a.sqlite"'))
     Path("springs/kept").mkdir()
@@ -240,6 +245,7 @@ def test_the_store_may_lie_anywhere_or_nowhere(study: Path) -> None:
     assert "contradict" in both.stderr
 
 
+@pytest.mark.usefixtures("unjudged_commands")
 def test_predict_prints_or_writes_new_conditions(study: Path) -> None:
     run("identify", study, "--output", "result", "--quiet", "--no-verify")
     Path("new.csv").write_text("id,load\nten,10\ntwenty,20\n")
@@ -258,6 +264,7 @@ def test_predict_prints_or_writes_new_conditions(study: Path) -> None:
     assert (table["q0.025"] < table["q0.5"]).all()
 
 
+@pytest.mark.usefixtures("unjudged_commands")
 def test_predict_finds_a_study_that_was_moved_or_changed(study: Path) -> None:
     run("identify", study, "--output", "result", "--quiet", "--no-verify")
     Path("new.csv").write_text("load\n10\n")
@@ -284,6 +291,7 @@ def recovered(*arguments: object) -> dict[str, Any]:
     return found["hyperparameters"]
 
 
+@pytest.mark.usefixtures("unjudged_commands")
 def test_recover_at_the_identified_law(study: Path) -> None:
     run("identify", study, "--output", "result", "--quiet", "--no-verify")
     law = json.loads(Path("result/identification.json").read_text())

@@ -38,8 +38,8 @@ def run(*arguments: object) -> Result:
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     rng = np.random.default_rng(0)
-    load = rng.uniform(1.0, 4.0, 40)
-    length = load * rng.choice([0.7, 1.3], 40) + rng.normal(0.0, 0.1, 40)
+    load = rng.uniform(1.0, 4.0, 24)
+    length = load * rng.choice([0.7, 1.3], 24) + rng.normal(0.0, 0.1, 24)
     rows = [f"{k},{a:.4f},{b:.4f}" for k, (a, b) in enumerate(zip(load, length, strict=True))]
     (tmp_path / "springs.csv").write_text("\n".join(["id,load,length", *rows]) + "\n")
     (tmp_path / "model.py").write_text(MODEL)

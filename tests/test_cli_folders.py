@@ -60,6 +60,7 @@ def files(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.usefixtures("unjudged_commands")
 @pytest.mark.parametrize("imported", ["", "os.chdir('/')"])
 def test_results_and_runs_lie_where_they_were_wanted(folder: Path, imported: str) -> None:
     (folder / "springs" / "model.py").write_text(FUNCTION.replace("IMPORTED", imported))

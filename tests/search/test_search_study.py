@@ -109,6 +109,7 @@ def test_the_command_line_says_so_too(write) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unjudged_commands")
 def test_a_study_is_identified_by_each_method_alike(write, tmp_path) -> None:
     import json
 
