@@ -58,12 +58,12 @@ def two_modes() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def right() -> Identification:
-    return identified(one_mode())
+    return identified(one_mode(), best_law=True)
 
 
 @pytest.fixture(scope="module")
 def wrong() -> Identification:
-    return identified(two_modes())
+    return identified(two_modes(), best_law=True)
 
 
 @pytest.fixture(scope="module")
