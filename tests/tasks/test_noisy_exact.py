@@ -35,7 +35,7 @@ def identified(problem: Problem, y: np.ndarray, **more: object) -> Identificatio
 @pytest.mark.parametrize(("sds", "seed"), [((0.7, 0.3), 1), ((1.1, 0.2), 2), ((1.6, 0.1), 3)])
 def test_a_stochastic_frontier_is_found_exactly(sds: tuple[float, float], seed: int) -> None:
     """Sharp densities that meet little noise, where four moments are 0.3 to 1.3 errors off."""
-    problem = replace(FRONTIER, z=np.linspace(0.0, 3.0, 50))
+    problem = replace(FRONTIER, z=np.linspace(0.0, 3.0, 100))
     y = problem.draw(seed, np.array([1.0, 0.7, 0.0, *sds]))
 
     def negative(p: np.ndarray) -> float:
