@@ -18,6 +18,7 @@ from benchmarks.coverage import print_coverage
 from benchmarks.densities import density_rows, failure_table
 from benchmarks.expansions import expansion_rows
 from benchmarks.few_runs import print_few_runs
+from benchmarks.growth import growth_rows
 from benchmarks.identifications import identification_rows
 from benchmarks.individual import individual_rows
 from benchmarks.likelihood import likelihood_rows
@@ -38,6 +39,7 @@ ROWS: dict[str, Callable[[], list[Row]]] = {
     "moments": moment_rows,
     "densities": density_rows,
     "expansions": expansion_rows,
+    "growth": growth_rows,
 }
 TABLES: dict[str, Callable[[Console], None]] = {
     "failures": failure_table,
