@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from problems import BINDING, FRONTIER, GROWTH, NOISY, PRODUCT, SAMPLE, SQUARE, Problem, title
 from scipy import special
 
@@ -15,9 +17,33 @@ from aleator.inference.verification import Verification, verify
 from aleator.types import Array
 
 
-def checked(problem: Problem, y: Array, samples: int = 512, seed: int = 0) -> Verification:
+@dataclass
+class Recording:
+    """A simulator that remembers its runs."""
+
+    problem: Problem
+    index: list[NDArray[np.intp]] = field(default_factory=list)
+    x: list[Array] = field(default_factory=list)
+
+    def __call__(self, index: NDArray[np.intp], x: Array) -> Array:
+        self.index.append(index)
+        self.x.append(x)
+        return self.problem.run(index, x)
+
+    def of(self, experiment: int) -> Array:
+        """The points (R, n) of an experiment."""
+        return np.concatenate(self.x)[np.concatenate(self.index) == experiment]
+
+
+def checked(
+    problem: Problem,
+    y: Array,
+    samples: int = 512,
+    seed: int = 0,
+    run: Callable[[NDArray[np.intp], Array], Array] | None = None,
+) -> Verification:
     return verify(
-        problem.run,
+        run or problem.run,
         problem.inputs,
         problem.alpha,
         problem.noise_sd,
@@ -132,44 +158,45 @@ def test_a_wrong_density_is_seen() -> None:
 
 def test_a_seed_gives_the_same_and_another_seed_other_points() -> None:
     y = GROWTH.draw(6)
-    one, two, other = (checked(GROWTH, y, seed=seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(one.each, two.each)
-    np.testing.assert_array_equal(one.x, two.x)
-    assert not np.array_equal(one.x, other.x)
+    one, two, other = (Recording(GROWTH) for _ in range(3))
+    found = [
+        checked(GROWTH, y, seed=s, run=r) for s, r in zip((1, 1, 2), (one, two, other), strict=True)
+    ]
+    np.testing.assert_array_equal(found[0].each, found[1].each)
+    np.testing.assert_array_equal(one.of(0), two.of(0))
+    assert not np.array_equal(one.of(0), other.of(0))
 
 
-def test_points_belong_to_outcomes_and_to_the_law() -> None:
-    y = PRODUCT.draw(7)
-    found = checked(PRODUCT, y)
-    count, samples, n = found.x.shape
-    assert (count, n) == (7, 2)
-    index = np.repeat(np.arange(count), samples)
-    again = PRODUCT.run(index, found.x.reshape(-1, n)).reshape(count, samples)
-    np.testing.assert_array_equal(found.outcomes, again)
+def test_points_are_of_the_law() -> None:
+    y, runs = PRODUCT.draw(7), Recording(PRODUCT)
+    found = checked(PRODUCT, y, run=runs)
     mean, sd, _ = PRODUCT.exact_moments(2)
+    outcomes = np.array([PRODUCT.run(np.full(512, l), runs.of(l)) for l in range(7)])
     # 512 points of quasi-Monte Carlo: a hundredth of a standard deviation
-    np.testing.assert_allclose(found.outcomes.mean(axis=1), mean, atol=0.02 * sd.max())
-    np.testing.assert_allclose(found.outcomes.std(axis=1), sd, rtol=0.05)
+    np.testing.assert_allclose(outcomes.mean(axis=1), mean, atol=0.02 * sd.max())
+    np.testing.assert_allclose(found.scatter, sd, rtol=0.05)
 
 
 def test_every_experiment_has_points_of_its_own() -> None:
     """Equal conditions get different points, so that errors of a sum are independent."""
     problem = replace(SAMPLE, z=np.zeros(4))
-    found = checked(problem, problem.draw(8))
-    assert not np.array_equal(found.x[0], found.x[1])
+    runs = Recording(problem)
+    checked(problem, problem.draw(8), run=runs)
+    assert not np.array_equal(runs.of(0), runs.of(1))
 
 
 # ------------------------------------------------------------------------------ the choice
 
 
-@pytest.mark.parametrize("samples", [1, 49, -5])
+@pytest.mark.parametrize("samples", [1, 15, -5])
 def test_too_few_samples_are_refused(samples) -> None:
     with pytest.raises(InputsError, match="samples"):
         MonteCarlo(samples)
 
 
 def test_samples_are_rounded_up_to_eight_times_a_power_of_two() -> None:
-    assert MonteCarlo(0).samples == 0
+    assert not MonteCarlo(0).wanted
+    assert MonteCarlo(16).points == 8
     for samples, points in ((50, 8), (64, 8), (65, 16), (1000, 128), (1024, 128), (1025, 256)):
         assert MonteCarlo(samples).points == points
         assert 8 * MonteCarlo(samples).points >= samples

@@ -119,7 +119,7 @@ SEARCHES: Kinds[Search] = Kinds(
 class VerificationSection(Section):
     """`[verification]`: simulator runs an experiment for the Monte Carlo check; 0 is none."""
 
-    samples: int = 1000
+    samples: int | None = None
 
     def build(self) -> MonteCarlo:
         """The library's choice."""

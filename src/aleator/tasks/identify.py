@@ -99,7 +99,7 @@ def identify(
             noise,
             propagation,
             search,
-            verification.samples > 0,
+            verification.wanted,
             seed,
             ledger,
         )
@@ -115,7 +115,7 @@ def identify(
         with ledger.stage("baselines"):
             baselines = baselines_of(answer.problem, search, seed)
         checked = None
-        if verification.samples:
+        if verification.wanted:
             with ledger.stage("verification"):
                 checked = _verified(answer, runner, verification, seed, ledger.progress)
     found = summary.assemble(
@@ -158,7 +158,7 @@ def _verified(
         runner.attempt, model.inputs, alpha, model.noise_sd(alpha), problem.outcomes, choice,
         seed=seed, lower=problem.predictive.lower, upper=problem.predictive.upper,
         observation=model.noise.kind if model.noise else NORMAL,
-        emulator=emulator, progress=progress,
+        emulator=emulator, condition=problem.condition, progress=progress,
         steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
     )  # fmt: skip
 

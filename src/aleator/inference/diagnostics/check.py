@@ -58,6 +58,18 @@ def refusals(
                 chosen(np.flatnonzero(~checked.reached), ids),
             )
         ]
+    lost = np.flatnonzero(checked.contradicted)
+    if lost.size:
+        return [
+            Diagnostic(
+                "verification",
+                f"{named(lost, ids)}: where the response surfaces explain the measured outcome the "
+                "simulator's own outcomes lie elsewhere, so that the check found no density",
+                "choose a tolerance, such as 0.005, for surfaces that are exact on all of their "
+                "region; or take more samples",
+                chosen(lost, ids),
+            )
+        ]
     gap = honest.each - checked.each
     bad = np.flatnonzero(
         checked.reached & ~(np.abs(gap) < np.maximum(1.0, 5.0 * checked.each_error))

@@ -13,31 +13,49 @@ from aleator.types import Array
 
 REPLICATES = 8
 """Independently shifted copies of the points; their scatter gives the standard error."""
+FEW, LEAST, ALONE, FEWEST = 20, 16, 1024, 64
+"""Runs an experiment: with surfaces, fewest with them, without, and fewest without."""
 
 
 @dataclass(frozen=True)
 class MonteCarlo:
     """The user's choice of the check: `samples` simulator runs an experiment (0: no check).
 
-    They are spread over eight shifted copies of a Sobol' point set, and rounded up to eight times
-    a power of two. An experiment far out under the law takes as many again. Raises InputsError for
-    a number of samples between 1 and 49: a density needs more.
+    None is 20 where response surfaces stand for the simulator, which these runs only correct, and
+    1024 where none do. Experiments of equal conditions share theirs: eight of them at most pay. An
+    experiment that the check cannot judge so takes 256 more, one in 64 experiments at most.
+    Without surfaces the runs are spread over eight shifted copies of a Sobol' point set, rounded
+    up to eight times a power of two, 64 at least, and an experiment far out takes as many again.
+    Raises InputsError for a number of samples between 1 and 15.
 
-    >>> MonteCarlo(samples=1000).points  # of each copy: 8 * 128 = 1024 runs an experiment
-    128
+    >>> MonteCarlo().near, MonteCarlo(samples=1000).points  # of each copy: 8 * 128 = 1024 runs
+    (20, 128)
     """
 
-    samples: int = 1024
+    samples: int | None = None
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""
-        if self.samples != 0 and self.samples < 50:
-            raise InputsError(f"verification: samples {self.samples}", "use 0 (off) or at least 50")
+        if self.samples is not None and self.samples != 0 and self.samples < LEAST:
+            raise InputsError(
+                f"verification: samples {self.samples}", f"use 0 (off) or at least {LEAST}"
+            )
+
+    @property
+    def wanted(self) -> bool:
+        """Whether there is a check."""
+        return self.samples != 0
+
+    @property
+    def near(self) -> int:
+        """Runs an experiment that correct surfaces, an even number."""
+        return 2 * math.ceil((FEW if self.samples is None else self.samples) / 2)
 
     @property
     def points(self) -> int:
-        """Points of each of the eight copies, a power of two."""
-        return 1 << math.ceil(math.log2(max(self.samples, 1) / REPLICATES))
+        """Points of each of the eight copies without surfaces, a power of two."""
+        samples = ALONE if self.samples is None else max(self.samples, FEWEST)
+        return 1 << math.ceil(math.log2(samples / REPLICATES))
 
 
 @dataclass(frozen=True)
@@ -63,9 +81,12 @@ class Verification:
 
     `each` (N,) log-densities and `each_error` (N,) their standard errors; `effective` (N,) the
     number of samples that count, (sum t)^2/sum t^2: where it is below ten the outcome lies where
-    hardly a sample falls, and neither value nor error means much; `reached` (N,) are the other
-    experiments, `total` and `standard_error` of their sum; `outcomes` (N, S) of the simulator,
-    noise-free, NaN where a run failed; `x` (N, S, n), drawn from the law.
+    hardly a sample falls, and neither value nor error means much; `reached` (N,) are the
+    experiments that are judged, `total` and `standard_error` of their sum. `scatter` (N,) is the
+    standard deviation of the noise-free outcome under the law, `surface_error` (N,) the
+    root-mean-square error of the emulator at the runs, both in units of the outcome and the latter
+    NaN without one. `contradicted` (N,) are experiments of which it is so large that their runs
+    say nothing of the density that the emulator has.
     `score` is None where it was not asked for or could not be told.
     """
 
@@ -75,6 +96,7 @@ class Verification:
     reached: NDArray[np.bool_]
     total: float
     standard_error: float
-    outcomes: Array
-    x: Array
+    scatter: Array
+    surface_error: Array
+    contradicted: NDArray[np.bool_]
     score: Score | None = None

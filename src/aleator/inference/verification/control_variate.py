@@ -1,4 +1,4 @@
-"""The emulator as a control: its density is known exactly, so that samples only correct it.
+"""The emulator as a control: its density is known exactly, so that a few runs only correct it.
 
 f(y) = f_emulator(y) + E[K(y - Y) - K(y - Y_emulator)], both outcomes at the same parameters. Where
 the emulator is good the difference is small, and with it the error of its mean and the bias of a
@@ -7,82 +7,67 @@ smoothing kernel K; where it is not, its own scatter says so.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.inference.verification.choice import REPLICATES, Score
+from aleator.inference.verification.choice import Score
 from aleator.inference.verification.emulator import Emulator
 from aleator.inference.verification.importance_sampling import flat
-from aleator.inference.verification.kernel import (
-    NARROWER,
-    Kernel,
-    Noise,
-    copies_of,
-    error_of,
-    larger,
-    smoothing,
-)
+from aleator.inference.verification.kernel import NARROWER, SEEN, Kernel, Noise, larger
 from aleator.inference.verification.line_sampling import COARSE, FINE, Lines, densities, drawn
+from aleator.inference.verification.near import Candidates, Near
 from aleator.laws.inputs import Inputs
 from aleator.types import Array, Indices
 
-SCORE_POINTS = 32
-"""Points of each copy that correct the score, which is a small part of it."""
+BLOCK = 2_000_000
+"""Kernels that are held at once."""
 
 
 @dataclass(frozen=True)
-class Samples:
-    """Samples of m experiments: `variate` (m, S, d), `weight`, `outcomes` (m, S), `x` (m, S, n).
+class Made:
+    """Runs near outcomes, made: `outcomes` (G, R) of the simulator, NaN where one failed."""
 
-    `index` (m,) are the experiments, `kernel` what makes densities of the outcomes. Of the S
-    samples each of the eight copies has S/8 in one piece.
-    """
-
-    index: Indices
-    variate: Array
-    weight: Array
-    x: Array
+    near: Near
     outcomes: Array
-    kernel: Kernel
 
-    def guess(self, emulator: Emulator, x: Array) -> Array:
-        """The emulator's outcomes (m, S) at x (m, S, n)."""
-        count, samples = x.shape[:2]
-        return emulator.at(np.repeat(self.index, samples), flat(x)).reshape(count, samples)
-
-    def few(self) -> Samples:
-        """The first points of each copy."""
-        each = self.weight.shape[1] // REPLICATES
-        kept = np.flatnonzero(np.arange(each * REPLICATES) % each < SCORE_POINTS)
-        return Samples(
-            self.index, self.variate[:, kept], self.weight[:, kept], self.x[:, kept],
-            self.outcomes[:, kept], self.kernel,
-        )  # fmt: skip
+    def blocks(self) -> Iterator[Made]:
+        """The same, for some of the experiments at once."""
+        near = self.near
+        step = max(1, BLOCK // near.chosen.shape[1])
+        for begin in range(0, near.index.size, step):
+            part = slice(begin, begin + step)
+            yield Made(
+                Near(near.index[part], near.group[part], near.first, near.chosen, near.weight),
+                self.outcomes,
+            )
 
 
 @dataclass(frozen=True)
-class Controlled:
-    """Densities by control: `known` (N, C') of the emulator, `correction` (N, C), C' copies or one.
+class Corrected:
+    """What runs add to the densities of the control, (N,), with its standard error.
 
-    `bias` (N,) bounds what smoothing does to the correction, as in `kernel.chosen`; `coarseness` is
-    the relative error of `known` that its copies share.
+    `lower` is half of what a kernel of lower order changes, `narrow` what a narrower one changes
+    and `unsure` the error of that: both bound what smoothing does to the correction.
     """
 
-    known: Array
     correction: Array
-    bias: Array
-    coarseness: float
+    error: Array
+    lower: Array
+    narrow: Array
+    unsure: Array
 
     @property
-    def density(self) -> Array:
-        """(N,) the estimate."""
-        return np.asarray(self.known.mean(axis=1) + self.correction.mean(axis=1))
+    def bias(self) -> Array:
+        """(N,) the bound of each: either may vanish by chance."""
+        return larger(self.lower, self.narrow)
 
-    @property
-    def error(self) -> Array:
-        """(N,) its standard error, without the bias."""
-        return np.hypot(error_of(self.known), error_of(self.correction))
+    def bias_of_sum(self, factor: Array) -> float:
+        """Of the sum times factors (N,): that of the narrower kernels if it is more than chance."""
+        lower, narrow = float(self.lower @ factor), float(self.narrow @ factor)
+        certain = abs(narrow) > SEEN * np.sqrt(np.sum((self.unsure * factor) ** 2))
+        return max(abs(lower), abs(narrow)) if certain else abs(lower)
 
 
 @dataclass(frozen=True)
@@ -99,7 +84,7 @@ class Control:
     along: Indices
     seed: int
 
-    def lines(self, sizes: tuple[tuple[int, int], int]) -> list[tuple[Indices, Lines]]:
+    def lines(self, sizes: tuple[tuple[int, int], int] = FINE) -> list[tuple[Indices, Lines]]:
         """Lines for every variate that they run along, with the experiments (N',) they are for."""
         rng = np.random.default_rng([self.seed, 1])
         return [
@@ -120,71 +105,152 @@ class Control:
             found[rows] = densities(self.emulator, some, x, self.y[rows], sd, rows)
         return found
 
-    def correct(self, parts: list[Samples], sd: float) -> Controlled:
-        """All densities; each experiment is in one of the parts."""
-        correction, bias = np.empty((self.y.size, REPLICATES)), np.zeros(self.y.size)
-        for part in parts:
-            guess = part.guess(self.emulator, part.x)
-            gaps = _gaps(part, part.kernel, guess)
-            correction[part.index] = copies_of(gaps[-1])
-            if len(gaps) > 1:
-                mean, lower = (gap.mean(axis=1) for gap in (gaps[-1], gaps[-2]))
-                narrow = [_gaps(part, part.kernel.scaled(f), guess)[-1] for f in NARROWER]
-                bias[part.index] = larger(0.5 * (mean - lower), smoothing(gaps[-1], narrow))
-        lines = self.lines(FINE)
-        return Controlled(self.known(lines, sd), correction, bias, lines[0][1].coarseness)
-
-    def score(self, parts: list[Samples], density: Array, noise_sd: float, steps: Array) -> Score:
+    def score(
+        self,
+        candidates: Candidates,
+        made: Sequence[Made],
+        density: Array,
+        noise_sd: float,
+        steps: Array,
+        condition: Indices,
+    ) -> Score:
         """Derivative of sum log f by central differences of `steps` (K,), the variates held.
 
         Without noise it is that of the emulator's density: the derivative of a kernel estimate of
-        the correction is all error. With noise the samples correct it.
+        the correction is all error. With noise the samples correct it, those of equal conditions
+        (N,) together.
         """
         lines = self.lines(COARSE)
         here = self.known(lines, noise_sd)
-        few = [part.few() for part in parts] if noise_sd > 0.0 else []
+        few = made if noise_sd > 0.0 else ()
         scale = 0.5 / (density if few else here.mean(axis=1))[:, None]
         of_known = np.zeros((steps.size, *here.shape))
-        of_samples = np.zeros((steps.size, self.y.size, REPLICATES))
-        dx = [self._image(part) for part in few]
+        of_samples = np.zeros((steps.size, self.y.size, 2))
+        dx = self.inputs.image(self.alpha, candidates.variate)[1] if few else np.zeros(0)
         for k in np.flatnonzero(steps > 0.0).tolist():
             of_noise = k == self.inputs.size
             for change in (steps[k], -steps[k]):
                 sd, step = (noise_sd + change, 0.0) if of_noise else (noise_sd, change)
                 at = 0 if of_noise else k
                 of_known[k] += scale / change * self.known(lines, sd, at, step)
-                for part, slope in zip(few, dx, strict=True):
-                    gap = self._gap(part, part.x + step * slope[..., at], sd)
-                    of_samples[k, part.index] += scale[part.index] / change * gap
-        return _score(of_known, of_samples)
+                for one in few:
+                    x = candidates.x + (step * dx[..., at] if step else 0.0)
+                    for part, gap in self._gaps(candidates, one, x, sd):
+                        of_samples[k, part] += scale[part] / change * gap
+        return _score(of_known, of_samples, condition)
 
-    def _image(self, part: Samples) -> Array:
-        _, dx = self.inputs.image(self.alpha, flat(part.variate))
-        return np.asarray(dx.reshape(*part.x.shape, -1))
-
-    def _gap(self, part: Samples, x: Array, sd: float) -> Array:
-        """Copies (m, C) of the correction at moved parameters.
+    def _gaps(
+        self, candidates: Candidates, made: Made, x: Array, sd: float
+    ) -> Iterator[tuple[Indices, Array]]:
+        """Experiments and both halves (m, 2) of their correction, at moved candidates x (J, n).
 
         The simulator is taken to change by as much as the emulator does.
         """
-        here, there = part.guess(self.emulator, part.x), part.guess(self.emulator, x)
-        kernel = Noise(self.y[part.index], sd)
-        (true,), (guessed,) = kernel.orders(part.outcomes + there - here), kernel.orders(there)
-        return copies_of(part.weight * (true - guessed))
+        near = made.near
+        guess = candidates.outcomes[near.first[:, None], near.chosen]
+        index = np.repeat(near.first, near.chosen.shape[1])
+        there = self.emulator.at(index, flat(x[near.chosen])).reshape(guess.shape)
+        true = made.outcomes + there - guess
+        for block in made.blocks():
+            rows = block.near.group
+            kernel = Noise(self.y[block.near.index], sd)
+            gap = _worked(kernel.orders(true[rows])[0] - kernel.orders(there[rows])[0])
+            yield block.near.index, _halves(near.weight[rows] * gap)
 
 
-def _gaps(part: Samples, kernel: Kernel, guess: Array) -> list[Array]:
-    """Weighted differences (m, S) of the kernels at true and at guessed outcomes, by order."""
-    pairs = zip(kernel.orders(part.outcomes), kernel.orders(guess), strict=True)
-    return [part.weight * (true - guessed) for true, guessed in pairs]
+def corrected(candidates: Candidates, made: Sequence[Made], kernel: Kernel) -> Corrected:
+    """The corrections of all experiments; each is in one of `made`."""
+    found = [np.zeros(kernel.y.size) for _ in range(5)]
+    for one in made:
+        for block in one.blocks():
+            for whole, part in zip(found, _corrected(candidates, block, kernel), strict=True):
+                whole[block.near.index] = part
+    return Corrected(*found)
 
 
-def _score(of_known: Array, of_samples: Array) -> Score:
-    """From (K, N, C) each. Lines are shared by the experiments, samples are not."""
+def _corrected(candidates: Candidates, made: Made, kernel: Kernel) -> tuple[Array, ...]:
+    """The fields of `Corrected` for these experiments."""
+    kernel = kernel.take(made.near.index)
+    gaps = gaps_of(candidates, made, kernel)
+    best = gaps[-1]
+    mean, none = best.mean(axis=1), np.zeros(len(best))
+    if len(gaps) == 1:
+        return mean, _error(best), none, none, none
+    smeared = best - gaps_of(candidates, made, kernel.scaled(NARROWER[0]))[-1]
+    lower = 0.5 * (mean - gaps[-2].mean(axis=1))
+    return mean, _error(best), lower, smeared.mean(axis=1), _error(smeared)
+
+
+def _error(terms: Array) -> Array:
+    return np.asarray(np.sqrt(np.sum(differences(terms) ** 2, axis=1)))
+
+
+def gaps_of(candidates: Candidates, made: Made, kernel: Kernel) -> list[Array]:
+    """Weighted differences (m, R) of the kernels at true and at guessed outcomes, by order.
+
+    Zero where a run failed: nothing is known of it.
+    """
+    near = made.near
+    guess = candidates.outcomes[near.first[:, None], near.chosen]
+    pairs = zip(_terms(made, kernel, made.outcomes), _terms(made, kernel, guess), strict=True)
+    return [_worked(true - guessed) for true, guessed in pairs]
+
+
+def variance(candidates: Candidates, made: Sequence[Made], kernel: Kernel, factor: Array) -> float:
+    """Of the sum of corrections times factors (N,); experiments that share runs go together."""
+    total = 0.0
+    for one in made:
+        together = np.zeros((len(one.near.chosen), one.near.chosen.shape[1] // 2))
+        for block in one.blocks():
+            rows = block.near.index
+            gap = differences(gaps_of(candidates, block, kernel.take(rows))[-1])
+            np.add.at(together, block.near.group, gap * factor[rows, None])
+        total += float(np.sum(together**2))
+    return total
+
+
+def surface_error(candidates: Candidates, made: Sequence[Made]) -> Array:
+    """(N,) root-mean-square error of the emulator at the runs that worked; NaN without any."""
+    found = np.full(len(candidates.outcomes), np.nan)
+    for one in made:
+        guess = candidates.outcomes[one.near.first[:, None], one.near.chosen]
+        square = (guess - one.outcomes) ** 2
+        worked = np.isfinite(square)
+        count = worked.sum(axis=1)
+        mean = np.where(worked, square, 0.0).sum(axis=1) / np.where(count, count, np.nan)
+        found[one.near.index] = np.sqrt(mean)[one.near.group]
+    return found
+
+
+def differences(terms: Array) -> Array:
+    """Of the two draws (m, R) of each stratum, (m, R/2): the sum of their squares is the variance.
+
+    That of the mean of all, and of sums over experiments if they are summed first.
+    """
+    strata = terms.shape[1] // 2
+    return np.asarray((terms[:, :strata] - terms[:, strata:]) / (2.0 * strata))
+
+
+def _terms(made: Made, kernel: Kernel, outcomes: Array) -> list[Array]:
+    weight, rows = made.near.weight[made.near.group], outcomes[made.near.group]
+    return [_worked(weight * order) for order in kernel.orders(rows)]
+
+
+def _worked(values: Array) -> Array:
+    return np.nan_to_num(values, nan=0.0)
+
+
+def _halves(terms: Array) -> Array:
+    return np.asarray(terms.reshape(terms.shape[0], 2, -1).mean(axis=2))
+
+
+def _score(of_known: Array, of_samples: Array, condition: Indices) -> Score:
+    """From (K, N, C) each. Lines are shared by all experiments, samples by those of a condition."""
     each = of_known.mean(axis=2) + of_samples.mean(axis=2)
-    away = of_samples - of_samples.mean(axis=2, keepdims=True)
-    count = of_samples.shape[2]
-    covariance = np.einsum("knc,jnc->kj", away, away) / (count * (count - 1))
+    half = 0.5 * (of_samples[..., 0] - of_samples[..., 1])
+    together = np.zeros((len(half), condition.max() + 1))
+    np.add.at(together.T, condition, half.T)
+    covariance = together @ together.T
     shared, copies = of_known.sum(axis=1), of_known.shape[2]
     if copies > 1:
         shared = shared - shared.mean(axis=1, keepdims=True)

@@ -35,9 +35,14 @@ class Noise:
     observation: ObservationModel = NORMAL
 
     @property
+    def scale(self) -> Array:
+        """(N,) the standard deviation of the noise."""
+        return np.full(self.y.size, self.sd)
+
+    @property
     def width(self) -> Array:
         """(N,) how near to y an outcome explains it."""
-        return np.full(self.y.size, self.sd)
+        return self.scale
 
     def take(self, rows: NDArray[np.intp]) -> Noise:
         """The kernels of some of the experiments."""
@@ -80,6 +85,11 @@ class Window:
         spread = np.minimum(sd, (quartiles[1] - quartiles[0]) / 1.349)
         spread = np.where(spread > 0.0, spread, np.maximum(sd, 1e-300))
         return cls(y, lower, upper, spread * outcomes.shape[1] ** (-1.0 / 7.0))
+
+    @property
+    def scale(self) -> Array:
+        """(N,) the bandwidth."""
+        return self.h
 
     @property
     def width(self) -> Array:
