@@ -8,7 +8,7 @@ smoothing kernel K; where it is not, its own scatter says so.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,8 +48,8 @@ class Made:
 class Corrected:
     """What runs add to the densities of the control, (N,), with its standard error.
 
-    `lower` is half of what a kernel of lower order changes, `narrow` what a narrower one changes
-    and `unsure` the error of that: both bound what smoothing does to the correction.
+    `lower` is half of what a kernel of lower order changes; `narrow` (N, W) what narrower ones
+    change and `unsure` (N, W) the errors of that: all bound what smoothing does to the correction.
     """
 
     correction: Array
@@ -58,16 +58,24 @@ class Corrected:
     narrow: Array
     unsure: Array
 
+    @classmethod
+    def none(cls, count: int) -> Corrected:
+        """No correction of so many densities."""
+        return cls(*np.zeros((3, count)), *np.zeros((2, count, len(NARROWER))))
+
     @property
     def bias(self) -> Array:
-        """(N,) the bound of each: either may vanish by chance."""
-        return larger(self.lower, self.narrow)
+        """(N,) the bound of each: that of the next narrower kernel, and others beyond chance."""
+        found = larger(self.lower, self.narrow[:, 0])
+        for narrow, unsure in zip(self.narrow.T[1:], self.unsure.T[1:], strict=True):
+            found = np.where(np.abs(narrow) > SEEN * unsure, larger(found, narrow), found)
+        return found
 
     def bias_of_sum(self, factor: Array) -> float:
-        """Of the sum times factors (N,): that of the narrower kernels if it is more than chance."""
-        lower, narrow = float(self.lower @ factor), float(self.narrow @ factor)
-        certain = abs(narrow) > SEEN * np.sqrt(np.sum((self.unsure * factor) ** 2))
-        return max(abs(lower), abs(narrow)) if certain else abs(lower)
+        """Of the sum times factors (N,): that of the kernels beyond chance, at least of lower."""
+        narrow = np.abs(factor @ self.narrow)
+        certain = narrow > SEEN * np.sqrt(factor**2 @ self.unsure**2)
+        return float(np.max(np.append(np.abs(factor @ self.lower), narrow[certain])))
 
 
 @dataclass(frozen=True)
@@ -160,25 +168,29 @@ class Control:
 
 def corrected(candidates: Candidates, made: Sequence[Made], kernel: Kernel) -> Corrected:
     """The corrections of all experiments; each is in one of `made`."""
-    found = [np.zeros(kernel.y.size) for _ in range(5)]
+    found = Corrected.none(kernel.y.size)
     for one in made:
         for block in one.blocks():
-            for whole, part in zip(found, _corrected(candidates, block, kernel), strict=True):
-                whole[block.near.index] = part
-    return Corrected(*found)
+            part = _corrected(candidates, block, kernel.take(block.near.index))
+            for whole, some in zip(vars(found).values(), vars(part).values(), strict=True):
+                whole[block.near.index] = some
+    return found
 
 
-def _corrected(candidates: Candidates, made: Made, kernel: Kernel) -> tuple[Array, ...]:
-    """The fields of `Corrected` for these experiments."""
-    kernel = kernel.take(made.near.index)
+def _corrected(candidates: Candidates, made: Made, kernel: Kernel) -> Corrected:
     gaps = gaps_of(candidates, made, kernel)
     best = gaps[-1]
-    mean, none = best.mean(axis=1), np.zeros(len(best))
+    mean = best.mean(axis=1)
     if len(gaps) == 1:
-        return mean, _error(best), none, none, none
-    smeared = best - gaps_of(candidates, made, kernel.scaled(NARROWER[0]))[-1]
-    lower = 0.5 * (mean - gaps[-2].mean(axis=1))
-    return mean, _error(best), lower, smeared.mean(axis=1), _error(smeared)
+        return replace(Corrected.none(mean.size), correction=mean, error=_error(best))
+    smeared = [best - gaps_of(candidates, made, kernel.scaled(f))[-1] for f in NARROWER]
+    return Corrected(
+        mean,
+        _error(best),
+        0.5 * (mean - gaps[-2].mean(axis=1)),
+        np.stack([terms.mean(axis=1) for terms in smeared], axis=1),
+        np.stack([_error(terms) for terms in smeared], axis=1),
+    )
 
 
 def _error(terms: Array) -> Array:
