@@ -24,7 +24,7 @@ PYTHON ?= python3
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo reproduce test test-long bench lint lock clean .venv create-venv FORCE
+.PHONY: help demo reproduce test test-long browser bench lint lock clean .venv create-venv FORCE
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -42,6 +42,9 @@ test: $(STAMP) ## Run the tests, the doctests of the source and the README
 
 test-long: $(STAMP) ## Run the tests that take a minute or more each
 	$(BIN)/pytest -m long --numprocesses auto --dist loadfile --durations=0
+
+browser: $(STAMP) ## Look at report.html in a headless Chromium, which must be there
+	$(BIN)/pytest tests/browser/browse.py
 
 bench: $(PEERS) ## Run the benchmarks, against peers that only they need
 	$(BIN)/python -m benchmarks

@@ -62,6 +62,24 @@ def test_a_ceiling_of_the_same_study_is_shown_and_of_another_not(
         assert "gone.toml" in text
 
 
+def test_two_stand_side_by_side(written: Path, tmp_path: Path) -> None:
+    document = json.loads((written / "identification.json").read_text(encoding="utf-8"))
+    document["alpha"]["x.mean"]["estimate"] = 77.5
+    (tmp_path / "identification.json").write_text(json.dumps(document), encoding="utf-8")
+    assert run("report", written, "--compare", tmp_path).exit_code == 0
+    text = (written / "compared.html").read_text(encoding="utf-8")
+    assert text.count("Computed soundly") == 2
+    row = text[text.index("<td>x.mean</td>") :].partition("</tr>")[0]
+    assert "77.5" in row
+    assert "Both saw the same outcomes." in text
+    document["observations"][0]["lower"] += 1.0
+    (tmp_path / "identification.json").write_text(json.dumps(document), encoding="utf-8")
+    assert run("report", written, "--compare", tmp_path).exit_code == 0
+    text = (written / "compared.html").read_text(encoding="utf-8")
+    assert "cannot be compared" in text
+    assert run("report", written, "--compare", written).exit_code == 2
+
+
 def test_a_folder_without_an_identification_is_told(tmp_path: Path) -> None:
     result = run("report", tmp_path)
     assert result.exit_code == 2

@@ -87,6 +87,8 @@ class Page:
 
     def open(self, path: Path, width: int = 1300, scheme: str = "light") -> None:
         """Open a file and wait until its charts are drawn."""
+        self.console.clear()
+        self.requests.clear()
         self.size(width, 900)
         self.send("Emulation.setEmulatedMedia",
                   features=[{"name": "prefers-color-scheme", "value": scheme}])  # fmt: skip
@@ -111,6 +113,13 @@ class Page:
         """A click of the mouse."""
         for kind in ("mousePressed", "mouseReleased"):
             self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def press(self, key: str, text: str = "") -> None:
+        """A key, with the text that it writes."""
+        code = {"Enter": 13, "Escape": 27}[key]
+        for kind, written in (("keyDown", text), ("keyUp", "")):
+            self.send("Input.dispatchKeyEvent", type=kind, key=key, code=key, text=written,
+                      windowsVirtualKeyCode=code)  # fmt: skip
 
     def move(self, x: float, y: float) -> None:
         """The mouse to a place."""
@@ -139,10 +148,14 @@ def chromium() -> Iterator[Page]:
         )  # fmt: skip
         try:
             asyncio.set_event_loop(loop)
-            yield Page(loop, loop.run_until_complete(_connected(process)))
+            found = Page(loop, loop.run_until_complete(_connected(process)))
+            yield found
+            found.socket.close()
         finally:
             process.terminate()
             process.wait(timeout=LONGEST)
+            if process.stderr is not None:
+                process.stderr.close()
             loop.close()
 
 

@@ -8,9 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from aleator.errors import AleatorError
 from aleator.tasks.results import documents
 
 REPORT = "report.html"
+COMPARED = "compared.html"
 CEILING = "ceiling.json"
 
 Document = Mapping[str, Any]
@@ -25,6 +27,21 @@ def write_report(document: Document, folder: Path, study: Path | None = None) ->
 
     path = folder / REPORT
     documents.write_text(page(document, _ceiling(document, folder), _text(document, study)), path)
+    return path
+
+
+def write_compared(document: Document, other: Document, folder: Path, beside: Path) -> Path:
+    """Write compared.html of two identifications, which are called as their folders are."""
+    from aleator.report.html.compared import compared_page
+
+    names = [folder.name, beside.name]
+    if names[0] == names[1]:
+        names = [str(folder), str(beside)]
+    if names[0] == names[1]:
+        raise AleatorError(f"{folder}: it is compared with itself", "name another folder")
+    path = folder / COMPARED
+    pair = dict(zip(names, (document, other), strict=True))
+    documents.write_text(compared_page(pair), path)
     return path
 
 

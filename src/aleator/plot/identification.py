@@ -70,8 +70,8 @@ def experiments_figure(result: Document) -> Figure:
     with styled():
         figure = _figure(result, height=4.6)
         axes = figure.add_subplot()
-        _draw_intervals(axes, quantiles, known)
-        _draw_outcomes(axes, outcome, outside, known)
+        draw_intervals(axes, quantiles, known)
+        draw_outcomes(axes, outcome, outside, known)
         _name_outside(axes, ids, outcome, outside, quantiles[:, 2])
         _number_experiments(axes, ids)
         _scale(axes, result)
@@ -105,8 +105,8 @@ def calibration_figure(result: Document) -> Figure:
         figure = _figure(result, height=3.9)
         histogram, cumulative = figure.subplots(1, 2)
         if pit.size:
-            _draw_histogram(histogram, pit)
-            _draw_cumulative(cumulative, pit)
+            draw_histogram(histogram, pit)
+            draw_cumulative(cumulative, pit)
         histogram.set_title("Each bin and its 95 % range")
         histogram.set_ylabel(what)
         cumulative.set_title("The whole curve and its 95 % band")
@@ -188,8 +188,8 @@ def _scale(axes: Axes, result: Document) -> None:
 # ------------------------------------------------------------------------------- experiments
 
 
-def _draw_intervals(axes: Axes, quantiles: Array, known: NDArray[np.bool_]) -> None:
-    """The 95 % interval, the 50 % interval on it, the median on both."""
+def draw_intervals(axes: Axes, quantiles: Array, known: NDArray[np.bool_]) -> None:
+    """The 95 % interval, the 50 % interval on it, the median on both, by quantiles (N, 5)."""
     size = len(known)
     if size > _BARS:
         x = np.arange(0.5, size + 1.5)
@@ -212,9 +212,10 @@ def _bar_width(size: int) -> float:
     return min(0.72, 0.02 * size + 0.06)
 
 
-def _draw_outcomes(
+def draw_outcomes(
     axes: Axes, outcome: Array, outside: NDArray[np.bool_], known: NDArray[np.bool_]
 ) -> None:
+    """Dots in the order of their places; those outside the 95 % and those unknown set off."""
     size = outcome.size
     x = np.arange(1, size + 1)
     diameter = float(np.clip(5.0 - 0.7 * np.log2(max(size, 1) / 20.0), 1.3, 4.2))
@@ -286,7 +287,8 @@ def _explain(figure: Figure, outside: bool, unknown: bool) -> None:
 # ------------------------------------------------------------------------------- calibration
 
 
-def _draw_histogram(axes: Axes, pit: Array) -> None:
+def draw_histogram(axes: Axes, pit: Array) -> None:
+    """The counts of probabilities (N,) in bins, with the range of each under a uniform law."""
     found = counted(pit)
     axes.axhspan(found.low, found.high, color=_BAND, lw=0.0)
     middle, width = 0.5 * (found.edges[1:] + found.edges[:-1]), 0.84 * found.edges[1]
@@ -296,7 +298,7 @@ def _draw_histogram(axes: Axes, pit: Array) -> None:
     axes.locator_params(axis="y", integer=True)
 
 
-def _draw_cumulative(axes: Axes, pit: Array) -> None:
+def draw_cumulative(axes: Axes, pit: Array) -> None:
     """The difference from uniform: the cumulative share itself would hide it where N is large."""
     found = cumulated(pit)
     axes.fill_between(found.band_x, found.band_low, found.band_high, color=_BAND, lw=0.0)

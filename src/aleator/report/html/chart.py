@@ -35,6 +35,12 @@ class Chart:
     columns: Mapping[str, str]
     switched: bool = False
 
+    def __post_init__(self) -> None:
+        # What is not marked stays as it is: a band is no less true for it.
+        for renderer in self.plot.renderers:
+            if hasattr(renderer, "nonselection_glyph"):
+                renderer.nonselection_glyph = None
+
     @property
     def spoken(self) -> str:
         """What a screen reader says of it."""
@@ -107,10 +113,10 @@ def points(
     drawn = plot.scatter(
         x, y, source=source, marker=marker, size=size, color=color, line_color=None, **more
     )
-    drawn.nonselection_glyph = None
-    drawn.selection_glyph = drawn.glyph.clone(
-        fill_color=colors.PICKED, line_color=colors.INK, line_width=1.5, size=13.0, fill_alpha=1.0
-    )
+    ring = {"line_color": colors.INK, "line_width": 1.5, "size": 13.0, "fill_alpha": 1.0}
+    if marker == "dash":
+        ring = {"line_color": colors.PICKED, "line_width": 4.0, "size": 22.0}
+    drawn.selection_glyph = drawn.glyph.clone(fill_color=colors.PICKED, **ring)
     plot.add_tools(models.HoverTool(renderers=[drawn], tooltips=told, point_policy="snap_to_data"))
     tap = plot.select_one(models.TapTool)
     if tap is None:

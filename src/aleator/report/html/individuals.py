@@ -51,7 +51,7 @@ def individuals_of(document: Document) -> Individuals | None:
         texts = sorted({v for v in column if isinstance(v, str)})
         columns[f"c{k}"] = [texts.index(column[j]) if texts else column[j] for j in kept]
         found.append(Axis(f"c{k}", name, tuple(texts) or None))
-    columns["x"] = list(columns[found[min(1, len(found) - 1)].key])
+    columns["x"] = list(columns["order"])
     source = shared(columns, "individuals")
     return Individuals(names, source, tuple(found), len(kept), count)
 
@@ -63,7 +63,7 @@ def individuals(found: Individuals, shrinkage: Mapping[str, float]) -> Section:
 
 
 def _over_conditions(found: Individuals, name: str, share: float | None) -> Chart:
-    plot = axes(found.axes[min(1, len(found.axes) - 1)].title, name)
+    plot = axes(found.axes[0].title, name)
     plot.segment("x", f"low_{name}", "x", f"high_{name}", source=found.source,
                  color=colors.WIDE, line_width=3.0)  # fmt: skip
     points(plot, found.source, "x", f"mean_{name}",

@@ -48,7 +48,7 @@ def _density(
     caption = "The line is the density at the estimate."
     if "lower" in curve:
         plot.varea("x", "lower", "upper", source=source, color=colors.WIDE,
-                   legend_label="95 % by the uncertainty of alpha")  # fmt: skip
+                   legend_label="95 % band")  # fmt: skip
         columns |= {"lower": "density, lower", "upper": "density, upper"}
         caption += " The band holds 95 % of the densities of plausible laws, at each value."
     plot.line("x", "density", source=source, color=colors.BLUE, line_width=2.0,
@@ -58,7 +58,7 @@ def _density(
             plot, individuals.source, f"mean_{name}", "foot",
             [("experiment", "@id"), (name, f"@{{mean_{name}}}")],
             marker="dash", angle=1.5708, size=14.0, line_width=1.2,
-            legend_label="mean of each experiment",
+            legend_label="experiments",
         ).glyph.line_color = colors.INK  # fmt: skip
         caption += " Ticks are the means of single experiments."
     points_of = [p for p in (ceiling or {}).get("points", ()) if name in p]
@@ -85,7 +85,7 @@ def _masses(plot: Any, name: str, found: list[Document]) -> None:
         "right",
     )  # fmt: skip
     plot.segment("x", 0.0, "x", "mass", source=mass, color=colors.VERMILION, line_width=2.0,
-                 y_range_name="mass", legend_label="best of all laws")  # fmt: skip
+                 y_range_name="mass", legend_label="best law")  # fmt: skip
 
 
 def _joint(pair: Document, individuals: Individuals | None) -> Chart:

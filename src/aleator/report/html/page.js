@@ -106,8 +106,7 @@
       axis.ticker = plot.usual;
       axis.major_label_overrides = new Map();
     } else {
-      const Fixed = Bokeh.Models("FixedTicker");
-      axis.ticker = new Fixed({ ticks: labels.map((_, k) => k), minor_ticks: [] });
+      axis.ticker = new Bokeh.Models.FixedTicker({ ticks: labels.map((_, k) => k), minor_ticks: [] });
       axis.major_label_overrides = new Map(labels.map((text, k) => [k, text]));
     }
   }
@@ -121,7 +120,13 @@
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
   }
-  const svg = (name) => views.get(name).export("svg", false).ctx.get_serialized_svg(true);
+  // A drawing is light on any screen, and as wide as it is given room.
+  function svg(name) {
+    let text = views.get(name).export("svg", false).ctx.get_serialized_svg(true);
+    for (const [light, other] of facts.colors) text = text.replaceAll(other, light);
+    return text.replace(/<svg([^>]*?) width="([0-9.]+)" height="([0-9.]+)"/,
+      '<svg$1 width="$2" height="$3" viewBox="0 0 $2 $3"');
+  }
   function csv(name) {
     const { source, columns } = facts.charts[name];
     const { data } = named(source);
@@ -161,17 +166,13 @@
     setTimeout(() => { button.textContent = "Copy"; }, 1500);
   }
 
-  // ------------------------------------------------------------------ print: light, as drawings
+  // ------------------------------------------------------------------ print: charts as drawings
 
-  let before = "light";
   function toPrint() {
-    before = scheme;
-    paint("light");
     for (const name of Object.keys(facts.charts)) byId(`print-${name}`).innerHTML = svg(name);
   }
   function fromPrint() {
     for (const name of Object.keys(facts.charts)) byId(`print-${name}`).replaceChildren();
-    paint(before);
   }
 
   // ------------------------------------------------------------------ the beginning
@@ -209,6 +210,9 @@
         if (names.some((name) => name in axis.of)) select.add(new Option(axis.title, String(k)));
       });
       select.addEventListener("change", () => turn(select));
+      // parameters are looked at over a condition, where there is one
+      if (names.includes("individuals") && select.options.length > 1) select.selectedIndex = 1;
+      turn(select);
     }
     dark.addEventListener("change", () => paint(dark.matches ? "dark" : "light"));
     addEventListener("beforeprint", toPrint);

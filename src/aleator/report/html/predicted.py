@@ -74,8 +74,8 @@ def _chart(seen: Measured, source: Any) -> Chart:
     plot = axes(seen.axes[0].title, seen.response, height=400, log_y=seen.log)
     wide = float(np.clip(500.0 / max(len(seen), 1), 1.5, 12.0))
     for low, high, color, name in (
-        ("q0.025", "q0.975", colors.WIDE, "predicted 95 %"),
-        ("q0.25", "q0.75", colors.NARROW, "predicted 50 %"),
+        ("q0.025", "q0.975", colors.WIDE, "95 %"),
+        ("q0.25", "q0.75", colors.NARROW, "50 %"),
     ):
         plot.segment("x", low, "x", high, source=source, color=color, line_width=wide,
                      legend_label=name)  # fmt: skip

@@ -85,7 +85,6 @@ def _all(seen: Measured, name: str, number: int, lines: Mapping[str, Any]) -> Ch
     )
     drawn = plot.multi_line("x", "y", source=source, color=colors.LINE, line_width=1.2,
                             line_alpha=0.7)  # fmt: skip
-    drawn.nonselection_glyph = None
     drawn.selection_glyph = drawn.glyph.clone(
         line_color=colors.PICKED, line_width=3.0, line_alpha=1.0
     )
@@ -108,11 +107,11 @@ def _marked(seen: Measured, name: str, number: int, lines: Mapping[str, Any], on
     source = shared({"id": [one] * len(line["x"]), **line}, name=f"marked-{number}", tags=[lines])
     if "q0.025" in line:
         plot.varea("x", "q0.025", "q0.975", source=source, color=colors.BAND,
-                   legend_label="95 % by the law")  # fmt: skip
+                   legend_label="law, 95 %")  # fmt: skip
     plot.varea("x", "own_low", "own_high", source=source, color=colors.WIDE,
-               legend_label="95 % of the measurement errors")  # fmt: skip
+               legend_label="errors, 95 %")  # fmt: skip
     plot.line("x", "own", source=source, color=colors.BLUE, line_width=2.0,
-              legend_label="its own parameters")  # fmt: skip
+              legend_label="its own")  # fmt: skip
     points(plot, source, "x", "value", told(seen)[:4], legend_label="measured")
     legend_below(plot)
     return Chart(

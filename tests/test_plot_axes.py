@@ -1,0 +1,66 @@
+"""Charts on axes of one's own: they draw there and nowhere else, and say what is missing."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import pytest
+
+from aleator import (
+    AleatorError,
+    Free,
+    Identification,
+    Inputs,
+    MonteCarlo,
+    Noise,
+    Normal,
+    identify,
+    plot,
+)
+
+
+@pytest.fixture(scope="module")
+def found() -> Identification:
+    y = np.random.default_rng(4).normal(1.0, 0.4, 30)
+    return identify(
+        lambda x: x, pd.DataFrame({"y": y}), Inputs({"x": Normal(Free(0.0, 2.0), Free(0.05, 2.0))}),
+        outcome="y", noise=Noise(0.1), vectorized=True, verification=MonteCarlo(0),
+        consistency=False, best_law=False,
+    )  # fmt: skip
+
+
+def test_charts_compose_on_axes_of_ones_own(found: Identification) -> None:
+    figure, grid = plt.subplots(2, 3)
+    drawn = [
+        plot.calibration(found, ax=grid[0, 0]),
+        plot.histogram(found, ax=grid[0, 1]),
+        plot.experiments(found, ax=grid[0, 2]),
+        plot.law(found, "x", ax=grid[1, 0]),
+        plot.profile(found, "x.mean", ax=grid[1, 1]),
+    ]
+    assert drawn == list(grid.ravel()[:5])
+    assert all(axes.has_data() for axes in drawn)
+    assert not grid[1, 2].has_data()
+    plt.close(figure)
+
+
+def test_what_is_drawn_is_what_was_found(found: Identification) -> None:
+    axes = plot.experiments(found)
+    dots = [line for line in axes.lines if line.get_linestyle() == "None"]
+    drawn = np.concatenate([line.get_ydata() for line in dots])
+    assert np.sort(drawn) == pytest.approx(np.sort([o.lower for o in found.observations]))
+    (line,) = [line for line in plot.profile(found, "x.sd").lines if line.get_marker() == "o"]
+    best = line.get_xdata()[np.argmax(line.get_ydata())]
+    assert best == pytest.approx(found.values["x.sd"], rel=1e-6)
+
+
+def test_what_is_missing_is_told(found: Identification) -> None:
+    with pytest.raises(AleatorError, match=r"'x\.men'"):
+        plot.profile(found, "x.men")
+    with pytest.raises(AleatorError, match="no response 'z'"):
+        plot.experiments(found, response="z")
+    with pytest.raises(AleatorError, match="has no laws"):
+        plot.law(found.to_dict(), "x")
+    with pytest.raises(AleatorError, match="no probability"):
+        plot.calibration({"experiments": [{"id": "1", "pit": None}]})
