@@ -310,3 +310,27 @@ def test_every_law_within_the_limits_of_a_beta_law_exists(share: float) -> None:
 def test_what_is_no_law_is_refused_with_the_remedy(make: Callable[[], Law], told: str) -> None:
     with pytest.raises(InputsError, match=told):
         make()
+
+
+@pytest.mark.parametrize(
+    ("law", "values"),
+    [
+        (Beta((0.0, 1.0), Free(0.2, 0.8), Free(0.01, 0.3)), (0.4, 0.2)),
+        (Beta((0.0, 1.0), Free(0.2, 0.8), Free(0.01, 0.3)), (0.5, 0.01)),
+        (Beta((-1.0, 3.0), Free(0.0, 2.0), Free(0.01, 0.9)), (0.5, 0.9)),
+        (Gamma(Free(0.5, 2.0), Free(0.01, 2.0)), (1.0, 2.0)),
+        (Gamma(Free(0.5, 2.0), Free(0.01, 2.0)), (1.0, 0.01)),
+        (Gamma(Free(0.5, 2.0), Free(0.01, 2.0)), (1.5, 0.7)),
+    ],
+)
+def test_many_values_are_the_quantiles_that_few_are(law, values) -> None:
+    """Many values of one law are interpolated: x by its quantile, derivatives by those of few."""
+    values = np.array(values)
+    theta = np.random.default_rng(3).uniform(-6.0, 6.0, 4000)
+    many = law.standard(values, theta)
+    np.testing.assert_allclose(many.x, law.quantile(values, special.ndtr(theta)), rtol=2e-8)
+    few = [law.standard(values, part) for part in np.split(theta, 40)]
+    for name in ("x", "dtheta", "dvalues"):
+        exact = np.concatenate([getattr(part, name) for part in few])
+        size = np.max(np.abs(exact))
+        np.testing.assert_allclose(getattr(many, name), exact, rtol=1e-6, atol=1e-7 * size)

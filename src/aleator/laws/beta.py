@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import special
 
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
-from aleator.laws.image import difference, from_probability, from_tails, slope, to_score
+from aleator.laws.image import (
+    FARTHEST,
+    MANY,
+    Tabulated,
+    difference,
+    from_probability,
+    from_tails,
+    slope,
+    to_score,
+)
 from aleator.laws.law import ByMeanAndSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_with_gradient
 from aleator.polynomials.recurrence import jacobi_recurrence, recurrence_with_gradient
@@ -165,11 +174,29 @@ def _log_density(p: Array, q: Array, z: Array, rest: Array) -> Array:
 
 
 def _standard_beta(p: Array, q: Array, theta: Array) -> Array:
-    """The beta law on [0, 1] at Phi(theta)."""
+    """The beta law on [0, 1] at Phi(theta); of one law many by interpolation of its logit."""
+    if np.ndim(p) == 0 and theta.size >= MANY and np.max(np.abs(theta)) < FARTHEST:
+        table = _table(float(p), float(q))
+        if table.finite:
+            return np.asarray(special.expit(table(theta)))
+    return _exactly(p, q, theta)
+
+
+def _exactly(p: Array | float, q: Array | float, theta: Array) -> Array:
     return from_tails(
         theta,
         lambda u, p, q: special.betaincinv(p, q, u),
         lambda v, p, q: special.betainccinv(p, q, v),
-        p,
-        q,
+        np.asarray(p),
+        np.asarray(q),
     )
+
+
+@lru_cache(maxsize=256)
+def _table(p: float, q: float) -> Tabulated:
+    """log z/(1 - z) of the standard normal variate, with its slope phi/(f z (1 - z))."""
+    theta = Tabulated.knots()
+    with np.errstate(all="ignore"):
+        low, high = np.log(_exactly(p, q, theta)), np.log(_exactly(q, p, -theta))
+        density = p * low + q * high - special.betaln(p, q)
+        return Tabulated(low - high, slope(theta, density))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import special
@@ -16,7 +16,16 @@ from aleator.laws.hyperparameter import (
     require_above,
     widest_above,
 )
-from aleator.laws.image import difference, from_probability, from_tails, slope, to_score
+from aleator.laws.image import (
+    FARTHEST,
+    MANY,
+    Tabulated,
+    difference,
+    from_probability,
+    from_tails,
+    slope,
+    to_score,
+)
 from aleator.laws.law import ByMeanAndSd, Rule, Standard
 from aleator.polynomials.gauss import gauss_with_gradient
 from aleator.polynomials.recurrence import laguerre_recurrence, recurrence_with_gradient
@@ -141,10 +150,30 @@ def _log_density(k: Array, scale: Array, g: Array) -> Array:
 
 
 def _standard_gamma(k: Array, theta: Array) -> Array:
-    """The gamma law of shape k and scale 1 at Phi(theta), which keeps its digits near zero."""
+    """The gamma law of shape k and scale 1 at Phi(theta), which keeps its digits near zero.
+
+    Of one law many values are interpolations of their logarithm.
+    """
+    if np.ndim(k) == 0 and theta.size >= MANY and np.max(np.abs(theta)) < FARTHEST:
+        table = _table(float(k))
+        if table.finite:
+            return np.exp(table(theta))
+    return _exactly(k, theta)
+
+
+def _exactly(k: Array | float, theta: Array) -> Array:
     return from_tails(
         theta,
         lambda p, k: special.gammaincinv(k, p),
         lambda p, k: special.gammainccinv(k, p),
-        k,
+        np.asarray(k),
     )
+
+
+@lru_cache(maxsize=256)
+def _table(k: float) -> Tabulated:
+    """log g of the standard normal variate, with its slope phi/(f g)."""
+    theta = Tabulated.knots()
+    with np.errstate(all="ignore"):
+        g = _exactly(k, theta)
+        return Tabulated(np.log(g), slope(theta, k * np.log(g) - g - special.gammaln(k)))
