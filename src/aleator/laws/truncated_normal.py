@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -258,6 +258,7 @@ def _fine_rule(a: Array, b: Array) -> tuple[Array, Array]:
     return t, weights / weights.sum(axis=-1, keepdims=True)
 
 
+@lru_cache(maxsize=64)
 def _own_rule(a: float, b: float, nodes: int) -> tuple[Array, Array, tuple[Array, Array]]:
     """Gauss rule of the truncated normal, and d(nodes, weights)/da and /db as (q, 2) each.
 
@@ -271,4 +272,7 @@ def _own_rule(a: float, b: float, nodes: int) -> tuple[Array, Array, tuple[Array
     t, weights = gauss(*stieltjes(*_fine_rule(ends_a, ends_b), nodes))
     rules = np.stack([t, weights], axis=-1)
     by_a, by_b = (rules[1] - rules[2]) / (2 * h), (rules[3] - rules[4]) / (2 * h)
+    # where one law moves, as in differences, those of the others are asked for again
+    for array in (rules, t, weights, by_a, by_b):
+        array.setflags(write=False)
     return t[0], weights[0], (by_a, by_b)

@@ -58,8 +58,10 @@ def _of_block(
         individual = inputs.individual(alpha[: inputs.size], xi, part)
         eta = likelihood.predictor.values(block, individual.x)
         terms = likelihood.errors.terms(of_errors, eta, rows).value
-        below = _cdf(likelihood, of_errors, seen.lower[rows], eta, rows)
-        above = _cdf(likelihood, of_errors, seen.upper[rows], eta, rows)
+        lower, upper = seen.lower[rows], seen.upper[rows]
+        below = above = _cdf(likelihood, of_errors, lower, eta, rows)
+        if not np.array_equal(lower, upper):
+            above = _cdf(likelihood, of_errors, upper, eta, rows)
     prior = individual.log_weight + log_weight
     known = mean_of(_before(terms, block) + prior[block.owner])[1]
     effective = 1.0 / np.maximum(np.sum(known**2, axis=1), 1e-300)
