@@ -24,7 +24,7 @@ PYTHON ?= python3
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo reproduce test test-long browser bench lint lock clean .venv create-venv FORCE
+.PHONY: help demo reproduce test test-long browser bench hardening lint lock clean .venv create-venv FORCE
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -49,10 +49,13 @@ browser: $(STAMP) ## Look at report.html in a headless Chromium, which must be t
 bench: $(PEERS) ## Run the benchmarks, against peers that only they need
 	$(BIN)/python -m benchmarks
 
+hardening: $(STAMP) ## Damage files, kill commands, let simulators fail: what is promised then
+	$(BIN)/python -m hardening
+
 lint: $(STAMP) ## Check style, formatting, types and layers
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy --strict src reproduction benchmarks
+	$(BIN)/mypy --strict src reproduction benchmarks hardening
 	$(BIN)/lint-imports
 
 lock: ## Write requirements.lock anew (UPGRADE=--upgrade takes newer versions)
@@ -64,7 +67,7 @@ lock: ## Write requirements.lock anew (UPGRADE=--upgrade takes newer versions)
 clean: ## Remove results, caches and build outputs (not .venv)
 	rm -rf out build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis \
 	    .import_linter_cache $(VENV)-lock
-	find src tests reproduction benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+	find src tests reproduction benchmarks hardening -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .venv: $(STAMP)
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from dask_processes import DaskProcesses
 
 import aleator
 from aleator import cli
 from aleator.simulators import Store
 from aleator.simulators.records import stored_runs
+from hardening.dask_processes import DaskProcesses
 
 STUDY = """\
 [experiments]

@@ -12,7 +12,7 @@ import aleator
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "aleator"
-BESIDE = (ROOT / "reproduction", ROOT / "benchmarks")
+BESIDE = (ROOT / "reproduction", ROOT / "benchmarks", ROOT / "hardening")
 
 LONGEST_FILE = 400
 EMPTY_NAMES = {"utils", "util", "helpers", "helper", "manager", "process", "data", "common", "misc"}

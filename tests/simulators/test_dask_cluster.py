@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from dask_processes import DaskProcesses, until
 
 from aleator.errors import ClusterError, SimulatorError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner
 from aleator.simulators.workers import dask_cluster as tested
 from aleator.simulators.workers.dask_cluster import dask_executor
+from hardening.dask_processes import DaskProcesses, until
 
 MODEL = """\
 import os, pathlib, time

@@ -84,6 +84,8 @@ def holdings(store: Store) -> list[Holding]:
             'LEFT JOIN runs ON runs."case" = cases.id '
             "GROUP BY simulators.id ORDER BY max(time) DESC, first_seen DESC"
         ).fetchall()
+    if not all(isinstance(text, str) for row in rows for text in row[:4]):
+        raise _damaged(store, "the name of a simulator")
     found = [Holding(Identity(*r[:4]), r[4], int(r[5]), *r[6:]) for r in rows]
     for held in found:
         if not all(moment is None or _is_moment(moment) for moment in (held.first, held.last)):

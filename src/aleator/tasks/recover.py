@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import pickle
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from aleator.densities import Density, NodeDensity
-from aleator.errors import InputsError
+from aleator.errors import InputsError, SurroundingsError
 from aleator.inference.information import LEVEL
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
@@ -26,7 +25,7 @@ from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
 from aleator.search import Search
-from aleator.simulators import Runner, Simulator
+from aleator.simulators import ProcessPool, Runner, Simulator
 from aleator.simulators.store import Store
 from aleator.simulators.workers.parcel import packed
 from aleator.surrogates import ResponseSurface
@@ -201,14 +200,18 @@ def _identified(
             for k, part in enumerate(data):
                 yield k, job.identify(runner, part, seed + k)
             return
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        pool = ProcessPool(workers)
+        try:
             jobs = {pool.submit(_unpacked, parcel, y, seed + k): k for k, y in enumerate(data)}
-            try:
-                for done in as_completed(jobs):
-                    yield jobs[done], done.result()
-            finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+            for done in as_completed(jobs):
+                yield jobs[done], done.result()
+        except BrokenExecutor as death:
+            raise SurroundingsError(
+                f"a worker process died ({death})",
+                "ask for fewer workers if memory runs out, and give the same command again",
+            ) from death
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _unpacked(job: bytes, data: Any, seed: int) -> Replicate:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -56,8 +56,26 @@ class ReplicateFile:
                 "remove the file, or choose another folder with --output (folder=...)",
             )
         self._write(b"", kept)
-        found = [Replicate(**{**line, "alpha": tuple(line["alpha"])}) for line in lines[1:]]
+        found = [self._replicate(number, line) for number, line in enumerate(lines[1:], start=2)]
         return {replicate.number: replicate for replicate in found}
+
+    def _replicate(self, number: int, line: Mapping[str, Any]) -> Replicate:
+        """What a line of the file says; raises AleatorError where it is no replicate."""
+        alpha = line.get("alpha")
+        sound = (
+            line.keys() == {field.name for field in fields(Replicate)}
+            and isinstance(alpha, list)
+            and len(alpha) == len(self.head["hyperparameters"])
+            and all(type(value) in (int, float) for value in (*alpha, line["log_likelihood"]))
+            and type(line["number"]) is int
+            and isinstance(line["status"], str)
+        )
+        if not sound:
+            raise AleatorError(
+                f"{short(self.path)}: line {number} is no replicate",
+                "delete the line, and its replicate is made again",
+            )
+        return Replicate(**{**line, "alpha": tuple(map(float, alpha or ()))})
 
     def add(self, replicate: Replicate) -> None:
         """Append a line, and have it on the disk before anything else is done."""
@@ -75,7 +93,7 @@ class ReplicateFile:
         for line in text.splitlines(keepends=True):
             try:
                 read = json.loads(line)
-            except ValueError:
+            except (ValueError, RecursionError):
                 break
             if not line.endswith(b"\n") or not isinstance(read, dict):
                 break

@@ -1,0 +1,1 @@
+"""What Aleator promises of its surroundings, tried: damaged files, kills and failing simulators."""

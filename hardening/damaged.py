@@ -1,0 +1,167 @@
+"""One damaged study, table, result file or store, and the command that is given it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+from contextlib import closing, suppress
+from pathlib import Path
+
+import numpy as np
+
+from hardening import toml
+from hardening.mutation import Damage
+from hardening.sound import RESULTS, STORE, STUDIES
+
+KINDS = ("study", "table", "result", "store")
+COLUMNS = {
+    "runs": ("x", "outcome", "failure", "log", "seconds", "host", "time", "attempt", '"case"'),
+    "cases": ("hash", "conditions", "parameters", "simulator"),
+    "simulators": ("fingerprint", "name", "description", "version", "first_seen"),
+}
+IDENTIFY = ("identify", "study.toml", "--no-figures", "--quiet", "--output", "out")
+PREDICT = ("predict", "out/identification.json", "--conditions", "new.csv", "--quiet")
+LIGHT = (
+    ("box", "study.toml", "--quiet"),
+    ("sensitivity", "study.toml", "--quiet", "--no-figures", "--output", "out"),
+    ("runs", "list", "study.toml"),
+)
+OF_RESULTS = (
+    PREDICT,
+    (*PREDICT, "--no-uncertainty"),
+    (*PREDICT, "--no-uncertainty", "--no-noise"),
+    (*PREDICT, "--no-uncertainty", "--above", "3"),
+    (*PREDICT, "--reliability", "0.99", "--no-uncertainty"),
+    (*PREDICT, "--of", "A"),
+    (*PREDICT, "--output", "told.json"),
+    (
+        "recover",
+        "study.toml",
+        "--law",
+        "out/identification.json",
+        "--replicates",
+        "2",
+        "--workers",
+        "1",
+        "--quiet",
+    ),
+)
+OF_STORES = (
+    ("runs", "list", "study.toml"),
+    ("runs", "show", "study.toml"),
+    ("runs", "show", "study.toml", "1"),
+    ("runs", "show", "study.toml", "--failures"),
+    ("runs", "export", "study.toml", "again.csv"),
+    ("runs", "import", "study.toml", "runs.csv"),
+    ("runs", "retry", "study.toml"),
+    ("runs", "forget", "study.toml", "--all", "--yes"),
+    ("runs", "list", "runs.sqlite"),
+    ("box", "study.toml", "--quiet"),
+)
+SLOW = 0.06
+"""Share of the damaged studies and tables that are identified, which takes seconds."""
+
+
+def damaged(number: int, seed: int, sound: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
+    """Make the damaged folder of this number: its kind, and the command that it is for."""
+    chance = np.random.default_rng([seed, number])
+    damage, kind = Damage(chance), KINDS[number % len(KINDS)]
+    if kind == "store":
+        return kind, _store(damage, chance, sound, folder)
+    if kind == "result":
+        return kind, _result(damage, chance, sound, folder)
+    return kind, _study(damage, chance, sound, folder, of_table=kind == "table")
+
+
+def _study(
+    damage: Damage, chance: np.random.Generator, sound: Path, folder: Path, of_table: bool
+) -> tuple[str, ...]:
+    slow = chance.random() < SLOW
+    names = ["plain"] * 6 + ["noisy", "repeated", "series"] if slow else [*STUDIES]
+    name = str(damage.choose(names))
+    shutil.copytree(sound / name, folder, ignore=shutil.ignore_patterns("out", "*.sqlite*"))
+    file, times = folder / ("table.csv" if of_table else "study.toml"), int(chance.integers(1, 4))
+    raw = file.read_bytes()
+    how = chance.random()
+    if how < 0.15:
+        file.write_bytes(damage.bytes(raw, times))
+    elif how < 0.4:
+        _write(file, damage.text(raw.decode(), times))
+    elif of_table:
+        _write(file, damage.cells(raw.decode(), times))
+    else:
+        _write(file, toml.written(damage.tree(STUDIES[name].study, times)))
+    return IDENTIFY if slow else damage.choose(LIGHT[:2] if name != "program" else LIGHT)
+
+
+def _result(
+    damage: Damage, chance: np.random.Generator, sound: Path, folder: Path
+) -> tuple[str, ...]:
+    name = str(damage.choose(("plain", *RESULTS)))
+    shutil.copytree(sound / name, folder)
+    command: tuple[str, ...] = damage.choose(OF_RESULTS)
+    replicates = folder / "out" / "bootstrap.jsonl"
+    if replicates.exists() and chance.random() < 0.2:
+        lines = replicates.read_text().splitlines()
+        at = int(chance.integers(len(lines)))
+        lines[at] = json.dumps(damage.tree(json.loads(lines[at]), 1))
+        _write(replicates, "\n".join(lines) + "\n")
+        return ("bootstrap", "study.toml", "--quiet", "--replicates", "3", "--output", "out")
+    file, times = folder / "out" / "identification.json", int(chance.integers(1, 4))
+    how = chance.random()
+    if how < 0.15:
+        file.write_bytes(damage.bytes(file.read_bytes(), times))
+    elif how < 0.25:
+        _write(file, damage.text(file.read_text(), times))
+    elif how < 0.4:
+        _write(folder / "new.csv", damage.cells((folder / "new.csv").read_text(), times))
+    else:
+        _write(file, json.dumps(damage.tree(json.loads(file.read_text()), times)))
+    return command
+
+
+def _store(
+    damage: Damage, chance: np.random.Generator, sound: Path, folder: Path
+) -> tuple[str, ...]:
+    shutil.copytree(sound / STORE, folder)
+    file, how = folder / "runs.sqlite", chance.random()
+    if how < 0.15:
+        table = folder / "runs.csv"
+        _write(table, damage.cells(table.read_text(), int(chance.integers(1, 4))))
+        return ("runs", "import", "study.toml", "runs.csv")
+    if how < 0.3:
+        file.write_bytes(damage.bytes(file.read_bytes(), int(chance.integers(1, 30))))
+    elif how < 0.35:
+        file.with_name("runs.sqlite-wal").write_bytes(chance.bytes(5000))
+    else:
+        _change(file, damage, chance)
+    command: tuple[str, ...] = damage.choose(OF_STORES)
+    return IDENTIFY if chance.random() < SLOW / 3 else command
+
+
+def _change(file: Path, damage: Damage, chance: np.random.Generator) -> None:
+    """Statements that a store never sees from Aleator."""
+    with closing(sqlite3.connect(file)) as connection, connection:
+        for _ in range(int(chance.integers(1, 3))):
+            table = str(damage.choose([*COLUMNS]))
+            column, value = damage.choose(COLUMNS[table]), damage.value()
+            plain = value if isinstance(value, (str, float, bool)) else chance.bytes(7)
+            given = (None if chance.random() < 0.1 else plain,)
+            statement, values = damage.choose((
+                (f"UPDATE {table} SET {column} = ? WHERE id % 3 = 0", given),
+                (f"UPDATE {table} SET {column} = ?", given),
+                (f"UPDATE {table} SET {column} = substr({column}, 2)", ()),
+                (f"DELETE FROM {table} WHERE id % 2 = 0", ()),
+                (f"DROP TABLE {table}", ()),
+                (f"ALTER TABLE {table} RENAME COLUMN {column} TO other", ()),
+                (f"PRAGMA user_version = {int(chance.integers(-2, 5))}", ()),
+                (f"PRAGMA application_id = {int(chance.integers(5))}", ()),
+            ))  # fmt: skip
+            with suppress(sqlite3.Error, UnicodeEncodeError):
+                connection.execute("PRAGMA ignore_check_constraints = ON")
+                connection.execute(statement, values)
+
+
+def _write(file: Path, text: str) -> None:
+    file.write_bytes(text.encode("utf-8", "surrogatepass"))

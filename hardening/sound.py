@@ -1,0 +1,151 @@
+"""Small sound studies, which are damaged: what they are made of, and the folders they lie in."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from click.testing import CliRunner
+
+from aleator.cli import main
+from hardening import toml
+
+MODEL = """\
+def length(load, softness):
+    return load * softness
+def both(load, softness):
+    return {"length": load * softness, "width": load + softness}
+def path(time, speed):
+    return speed * time
+"""
+STUDY: dict[str, Any] = {
+    "experiments": {"file": "table.csv", "outcome": "length"},
+    "simulator": {"function": "model.py:length"},
+    "parameters": {
+        "softness": {
+            "law": "truncated_normal",
+            "box": [0.5, 1.5],
+            "mean": {"lower": 0.6, "upper": 1.4},
+            "sd": {"lower": 0.01, "upper": 0.4},
+        }
+    },
+    "search": {"starts": 1},
+    "verification": {"samples": 0},
+}
+TABLE = "id,load,length\nA,1,0.93\nB,2,2.1\nC,3,3.2\nD,4,3.7\nE,5,5.4\n"
+REPEATED = {
+    "experiments": {
+        "file": "table.csv",
+        "outcomes": ["length", "width"],
+        "id": "unit",
+        "conditions": ["load"],
+        "censored": {"length": {"column": "state", "right": "above"}},
+    },
+    "simulator": {"function": "model.py:both", "timeout": 5},
+    "parameters": {
+        "softness": {
+            "law": "normal",
+            "mean": {"formula": "1 + temperature", "lower": 0.5, "upper": 1.5},
+            "sd": {"lower": 0.01, "upper": 0.5},
+        },
+    },
+    "noise": {
+        "length": {"sd": 0.1},
+        "width": {"sd": 0.1, "kind": "student_t", "df": 4},
+    },
+    "search": {"starts": 1},
+}
+UNITS = """\
+unit,load,temperature,length,width,state
+A,1,20,0.93,1.9,
+A,2,20,1.9,2.9,
+B,1,30,1.1,2.2,
+B,2,30,2.2,,
+C,1,40,1.2,2.3,
+C,2,40,2.5,3.2,above
+D,1,25,1.0,2.0,
+D,2,25,2.1,3.1,
+"""
+SERIES = {
+    "experiments": {"file": "table.csv", "outcome": "way", "id": "unit", "conditions": ["time"]},
+    "simulator": {"function": "model.py:path", "series": True},
+    "parameters": {
+        "speed": {
+            "law": "lognormal",
+            "mean": {"lower": 0.5, "upper": 2.0},
+            "sd": {"lower": 0.01, "upper": 1.0},
+        }
+    },
+    "noise": {"sd": 0.05, "relative": 0.02},
+    "search": {"starts": 1},
+}
+TIMES = "unit,time,way\nA,1,0.9\nA,2,1.9\nB,1,1.2\nB,2,2.5\nC,1,1.0\nC,2,2.1\nC,3,2.9\n"
+PROGRAM = {
+    **STUDY,
+    "simulator": {
+        "command": ["awk", "{{print $1 * $2}}", "input.txt"],
+        "template": "input.tmpl",
+        "input": "input.txt",
+        "output": {"file": "stdout"},
+        "timeout": 5,
+        "keep": "none",
+    },
+}
+NEW = {"plain": "load\n2.5\n6\n", "repeated": "load,temperature\n1.5,35\n", "series": "time\n1.5\n"}
+
+
+@dataclass(frozen=True)
+class Sound:
+    """A study: its keys, its table, and the new conditions that predictions are made of."""
+
+    study: dict[str, Any]
+    table: str
+    new: str
+
+
+STUDIES = {
+    "plain": Sound(STUDY, TABLE, NEW["plain"]),
+    "noisy": Sound({**STUDY, "noise": {"sd": 0.1}}, TABLE, NEW["plain"]),
+    "repeated": Sound(REPEATED, UNITS, NEW["repeated"]),
+    "series": Sound(SERIES, TIMES, NEW["series"]),
+    "program": Sound(PROGRAM, TABLE, NEW["plain"]),
+}
+RESULTS = ("plain", "noisy", "repeated")
+"""Studies whose results are damaged, too."""
+STORE = "plain"
+"""The study whose store of runs is damaged."""
+
+
+def written(sound: Sound, folder: Path) -> Path:
+    """A folder with the files of a study."""
+    folder.mkdir(parents=True)
+    (folder / "study.toml").write_text(toml.written(sound.study))
+    (folder / "table.csv").write_text(sound.table)
+    (folder / "model.py").write_text(MODEL)
+    (folder / "new.csv").write_text(sound.new)
+    (folder / "input.tmpl").write_text("{load} {softness}\n")
+    return folder
+
+
+def prepared(folder: Path) -> None:
+    """Folders of all studies, with results, replicates, and runs as a store and as a table."""
+    here = Path.cwd()
+    for name, sound in STUDIES.items():
+        os.chdir(written(sound, folder / name))
+        if name in RESULTS:
+            _run("identify", "study.toml", "--no-figures", "--quiet", "--output", "out")
+        if name == STORE:
+            _run("runs", "export", "study.toml", "runs.csv")
+        if name == "noisy":
+            _run("bootstrap", "study.toml", "--quiet", "--replicates", "3", "--output", "out")
+        shutil.rmtree("__pycache__", ignore_errors=True)
+    os.chdir(here)
+
+
+def _run(*arguments: str) -> None:
+    done = CliRunner().invoke(main, arguments)
+    if done.exit_code != 0:
+        raise RuntimeError(f"aleator {' '.join(arguments)}: {done.output}")

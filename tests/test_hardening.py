@@ -1,0 +1,89 @@
+"""A little of `python -m hardening`, and that it would notice what it looks for."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardening import judging, toml
+from hardening.damaged import KINDS, damaged
+from hardening.failing import failing
+from hardening.kills import kills
+from hardening.mutation import Damage
+from hardening.sound import STUDIES, prepared
+from hardening.ways import Way
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("hardening") / "sound"
+    prepared(folder)
+    return folder
+
+
+@pytest.mark.slow
+def test_damaged_files_are_told_or_do_not_matter(sound: Path, tmp_path: Path) -> None:
+    found = [judging.one(k, 1, sound, tmp_path / "study") for k in range(60)]
+    broken = [(one.number, one.words) for one in found if one.outcome in judging.BROKEN]
+    assert broken == []
+    assert {one.kind for one in found} == set(KINDS)
+    assert {one.outcome for one in found} == {judging.DONE, judging.TOLD}
+
+
+def test_the_same_number_is_the_same_damage(sound: Path, tmp_path: Path) -> None:
+    for number in range(8):
+        same = [damaged(number, 0, sound, tmp_path / f"{number}{k}") for k in "ab"]
+        assert same[0] == same[1]
+        if same[0][0] == "store":
+            continue
+        first, second = (tmp_path / f"{number}{k}" for k in "ab")
+        for file in first.rglob("*.toml"):
+            assert file.read_bytes() == (second / file.relative_to(first)).read_bytes()
+
+
+def test_a_traceback_is_noticed(
+    sound: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise KeyError("a defect")
+
+    monkeypatch.setattr("aleator.cli.predict.documents.read_json", broken)
+    numbers = [k for k in range(2, 40, 4) if "bootstrap" not in _command(k, sound, tmp_path)]
+    verdict = judging.one(numbers[0], 0, sound, tmp_path / "study")
+    assert verdict.outcome == judging.TRACEBACK
+    assert "a defect" in verdict.words
+
+
+def _command(number: int, sound: Path, folder: Path) -> str:
+    command = damaged(number, 0, sound, folder / f"look{number}")[1]
+    return "" if command[0] == "predict" else "bootstrap"
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_tree_is_written_as_it_is(name: str) -> None:
+    assert tomllib.loads(toml.written(STUDIES[name].study)) == STUDIES[name].study
+
+
+def test_damage_changes_something() -> None:
+    tree = STUDIES["repeated"].study
+    changed = [Damage(np.random.default_rng(k)).tree(tree, 1) for k in range(50)]
+    assert sum(json.dumps(one) != json.dumps(tree) for one in changed) > 40
+
+
+@pytest.mark.slow
+def test_kills_lose_nothing_and_leave_nothing() -> None:
+    options = ("--workers", "2")
+    way = Way("box", options, program=True, command=("box", "study.toml"), result="box.json")
+    found = kills(1, 3, ways=[way])
+    assert found.broken == ()
+    assert found.counts == {"box": 1}
+    assert found.runs > 0
+
+
+def test_failures_move_alpha_by_less_than_a_hundredth_of_its_error() -> None:
+    found = failing(1, 0)
+    assert found.error == ""
+    assert found.failed > 0
+    assert found.sound
