@@ -1,6 +1,7 @@
 """Studies in which some runs have no outcome: the answer stands on the others, and says so."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,13 @@ from aleator.errors import SimulatorError
 from aleator.inference.verification import MonteCarlo
 from aleator.laws import Free, Normal, TruncatedNormal
 from aleator.laws.inputs import Inputs
+from aleator.observations.experiments import Conditions
+from aleator.observations.noise import Noise
+from aleator.simulators import as_runner
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.identify import identify
+from aleator.tasks.individual.failed import fails_here_and_there
+from aleator.tasks.results.identification import Identification
 from aleator.types import Array
 
 Z = np.linspace(1.0, 2.0, 40)
@@ -54,6 +61,32 @@ def test_runs_that_fail_here_and_there_leave_the_answer() -> None:
     ]
     assert json.dumps(result.to_dict()["failures"])
     assert whole.failures is None
+
+
+def test_a_fast_simulator_with_holes_is_not_integrated_over_itself() -> None:
+    """Every set of nodes meets other holes: the search took minutes, and surfaces go over them."""
+
+    def brittle(z: Array, x: Array) -> Array:
+        hashed = np.modf(1e4 * np.abs(np.sin(1e4 * x + z)))[0]
+        return np.where(hashed < 0.02, np.nan, model(z, x))
+
+    def ends(z: Array, x: Array) -> Array:
+        return np.where(x > 2.4, np.nan, model(z, x))
+
+    def answer(simulator: Callable[..., Array]) -> Identification:
+        return identify(
+            simulator, TABLE, BOXED, outcome="y", vectorized=True, noise=Noise(0.02),
+            verification=MonteCarlo(0), consistency=False, best_law=False,
+        )  # fmt: skip
+
+    whole, holes, cut = answer(model), answer(brittle), answer(ends)
+    assert holes.propagation == "response_surface"
+    for name, value in whole.alpha.items():
+        for other in (holes, cut):
+            near = 0.01 * (value.standard_error or 1.0)
+            assert other.alpha[name].estimate == pytest.approx(value.estimate, abs=near)
+    run = as_runner(ends, Conditions(("A",), pd.DataFrame({"z": [1.0]})), ["x"], vectorized=True)
+    assert not fails_here_and_there(run, np.array([1.5]), np.array([[0.3, 2.7]]))
 
 
 def test_the_first_look_of_a_law_without_a_box_leaves_out_what_fails() -> None:

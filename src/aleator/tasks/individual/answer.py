@@ -28,7 +28,7 @@ from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
 from aleator.surrogates.responses import moving_parameters
 from aleator.tasks.baselines import start_point
 from aleator.tasks.individual.cost import cheap
-from aleator.tasks.individual.failed import lost_observations
+from aleator.tasks.individual.failed import fails_here_and_there, lost_observations
 from aleator.tasks.individual.guess import PooledFit, guesses, pooled_fit
 from aleator.tasks.individual.infer import inferred
 from aleator.tasks.individual.order import ordered
@@ -130,7 +130,9 @@ def answered(question: Question, ledger: Ledger) -> Answer:
     inputs, runner = question.inputs, question.runner
     hyperparameters = (*inputs.hyperparameters, *question.errors.hyperparameters)
     region = first_region(inputs, hyperparameters, len(question.table.ids))
-    if cheap(runner, inputs, start_point(inputs), region):
+    start = start_point(inputs)
+    fast = cheap(runner, inputs, start, region)
+    if fast and not fails_here_and_there(runner, start, region):
         question = question.without(
             lost_observations(runner, region, question.unit, question.column)
         )
