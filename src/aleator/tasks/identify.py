@@ -154,11 +154,12 @@ def _verified(
     problem, alpha = answer.problem, answer.found.alpha
     model, surface = problem.model, problem.surface
     emulator = surface and SurfaceEmulator(surface, problem.region, problem.condition)
+    expected = None if surface is None else surface.error[problem.condition]
     return verify(
         runner.attempt, model.inputs, alpha, model.noise_sd(alpha), problem.outcomes, choice,
         seed=seed, lower=problem.predictive.lower, upper=problem.predictive.upper,
         observation=model.noise.kind if model.noise else NORMAL,
-        emulator=emulator, condition=problem.condition, progress=progress,
+        emulator=emulator, condition=problem.condition, expected=expected, progress=progress,
         steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
     )  # fmt: skip
 

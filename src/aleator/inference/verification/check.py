@@ -18,7 +18,14 @@ from aleator.inference.verification.control_variate import (
 )
 from aleator.inference.verification.emulator import Emulator
 from aleator.inference.verification.kernel import NORMAL, Kernel, Noise, Window, error_of
-from aleator.inference.verification.near import Candidates, drawn, effective, sizes_of, tried
+from aleator.inference.verification.near import (
+    Candidates,
+    drawn,
+    effective,
+    enough,
+    sizes_of,
+    tried,
+)
 from aleator.inference.verification.samples import Alone, Run, Sampler, made, within
 from aleator.laws.inputs import Inputs
 from aleator.observations.model import ObservationModel
@@ -47,6 +54,7 @@ def verify(
     observation: ObservationModel = NORMAL,
     emulator: Emulator | None = None,
     condition: Indices | None = None,
+    expected: Array | None = None,
     steps: Array | None = None,
     progress: Progress | None = None,
 ) -> Verification:
@@ -62,7 +70,9 @@ def verify(
     the smoothing bias; so is that of a correction.
     `lower` and `upper` (N,) are the ends of the noise-free outcome's range, where its density may
     end abruptly; the kernel is then one-sided. `condition` (N,) numbers the conditions: equal ones
-    share runs. Where `steps` (K,) are positive, of about a quarter of a
+    share runs. `expected` (N,) are the errors that the emulator expects of itself, in units of the
+    outcome: the smaller they are, the fewer runs are made if the choice leaves them open. Where
+    `steps` (K,) are positive, of about a quarter of a
     standard error, the score is told too. The bias -var/2 of the logarithm is corrected. A run that
     failed, NaN, is left out: the density is that of an outcome where there is one. Cost: see
     `MonteCarlo`, and LEVELS times 512 runs for an experiment far out without an emulator.
@@ -81,7 +91,7 @@ def verify(
     if emulator is None or observation != NORMAL:
         return bench.by_samples(emulator)
     of_whom = np.arange(count) if condition is None else condition
-    return bench.by_control(emulator, of_whom, choice.near, steps)
+    return bench.by_control(emulator, of_whom, choice, expected, steps)
 
 
 @dataclass(frozen=True)
@@ -135,16 +145,26 @@ class _Bench:
         return _verification(found, squares, bias, scatter, np.full(self.y.size, np.nan), none)
 
     def by_control(
-        self, emulator: Emulator, condition: Indices, runs: int, steps: Array | None
+        self,
+        emulator: Emulator,
+        condition: Indices,
+        choice: MonteCarlo,
+        expected: Array | None,
+        steps: Array | None,
     ) -> Verification:
         """By the emulator's densities and a few runs near each outcome."""
         sampler = self.sampler
         inputs = sampler.inputs
-        sizes = sizes_of(condition, runs if inputs.scattering else 2)
-        candidates = tried(emulator, inputs, sampler.alpha, sizes, sampler.rng)
+        candidates = tried(
+            emulator, inputs, sampler.alpha, sizes_of(condition, choice.near), sampler.rng
+        )
         kernel: Kernel = Noise(self.y, self.noise_sd)
         if self.noise_sd == 0.0:
             kernel = Window(self.y, *self.ends, candidates.bandwidth(self.y))
+        runs = choice.near
+        if choice.samples is None and expected is not None:
+            runs = enough(expected / kernel.scale, runs)
+        sizes = sizes_of(condition, runs if inputs.scattering else 2)
         sample = [
             Made(near, made(sampler.run, near.first, candidates.x[near.chosen], sampler.progress))
             for near in drawn(candidates, kernel, condition, sizes, sampler.rng)

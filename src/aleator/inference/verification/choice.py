@@ -21,9 +21,10 @@ FEW, LEAST, ALONE, FEWEST = 20, 16, 1024, 64
 class MonteCarlo:
     """The user's choice of the check: `samples` simulator runs an experiment (0: no check).
 
-    None is 20 where response surfaces stand for the simulator, which these runs only correct, and
-    1024 where none do. Experiments of equal conditions share theirs: eight of them at most pay. An
-    experiment that the check cannot judge so takes 256 more, one in 64 experiments at most.
+    None is up to 20 where response surfaces stand for the simulator, which these runs only
+    correct: 2 where they expect hardly an error of themselves; and 1024 where none do. Experiments
+    of equal conditions share theirs: eight of them at most pay. An experiment that the check cannot
+    judge so takes 256 more, one in 64 experiments at most.
     Without surfaces the runs are spread over eight shifted copies of a Sobol' point set, rounded
     up to eight times a power of two, 64 at least, and an experiment far out takes as many again.
     Raises InputsError for a number of samples between 1 and 15.

@@ -9,6 +9,7 @@ in each of as many strata of equal probability, so that their differences tell t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -31,6 +32,8 @@ BANDWIDTH = 0.25
 """That of the kernel of a correction, over the spread of the outcome under the law."""
 REACH = 1.5
 """Widths of the kernel about an outcome in which the other runs are drawn."""
+FEWEST_RUNS = 40
+"""Runs of all experiments together, at least."""
 SHARED = 8
 """Experiments of equal conditions have the runs of so many, at most, in common."""
 
@@ -127,6 +130,20 @@ def effective(candidates: Candidates, kernel: Kernel) -> Array:
     told = _closeness(candidates, kernel)
     squares = np.sum(told**2, axis=1)
     return np.asarray(np.sum(told, axis=1) ** 2 / np.where(squares > 0.0, squares, 1.0))
+
+
+def enough(relative: Array, most: int) -> int:
+    """Runs an experiment, even, that errors of an emulator over the kernel's width (N,) ask for.
+
+    The relative error of a density by R runs is about sqrt(0.6 / R) of that; the sum over the
+    experiments is to be known to 0.1.
+
+    >>> enough(np.full(100, 1e-4), 20), enough(np.full(100, 0.05), 20), enough(np.ones(3), 20)
+    (2, 16, 20)
+    """
+    count = relative.size
+    wanted = max(0.6 * float(np.sum(relative**2)) / 0.1**2, FEWEST_RUNS / count)
+    return min(2 * max(1, math.ceil(0.5 * min(wanted, most))), most)
 
 
 def sizes_of(condition: Indices, runs: int) -> Indices:
