@@ -92,6 +92,15 @@ def test_a_folder_without_an_identification_is_told(tmp_path: Path) -> None:
     assert "alpha" in result.output
 
 
+def test_pictures_that_are_none_are_told(written: Path, tmp_path: Path) -> None:
+    document = json.loads((written / "identification.json").read_text(encoding="utf-8"))
+    document["pictures"]["laws"] = {"x": [1.0]}
+    (tmp_path / "identification.json").write_text(json.dumps(document), encoding="utf-8")
+    result = run("report", tmp_path)
+    assert result.exit_code == 2
+    assert "'pictures'" in result.output
+
+
 def test_without_bokeh_it_says_what_it_needs(
     written: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

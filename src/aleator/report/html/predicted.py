@@ -11,6 +11,7 @@ from aleator.report.html import colors
 from aleator.report.html.chart import Chart, axes, legend_below, points, shared
 from aleator.report.html.markup import Section, missing
 from aleator.report.html.rows import Measured
+from aleator.tasks.results.printed import number as written
 
 CONDITIONS = 6
 """Conditions that are told when the mouse is over a mark."""
@@ -49,7 +50,7 @@ def source_of(seen: Measured, number: int) -> Any:
         columns["marker"] = [
             _marker(kind, out) for kind, out in zip(thin.columns["kind"], outside, strict=True)
         ]
-        columns["size"] = np.where(outside | ~exact, 8.0, 6.0).tolist()
+        columns["size"] = np.where(outside | ~exact, 10.0, 6.0).tolist()
     return shared(columns, f"measured-{number}")
 
 
@@ -102,7 +103,7 @@ def _caption(seen: Measured, source: Any) -> str:
         outside = int(np.sum(known & ((value < low) | (value > high))))
     text = (
         f"Outside the predicted 95 % are {outside} of {int(known.sum()):,} (diamonds), and "
-        f"{0.05 * known.sum():.3g} are expected."
+        f"{written(0.05 * known.sum(), 3)} are expected."
     )
     if not exact.all():
         text += " Triangles are bounds: the value lies above, or below."

@@ -108,7 +108,7 @@ def _marked(seen: Measured, name: str, number: int, lines: Mapping[str, Any], on
     if "q0.025" in line:
         plot.varea("x", "q0.025", "q0.975", source=source, color=colors.BAND,
                    legend_label="law, 95 %")  # fmt: skip
-    plot.varea("x", "own_low", "own_high", source=source, color=colors.WIDE,
+    plot.varea("x", "own_low", "own_high", source=source, color=colors.WIDE, fill_alpha=0.7,
                legend_label="errors, 95 %")  # fmt: skip
     plot.line("x", "own", source=source, color=colors.BLUE, line_width=2.0,
               legend_label="its own")  # fmt: skip

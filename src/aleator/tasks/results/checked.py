@@ -23,6 +23,14 @@ FORMS: Mapping[str, Mapping[str, Any]] = {
     },
     "least_squares": {"parameters": Mapping[str, float], "rmse": float, "log_likelihood": float},
     "circe": {"alpha": Mapping[str, float], "log_likelihood": float},
+    "pictures": {
+        "conditions": Mapping[str, Sequence[Any]],
+        "laws": Mapping[str, Mapping[str, Sequence[float]]],
+        "contours": Sequence[Mapping[str, Any]],
+        "profiles": Mapping[str, Mapping[str, Sequence[float]]],
+        "surface": Mapping[str, Any] | None,
+        "predicted": Mapping[str, Sequence[float]],
+    },
 }  # fmt: skip
 """What reports take from the parts of an identification that have keys, and no class."""
 
