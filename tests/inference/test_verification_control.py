@@ -109,7 +109,7 @@ def test_a_control_however_wrong_leaves_an_honest_error(
 def test_twenty_runs_on_a_good_control_know_more_than_512_without(problem: Problem) -> None:
     y = problem.draw(2)
     alone, held = checked(problem, y, None, samples=512), checked(problem, y, 0.003)
-    assert held.standard_error < 0.4 * alone.standard_error
+    assert held.standard_error < 0.7 * alone.standard_error
     assert np.median(held.each_error) < 0.01
 
 

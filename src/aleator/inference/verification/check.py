@@ -201,7 +201,7 @@ class _Bench:
         density = known.mean(axis=1) + by.correction
         many = effective(candidates, kernel)
         f = np.where(density > 0.0, density, 1.0)
-        sure = (density > 0.0) & (np.hypot(by.error, by.bias) < ROUGH * f)
+        sure = (density > 0.0) & (np.hypot(by.error, by.lower) < ROUGH * f)
         return _Densities(
             density,
             by.error / f,

@@ -15,12 +15,14 @@ import numpy as np
 from aleator.inference.verification.choice import Score
 from aleator.inference.verification.emulator import Emulator
 from aleator.inference.verification.importance_sampling import flat
-from aleator.inference.verification.kernel import NARROWER, SEEN, Kernel, Noise, larger
+from aleator.inference.verification.kernel import SEEN, Kernel, Noise, larger
 from aleator.inference.verification.line_sampling import COARSE, FINE, Lines, densities, drawn
 from aleator.inference.verification.near import Candidates, Near
 from aleator.laws.inputs import Inputs
 from aleator.types import Array, Indices
 
+NARROWER = (0.7, 0.5)
+"""Bandwidths that tell of smoothing, over that of the estimate: few runs lie in narrower ones."""
 BLOCK = 2_000_000
 """Kernels that are held at once."""
 
