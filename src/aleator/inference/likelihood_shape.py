@@ -61,7 +61,7 @@ def likelihood_curve(
     to from the one before, moved along the ridge by -I_oo^-1 I_ok. Less than `ARRIVED` is left to
     climb. Cost: two to six evaluations a point.
     """
-    way = _Way.of(hyperparameters, inference, [k])
+    way = _Way.of(hyperparameters, inference, [k], inference.identified)
     value = np.full(at.size, np.nan)
     outward = [np.flatnonzero(at <= alpha[k])[::-1], np.flatnonzero(at > alpha[k])]
     for side in outward:
@@ -85,8 +85,8 @@ def likelihood_surface(
 
     On a grid of `count` times `count` points, three standard errors to either side along the axes
     of the ellipse: a narrow ridge is not missed. The others move by -I_oo^-1 I_op from the maximum
-    alpha (K,), within their limits: exact for two hyperparameters, near the maximum for more. Cost:
-    an evaluation a point.
+    alpha (K,), within their limits, but for those on a limit, which stay: exact for two
+    hyperparameters, near the maximum for more. Cost: an evaluation a point.
     """
     rows = [int(np.flatnonzero(inference.free == k)[0]) for k in pair]
     variance, axes = np.linalg.eigh(inference.covariance[np.ix_(rows, rows)])
@@ -95,7 +95,7 @@ def likelihood_surface(
     points = alpha[list(pair)] + np.stack([u.ravel(), v.ravel()], axis=1) @ half.T
     lower, upper = limits_of(hyperparameters, np.array(pair))
     inside = np.all((points >= lower) & (points <= upper), axis=1)
-    way = _Way.of(hyperparameters, inference, list(pair))
+    way = _Way.of(hyperparameters, inference, list(pair), inference.free)
     value = np.full(len(points), np.nan)
     for k in np.flatnonzero(inside):
         value[k] = objective(way.followed(alpha, points[k])).total
@@ -152,9 +152,10 @@ class _Way:
         hyperparameters: Sequence[Hyperparameter],
         inference: Inference,
         held: list[int],
+        among: Indices,
     ) -> _Way:
-        """That of the information at the maximum."""
-        apart = np.isin(inference.identified, held)
+        """That of the information at the maximum, for those `among` whom are not held."""
+        apart = ~np.isin(inference.identified, among) | np.isin(inference.identified, held)
         moving = inference.identified[~apart]
         # in the order in which they are held
         rows = [int(np.flatnonzero(inference.identified == k)[0]) for k in held]

@@ -75,12 +75,13 @@ def _masses(plot: Any, name: str, found: list[Document]) -> None:
         {"x": [p[name] for p in found], "mass": [p["probability"] for p in found]}, f"mass-{name}"
     )
     top = 1.15 * max(p["probability"] for p in found)
+    plot.y_range.renderers = list(plot.renderers)  # else the stems stretch the density's axis
     plot.extra_y_ranges = {"mass": models.Range1d(0.0, top)}
     plot.add_layout(
         models.LinearAxis(
             y_range_name="mass", axis_label="probability", axis_line_color=colors.LINE,
-            major_label_text_color=colors.TEXT, axis_label_text_color=colors.TEXT,
-            axis_label_text_font_style="normal", minor_tick_line_color=None,
+            major_tick_line_color=colors.LINE, major_label_text_color=colors.TEXT,
+            axis_label_text_color=colors.TEXT, axis_label_text_font_style="normal", minor_tick_line_color=None,
         ),
         "right",
     )  # fmt: skip
