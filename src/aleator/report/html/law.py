@@ -81,7 +81,8 @@ def _masses(plot: Any, name: str, found: list[Document]) -> None:
         models.LinearAxis(
             y_range_name="mass", axis_label="probability", axis_line_color=colors.LINE,
             major_tick_line_color=colors.LINE, major_label_text_color=colors.TEXT,
-            axis_label_text_color=colors.TEXT, axis_label_text_font_style="normal", minor_tick_line_color=None,
+            axis_label_text_color=colors.TEXT, axis_label_text_font_style="normal",
+            minor_tick_line_color=None,
         ),
         "right",
     )  # fmt: skip
