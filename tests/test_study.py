@@ -102,7 +102,7 @@ def test_the_least_study_has_defaults_for_the_rest(folder: Path) -> None:
     assert study.density is None
     assert study.model.density == Convolution()
     assert study.search.starts == 10
-    assert study.verification.samples == 1000
+    assert study.verification.samples is None
 
 
 def test_other_choices(folder: Path) -> None:

@@ -64,6 +64,7 @@ def test_the_best_of_all_laws_has_six_points_and_the_known_log_likelihood(densit
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_answer_is_the_exact_maximum_of_the_likelihood(exact) -> None:
     found = of_study(STUDY / "study.toml", MonteCarlo(0))
     alpha = estimates(found)

@@ -41,7 +41,8 @@ def test_the_verified_log_likelihood_is_the_exact_one(sample) -> None:
     assert report.verified is not None
     assert report.verified_standard_error is not None
     assert abs(report.verified - exact) < 4.0 * report.verified_standard_error
-    assert found.runs_by_stage["verification"] == 40 * 512
+    # all have one condition, of which eight experiments pay; runs that were made count once
+    assert 0.98 * 8 * 512 < found.runs_by_stage["verification"] <= 8 * 512
 
 
 def test_what_is_said_of_each_experiment_is_its_normal_law(sample) -> None:
