@@ -19,14 +19,14 @@ from aleator.inference.verification.control_variate import (
 from aleator.inference.verification.emulator import Emulator
 from aleator.inference.verification.kernel import NORMAL, Kernel, Noise, Window, error_of
 from aleator.inference.verification.near import (
-    Candidates,
+    closeness,
     drawn,
     effective,
     enough,
     sizes_of,
     tried,
 )
-from aleator.inference.verification.samples import Alone, Run, Sampler, made, within
+from aleator.inference.verification.samples import Alone, Run, Sampler, made, with_rows, within
 from aleator.laws.inputs import Inputs
 from aleator.observations.model import ObservationModel
 from aleator.progress import Progress, Silent
@@ -115,15 +115,6 @@ class _Densities:
         """(m,) the relative error of each, without its bias."""
         return np.sqrt(self.error**2 + error_of(self.lines) ** 2 + self.coarse**2)
 
-    def replaced(self, rows: Indices, others: _Densities) -> _Densities:
-        """With others in some rows."""
-        fields = []
-        for old, new in zip(vars(self).values(), vars(others).values(), strict=True):
-            mixed = old.copy()
-            mixed[rows] = new
-            fields.append(mixed)
-        return _Densities(*fields)
-
 
 @dataclass(frozen=True)
 class _Bench:
@@ -165,20 +156,21 @@ class _Bench:
         if choice.samples is None and expected is not None:
             runs = enough(expected / kernel.scale, runs)
         sizes = sizes_of(condition, runs if inputs.scattering else 2)
+        near_to = closeness(candidates, kernel)
         sample = [
             Made(near, made(sampler.run, near.first, candidates.x[near.chosen], sampler.progress))
-            for near in drawn(candidates, kernel, condition, sizes, sampler.rng)
+            for near in drawn(candidates, near_to, condition, sizes, sampler.rng)
         ]
         control = Control(emulator, inputs, sampler.alpha, self.y, candidates.steepest, self.seed)
         by = corrected(candidates, sample, kernel)
-        found = self._controlled(control, by, candidates, kernel)
+        found = self._controlled(control, by, effective(near_to))
         doubtful = np.flatnonzero(~found.reached & within(self.y, self.ends, self.noise_sd))
         told = found.effective >= FEW_SAMPLES
         again = doubtful[np.argsort(found.effective[doubtful])][: max(2, self.y.size // ONE_IN)]
         by_control = found.reached
         if again.size and inputs.scattering:
             more = self._alone(again, emulator, replace(sampler, points=AGAIN))[0]
-            found = found.replaced(again, more)
+            found = with_rows(found, again, more)
         alone = found.reached & ~by_control
         squares = np.sum(found.error[alone] ** 2)
         factor = np.where(by_control, 1.0 / np.where(by_control, found.density, 1.0), 0.0)
@@ -193,13 +185,10 @@ class _Bench:
         contradicted = ~found.reached & told
         return _verification(found, squares, bias, candidates.scatter, rough, contradicted, score)
 
-    def _controlled(
-        self, control: Control, by: Corrected, candidates: Candidates, kernel: Kernel
-    ) -> _Densities:
+    def _controlled(self, control: Control, by: Corrected, many: Array) -> _Densities:
         lines = control.lines()
         known = control.known(lines, self.noise_sd)
         density = known.mean(axis=1) + by.correction
-        many = effective(candidates, kernel)
         f = np.where(density > 0.0, density, 1.0)
         sure = (density > 0.0) & (np.hypot(by.error, by.lower) < ROUGH * f)
         return _Densities(

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import special
@@ -50,17 +51,21 @@ class Candidates:
     weight: Array
     outcomes: Array
 
-    @property
+    @cached_property
+    def mean(self) -> Array:
+        """(N,) the mean of the emulator's outcomes under the law."""
+        return np.asarray(self.outcomes @ self.weight / self.weight.sum())
+
+    @cached_property
     def scatter(self) -> Array:
-        """(N,) the standard deviation of the emulator's outcomes under the law."""
-        share = self.weight / self.weight.sum()
-        away = self.outcomes - (self.outcomes @ share)[:, None]
-        return np.asarray(np.sqrt(away**2 @ share))
+        """(N,) their standard deviation."""
+        away = self.outcomes - self.mean[:, None]
+        return np.asarray(np.sqrt(away**2 @ self.weight / self.weight.sum()))
 
     def bandwidth(self, y: Array) -> Array:
         """(N,) that of the kernel about outcomes y (N,): narrower where the density falls fast."""
         scatter = self.scatter
-        away = np.abs(y - self.outcomes @ self.weight / self.weight.sum())
+        away = np.abs(y - self.mean)
         far = away / np.where(scatter > 0.0, scatter, np.inf)
         return np.asarray(BANDWIDTH * self._spread / np.maximum(1.0, 0.5 * far))
 
@@ -83,7 +88,7 @@ class Candidates:
         """The variate (N,) with which each outcome is correlated most; 0 without any."""
         if self.variate.shape[1] == 0:
             return np.zeros(len(self.outcomes), dtype=np.intp)
-        away = self.outcomes - (self.outcomes @ self.weight / self.weight.sum())[:, None]
+        away = self.outcomes - self.mean[:, None]
         slope = (away * self.weight) @ self.variate
         return np.asarray(np.argmax(np.abs(slope), axis=1))
 
@@ -125,9 +130,14 @@ def tried(
     return Candidates(variate, x, weight / weight.mean(), emulator.evaluate(x))
 
 
-def effective(candidates: Candidates, kernel: Kernel) -> Array:
-    """(N,) how many candidates explain each outcome: (sum t)^2 / sum t^2."""
-    told = _closeness(candidates, kernel)
+def closeness(candidates: Candidates, kernel: Kernel) -> Array:
+    """Weights (N, J) of candidates by how near their outcomes are."""
+    away = (kernel.y[:, None] - candidates.outcomes) / (REACH * kernel.scale[:, None])
+    return np.asarray(np.exp(-0.5 * away**2) * candidates.weight)
+
+
+def effective(told: Array) -> Array:
+    """(N,) how many candidates explain each outcome, by their closeness: (sum t)^2 / sum t^2."""
     squares = np.sum(told**2, axis=1)
     return np.asarray(np.sum(told, axis=1) ** 2 / np.where(squares > 0.0, squares, 1.0))
 
@@ -158,13 +168,15 @@ def sizes_of(condition: Indices, runs: int) -> Indices:
 
 def drawn(
     candidates: Candidates,
-    kernel: Kernel,
+    told: Array,
     condition: Indices,
     sizes: Indices,
     rng: np.random.Generator,
 ) -> Iterator[Near]:
-    """Runs of all conditions (N,), as many as `sizes` says; those with equally many together."""
-    told = _closeness(candidates, kernel)
+    """Runs of all conditions (N,), as many as `sizes` says; those with equally many together.
+
+    `told` (N, J) is the closeness of the candidates to each outcome.
+    """
     total = told.sum(axis=1, keepdims=True)
     told = np.divide(told, total, out=np.zeros_like(told), where=total > 0.0)
     groups, first, group, count = np.unique(
@@ -182,12 +194,6 @@ def drawn(
         picked = np.take_along_axis(chance[some], chosen, axis=1)
         weight = candidates.weight[chosen] / (chance.shape[1] * picked)
         yield Near(index, np.searchsorted(some, group[index]), first[some], chosen, weight)
-
-
-def _closeness(candidates: Candidates, kernel: Kernel) -> Array:
-    """Weights (N, J) of candidates by how near their outcomes are."""
-    away = (kernel.y[:, None] - candidates.outcomes) / (REACH * kernel.scale[:, None])
-    return np.asarray(np.exp(-0.5 * away**2) * candidates.weight)
 
 
 def _stratified(outcomes: Array, chance: Array, size: int, rng: np.random.Generator) -> Indices:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from aleator.progress import Progress
 from aleator.types import Array, Indices
 
 Run = Callable[[Indices, Array], Array]
+Fields = TypeVar("Fields")
 
 CHUNK_RUNS = 20_000
 """Runs handed to the simulator at once, so that progress can be shown and Ctrl-C answered."""
@@ -66,12 +68,8 @@ class Alone:
     def replaced(self, again: Alone, rows: Indices) -> Alone:
         """Experiments `rows` as they are in `again`, where that has more effective samples."""
         better = again.effective > self.effective[rows]
-        fields = []
-        for old, new in zip(vars(self).values(), vars(again).values(), strict=True):
-            mixed = old.copy()
-            mixed[rows[better]] = new[better]
-            fields.append(mixed)
-        return Alone(*fields)
+        kept = Alone(*(field[better] for field in vars(again).values()))
+        return with_rows(self, rows[better], kept)
 
 
 @dataclass(frozen=True)
@@ -117,6 +115,16 @@ class Sampler:
             near = outcomes[:, moved(outcomes.shape[1])]
             kernel = Window.of(kernel.y, kernel.lower, kernel.upper, near)
         return Samples(index, worked * weight.reshape(variate.shape[:2]), outcomes, kernel)
+
+
+def with_rows(whole: Fields, rows: Indices, others: Fields) -> Fields:
+    """A dataclass of arrays (N, ...) with those (m, ...) of another in some rows (m,)."""
+    fields = []
+    for old, new in zip(vars(whole).values(), vars(others).values(), strict=True):
+        mixed = old.copy()
+        mixed[rows] = new
+        fields.append(mixed)
+    return type(whole)(*fields)
 
 
 def made(run: Run, index: Indices, x: Array, progress: Progress) -> Array:
