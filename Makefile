@@ -5,7 +5,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PEERS := $(VENV)/.installed-peers
+WRITERS := $(VENV)/.installed-docs
 EXAMPLES := fission_gas wet_clutch
+# In requirements.lock; the other two locks hold one extra more each, at the same versions.
+EXTRAS := plot report bayes evolution fmi parquet dask mpi dev
 UV := uv==0.13.9
 COMPILE = $(VENV)-lock/bin/uv pip compile pyproject.toml --universal --python-version 3.11 \
     --fork-strategy fewest --generate-hashes --no-header --no-annotate --no-emit-index-url \
@@ -61,8 +64,9 @@ lint: $(STAMP) ## Check style, formatting, types and layers
 lock: ## Write requirements.lock anew (UPGRADE=--upgrade takes newer versions)
 	$(PYTHON) -m venv $(VENV)-lock
 	$(VENV)-lock/bin/python -m pip install --quiet $(UV)
-	$(COMPILE) $(addprefix --extra ,plot report bayes evolution fmi parquet dask mpi dev) --output-file requirements.lock
-	$(COMPILE) --all-extras --constraint requirements.lock --output-file requirements-bench.lock
+	$(COMPILE) $(addprefix --extra ,$(EXTRAS)) --output-file requirements.lock
+	$(COMPILE) $(addprefix --extra ,$(EXTRAS) peers) --constraint requirements.lock --output-file requirements-bench.lock
+	$(COMPILE) $(addprefix --extra ,$(EXTRAS) docs) --constraint requirements.lock --output-file requirements-docs.lock
 
 clean: ## Remove results, caches and build outputs (not .venv)
 	rm -rf out build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis \
@@ -78,6 +82,10 @@ $(STAMP): requirements.lock pyproject.toml | $(CREATE)
 
 $(PEERS): requirements-bench.lock $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-bench.lock
+	@touch $@
+
+$(WRITERS): requirements-docs.lock $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-docs.lock
 	@touch $@
 
 create-venv:
