@@ -28,7 +28,7 @@ from aleator.study.simulators import SIMULATORS
 ROOT = Path(__file__).parents[1]
 EVERY = [
     path.relative_to(ROOT)
-    for path in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *ROOT.glob("examples/*/*.md"))
+    for path in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *ROOT.glob("examples/*/*.md"))
 ]
 PAGES = [page for page in EVERY if "```bash" in (ROOT / page).read_text(encoding="utf-8")]
 LIMIT = 300.0  # s, of a block that hangs
@@ -123,12 +123,13 @@ def test_the_studies_for_other_tools_have_keys_that_exist() -> None:
     assert len(studies) == 6
 
 
-def test_the_studies_of_the_page_of_repeated_measures_are_those_that_it_runs() -> None:
-    page = (ROOT / "docs" / "repeated.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", ["repeated.md", "howto/censored.md"])
+def test_the_studies_of_a_page_are_those_that_it_runs(name: str) -> None:
+    page = (ROOT / "docs" / name).read_text(encoding="utf-8")
     folders = [Path(path).parent for path in re.findall(r"identify (\S+)", "".join(blocks(page)))]
     assert blocks(page, "toml") == [(ROOT / f / "study.toml").read_text() for f in folders]
     models = [(ROOT / folder / "model.py").read_text() for folder in folders]
-    assert blocks(page, "python") == models[:2]
+    assert blocks(page, "python") == models
 
 
 KEYED = [

@@ -1,0 +1,59 @@
+"""A page of the site for each source file that a page links to, in place of a download."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from docutils.nodes import document, reference
+from pygments.lexers import get_lexer_for_filename
+from sphinx.addnodes import download_reference
+from sphinx.application import Sphinx
+
+SHOWN = {".py", ".toml", ".csv", ".sh", ".tpl", ".lock"}
+LARGEST = 200_000  # bytes; a larger one stays a download
+
+
+def page_of(path: str) -> str:
+    """The page that shows a file, by its path in the repository."""
+    return f"source/{path}"
+
+
+def link_pages(app: Sphinx, doctree: document, docname: str) -> None:
+    """Links to source files lead to their pages."""
+    if app.builder.format != "html":
+        return
+    for node in list(doctree.findall(download_reference)):
+        path = app.env.relfn2path(node["reftarget"], docname)[0]
+        file = Path(app.srcdir) / path
+        if file.suffix not in SHOWN or not file.is_file() or file.stat().st_size > LARGEST:
+            continue
+        linked(app).add(path)
+        uri = app.builder.get_relative_uri(docname, page_of(path))
+        node.replace_self(reference("", "", *node.children, internal=True, refuri=uri))
+
+
+def linked(app: Sphinx) -> set[str]:
+    """The files that are linked to, kept from one build to the next."""
+    if not hasattr(app.env, "aleator_sources"):
+        app.env.aleator_sources = set()
+    return app.env.aleator_sources
+
+
+def pages(app: Sphinx) -> Iterator[tuple[str, dict[str, str], str]]:
+    """Every file that is linked to, colored."""
+    for path in sorted(linked(app)):
+        text = (Path(app.srcdir) / path).read_text(encoding="utf-8")
+        lexer = (
+            get_lexer_for_filename(path) if not path.endswith((".tpl", ".csv", ".lock")) else None
+        )
+        shown = app.builder.highlighter.highlight_block(
+            text, lexer.aliases[0] if lexer else "text", linenos="inline", force=True
+        )
+        yield page_of(path), {"title": path, "body": f"<h1>{path}</h1>{shown}"}, "page.html"
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Join Sphinx."""
+    app.connect("doctree-resolved", link_pages)
+    app.connect("html-collect-pages", pages)
+    return {"parallel_read_safe": False, "parallel_write_safe": False}
