@@ -20,6 +20,7 @@ NO_MEMORY = AleatorError(
 )
 
 COMMANDS = {
+    "new": "Write a first study.toml from a table and a simulator.",
     "identify": "Identify the law that STUDY.toml asks for.",
     "report": "Write report.html of an identification, or of two side by side.",
     "predict": "Predict outcomes of untested conditions: distribution, probability, limits.",
@@ -63,7 +64,7 @@ def misuse_told(ctx: click.Context) -> Iterator[None]:
     except MemoryError:
         click.echo(f"aleator: error: {NO_MEMORY}", err=True)
         ctx.exit(2)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, click.Abort):
         told, code = ending(heard[-1] if heard else signal.SIGINT)
         click.echo(told, err=True)
         ctx.exit(code)

@@ -41,6 +41,7 @@ class Variable:
     items: Mapping[str, int] = field(default_factory=dict)
     scalar: bool = True
     description: str = ""
+    start: float | None = None
 
     def __str__(self) -> str:
         unit = f" in {self.unit}" if self.unit else ""
@@ -226,7 +227,16 @@ def _variable(raw: Any) -> Variable:
         items={item.name: int(item.value) for item in items},
         scalar=not raw.shape,
         description=raw.description or "",
+        start=_start(raw),
     )
+
+
+def _start(raw: Any) -> float | None:
+    """The start value of a real number; None where there is none."""
+    try:
+        return float(raw.start) if raw.type in REALS and raw.start is not None else None
+    except ValueError:
+        return None  # an array has several
 
 
 def _number(text: Any) -> float | None:

@@ -1,0 +1,167 @@
+"""What a simulator can be given, and what it returns, before anything of it is run."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from aleator.errors import SimulatorError
+from aleator.simulators.command.placeholders import Text
+from aleator.simulators.command.program import STUDY
+from aleator.simulators.fmu.description import REALS, Description, Variable, read_description
+from aleator.simulators.loading import load_function
+
+INPUT = "input"
+"""The placeholder of a program's input file."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """Something that a simulator is given: its name, and what is known of its value.
+
+    `nominal` is the default of a function's argument, or the start value of an FMU's variable;
+    `lower` and `upper` are limits that an FMU states. `required` is what has no default.
+    """
+
+    name: str
+    nominal: float | None = None
+    unit: str = ""
+    lower: float | None = None
+    upper: float | None = None
+    required: bool = False
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A simulator as study.toml names it, what it takes, and names that its outcome may have.
+
+    `kind` is the key of `[simulator]`, `value` what stands there. `stop_time` is the end of a
+    simulation that an FMU states.
+    """
+
+    kind: str
+    value: str
+    given: tuple[Given, ...]
+    returned: tuple[Given, ...]
+    vectorized: bool = False
+    stop_time: float | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all that it can be given."""
+        return tuple(each.name for each in self.given)
+
+
+def offered_by_function(reference: str, folder: Path) -> Offer:
+    """The arguments of a Python function, "model.py:name" relative to a folder.
+
+    Raises SimulatorError where it cannot be imported.
+
+    >>> offer = offered_by_function("math:isclose", Path())
+    >>> offer.names, offer.given[2].nominal
+    (('a', 'b', 'rel_tol', 'abs_tol'), 1e-09)
+    """
+    function = load_function(reference, folder)
+    name = reference.rpartition(":")[2]
+    try:
+        arguments = [*inspect.signature(function).parameters.values()]
+    except (TypeError, ValueError):
+        raise SimulatorError(
+            f"the simulator '{reference}' does not say what its arguments are called",
+            "wrap it in a Python function with named arguments",
+        ) from None
+    named = [p for p in arguments if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    return Offer(
+        "function",
+        reference,
+        tuple(Given(p.name, _number(p.default), required=p.default is p.empty) for p in named),
+        (Given(name),),
+        vectorized=_takes_arrays(function, named),
+    )
+
+
+def functions_in(file: Path) -> tuple[str, ...]:
+    """The functions that a Python file defines, by name; a name with an underscore is private.
+
+    The file is read, not run. Empty where it is no Python.
+    """
+    import ast
+
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (OSError, SyntaxError, ValueError):
+        return ()
+    names = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
+    return tuple(name for name in names if not name.startswith("_"))
+
+
+def offered_by_fmu(file: Path, value: str) -> Offer:
+    """The numbers that can be set in an FMU, and its outputs; `value` is how the study names it.
+
+    Parameters come before inputs and start values. Raises SimulatorError as `read_description`.
+    """
+    description = read_description(file)
+    settable = [v for v in description.variables.values() if v.settable and v.type in REALS]
+    settable.sort(key=lambda v: (v.causality != "parameter", v.causality != "input"))
+    return Offer(
+        "fmu",
+        value,
+        tuple(_variable(v) for v in settable),
+        tuple(_variable(v) for v in _recorded(description)),
+        stop_time=description.stop_time,
+    )
+
+
+def offered_by_command(command: str) -> Offer:
+    """The placeholders of a command line, `./spring {force} {stiffness}`.
+
+    Raises SimulatorError where it has none.
+
+    >>> offered_by_command("./spring {force} {stiffness:.3f}").names
+    ('force', 'stiffness')
+    """
+    names = Text.parse(command, escapes=True).names
+    if not names:
+        raise SimulatorError(
+            f"the command '{command}' has no place for a condition or a parameter",
+            "write their names in braces: --command './spring {force} {stiffness}'",
+        )
+    given = tuple(Given(name, required=True) for name in names if name not in (STUDY, INPUT))
+    return Offer("command", command, given, ())
+
+
+def _recorded(description: Description) -> list[Variable]:
+    """Variables whose values can be taken, the outputs first."""
+    known = [v for v in description.variables.values() if v.recordable and v.type in REALS]
+    changing = [v for v in known if v.causality in ("output", "local")]
+    return sorted(changing, key=lambda v: v.causality != "output")
+
+
+def _variable(variable: Variable) -> Given:
+    return Given(
+        variable.name,
+        variable.start,
+        variable.unit or "",
+        variable.minimum,
+        variable.maximum,
+        description=variable.description,
+    )
+
+
+def _number(default: object) -> float | None:
+    """A default that is a number; True is none."""
+    if isinstance(default, bool) or not isinstance(default, (int, float)):
+        return None
+    return float(default) if math.isfinite(default) else None
+
+
+def _takes_arrays(function: Callable[..., Any], arguments: list[inspect.Parameter]) -> bool:
+    """Whether the annotations say that every argument is an array."""
+    kinds = [str(p.annotation) for p in arguments if p.annotation is not p.empty]
+    returned = str(inspect.signature(function).return_annotation)
+    return bool(kinds) and all("Array" in kind or "ndarray" in kind for kind in [*kinds, returned])

@@ -1,0 +1,287 @@
+"""A first study of a table and a simulator: what is proposed where the user says nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from aleator.errors import ExperimentsError, SimulatorError, nearest
+from aleator.study.offers import Given, Offer
+from aleator.study.roles import Roles, Sheet, count_of, roles_in, spans_decades, spread_of, unit_in
+
+Limits = tuple[float, float]
+
+FACTOR = 3.0
+"""The box of a parameter reaches from its nominal value over this to this many times it."""
+EXPERIMENTS = 10
+"""Experiments for each law that is proposed, half as many where they have several rows."""
+MOST = 3
+"""Laws that are proposed at most."""
+SMALLEST = 1e-3
+"""The lower limit of the noise, over the standard deviation of all measured values."""
+
+
+@dataclass(frozen=True)
+class Proposed:
+    """One parameter: `scatters` with limits, or a constant at `value`; None has to be filled in.
+
+    `nominal` is what the limits were made of; None where the user gave them.
+    """
+
+    given: Given
+    scatters: bool
+    limits: Limits | None = None
+    value: float | None = None
+    nominal: float | None = None
+
+    @property
+    def name(self) -> str:
+        """The parameter's name."""
+        return self.given.name
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing is left to be filled in."""
+        return self.limits is not None or (not self.scatters and self.value is not None)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Everything that a study file is written from.
+
+    `parameters` come as the simulator has them; `untouched` are those that keep the value that the
+    simulator gives them. `noise` has limits for the sd of each outcome, or the name of the column
+    that tells it; empty where each experiment has one exact outcome. `scale` are the limits that it
+    could have. `decades` are outcomes that span some. `units` are those that heads of columns or
+    the FMU state. `unlike` names columns that look like something that the simulator takes.
+    `returned` is the variable of an FMU that is the outcome, `time` the column of its times.
+    """
+
+    title: str
+    file: str
+    sheet: Sheet
+    outcomes: tuple[str, ...]
+    id: str | None
+    roles: Roles
+    experiments: int
+    offer: Offer
+    parameters: tuple[Proposed, ...]
+    untouched: tuple[Given, ...]
+    noise: Mapping[str, Limits | str]
+    scale: Mapping[str, Limits]
+    decades: tuple[str, ...]
+    units: Mapping[str, str]
+    unlike: Mapping[str, str]
+    returned: str | None
+    time: str | None
+
+    @property
+    def repeated(self) -> bool:
+        """Whether an experiment has several rows."""
+        return self.experiments < len(self.sheet.table)
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The columns that the simulator is given, the times of a simulation among them."""
+        own = self.roles.conditions
+        return (*own, self.time) if self.time and self.time not in own else own
+
+    @property
+    def incomplete(self) -> tuple[str, ...]:
+        """What the user must fill in before the study runs, as keys of the file."""
+        lacking = [f"parameters.{p.name}" for p in self.parameters if not p.complete]
+        if self.offer.kind == "fmu" and self.returned is None:
+            lacking.insert(0, "simulator.outcome")
+        return tuple(lacking)
+
+
+def outcome_of(sheet: Sheet, offer: Offer) -> tuple[str | None, tuple[str, ...]]:
+    """The column that seems to be the outcome, or None, and all that may be.
+
+    The only column of numbers that the simulator does not take, or the one that is called as the
+    function or as an output of the FMU.
+    """
+    possible = roles_in(sheet.table, offer.names).outcomes
+    named = {each.name for each in offer.returned}
+    called = [name for name in possible if unit_in(name)[0] in named]
+    found = called if len(called) == 1 else possible
+    return (found[0] if len(found) == 1 else None), possible
+
+
+def roles_of(sheet: Sheet, offer: Offer, outcomes: Sequence[str]) -> Roles:
+    """The roles of the columns besides the outcomes, which must be there.
+
+    Raises ExperimentsError for an outcome that is no column.
+    """
+    for name in outcomes:
+        sheet.table.require(name, "the outcome")
+    return roles_in(sheet.table, offer.names, outcomes)
+
+
+def parameters_of(
+    offer: Offer,
+    roles: Roles,
+    most: int,
+    chosen: Mapping[str, Limits | float | None],
+) -> tuple[tuple[Proposed, ...], tuple[Given, ...]]:
+    """The parameters, and what keeps the value that the simulator gives it.
+
+    Those `chosen` scatter between their limits, or, where these are None, about the nominal value;
+    a number makes a constant. Where none is chosen it is those without a default value, else all
+    that have a nominal value, but `most` at most. What has no default and does not scatter is a
+    constant. Raises SimulatorError for a name that the simulator does not take.
+    """
+    free = [each for each in offer.given if each.name not in roles.conditions]
+    known = {each.name for each in free}
+    for name in chosen:
+        if name not in known:
+            raise SimulatorError(
+                f"the simulator takes no parameter '{name}'{nearest(name, known)}",
+                f"it takes {', '.join(sorted(known)) or 'no parameter'}",
+            )
+    laws = [name for name, value in chosen.items() if not isinstance(value, float)]
+    laws = laws or [each.name for each in _scattering(free, most) if each.name not in chosen]
+    taken = [each for each in free if each.name in (*laws, *chosen) or each.required]
+    if not taken:
+        raise SimulatorError(
+            "nothing is left to be identified: every argument of the simulator is a column",
+            "give it an argument for each unknown parameter, or leave a column out",
+        )
+    return (
+        tuple(_proposed(each, each.name in laws, chosen.get(each.name)) for each in taken),
+        tuple(each for each in free if each not in taken),
+    )
+
+
+def laws_for(experiments: int, rows: int) -> int:
+    """How many laws are proposed at most.
+
+    >>> laws_for(10, 10), laws_for(18, 180), laws_for(108, 108)
+    (1, 3, 3)
+    """
+    each = EXPERIMENTS if experiments == rows else EXPERIMENTS // 2
+    return min(max(experiments // each, 1), MOST)
+
+
+def around(given: Given) -> Limits | None:
+    """Limits of a factor of three about the nominal value, within those that an FMU states.
+
+    >>> around(Given("stiffness", 2.0)), around(Given("offset", 0.0))
+    ((0.67, 6.0), None)
+    """
+    if not given.nominal:
+        return None
+    ends = (given.nominal / FACTOR, given.nominal * FACTOR)
+    low, high = sorted(float(f"{end:.2g}") for end in ends)
+    low = low if given.lower is None else max(low, given.lower)
+    high = high if given.upper is None else min(high, given.upper)
+    return (low, high) if low < high else None
+
+
+def proposed(
+    sheet: Sheet,
+    file: str,
+    title: str,
+    offer: Offer,
+    outcomes: Sequence[str],
+    id: str | None,
+    chosen: Mapping[str, Limits | float | None],
+) -> Proposal:
+    """The study of a table and a simulator; `file` is how the study names the table.
+
+    Raises ExperimentsError and SimulatorError for names that are not there.
+    """
+    if id is not None:
+        sheet.table.require(id, "the id")
+    roles = roles_of(sheet, offer, outcomes)
+    experiments = count_of(sheet.table, id)
+    most = laws_for(experiments, len(sheet.table))
+    parameters, untouched = parameters_of(offer, roles, most, chosen)
+    scale = {name: noise_limits(spread_of(sheet.table, name)) for name in outcomes}
+    bare = {name: limits for name, limits in scale.items() if limits is not None}
+    several = experiments < len(sheet.table) or len(outcomes) > 1
+    noise: dict[str, Limits | str] = {**bare} if several else {}
+    if len(roles.errors) == 1 and len(outcomes) == 1:
+        noise = {outcomes[0]: roles.errors[0]}
+    return Proposal(
+        title, file, sheet, tuple(outcomes), id, roles, experiments, offer, parameters, untouched,
+        noise, bare, tuple(n for n in outcomes if spans_decades(sheet.table, n)),
+        _units(roles, outcomes, parameters), _unlike(sheet, offer, roles, outcomes),
+        _returned(offer, outcomes), _time(sheet, offer),
+    )  # fmt: skip
+
+
+def noise_limits(spread: float) -> Limits | None:
+    """Round limits of the noise: from a thousandth of the spread of all measured values to it.
+
+    >>> noise_limits(5.73)
+    (0.005, 6.0)
+    """
+    if not (math.isfinite(spread) and spread > 0.0):
+        return None
+    return _rounded(SMALLEST * spread, math.floor), _rounded(spread, math.ceil)
+
+
+def _rounded(value: float, whole: Callable[[float], int]) -> float:
+    unit = 10.0 ** math.floor(math.log10(value))
+    return float(f"{whole(value / unit) * unit:.6g}")
+
+
+def _scattering(free: Sequence[Given], most: int) -> list[Given]:
+    """Those that a law is proposed for."""
+    required = [each for each in free if each.required]
+    return (required or [each for each in free if around(each)] or [*free])[:most]
+
+
+def _proposed(given: Given, scatters: bool, asked: Limits | float | None) -> Proposed:
+    if not scatters:
+        return Proposed(given, False, value=asked if isinstance(asked, float) else given.nominal)
+    if isinstance(asked, tuple):
+        return Proposed(given, True, asked)
+    return Proposed(given, True, around(given), nominal=given.nominal)
+
+
+def _units(roles: Roles, outcomes: Sequence[str], parameters: Sequence[Proposed]) -> dict[str, str]:
+    heads = {name: unit_in(name)[1] for name in (*outcomes, *roles.conditions)}
+    own = {each.name: each.given.unit for each in parameters}
+    return {name: unit for name, unit in {**heads, **own}.items() if unit}
+
+
+def _unlike(sheet: Sheet, offer: Offer, roles: Roles, outcomes: Sequence[str]) -> dict[str, str]:
+    """Columns that would be an argument if they were called as it is."""
+    taken = {name.lower(): name for name in offer.names if name not in roles.conditions}
+    left = [name for name in sheet.names if name not in (*roles.conditions, *outcomes)]
+    named = {name: taken.get(unit_in(name)[0].lower()) for name in left}
+    return {name: argument for name, argument in named.items() if argument}
+
+
+def _returned(offer: Offer, outcomes: Sequence[str]) -> str | None:
+    """The variable of an FMU that is called as the outcome, or its only output."""
+    names = [each.name for each in offer.returned]
+    wanted = {unit_in(name)[0].lower() for name in outcomes}
+    for name in names:
+        if {name.lower(), name.rpartition(".")[2].lower()} & wanted:
+            return name
+    return names[0] if len(names) == 1 else None
+
+
+def _time(sheet: Sheet, offer: Offer) -> str | None:
+    """The column of times of an FMU's simulation, if there is one that is no variable of it."""
+    wanted = [name for name in sheet.names if unit_in(name)[0].lower() in ("time", "t")]
+    return wanted[0] if offer.kind == "fmu" and wanted and wanted[0] not in offer.names else None
+
+
+def require_outcome(found: str | None, possible: Sequence[str]) -> str:
+    """The outcome. Raises ExperimentsError where several columns may be it, or none."""
+    if found is not None:
+        return found
+    if not possible:
+        raise ExperimentsError(
+            "no column is left for the outcome: the simulator takes every column of numbers",
+            "add the measured column, or say which it is with --outcome",
+        )
+    raise ExperimentsError(
+        f"nothing says which column is the outcome: {', '.join(possible)}",
+        f"--outcome {possible[-1]}, or another of these",
+    )

@@ -1,0 +1,168 @@
+"""What the columns of a table may be: outcome, conditions, the name of an experiment, an error."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from aleator.errors import ExperimentsError
+from aleator.observations import files
+from aleator.observations.columns import DEFAULT_ID
+from aleator.observations.tables import Table
+from aleator.types import Array
+
+DELIMITERS = (",", ";", "\t", "|")
+_UNIT = re.compile(r"^(?P<name>.*\S)\s*[\[(](?P<unit>[^\[\]()]+)[\])]$")
+_COMMA = re.compile(r"^-?\d+,\d+$")
+_ERROR = re.compile(r"(^|_)(sd|std|sigma|error|uncertainty|noise)($|_)", re.IGNORECASE)
+_NAMING = re.compile(
+    r"(^|_)(id|no|nr|number|name|experiment|test|run|unit|specimen|sample|part|serial|subject|"
+    r"person|patient|batch|tank|device|cell)($|_)",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A delimited file as it was read, with the signs that it turned out to be written with."""
+
+    table: Table
+    delimiter: str
+    decimal: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of its columns."""
+        return tuple(self.table.columns)
+
+
+@dataclass(frozen=True)
+class Roles:
+    """What each column of a table with N rows may be, given what the simulator takes.
+
+    `conditions` are columns that the simulator takes. `outcomes` are other columns of numbers that
+    vary, `errors` those whose name says that they tell a measurement error. `id` is the column
+    that names experiments, with `repeated` where rows share a name; None where nothing seems to.
+    `constant` columns have one value, and `others` are none of all these.
+    """
+
+    conditions: tuple[str, ...]
+    outcomes: tuple[str, ...]
+    errors: tuple[str, ...]
+    id: str | None
+    repeated: bool
+    constant: tuple[str, ...]
+    others: tuple[str, ...]
+
+
+def sheet_of(path: Path) -> Sheet:
+    """Read a delimited file by the delimiter that its header has most of, and by its decimals.
+
+    Raises ExperimentsError as `files.read` does.
+    """
+    try:
+        header = path.read_bytes()[:10_000].decode("utf-8", "replace").partition("\n")[0]
+    except OSError:
+        header = ""  # `files.read` tells it
+    delimiter = max(DELIMITERS, key=header.count)
+    table = files.read(path, delimiter)
+    cells = [str(cell) for column in table.columns.values() for cell in column]
+    comma = delimiter != "," and any(_COMMA.match(cell) for cell in cells)
+    return Sheet(files.read(path, delimiter, ","), delimiter, ",") if comma else Sheet(
+        table, delimiter, "."
+    )  # fmt: skip
+
+
+def unit_in(column: str) -> tuple[str, str]:
+    """The name and the unit in the head of a column; no unit is an empty text.
+
+    >>> unit_in("travel [mm]"), unit_in("force")
+    (('travel', 'mm'), ('force', ''))
+    """
+    found = _UNIT.match(column)
+    return (found["name"], found["unit"].strip()) if found else (column, "")
+
+
+def roles_in(table: Table, taken: Collection[str], outcome: Sequence[str] = ()) -> Roles:
+    """The roles of the columns; `taken` are names that the simulator takes.
+
+    The `outcome`, where it is known already, has no other role. A column names experiments if it is
+    called "id", or if it is no condition, holds texts or whole numbers, and has a name that says
+    so, or values that tell rows with equal conditions apart. Of several the finest does.
+    """
+    numbers = {name: _numbers(table, name) for name in table.columns}
+    distinct = {name: len({*table.texts(name)}) for name in table.columns}
+    conditions = tuple(name for name in table.columns if name in taken and name not in outcome)
+    left = [name for name in table.columns if name not in conditions and name not in outcome]
+    naming = [name for name in left if _names_experiments(table, name, conditions, distinct)]
+    chosen = (
+        DEFAULT_ID if DEFAULT_ID in naming else max(naming, key=distinct.__getitem__, default="")
+    )
+    errors = tuple(n for n in left if _ERROR.search(n) and _positive(numbers[n]) and n != chosen)
+    constant = tuple(name for name in left if distinct[name] == 1 and name != chosen)
+    rest = [name for name in left if name not in (chosen, *errors, *constant)]
+    measured = tuple(name for name in rest if numbers[name] is not None)
+    return Roles(
+        conditions,
+        tuple(outcome) or measured,
+        errors,
+        chosen or None,
+        bool(chosen) and distinct[chosen] < len(table),
+        constant,
+        tuple(name for name in rest if outcome or name not in measured),
+    )
+
+
+def spread_of(table: Table, column: str) -> float:
+    """The standard deviation of the numbers of a column; NaN of fewer than two."""
+    numbers = _numbers(table, column)
+    known = np.array([]) if numbers is None else numbers[np.isfinite(numbers)]
+    return float(np.std(known, ddof=1)) if known.size > 1 else np.nan
+
+
+def count_of(table: Table, id: str | None) -> int:
+    """How many experiments the rows are."""
+    return len(table) if id is None else len({*table.texts(id)})
+
+
+def spans_decades(table: Table, column: str) -> bool:
+    """Whether the numbers are positive, and the largest a hundred times the smallest."""
+    numbers = _numbers(table, column)
+    known = np.array([]) if numbers is None else numbers[np.isfinite(numbers)]
+    return known.size > 1 and known.min() > 0.0 and known.max() >= 100.0 * known.min()
+
+
+def _numbers(table: Table, name: str) -> Array | None:
+    """The numbers of a column, NaN where blank; None where it has none, or anything else."""
+    try:
+        numbers = table.numbers_or_blank(name)
+    except ExperimentsError:
+        return None
+    return numbers if np.any(np.isfinite(numbers)) else None
+
+
+def _positive(numbers: Array | None) -> bool:
+    return numbers is not None and bool(np.all(numbers > 0.0))
+
+
+def _names_experiments(
+    table: Table, name: str, conditions: Sequence[str], distinct: dict[str, int]
+) -> bool:
+    texts = table.texts(name)
+    if distinct[name] == 1 or "" in texts or not _whole_or_text(table, name):
+        return False
+    if name == DEFAULT_ID or _NAMING.search(unit_in(name)[0]):
+        return True
+    rows = [*zip(*(table.texts(condition) for condition in conditions), strict=True)]
+    told_apart = len({*zip(texts, rows, strict=True)}) if rows else 0
+    repeated = bool(rows) and len({*rows}) < len(rows)
+    return distinct[name] < len(table) and repeated and told_apart == len(table)
+
+
+def _whole_or_text(table: Table, name: str) -> bool:
+    numbers = _numbers(table, name)
+    return numbers is None or bool(np.all(numbers == np.round(numbers)))

@@ -1,0 +1,215 @@
+"""A first study from a table and a simulator: what is recognized, asked and written."""
+
+import json
+import shutil
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from fmus.build import python_fmu
+
+from aleator import cli
+from aleator.cli import new as command
+from aleator.study import load_study
+from aleator.study.sections import StudyFile
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+pytestmark = pytest.mark.usefixtures("unjudged_commands")
+
+
+def run(*arguments: object, typed: str = "") -> Result:
+    return CliRunner().invoke(cli.main, [str(a) for a in arguments], input=typed)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command, "at_terminal", lambda: True)
+
+
+def springs(folder: Path, stiffness: str = "stiffness=2.0", mark: str = ",") -> None:
+    """20 springs, whose stiffnesses have mean 2.2 and standard deviation 0.15."""
+    rng = np.random.default_rng(4)
+    force = np.repeat([10.0, 20.0, 30.0, 40.0], 5)
+    travel = force / rng.normal(2.2, 0.15, force.size)
+    rows = [f"{f:.0f}{mark}{t:.4f}" for f, t in zip(force, travel, strict=True)]
+    text = "\n".join([f"force{mark}travel", *rows, ""])
+    (folder / "springs.csv").write_text(text if mark == "," else text.replace(".", ","))
+    model = f"def spring(force, {stiffness}):\n    return force / stiffness\n"
+    (folder / "model.py").write_text(model)
+
+
+def identified(study: Path) -> dict[str, float]:
+    done = run("identify", study, "--output", "out", "--no-figures", "--no-verify", "--quiet")
+    assert done.exit_code == 0, done.output
+    alpha = json.loads(Path("out/identification.json").read_text())["alpha"]
+    return {name: value["estimate"] for name, value in alpha.items()}
+
+
+def test_a_table_and_a_function_with_a_default_are_a_study_that_finds_the_law(
+    folder: Path,
+) -> None:
+    springs(folder)
+    done = run("new")
+    assert done.exit_code == 0, done.output
+    found = identified(Path("study.toml"))
+    assert found["stiffness.mean"] == pytest.approx(2.2, abs=4 * 0.15 / np.sqrt(20))
+    assert found["stiffness.sd"] == pytest.approx(0.15, abs=4 * 0.15 / np.sqrt(40))
+
+
+def test_a_table_of_a_european_spreadsheet_is_read(folder: Path) -> None:
+    springs(folder, mark=";")
+    done = run("new")
+    assert done.exit_code == 0, done.output
+    study = load_study("study.toml")
+    assert study.experiments.outcome_name == "travel"
+    assert study.experiments.conditions["force"].tolist()[::5] == [10.0, 20.0, 30.0, 40.0]
+    assert study.inputs.box.tolist() == [[0.67, 6.0]]
+
+
+@pytest.mark.usefixtures("folder")
+def test_rows_of_one_experiment_are_seen_and_get_noise() -> None:
+    rng = np.random.default_rng(1)
+    rate, times = rng.lognormal(-1.2, 0.3, 12), np.array([1.0, 2.0, 4.0, 8.0])
+    level = 10.0 * np.exp(-rate[:, None] * times) + 0.05 * rng.standard_normal((12, 4))
+    rows = [f"T{k},{t:g},{level[k, j]:.3f}" for k in range(12) for j, t in enumerate(times)]
+    Path("tanks.csv").write_text("\n".join(["tank,time,level", *rows, ""]))
+    Path("model.py").write_text(
+        "import numpy as np\n"
+        "def draining(time, rate=0.3):\n    return 10.0 * np.exp(-rate * time)\n"
+    )
+    done = run("new")
+    assert done.exit_code == 0, done.output
+    assert "48 rows of 12 experiments, named by the column tank" in done.output
+    found = identified(Path("study.toml"))
+    assert found["rate.mean"] == pytest.approx(np.mean(rate), abs=0.01)
+    assert found["noise.sd"] == pytest.approx(0.05, abs=0.02)
+
+
+CLUTCH = "aleator.clutch:shifting_time"
+CASES = {
+    "crack_growth": ("cracks.csv", "model.py:relative_length", {"rate", "exponent"}, "specimen"),
+    "fatigue_limit": ("experiments.csv", "model.py", {"v", "b0", "b1"}, None),
+    "fission_gas": ("experiments.csv", "model.py:release", {"diff", "crack"}, "id"),
+    "run_outs": ("experiments.csv", "model.py", {"v", "b0", "b1"}, None),
+    "sleep_study": ("reactions.csv", "model.py", {"start", "slope"}, "unit"),
+    "repeated/wear": ("wear.csv", "model.py", {"rate", "run_in"}, "pad"),
+    "wet_clutch": ("experiments.csv", CLUTCH, {"c2_scale", "zp_scale"}, "id"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("example", CASES)
+def test_the_columns_and_parameters_of_the_examples_are_recognized(
+    example: str, folder: Path
+) -> None:
+    table, function, names, id = CASES[example]
+    shutil.copytree(EXAMPLES / example, folder, dirs_exist_ok=True)
+    done = run("new", table, "--function", function, "--output", "new.toml")
+    assert done.exit_code == 0, done.output
+    text = Path("new.toml").read_text()
+    written = tomllib.loads(text)
+    own = tomllib.loads(next(iter(sorted(folder.glob("[!n]*.toml")))).read_text())
+    assert written["experiments"]["outcome"] == own["experiments"]["outcome"]
+    assert written["experiments"].get("id") == id
+    assert written["parameters"].keys() == names
+    assert ("sd" in written.get("noise", {})) == (
+        "id" in own["experiments"] or "fission" in example
+    )
+    refused = run("identify", "new.toml")
+    assert refused.exit_code == 2
+    for name in names:
+        assert f"parameters.{name}.box' is missing" in refused.output
+        assert f"parameters.{name}" in done.output
+    (folder / "new.toml").unlink()
+    limits = [f"--parameter={name}=0.2:0.8" for name in names]
+    assert run("new", table, "--function", function, "--output", "new.toml", *limits).exit_code == 0
+    assert set(load_study("new.toml").inputs.names) == names
+
+
+def test_a_program_is_found_from_its_placeholders(folder: Path) -> None:
+    springs(folder)
+    (folder / "spring.py").write_text(
+        "import sys\nprint(float(sys.argv[1]) / float(sys.argv[2]))\n"
+    )
+    line = "python3 spring.py {force} {stiffness}"
+    done = run("new", "springs.csv", "--command", line, "--parameter", "stiffness=1:3")
+    assert done.exit_code == 0, done.output
+    study = load_study("study.toml")
+    outcome = study.runner()([0], [[2.0]])
+    assert outcome.tolist() == [5.0]
+
+
+def test_an_fmu_gives_units_and_start_values(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    fmu = python_fmu(Path(__file__).parent / "fmus" / "spring.py", tmp_path_factory.mktemp("fmu"))
+    shutil.copy(fmu, folder / "Spring.fmu")
+    springs(folder)
+    done = run("new", "springs.csv", "--fmu", "Spring.fmu", "--outcome", "travel")
+    assert done.exit_code == 0, done.output
+    written = tomllib.loads(Path("study.toml").read_text())
+    StudyFile.model_validate(written)
+    assert written["experiments"]["conditions"] == ["force"]
+    assert written["simulator"]["outcome"] == "travel"
+    assert written["parameters"]["stiffness"]["box"] == [0.67, 6.0]
+
+
+@pytest.mark.usefixtures("asked")
+def test_what_is_typed_is_taken(folder: Path) -> None:
+    springs(folder, "stiffness, mass=1.0")
+    answers = ["springs.csv", "model.py:spring", "travel", "stiffness", "1.5 3"]
+    done = run("new", typed="\n".join([*answers, ""]))
+    assert done.exit_code == 0, done.output
+    assert load_study("study.toml").inputs.box.tolist() == [[1.5, 3.0]]
+
+
+def test_a_study_that_is_there_stays_unless_the_user_says_otherwise(folder: Path) -> None:
+    springs(folder)
+    Path("study.toml").write_text("mine")
+    refused = run("new")
+    assert refused.exit_code == 2
+    assert "--force" in refused.output
+    assert Path("study.toml").read_text() == "mine"
+    assert run("new", "--force").exit_code == 0
+    assert Path("study.toml").read_text() != "mine"
+
+
+@pytest.mark.usefixtures("asked")
+def test_a_study_that_is_there_is_asked_about(folder: Path) -> None:
+    springs(folder)
+    Path("study.toml").write_text("mine")
+    assert run("new", typed="n\n").exit_code == 2
+    assert Path("study.toml").read_text() == "mine"
+
+
+SPRINGS = ["springs.csv", "--function", "model.py"]
+WRONG = {
+    "no table": (["--function", "model.py"], "TABLE.csv"),
+    "no simulator": (["springs.csv"], "--function"),
+    "two simulators": ([*SPRINGS, "--command", "x {a}"], "contradict"),
+    "two outcomes": (["two.csv", "--function", "model.py"], "--outcome"),
+    "no such outcome": ([*SPRINGS, "--outcome", "tavel"], "travel"),
+    "no such function": (["springs.csv", "--function", "model.py:sprong"], "spring"),
+    "no such parameter": ([*SPRINGS, "--parameter", "stifness=1:2"], "stiffness"),
+    "limits in the wrong order": ([*SPRINGS, "--parameter", "stiffness=3:1"], "1.0:3.0"),
+    "a command without places": (["springs.csv", "--command", "./spring"], "{force}"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_missing_or_wrong_is_told_with_its_option(folder: Path, case: str) -> None:
+    arguments, told = WRONG[case]
+    springs(folder)
+    (folder / "other.py").write_text("def one(): ...\ndef two(): ...\n")
+    (folder / "two.csv").write_text("force,a,b\n1,2.5,3.5\n2,3.5,4.5\n")
+    refused = run("new", *arguments)
+    assert refused.exit_code == 2, refused.output
+    assert told in refused.output
+    assert not Path("study.toml").exists()
