@@ -21,6 +21,7 @@ NO_MEMORY = AleatorError(
 
 COMMANDS = {
     "new": "Write a first study.toml from a table and a simulator.",
+    "check": "Make the first runs: what do they reach, and what will the rest cost?",
     "identify": "Identify the law that STUDY.toml asks for.",
     "report": "Write report.html of an identification, or of two side by side.",
     "predict": "Predict outcomes of untested conditions: distribution, probability, limits.",

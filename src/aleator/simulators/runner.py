@@ -178,6 +178,18 @@ class Runner:
         return self._workshop.fresh
 
     @property
+    def seconds(self) -> float:
+        """What a run takes on average: of those made here, else of those in the store; NaN of none.
+
+        Of runs that a function makes in one call it is their share.
+        """
+        tried, took = self._workshop.tried, self._workshop.seconds
+        if not tried and self.cache is not None:
+            stored = self.cache.store.counts(self.cache.identity)
+            tried, took = stored.runs, stored.seconds
+        return took / tried if tried else float("nan")
+
+    @property
     def completed(self) -> Runs:
         """Every run that has an outcome, in the order in which they became known."""
         return self._memory.known([*self._memory.places])

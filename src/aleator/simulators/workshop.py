@@ -23,7 +23,8 @@ class Workshop:
     """Makes the runs of a `bound` simulator here, or by the workers of an `executor`.
 
     What comes of them is kept in `memory` and, where there is one, in the store of `cache`. One
-    that fails is tried again `retries` times. `fresh` counts those made here that have an outcome.
+    that fails is tried again `retries` times. `fresh` counts those made here that have an outcome;
+    `tried` counts all that were made here, which took `seconds` together.
     """
 
     def __init__(
@@ -37,7 +38,8 @@ class Workshop:
         self._bound, self._units, self._cache = bound, units, cache
         self._executor, self._retries = executor, retries
         self.memory = Memory(len(bound.parameters), units.width)
-        self.fresh = 0
+        self.fresh = self.tried = 0
+        self.seconds = 0.0
 
     def recall(self, keys: Sequence[bytes], failures: bool) -> None:
         """Remember what the store knows of some runs; `failures` too, unless retries are left."""
@@ -95,6 +97,8 @@ class Workshop:
         if self._cache is not None:
             self._cache.add(made)
         judged = self._judged(made)
+        self.tried += len(made)
+        self.seconds += float(np.sum(made.seconds))
         self.fresh += len(judged) - len(judged.failures)
         self.memory.keep(judged.keys(), judged)
         return judged

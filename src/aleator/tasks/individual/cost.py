@@ -41,10 +41,14 @@ def cheap(runner: Runner, inputs: Inputs, x: Array, region: Array) -> bool:
         return False
     runner.takes_arrays(region)
     every = np.repeat(np.arange(runner.units), SAMPLE)
-    moving = moving_parameters(inputs.box).size
-    nodes = NODES ** min(inputs.scattering, 3)
-    evaluations = nodes * (2 * moving + 1) * EVALUATIONS
+    evaluations = runs_each(inputs)
     return any(_timed(runner, every, x) / SAMPLE * evaluations < LONGEST for _ in range(TIMES))
+
+
+def runs_each(inputs: Inputs) -> int:
+    """Runs of each unit that an identification without surfaces takes, about."""
+    moving = int(moving_parameters(inputs.box).size)
+    return int(NODES ** min(inputs.scattering, 3)) * (2 * moving + 1) * EVALUATIONS
 
 
 def _timed(runner: Runner, units: Indices, x: Array) -> float:

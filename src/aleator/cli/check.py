@@ -1,0 +1,84 @@
+"""`aleator check`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from aleator.cli.running import (
+    FILE,
+    OUTPUT,
+    SEED,
+    RunOptions,
+    folder_of,
+    makes_runs,
+    outcome_of,
+    running,
+)
+from aleator.cli.showing import can_draw, shown
+from aleator.errors import short
+from aleator.plot.first_look import save_check
+from aleator.report import first_look as report
+from aleator.study import load_study
+from aleator.tasks.expected_cost import expected_cost
+from aleator.tasks.first_look import first_look, planned_look
+from aleator.tasks.results import documents
+
+
+@click.command()
+@click.argument("study", type=FILE, metavar="STUDY.toml")
+@OUTPUT
+@SEED
+@makes_runs
+@click.option("--no-figures", is_flag=True, help="Draw no figure.")
+def check(
+    study: Path,
+    output: Path | None,
+    seed: int | None,
+    options: RunOptions,
+    no_figures: bool,
+) -> None:
+    """Make the first runs: do they reach what was measured, and what will the rest cost?
+
+    Each parameter takes five values over its limits, the others in the middle, and the corners of
+    all limits follow: 5 runs an experiment for one parameter, 13 for two, 21 for three. Of many
+    experiments some are looked at, evenly over the measured values, unless a run is fast. Every
+    run is kept in the store.
+
+    Tells which experiments no run comes to, which parameters have no influence, how long a run
+    takes, and how many an identification will need. Writes DIR/check.json, and DIR/check.png, the
+    outcome over each parameter, if matplotlib is installed.
+    """
+    folder, study_file = folder_of(output, study), study.absolute()
+    value = load_study(study).overridden(seed)
+    documents.make_folder(folder)
+    with running(value, options) as runner, shown(options.quiet) as progress:
+        plan = planned_look(runner, value.experiments, value.inputs)
+        options.say(
+            f"{plan.runs:,} runs: {len(plan.x)} points under {len(plan.cases)} of "
+            f"{plan.count} different conditions"
+        )
+        progress.stage("first runs")
+        runner.progress = progress
+        look = first_look(runner, value.experiments, plan, progress)
+        cost = expected_cost(
+            runner, value.experiments, value.inputs, value.noise, value.propagation,
+            value.density, value.verification, plan,
+        )  # fmt: skip
+    found = report.document(look, cost, options.workers or 1)
+    result = documents.plain(
+        documents.linked(
+            found, value.title, study_file, value.sha256, outcome_of(value), folder
+        )
+    )  # fmt: skip
+    files = [folder / "check.json"]
+    documents.write_json(result, files[0])
+    if not no_figures and can_draw("no figure is drawn: it needs", options.quiet):
+        files.append(save_check(result, folder))
+    if options.quiet:
+        click.echo(report.verdict(result))
+    else:
+        Console().print(report.render(result, [short(file) for file in files]))
+        click.echo(f"Next: aleator identify {short(study_file)}")

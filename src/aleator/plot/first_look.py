@@ -1,0 +1,70 @@
+"""The figure of the first runs: a pure function of their document, drawn with matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from aleator.plot.style import BLUE, GRAY, VERMILION, WIDTH, empty_figure, save_figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Document = Mapping[str, Any]
+
+ACROSS = 3
+_ROW = 2.9  # inches
+_MEASURED = "#e8e8e8"
+
+
+def check_figure(result: Document) -> Figure:
+    """The outcome of each observation over each parameter, a panel a parameter.
+
+    `result` is the content of check.json. The other parameters are in the middle of the region.
+    The gray band is the range of the measured outcomes, and what no point reaches is drawn in
+    another color. Raises AleatorError where matplotlib is not installed.
+    """
+    rows = result["parameters"]
+    down = -(-len(rows) // ACROSS)
+    with styled():
+        title = result.get("title")
+        figure = empty_figure(str(title) if title else None, WIDTH, 0.9 + _ROW * down)
+        panels = figure.subplots(down, min(len(rows), ACROSS), sharey=True, squeeze=False)
+        flat: Sequence[Axes] = panels.ravel().tolist()
+        for k, (axes, row) in enumerate(zip(flat, rows, strict=False)):
+            _panel(axes, result, k, row)
+            if k % ACROSS == 0:
+                axes.set_ylabel(result["study"]["outcome"])
+        for axes in flat[len(rows) :]:
+            axes.set_visible(False)
+        figure.legend(*flat[0].get_legend_handles_labels(), loc="outside lower left", ncols=3)
+    return figure
+
+
+def save_check(result: Document, folder: str | Path) -> Path:
+    """Write check.png into a folder, which is made if need be."""
+    return save_figure(check_figure(result), Path(folder) / "check.png")
+
+
+def _panel(axes: Axes, result: Document, k: int, row: Document) -> None:
+    axes.axhspan(*result["measured"], color=_MEASURED, lw=0.0, label="measured", zorder=0)
+    lost = set(result["out_of_reach"])
+    alpha = float(np.clip(8.0 / max(len(result["observations"]), 1), 0.15, 0.9))
+    named = set()
+    for each in result["observations"]:
+        outside = each["id"] in lost
+        label = "of an experiment out of reach" if outside else "of an experiment"
+        values = np.array(each["by_parameter"][k], dtype=float)
+        axes.plot(
+            row["values"], values, "-", lw=1.0, marker=".", ms=3.0,
+            color=VERMILION if outside else BLUE, alpha=max(alpha, 0.6) if outside else alpha,
+            label=None if label in named else label, zorder=3 if outside else 2,
+        )  # fmt: skip
+        named.add(label)
+    axes.set_xlabel(row["name"])
+    if not row["influence"]:
+        axes.set_title("no influence", color=GRAY)

@@ -1,0 +1,74 @@
+"""What an identification will cost: how many runs of the simulator, before it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from aleator.densities import Density, NodeDensity
+from aleator.inference.verification import MonteCarlo
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.propagation import Collocation
+from aleator.observations.experiments import Experiments
+from aleator.observations.noise import Noise
+from aleator.simulators import Runner
+from aleator.surrogates import ResponseSurface
+from aleator.surrogates.adaptive import first_runs
+from aleator.tasks.baselines import start_point
+from aleator.tasks.first_look import Plan
+from aleator.tasks.individual.cost import cheap, runs_each
+from aleator.tasks.individual.identify import wanted
+
+GROWTH = (1.6, 4.0)
+"""Runs that surfaces came to, over those of their first round: of a smooth simulator, and of the
+wet clutch."""
+CHECK = {True: 12, False: 20}
+"""Runs an experiment that the check on the simulator takes at most, with noise and without."""
+PROBED = 70
+"""Runs an experiment that finding a region takes where a law has no box and there is no noise."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Runs that an identification takes, from `least` to `most`.
+
+    `direct` says that the simulator is so fast that it is asked itself, without surfaces, and its
+    runs are not kept.
+    """
+
+    least: int
+    most: int
+    direct: bool
+
+
+def expected_cost(
+    runner: Runner,
+    table: Experiments,
+    inputs: Inputs,
+    noise: Noise | Mapping[str, Noise] | None,
+    propagation: ResponseSurface | Collocation,
+    density: Density | NodeDensity | None,
+    verification: MonteCarlo,
+    plan: Plan,
+) -> Cost | None:
+    """How many runs `identify` will make; None where it says nothing beforehand (collocation).
+
+    A simulator that may be fast is timed by some runs more. The numbers are those that studies
+    took (docs/study.md); one whose outcome bends much within the law takes more.
+    """
+    if not isinstance(propagation, ResponseSurface):
+        return None
+    alone = wanted(table, inputs, noise, propagation, density)
+    at = plan.x[0]
+    if alone and not inputs.regressed:
+        at = start_point(inputs).clip(*inputs.box.T)
+    if alone and cheap(runner, inputs, at, plan.region):
+        each = runs_each(inputs)
+        return Cost(each * runner.units, each * runner.units, True)
+    first = first_runs(len(plan.moving), propagation)
+    check = CHECK[alone] if verification.samples is None else verification.samples
+    found = 0 if alone or inputs.bounded else PROBED
+    least, most = (
+        min(int(growth * first), propagation.max_runs) + check + found for growth in GROWTH
+    )
+    return Cost(least * plan.count, most * plan.count, False)

@@ -1,0 +1,216 @@
+"""The first runs of a study: does the simulator reach what was measured, and what does it cost?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from aleator.laws.inputs import Inputs
+from aleator.observations.covariates import covariates
+from aleator.observations.experiments import Experiments
+from aleator.progress import Progress, Silent
+from aleator.simulators import Runner
+from aleator.surrogates.responses import moving_parameters
+from aleator.tasks.individual.population import first_region
+from aleator.tasks.single import of_values
+from aleator.types import Array, Flags, Indices
+
+LEVELS = 5
+"""Values of each parameter, the others in the middle of the region."""
+CORNERS = 4
+"""Parameters of which every corner of the region is run; of more as many corners, at random."""
+RUNS = 500
+"""Runs that are made for some of the conditions where all would take more, or long."""
+FEWEST = 3
+"""Conditions that are looked at, at least."""
+SHORT = 60.0
+"""Seconds that the conditions left may take, as the first runs were timed, to be looked at too."""
+MOST_FAILED = 0.9
+"""Share of failed runs at which there is nothing to look at."""
+NOTHING = 1e-6
+"""Share of all that an outcome moves below which a parameter has no influence."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What is to be run: P points x (P, n) of the region (n, 2), under the conditions `cases`.
+
+    `moving` are the parameters whose region has a width; `star[j]` (LEVELS,) are the points at
+    which only parameter `moving[j]` differs from the middle, which is point 0. `count` is how many
+    different conditions there are.
+    """
+
+    names: tuple[str, ...]
+    region: Array
+    moving: Indices
+    x: Array
+    star: Indices
+    cases: Indices
+    count: int
+
+    @property
+    def runs(self) -> int:
+        """Runs that are made at first."""
+        return len(self.x) * len(self.cases)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """V observations at the P points of a plan: `outcome` (V, P), NaN where a run failed.
+
+    `ids` (V,) name them, and `owner` (V,) their experiments; `lower` and `upper` (V,) are what was
+    measured, as the likelihood sees it. `runs` were made in all, `failed` of them have no outcome,
+    and one took `seconds`. `fault` is why the first of them failed.
+    """
+
+    plan: Plan
+    ids: tuple[str, ...]
+    owner: tuple[str, ...]
+    lower: Array
+    upper: Array
+    outcome: Array
+    seconds: float
+    runs: int
+    failed: int
+    fault: str
+    looked_at: int
+
+    @property
+    def reached(self) -> Array:
+        """The least and the largest outcome (V, 2) of each observation over all points."""
+        with np.errstate(all="ignore"):
+            low = np.fmin.reduce(self.outcome, axis=1)
+            return np.stack([low, np.fmax.reduce(self.outcome, axis=1)], axis=1)
+
+    @property
+    def beyond(self) -> Array:
+        """(V,) how far each measured value lies outside what is reached: 0 inside, > 0 above.
+
+        Of a censored one the nearest end counts. NaN where every run failed.
+        """
+        low, high = self.reached.T
+        above = np.maximum(self.lower - high, 0.0)
+        return np.asarray(np.where(above > 0.0, above, np.minimum(self.upper - low, 0.0)))
+
+    @property
+    def out_of_reach(self) -> Indices:
+        """Which observations no point of the plan reaches, the farthest first."""
+        far = np.abs(self.beyond)
+        order = np.argsort(-np.nan_to_num(far), kind="stable")
+        return order[far[order] > 0.0]
+
+    @property
+    def swing(self) -> Array:
+        """(V, n') how much each moving parameter moves each outcome by itself."""
+        part = self.outcome[:, self.plan.star]
+        with np.errstate(all="ignore"):
+            return np.asarray(np.fmax.reduce(part, axis=2) - np.fmin.reduce(part, axis=2))
+
+    @property
+    def without_influence(self) -> Flags:
+        """(n',) which moving parameters move no outcome."""
+        low, high = self.reached.T
+        whole = np.where(high > low, high - low, np.maximum(np.abs(high), 1e-300))
+        return np.asarray(np.all(~(self.swing > NOTHING * whole[:, None]), axis=0))
+
+
+def planned_look(runner: Runner, table: Experiments, inputs: Inputs) -> Plan:
+    """The few points at which a study is looked at first, and the conditions.
+
+    One after the other each parameter takes five values over the region, the others in its middle;
+    then the corners of the region follow, sixteen at most. The region is the box, or where a law
+    has none what its limits span. All conditions are taken if that makes 500 runs at most, else as
+    many as make 500, evenly over the measured values with both ends. Nothing is run.
+    """
+    if inputs.regressed:
+        inputs = inputs.resolved(covariates(table, inputs.covariates))
+    region = first_region(inputs, inputs.hyperparameters, len(table.ids))
+    moving = moving_parameters(region)
+    x, star = _points(region, moving)
+    return Plan(
+        inputs.names, region, moving, x, star,
+        _chosen(runner, table, RUNS // len(x)), len(runner.cases),
+    )  # fmt: skip
+
+
+def first_look(
+    runner: Runner, table: Experiments, plan: Plan, progress: Progress | None = None
+) -> Look:
+    """Make the runs of a plan; where they turn out to be fast, those of all other conditions too.
+
+    A run that fails stops nothing. Raises SimulatorError where nine of ten do.
+    """
+    progress = progress or Silent()
+    cases = plan.cases
+    values = _run(runner, cases, plan.x, progress)
+    seconds = runner.seconds
+    rest = np.setdiff1d(np.arange(plan.count), cases)
+    if rest.size and seconds * rest.size * len(plan.x) < SHORT:
+        values |= _run(runner, rest, plan.x, progress)
+    single, seen = of_values(runner, table), table.observations
+    case = runner.cases.condition[single.unit]
+    there = np.flatnonzero([int(c) in values for c in case])
+    outcome = [values[int(case[k])][:, single.column[k]] for k in there]
+    faults = runner.failures.failures
+    return Look(
+        plan,
+        tuple(single.ids[k] for k in there),
+        tuple(single.owner[k] for k in there),
+        seen.lower[there],
+        seen.upper[there],
+        np.array(outcome),
+        runner.seconds,
+        len(runner.completed) + len(runner.failures),
+        len(runner.failures),
+        next(iter(faults.values())).message if faults else "",
+        len(values),
+    )
+
+
+def _points(region: Array, moving: Indices) -> tuple[Array, Indices]:
+    """The points (P, n), the middle first, and where those of each parameter's own stand."""
+    middle = region.mean(axis=1)
+    shares = np.linspace(0.0, 1.0, LEVELS)
+    points, star = [middle], np.zeros((len(moving), LEVELS), dtype=np.intp)
+    for j, i in enumerate(moving):
+        for k, share in enumerate(shares.tolist()):
+            if share != 0.5:
+                star[j, k] = len(points)
+                points.append(middle.copy())
+                points[-1][i] = region[i, 0] + share * (region[i, 1] - region[i, 0])
+    if len(moving) > 1:
+        for corner in _corners(len(moving)):
+            points.append(middle.copy())
+            points[-1][moving] = region[moving, corner]
+    return np.array(points), star
+
+
+def _corners(n: int) -> list[Indices]:
+    """Which end of each of n parameters, of every corner or of sixteen."""
+    if n <= CORNERS:
+        return [np.array(ends) for ends in product((0, 1), repeat=n)]
+    some = np.random.default_rng(0).integers(0, 2, (2 ** (CORNERS - 1), n))
+    return [*some, *(1 - some)]
+
+
+def _chosen(runner: Runner, table: Experiments, most: int) -> Indices:
+    """The conditions that are looked at, at most so many, evenly over the measured values."""
+    count, seen = len(runner.cases), table.observations
+    if count <= most:
+        return np.arange(count)
+    measured = np.where(np.isfinite(seen.lower), seen.lower, seen.upper)
+    value = np.full(count, np.nan)
+    value[runner.cases.condition[runner.unit]] = measured
+    order = np.argsort(value, kind="stable")
+    some = np.linspace(0, count - 1, max(most, FEWEST)).round().astype(np.intp)
+    return np.sort(order[np.unique(some)])
+
+
+def _run(runner: Runner, cases: Indices, x: Array, progress: Progress) -> dict[int, Array]:
+    """The values (P, W) of each of these conditions."""
+    progress.update(f"{len(cases) * len(x)} runs under {len(cases)} conditions")
+    units = np.repeat(runner.cases.first[cases], len(x))
+    found = runner.values(units, np.tile(x, (len(cases), 1)), MOST_FAILED)
+    return dict(zip(cases.tolist(), found.reshape(len(cases), len(x), -1), strict=True))

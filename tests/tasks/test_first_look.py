@@ -1,0 +1,137 @@
+"""The first runs of a study: what they reach, what has no influence, and what the rest costs."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aleator import Constant, Free, Inputs, Normal, TruncatedNormal, identify
+from aleator.errors import SimulatorError
+from aleator.inference.verification import MonteCarlo
+from aleator.observations.experiments import Experiments
+from aleator.simulators import Runner
+from aleator.surrogates import ResponseSurface
+from aleator.tasks import first_look as room
+from aleator.tasks.expected_cost import expected_cost
+from aleator.tasks.first_look import Look, first_look, planned_look
+
+FORCE = np.array([10.0, 20.0, 30.0, 40.0, 50.0])
+TRAVEL = np.array([4.9, 10.2, 15.4, 12.0, 8.0])  # stiffness 2.04, 1.96, 1.95, 3.33, 6.25
+TABLE = pd.DataFrame({"id": [*"ABCDE"], "force": FORCE, "travel": TRAVEL})
+
+
+def spring(force: float, stiffness: float, idle: float = 0.0) -> float:
+    return force / stiffness + 0.0 * idle
+
+
+def looked(
+    inputs: Inputs, table: pd.DataFrame = TABLE, function: object = spring, **by: object
+) -> Look:
+    experiments = Experiments.from_frame(table, outcome="travel", **by)  # type: ignore[arg-type]
+    runner = Runner(function, experiments, inputs.names)  # type: ignore[arg-type]
+    return first_look(runner, experiments, planned_look(runner, experiments, inputs))
+
+
+def test_an_experiment_is_out_of_reach_where_no_stiffness_of_the_box_gives_its_travel() -> None:
+    look = looked(Inputs({"stiffness": TruncatedNormal(box=(2.0, 6.0))}))
+    assert look.runs == 5 * 5
+    assert look.reached == pytest.approx(np.stack([FORCE / 6.0, FORCE / 2.0], axis=1))
+    expected = {
+        name: y - f / 2 if y > f / 2 else y - f / 6
+        for name, f, y in zip("ABCDE", FORCE, TRAVEL, strict=True)
+        if not f / 6 <= y <= f / 2
+    }
+    found = {look.ids[k]: float(look.beyond[k]) for k in look.out_of_reach}
+    assert found == pytest.approx(expected)
+    assert [*found] == sorted(found, key=lambda name: -abs(found[name]))
+
+
+def test_a_corner_of_two_parameters_is_reached() -> None:
+    """No single parameter comes to 1.9 from the middle; both together do."""
+    table = pd.DataFrame({"force": [1.0, 1.0], "travel": [1.9, 2.1]})
+    inputs = Inputs({name: TruncatedNormal(box=(0.0, 1.0)) for name in ("stiffness", "idle")})
+    look = looked(inputs, table, lambda force, stiffness, idle: force * (stiffness + idle))
+    assert look.runs == 9 + 4
+    assert [look.ids[k] for k in look.out_of_reach] == ["2"]
+
+
+def test_a_parameter_that_moves_nothing_is_told() -> None:
+    inputs = Inputs(
+        {"stiffness": TruncatedNormal(box=(1.0, 7.0)), "idle": Constant(Free(0.0, 1.0))}
+    )
+    look = looked(inputs)
+    assert look.without_influence.tolist() == [False, True]
+    assert look.swing[:, 0] == pytest.approx(FORCE * 6.0 / 7.0)
+
+
+def test_a_known_constant_and_a_law_without_a_box_are_looked_at_where_they_may_be() -> None:
+    inputs = Inputs({"stiffness": Normal(Free(2.0, 3.0), 0.1), "idle": Constant(1.0)})
+    look = looked(inputs)
+    assert look.plan.moving.tolist() == [0]
+    low, high = look.plan.region[0]
+    assert 1.5 < low < 2.0
+    assert 3.0 < high < 3.5
+
+
+def test_bounds_are_out_of_reach_only_if_no_value_beyond_them_is_reached() -> None:
+    from aleator import Censoring
+
+    table = TABLE.assign(ended=["", "longer", "longer", "", ""])
+    inputs = Inputs({"stiffness": TruncatedNormal(box=(2.0, 6.5))})
+    censored = Censoring("ended", right=["longer"])
+    look = looked(inputs, table, censored=censored, conditions=["force"])
+    assert {look.ids[k] for k in look.out_of_reach} == {"B", "C"}  # above 10.2 and 15.4
+    wide = looked(
+        Inputs({"stiffness": TruncatedNormal(box=(0.5, 6.5))}),
+        table, censored=censored, conditions=["force"],
+    )  # fmt: skip
+    assert wide.out_of_reach.size == 0
+
+
+def test_runs_that_fail_are_counted_and_stop_nothing() -> None:
+    def breaks(force: float, stiffness: float) -> float:
+        return force / stiffness if stiffness > 2.5 else float("nan")
+
+    look = looked(Inputs({"stiffness": TruncatedNormal(box=(2.0, 6.0))}), function=breaks)
+    assert look.failed == 5
+    assert look.reached[:, 1] == pytest.approx(FORCE / 3.0)
+
+
+def test_a_simulator_that_never_works_is_an_error() -> None:
+    table = pd.DataFrame({"force": np.arange(1.0, 13.0), "travel": 1.0})
+    with pytest.raises(SimulatorError, match="failed"):
+        looked(
+            Inputs({"stiffness": TruncatedNormal(box=(2.0, 6.0))}),
+            table,
+            lambda force, stiffness: force / 0.0 / stiffness,
+        )
+
+
+def test_of_many_slow_conditions_some_are_looked_at_with_both_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(room, "SHORT", 0.0)
+    force = np.linspace(1.0, 50.0, 400)
+    table = pd.DataFrame({"force": force, "travel": force / 2.0})
+    inputs = Inputs({"stiffness": TruncatedNormal(box=(1.0, 6.0))})
+    look = looked(inputs, table)
+    assert look.looked_at == 100
+    assert look.runs == room.RUNS
+    assert {look.ids[0], look.ids[-1]} == {"1", "400"}
+    monkeypatch.setattr(room, "SHORT", 1e9)
+    assert looked(inputs, table).looked_at == 400
+
+
+def test_an_identification_takes_no_more_runs_than_were_expected() -> None:
+    rng = np.random.default_rng(0)
+    force = np.repeat(FORCE, 4)
+    table = pd.DataFrame({"force": force, "travel": force / rng.normal(2.0, 0.1, force.size)})
+    inputs = Inputs({"stiffness": TruncatedNormal(box=(1.0, 3.0))})
+    experiments = Experiments.from_frame(table, outcome="travel")
+    runner = Runner(spring, experiments, inputs.names)
+    plan = planned_look(runner, experiments, inputs)
+    cost = expected_cost(
+        runner, experiments, inputs, None, ResponseSurface(), None, MonteCarlo(), plan
+    )
+    assert cost is not None
+    found = identify(spring, table, inputs, outcome="travel", consistency=False, best_law=False)
+    assert cost.least / 2 <= found.runs <= cost.most
