@@ -3,6 +3,7 @@
 LaTeX is translated by docutils, which Sphinx brings along.
 """
 
+import re
 from typing import Any
 
 from docutils.nodes import SkipNode, math, math_block
@@ -12,13 +13,16 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 from sphinx.writers.html5 import HTML5Translator
 
+# Browsers give a function's name no distance to what it is applied to without parentheses.
+APPLIED = re.compile(r"<mo>&ApplyFunction;</mo>(?!\s*<mo[^>]*>\()")
 log = logging.getLogger(__name__)
 
 
 def written(translator: HTML5Translator, node: math | math_block, block: bool) -> None:
     """One equation; one that docutils cannot read is a warning that names the page."""
     try:
-        translator.body.append(tex2mathml(node.astext(), as_block=block))
+        found = tex2mathml(node.astext(), as_block=block)
+        translator.body.append(APPLIED.sub('<mspace width="0.1667em"></mspace>', found))
     except MathError as error:
         log.warning("no equation: %s", error, location=node)
     raise SkipNode
