@@ -6,6 +6,8 @@ Failures of numerics are not exceptions: they are a status on the result.
 from __future__ import annotations
 
 import difflib
+import re
+import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -51,6 +53,21 @@ class ClusterError(AleatorError):
 
 class InputsError(AleatorError):
     """A law, a hyperparameter, a bound or a box is inadmissible."""
+
+
+def installing(extra: str) -> str:
+    """What installs the packages of an extra beside an Aleator that is there, from anywhere.
+
+    >>> installing("report")
+    "pip install 'bokeh>=...'"
+    """
+    from importlib import metadata  # takes longer to import than all else that is needed here
+
+    declared = (line.partition(";") for line in metadata.requires("aleator") or ())
+    named = re.compile(rf"""\bextra\s*==\s*["']{extra}["']""")
+    return shlex.join(
+        ["pip", "install", *(what for what, _, when in declared if named.search(when))]
+    )
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

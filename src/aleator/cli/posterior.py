@@ -62,7 +62,8 @@ def posterior(
     Prints mean, standard deviation and 95 % interval of each hyperparameter, with R-hat and the
     effective sample size, and whether the chains converged. Writes DIR/posterior.nc, which ArviZ
     and xarray read, DIR/posterior.csv, a row for each draw, and DIR/posterior.json. Needs
-    pip install 'aleator[bayes]'. docs/statistics/posterior.md explains it.
+    the packages of the extra bayes, which are told where they are missing.
+    docs/statistics/posterior.md explains it.
     """
     for package in (SAMPLER, "arviz_stats", "arviz_base", "h5netcdf"):
         installed(package)

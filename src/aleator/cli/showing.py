@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext
 import click
 from rich.console import Console
 
-from aleator.errors import AleatorError
+from aleator.errors import AleatorError, installing
 from aleator.progress import Progress, Silent
 from aleator.report import live
 
@@ -52,5 +52,5 @@ def require_report() -> None:
         importlib.import_module("bokeh")
     except ModuleNotFoundError:
         raise AleatorError(
-            "report.html needs bokeh, which is not installed", "pip install 'aleator[report]'"
+            "report.html needs bokeh, which is not installed", installing("report")
         ) from None

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from aleator.errors import AleatorError
+from aleator.errors import AleatorError, installing
 from aleator.inference.posterior import Asked, Scale
 from aleator.types import Array, Flags, Indices
 
@@ -176,7 +176,7 @@ def installed(package: str) -> Any:
     except ImportError:
         raise AleatorError(
             f"a posterior needs the package {package}, which is not installed",
-            "pip install 'aleator[bayes]'",
+            installing("bayes"),
         ) from None
 
 

@@ -71,7 +71,8 @@ def _nodes(document: Document) -> str | None:
 def _commands(document: Document) -> str:
     entry = study_entry(document)
     version = (document.get("versions") or {}).get("aleator")
-    install = f"pip install 'aleator[report]=={version}'" if version else ""
+    source = f"# by Aleator {version}; in the folder of its source: pip install '.[report]'"
+    install = source if version else ""
     if "file" not in entry:
         return f"{install}\n# from Python: aleator.identify(..., seed={document.get('seed', 0)})"
     file = shlex.quote(str(entry["file"]))

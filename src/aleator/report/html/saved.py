@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from aleator.errors import AleatorError
+from aleator.errors import AleatorError, installing
 from aleator.tasks.results import documents
 
 TALL = 900
@@ -52,6 +52,6 @@ def report_of(document: Mapping[str, Any]) -> Report:
         if error.name != "bokeh":
             raise
         raise AleatorError(
-            "a report needs bokeh, which is not installed", "pip install 'aleator[report]'"
+            "a report needs bokeh, which is not installed", installing("report")
         ) from None
     return Report(page(documents.plain(document)))
