@@ -75,7 +75,7 @@ def test_every_command_and_option_is_documented() -> None:
         "aleator bootstrap", "aleator posterior", "aleator next", "aleator report",
         "aleator runs", "aleator runs list", "aleator runs show", "aleator runs export",
         "aleator runs import", "aleator new",
-        "aleator check", "aleator runs retry", "aleator runs forget",
+        "aleator check", "aleator schema", "aleator runs retry", "aleator runs forget",
     }  # fmt: skip
     for name, command in found.items():
         assert command.help, name

@@ -53,7 +53,7 @@ def bootstrap(
     seed: int | None,
     options: RunOptions,
 ) -> None:
-    """Tell how far the estimates scatter, by estimating again from other data.
+    """Tell how far the estimates scatter, by a bootstrap.
 
     The study is identified, by the runs in its store where they are known; then other data are
     drawn and the maximum of each is climbed to on the same surfaces, without a run. Prints standard

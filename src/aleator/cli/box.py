@@ -32,7 +32,7 @@ def box(
     seed: int | None,
     options: RunOptions,
 ) -> None:
-    """Find the largest box of the parameters in which every experiment has an outcome.
+    """Find the largest box in which every experiment works.
 
     Looks within the boxes and limits that STUDY.toml states: make them as wide as physics allows.
     A run that raises, or returns no finite number, counts as a failure and does not stop the

@@ -50,11 +50,12 @@ def ceiling(
     no_figures: bool,
     options: RunOptions,
 ) -> None:
-    """Tell the log-likelihood of the best of all laws, and where the identified one lacks mass.
+    """Tell how far any law could go, and where this one lacks.
 
     Identifies the law of STUDY.toml first; with the runs in its store none is repeated. Then finds
-    the law, of any shape, under which the experiments are most likely, and tells whether its
-    log-likelihood is higher than chance explains, by data drawn from the identified law.
+    the law, of any shape, under which the experiments are most likely, tells whether its
+    log-likelihood is higher than chance explains, by data drawn from the identified law, and where
+    the identified law lacks mass.
 
     Where surfaces stand for the simulator it is run at the points of that law. Needs measurement
     noise. Constants, and noise that was identified, are held at their estimates.

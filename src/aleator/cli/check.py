@@ -40,7 +40,7 @@ def check(
     options: RunOptions,
     no_figures: bool,
 ) -> None:
-    """Make the first runs: do they reach what was measured, and what will the rest cost?
+    """Make the first runs, and tell what the rest will cost.
 
     Each parameter takes five values over its limits, the others in the middle, and the corners of
     all limits follow: 5 runs an experiment for one parameter, 13 for two, 21 for three. Of many

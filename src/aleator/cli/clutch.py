@@ -13,7 +13,7 @@ from aleator.tasks.results import documents
 
 @click.group()
 def clutch() -> None:
-    """The wet clutch, Aleator's benchmark with synthetic measurements."""
+    """The wet clutch: a benchmark with synthetic measurements."""
 
 
 @clutch.command()

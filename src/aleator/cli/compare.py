@@ -67,7 +67,7 @@ def compare(
     no_figures: bool,
     options: RunOptions,
 ) -> None:
-    """Tell which of several models of the same experiments is to be believed.
+    """Tell which of several models is to be believed.
 
     Each study is identified, by the runs in its store where they are known, and called as its file
     is, or as its folder where that is study.toml. Prints the log-likelihood, AIC, AICc and BIC, the

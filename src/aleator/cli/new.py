@@ -16,11 +16,14 @@ from aleator.cli.choosing import (
     chosen_table,
 )
 from aleator.cli.running import FILE, RESULT
+from aleator.cli.schema import schema_text
 from aleator.errors import AleatorError, short
 from aleator.report.proposal import notes, study_text
 from aleator.study.proposal import laws_for, proposed, roles_of
 from aleator.study.roles import count_of, sheet_of
 from aleator.tasks.results import documents
+
+SCHEMA = "study.schema.json"
 
 
 @click.command()
@@ -51,6 +54,7 @@ from aleator.tasks.results import documents
     metavar="FILE.toml",
     help="The study file that is written.",
 )
+@click.option("--schema", is_flag=True, help="Write study.schema.json beside it, for editors.")
 @click.option("--yes", is_flag=True, help="Ask nothing: take what is proposed.")
 @click.option("--force", is_flag=True, help="Replace the study file if it is there.")
 def new(
@@ -62,6 +66,7 @@ def new(
     id: str | None,
     parameters: tuple[str, ...],
     output: Path,
+    schema: bool,
     yes: bool,
     force: bool,
 ) -> None:
@@ -93,7 +98,9 @@ def new(
     laws = chosen_parameters(asked, offer, roles, most, parameters)
     file = Path(os.path.relpath(path.absolute(), output.parent)).as_posix()
     proposal = proposed(sheet, file, _title(path), offer, outcomes, named, laws)
-    documents.write_text(study_text(proposal), output)
+    if schema:
+        documents.write_text(schema_text(), output.with_name(SCHEMA))
+    documents.write_text(study_text(proposal, SCHEMA if schema else None), output)
     for line in notes(proposal):
         click.echo(f"  {line}")
     click.echo(f"Written: {short(output)}")

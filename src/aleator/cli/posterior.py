@@ -49,7 +49,7 @@ def posterior(
     output: Path | None,
     options: RunOptions,
 ) -> None:
-    """Draw from the posterior of alpha: what experiments and priors say of it together.
+    """Draw from the posterior of alpha, priors included.
 
     The study is identified first (without the check on the simulator). Then the No-U-Turn sampler
     draws values of alpha by the exact score of the likelihood; a slow simulator is not run for

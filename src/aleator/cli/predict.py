@@ -80,7 +80,7 @@ def predict(
     asked: Asked,
     options: RunOptions,
 ) -> None:
-    """Predict outcomes of untested conditions: distribution, probability, limits.
+    """Predict outcomes of untested conditions.
 
     Takes the law from IDENTIFICATION.json and the simulator from its study file. For each row of
     NEW.csv: mean, standard deviation, skewness, kurtosis and quantiles of the outcome as it would

@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from aleator.cli.starting import ended_at_once, ending, termination_heard
 from aleator.errors import AleatorError
@@ -19,27 +20,41 @@ NO_MEMORY = AleatorError(
     "that was made is kept",
 )
 
-COMMANDS = {
-    "new": "Write a first study.toml from a table and a simulator.",
-    "check": "Make the first runs: what do they reach, and what will the rest cost?",
-    "identify": "Identify the law that STUDY.toml asks for.",
-    "report": "Write report.html of an identification, or of two side by side.",
-    "predict": "Predict outcomes of untested conditions: distribution, probability, limits.",
-    "bootstrap": "Tell how far the estimates scatter, by estimating again from other data.",
-    "compare": "Tell which of several models of the same experiments is to be believed.",
-    "next": "Tell which experiments should be made next.",
-    "posterior": "Draw from the posterior of alpha: what experiments and priors say of it "
-    "together.",
-    "ceiling": "Tell the log-likelihood of the best of all laws, and where the identified one "
-    "lacks mass.",
-    "recover": "Check that the method finds a law that is known.",
-    "sensitivity": "Tell which parameters deserve a law: whose scatter moves the outcome, and "
-    "whose acts alike.",
-    "box": "Find the largest box of the parameters in which every experiment has an outcome.",
-    "runs": "See, take away, bring in or forget the runs that are kept.",
-    "clutch": "The wet clutch, Aleator's benchmark with synthetic measurements.",
+GROUPS = {
+    "start": {
+        "new": "Write a first study.toml from a table and a simulator.",
+        "check": "Make the first runs, and tell what the rest will cost.",
+        "sensitivity": "Tell which parameters deserve a law.",
+        "box": "Find the largest box in which every experiment works.",
+        "schema": "Print the JSON schema of study.toml, for editors.",
+    },
+    "answer": {
+        "identify": "Identify the law that STUDY.toml asks for.",
+        "report": "Write report.html of an answer, or of two side by side.",
+        "predict": "Predict outcomes of untested conditions.",
+    },
+    "judge": {
+        "compare": "Tell which of several models is to be believed.",
+        "ceiling": "Tell how far any law could go, and where this one lacks.",
+        "bootstrap": "Tell how far the estimates scatter, by a bootstrap.",
+        "posterior": "Draw from the posterior of alpha, priors included.",
+        "recover": "Check that the method finds a law that is known.",
+    },
+    "go on": {
+        "next": "Tell which experiments should be made next.",
+        "runs": "See, export, import or forget the runs that are kept.",
+        "clutch": "The wet clutch: a benchmark with synthetic measurements.",
+    },
 }
-"""The commands as `aleator --help` lists them, which imports none of them."""
+"""The commands as `aleator --help` lists them, which imports none of them: by what a user does."""
+
+COMMANDS = {name: told for group in GROUPS.values() for name, told in group.items()}
+"""All of them, in that order."""
+
+LAST = """
+Options: -h, --help, --version
+Exit codes: 0 done, 1 a defect, 2 mend the input, 130 Ctrl-C, 143 SIGTERM
+"""
 
 
 @contextmanager
@@ -86,10 +101,25 @@ class _Commands(click.Group):
             command: click.Command = getattr(import_module(f"aleator.cli.{cmd_name}"), cmd_name)
         return command
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """A line for each command."""
-        with formatter.section("Commands"):
-            formatter.write_dl([*COMMANDS.items()])
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Commands and options that begin so; none of the commands is imported."""
+        known = [
+            CompletionItem(name, help=told)
+            for name, told in COMMANDS.items()
+            if name.startswith(incomplete)
+        ]
+        return [*known, *click.Command.shell_complete(self, ctx, incomplete)]
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """All of it on one screen: a line for each command."""
+        formatter.write(
+            "Usage: aleator COMMAND ...   `aleator COMMAND --help` tells all of one.\n\n"
+        )
+        formatter.write(f"{(self.help or '').splitlines()[0]}\n\n")
+        for group, commands in GROUPS.items():
+            for k, (name, told) in enumerate(commands.items()):
+                formatter.write(f"{'' if k else group:<8}{name:<13}{told}\n")
+        formatter.write(LAST)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""
@@ -100,13 +130,7 @@ class _Commands(click.Group):
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="aleator", prog_name="aleator")
 def main() -> None:
-    """Identify the probability law of a simulator's uncertain parameters.
+    """Identify the law of a simulator's uncertain parameters from experiments.
 
-    A table of experiments and a simulator go in; the law of the uncertain parameters that best
-    explains the measured outcomes comes out, by maximum likelihood, with its uncertainty and a
-    check on the simulator itself.
-
-    Exit codes: 0 done, 1 a defect of Aleator or of its surroundings, 2 something in the input or
-    on the command line is to be mended (the message says what and how), 130 stopped by Ctrl-C,
-    143 by SIGTERM.
+    By maximum likelihood, with its uncertainty and a check on the simulator itself.
     """

@@ -27,7 +27,7 @@ IDENTIFICATION = "identification.json"
     help="Put the identification in OTHER beside it: DIR/compared.html.",
 )
 def report(folder: Path, other: Path | None) -> None:
-    """Write report.html of an identification, or of two side by side.
+    """Write report.html of an answer, or of two side by side.
 
     DIR/report.html is a page of charts in one file that needs no network: the law, the estimates,
     measured against predicted, calibration, warnings, and how it was computed. `aleator identify`

@@ -53,7 +53,7 @@ def opened(target: Path, new: bool = False) -> Iterator[Target]:
 
 @click.group()
 def runs() -> None:
-    """See, take away, bring in or forget the runs that are kept.
+    """See, export, import or forget the runs that are kept.
 
     Every command of a study keeps the simulator's runs in runs.sqlite beside the study file (or
     where `[simulator] store` or --store says), and repeats none of them. A run is reused for the

@@ -51,7 +51,9 @@ def sensitivity(
     no_figures: bool,
     options: RunOptions,
 ) -> None:
-    """Tell which parameters deserve a law: whose scatter moves the outcome, and whose acts alike.
+    """Tell which parameters deserve a law.
+
+    These are the ones whose scatter moves the outcome. Tells also whose acts alike.
 
     Expands the outcome of every experiment in the parameters and takes Sobol' indices from the
     coefficients. A parameter is varied by its law where STUDY.toml states all of it, uniformly

@@ -29,7 +29,9 @@ def _one(value: Any) -> Any:
     return value
 
 
-Words = Annotated[list[str | int], BeforeValidator(_words)]
+Words = Annotated[
+    list[str | int], BeforeValidator(_words, json_schema_input_type=list[str | int] | str | int)
+]
 
 
 class CensoringSection(Section):

@@ -73,7 +73,9 @@ def _several(value: Any) -> str:
     return "several" if tables or not {*value} & {*OutcomeSection.model_fields} else "one"
 
 
-_Outcome = Annotated[OutcomeSection, BeforeValidator(_written)]
+_Outcome = Annotated[
+    OutcomeSection, BeforeValidator(_written, json_schema_input_type=OutcomeSection | str)
+]
 Outcome = Annotated[
     Annotated[_Outcome, Tag("one")] | Annotated[dict[str, _Outcome], Tag("several")],
     Discriminator(_several),
@@ -101,7 +103,9 @@ def _named(value: Any) -> Any:
     return {"*": value} if isinstance(value, str) else value
 
 
-Inputs = Annotated[dict[str, str], BeforeValidator(_named)]
+Inputs = Annotated[
+    dict[str, str], BeforeValidator(_named, json_schema_input_type=dict[str, str] | str)
+]
 """`inputs = {variable = "file.csv:column"}`, or a file with a column for every such input."""
 
 

@@ -93,13 +93,20 @@ class Kinds(Generic[T]):
             self.common.model_validate(value)
         kind = self._kind(value)
         maker, origin = self._maker(kind)
-        try:
-            section = _section(maker, self.key, self.common)
-        except (NameError, TypeError) as error:
-            raise self._fault(f"{origin} cannot be used: {_described(error)}", "mend it") from error
+        section = self._section(maker, origin)
         for key in value:
             self._not_of_another(str(key), kind, section)
         return Choice(kind, section.model_validate(value), maker, origin)
+
+    def section(self, kind: str) -> type[Section]:
+        """The keys of a kind. Raises what `read` does for one that nobody offers."""
+        return self._section(*self._maker(kind))
+
+    def _section(self, maker: Callable[..., T], origin: str) -> type[Section]:
+        try:
+            return _section(maker, self.key, self.common)
+        except (NameError, TypeError) as error:
+            raise self._fault(f"{origin} cannot be used: {_described(error)}", "mend it") from error
 
     def _kind(self, value: Mapping[str, Any]) -> str:
         if self.key:

@@ -120,13 +120,17 @@ def _file(value: Any) -> Any:
 
 
 _FEEDS: dict[str, Feed] = {"json": JsonFeed(), "csv": CsvFeed()}
-_Output = Annotated[OutputSection, BeforeValidator(_file)]
+_Output = Annotated[
+    OutputSection, BeforeValidator(_file, json_schema_input_type=OutputSection | str)
+]
 _STDOUT = OutputSection()
 _Outputs = Annotated[
     Annotated[_Output, Tag("one")] | Annotated[dict[str, OutputSection], Tag("responses")],
     Discriminator(lambda value: "responses" if _has_sections(value) else "one"),
 ]
-_Names = Annotated[Sequence[str], BeforeValidator(_listed)]
+_Names = Annotated[
+    Sequence[str], BeforeValidator(_listed, json_schema_input_type=Sequence[str] | str)
+]
 _Command = Annotated[
     Annotated[str, Tag("text")] | Annotated[list[str], Tag("list")],
     Discriminator(lambda value: "text" if isinstance(value, str) else "list"),

@@ -1,0 +1,99 @@
+"""study.toml as a JSON schema, for editors: made from the sections that check it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
+
+from aleator.study.kinds import Kinds
+from aleator.study.laws import LAWS
+from aleator.study.sections import StudyFile
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+_KINDS = "x-kinds"
+_TEMPLATE = "#/$defs/{model}"
+
+
+def study_schema() -> dict[str, Any]:
+    """The schema of the whole file, with the kinds that come along and those of plug-ins.
+
+    An editor that follows it accepts what `load_study` reads; what needs the table, the simulator
+    or arithmetic (a box whose ends are swapped) only `load_study` sees.
+
+    >>> found = study_schema()
+    >>> found["required"]
+    ['experiments', 'simulator', 'parameters']
+    """
+    open_: dict[str, Kinds[Any]] = {}
+    whole = StudyFile.model_json_schema(ref_template=_TEMPLATE, schema_generator=_noting(open_))
+    defined: dict[str, Any] = whole.pop("$defs", {})
+    done: set[str] = set()
+    while left := [group for group in open_ if group not in done]:
+        for group in left:
+            done.add(group)
+            kinds = open_[group]
+            sections = [_kind(kinds, name, defined, open_) for name in kinds.names]
+            defined[group] = {"anyOf": [section for section in sections if section]}
+    found = {"$schema": DIALECT, "title": "study.toml of Aleator", **whole, "$defs": defined}
+    return _resolved(found)  # type: ignore[no-any-return]
+
+
+def _kind(
+    kinds: Kinds[Any], name: str, defined: dict[str, Any], open_: dict[str, Kinds[Any]]
+) -> dict[str, Any] | None:
+    """The section of one kind; None of a plug-in that cannot be used, which the study will tell."""
+    try:
+        section = kinds.section(name)
+    except Exception:
+        return None
+    found = section.model_json_schema(ref_template=_TEMPLATE, schema_generator=_noting(open_))
+    defined.update(found.pop("$defs", {}))
+    found["title"] = f"{kinds.key} = {name}" if kinds.key else name
+    found.pop("description", None)
+    if kinds.key:
+        found["properties"][kinds.key] = {"const": name}
+        if name != kinds.default:
+            found["required"] = [kinds.key, *found.get("required", [])]
+    return found
+
+
+def _noting(open_: dict[str, Kinds[Any]]) -> type[GenerateJsonSchema]:
+    """A generator that writes kinds as a mark of their group, and notes which they are."""
+
+    class Generator(GenerateJsonSchema):
+        def function_plain_schema(
+            self, schema: core_schema.PlainValidatorFunctionSchema
+        ) -> JsonSchemaValue:
+            read = schema["function"]["function"]
+            # a function of the laws' own sections stands for their table, which is made with them
+            kinds = getattr(read, "__self__", LAWS)
+            open_[kinds.group] = kinds
+            return {_KINDS: kinds.group}
+
+        def emit_warning(self, kind: Any, detail: str) -> None:
+            """Defaults that are values of the library have no place in a schema."""
+
+    return Generator
+
+
+def _resolved(value: Any) -> Any:
+    """The schema with references in place of marks, without defaults that JSON lacks."""
+    if isinstance(value, dict):
+        if _KINDS in value:
+            return {"$ref": _TEMPLATE.format(model=value[_KINDS])}
+        return dict(_kept(value))
+    if isinstance(value, list):
+        return [_resolved(part) for part in value]
+    return value
+
+
+def _kept(value: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    for key, part in value.items():
+        endless = isinstance(part, float) and not math.isfinite(part)
+        if not (key == "default" and endless):
+            # what tells alternatives apart may be read as two of them: {variable = "x"}
+            yield "anyOf" if key == "oneOf" else key, _resolved(part)
