@@ -1,0 +1,67 @@
+"""Studies of synthetic tables: the tables are those that the scripts draw of a known law."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import integrate, optimize, stats
+
+from aleator import GradientMultistart, identify
+from aleator.study import load_study
+from aleator.types import Array
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.mark.parametrize(
+    ("folder", "script", "table"),
+    [
+        ("braking", "make_stops.py", "stops.csv"),
+        ("battery", "make_cells.py", "cells.csv"),
+        ("servo_drive", "make_drives.py", "drives.csv"),
+    ],
+)
+def test_the_script_prints_the_shipped_table(
+    folder: str,
+    script: str,
+    table: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLES / folder))
+    monkeypatch.delitem(sys.modules, "model", raising=False)
+    runpy.run_path(str(EXAMPLES / folder / script), run_name="__main__")
+    monkeypatch.delitem(sys.modules, "model")
+    assert capsys.readouterr().out == (EXAMPLES / folder / table).read_text(encoding="utf-8")
+
+
+def test_the_law_of_braking_distances_is_the_maximum_by_an_integral_of_a_few_lines() -> None:
+    study = load_study(EXAMPLES / "braking" / "road.toml")
+    found = identify(
+        study.simulator, study.experiments, study.inputs, noise=study.noise,
+        search=GradientMultistart(2), consistency=False, best_law=False,
+    )  # fmt: skip
+    table = study.experiments.table
+    v = table["speed"].to_numpy(dtype=float)[:, None] / 3.6
+    wet = (table["road"] == "wet").to_numpy()
+    friction = np.linspace(0.2, 1.2, 4001)
+    measured = study.experiments.outcomes[:, None]
+
+    def log_likelihood(alpha: Array) -> float:
+        dry, less, sd, delay = alpha
+        mean = np.where(wet, dry + less, dry)[:, None]
+        inside = stats.norm.cdf((1.2 - mean) / sd) - stats.norm.cdf((0.2 - mean) / sd)
+        distance = v * delay + v**2 / (2.0 * friction * 9.81)
+        of_each = stats.norm.pdf(measured, distance, 0.3) * stats.norm.pdf(friction, mean, sd)
+        return float(np.log(integrate.simpson(of_each, x=friction) / inside[:, 0]).sum())
+
+    names = ["friction.mean[Intercept]", "friction.mean[road=wet]", "friction.sd", "delay.value"]
+    at = found.values[names].to_numpy()
+    best = optimize.minimize(lambda a: -log_likelihood(a), at, method="Nelder-Mead")
+    assert abs(log_likelihood(at) - found.log_likelihood.estimated) < 0.002
+    assert -best.fun - log_likelihood(at) < 0.002
+    assert np.round(at, 3).tolist() == [0.755, -0.139, 0.043, 0.188]  # as the tutorial says
