@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from aleator.search import DifferentialEvolution as DifferentialEvolution
     from aleator.search import GeneticAlgorithm as GeneticAlgorithm
     from aleator.search import GradientMultistart as GradientMultistart
+    from aleator.simulators import Budget as Budget
     from aleator.simulators import Runner as Runner
     from aleator.simulators import Store as Store
     from aleator.simulators.command import CommandSimulator as CommandSimulator
@@ -90,7 +91,7 @@ _HOMES = {
     "observations.censoring": ["Censoring"],
     "observations.noise": ["Noise"],
     "observations.student": ["StudentError"],
-    "simulators": ["Runner", "Store"],
+    "simulators": ["Runner", "Store", "Budget"],
     "simulators.command": ["CommandSimulator"],
     "simulators.derived": ["derived"],
     "simulators.fmu": ["FMUSimulator"],

@@ -1,4 +1,5 @@
 import io
+import re
 
 import pytest
 from rich.console import Console
@@ -11,6 +12,12 @@ def console(terminal: bool) -> tuple[Console, io.StringIO]:
     return Console(file=file, width=80, force_terminal=terminal, color_system=None), file
 
 
+def without_times(file: io.StringIO) -> list[str]:
+    """The lines of a log, each of which begins with the time of the day."""
+    found = [re.fullmatch(r"\d\d:\d\d:\d\d (.*)", line) for line in file.getvalue().splitlines()]
+    return [line[1] if line else "" for line in found]
+
+
 def test_without_a_terminal_there_are_plain_lines() -> None:
     out, file = console(terminal=False)
     with shown_on(out) as progress:
@@ -18,7 +25,7 @@ def test_without_a_terminal_there_are_plain_lines() -> None:
         progress.stage("search")
         progress.update("start 1 of 10", 1, 10)
         progress.stage("inference")
-    assert file.getvalue() == "search ...\ninference ...\n"
+    assert without_times(file) == ["search ...", "inference ..."]
 
 
 def test_a_long_stage_is_told_again() -> None:
@@ -26,7 +33,7 @@ def test_a_long_stage_is_told_again() -> None:
     with Lines(out, interval=0.0) as progress:
         progress.stage("search")
         progress.update("start [1] of 10", 1, 10)
-    assert file.getvalue() == "search ...\nsearch: start [1] of 10\n"
+    assert without_times(file) == ["search ...", "search: start [1] of 10"]
 
 
 def test_on_a_terminal_there_are_bars() -> None:

@@ -25,6 +25,7 @@ from aleator.cli.showing import can_draw, can_report, say, shown
 from aleator.errors import short
 from aleator.plot.identification import save_figures
 from aleator.report import terminal
+from aleator.simulators import Budget
 from aleator.study import load_study
 from aleator.tasks.pictures import pictured
 from aleator.tasks.results import documents, printed
@@ -43,6 +44,18 @@ IDENTIFICATION = "identification.json"
 )
 @click.option("--no-verify", is_flag=True, help="Leave out the Monte Carlo check on the simulator.")
 @makes_runs
+@click.option(
+    "--max-runs",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Make at most about N new runs: end with the best answer so far.",
+)
+@click.option(
+    "--max-hours",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="H",
+    help="Begin no more runs after so many hours.",
+)
 @click.option("--no-figures", is_flag=True, help="Draw no figures, and write no report.html.")
 @click.option(
     "--details",
@@ -55,6 +68,8 @@ def identify(
     seed: int | None,
     starts: int | None,
     no_verify: bool,
+    max_runs: int | None,
+    max_hours: float | None,
     no_figures: bool,
     details: bool,
     options: RunOptions,
@@ -127,7 +142,8 @@ def identify(
     for line in () if options.quiet else value.told():
         say(f"{value.simulator.name}, {line}")
     with running(value, options) as runner, shown(options.quiet) as progress:
-        result = identified(value, runner, progress, best_law=True)
+        budget = Budget(max_runs, max_hours)
+        result = identified(value, runner, progress, best_law=True, budget=budget)
         if not no_figures:
             result = pictured(result, progress)
     called = {"simulator": described(value)}

@@ -18,11 +18,11 @@ from aleator.cli.showing import say
 from aleator.errors import AleatorError
 from aleator.observations.experiments import Conditions
 from aleator.progress import Progress
-from aleator.simulators import ProcessPool, Runner, Store, notified
+from aleator.simulators import Budget, ProcessPool, Runner, Store, notified
 from aleator.simulators.workers.dask_cluster import dask_executor
 from aleator.simulators.workers.mpi_job import mpi_executor
 from aleator.study import Study
-from aleator.tasks.identify import identify
+from aleator.tasks.identify import UNLIMITED, identify
 from aleator.tasks.results.identification import Identification
 
 
@@ -148,6 +148,7 @@ def identified(
     *,
     consistency: bool = True,
     best_law: bool = False,
+    budget: Budget = UNLIMITED,
 ) -> Identification:
     """The identification that a study asks for, with what a command makes use of."""
     runner.progress = progress
@@ -164,6 +165,7 @@ def identified(
         progress=progress,
         consistency=consistency,
         best_law=best_law,
+        budget=budget,
     )
 
 

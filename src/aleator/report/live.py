@@ -1,13 +1,15 @@
-"""Progress as it is seen: a moving bar on a terminal, plain lines anywhere else."""
+"""Progress as it is seen: a moving line on a terminal, lines with their time anywhere else."""
 
 from __future__ import annotations
 
 import time
+from datetime import timedelta
 from types import TracebackType
 from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
+from rich.text import Text
 
 PLAIN_INTERVAL = 5.0  # s until the first plain line about a stage that takes long
 
@@ -42,11 +44,24 @@ class Lines:
             self._say(f"{self._stage}: {text}")
 
     def _say(self, text: str) -> None:
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        line = f"{time.strftime('%H:%M:%S')} {text}"
+        self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+class _Elapsed(ProgressColumn):
+    """The seconds since the first stage began."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._began = time.monotonic()
+
+    def render(self, _: Task) -> Text:
+        """As hours, minutes and seconds."""
+        return Text(str(timedelta(seconds=int(time.monotonic() - self._began))))
 
 
 class Bars:
-    """Progress as one moving line a stage, with a bar where the share is known, and its seconds."""
+    """Progress as one moving line: the stage, a bar where its share is known, and all seconds."""
 
     def __init__(self, console: Console) -> None:
         self._progress = Progress(
@@ -54,10 +69,10 @@ class Bars:
             TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=16),
             TextColumn("{task.fields[text]}", markup=False),
-            TimeElapsedColumn(),
+            _Elapsed(),
             console=console,
         )
-        self._task: TaskID | None = None
+        self._task = self._progress.add_task("", total=None, text="")
 
     def __enter__(self) -> Self:
         self._progress.start()
@@ -70,22 +85,18 @@ class Bars:
         trace: TracebackType | None,
     ) -> None:
         if kind is None:
-            self._finish()
+            self._progress.update(self._task, total=1, completed=1, text="")
         self._progress.stop()
 
     def stage(self, name: str) -> None:
-        """Close the line of the stage before and begin one."""
-        self._finish()
+        """Go on with a stage: what was told of the one before is over."""
+        self._progress.refresh()
+        self._progress.remove_task(self._task)
         self._task = self._progress.add_task(name, total=None, text="")
 
     def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
         """Move the bar and change the text of the stage."""
-        if self._task is not None:
-            self._progress.update(self._task, completed=done, total=total, text=text)
-
-    def _finish(self) -> None:
-        if self._task is not None:
-            self._progress.update(self._task, total=1, completed=1)
+        self._progress.update(self._task, completed=done, total=total, text=text)
 
 
 def shown_on(console: Console) -> Bars | Lines:

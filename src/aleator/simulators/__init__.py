@@ -1,5 +1,6 @@
 """How a simulator is called: by name, checked, counted, and every completed run kept."""
 
+from aleator.simulators.budget import Account, Budget
 from aleator.simulators.cases import Cases
 from aleator.simulators.failure import NoOutcome, RunFailed, working_box
 from aleator.simulators.function import FunctionSimulator, as_simulator
@@ -14,6 +15,8 @@ from aleator.simulators.workers.pool import ProcessPool
 
 __all__ = [
     "MAX_FAILED",
+    "Account",
+    "Budget",
     "Cases",
     "Failure",
     "FunctionSimulator",

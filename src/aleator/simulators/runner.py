@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from aleator.errors import SimulatorError
 from aleator.progress import Progress, Silent
 from aleator.simulators.bound import Bound
+from aleator.simulators.budget import Account, Budget
 from aleator.simulators.cases import Cases
 from aleator.simulators.direct import Direct
 from aleator.simulators.form import Form
@@ -128,12 +129,14 @@ class Runner:
         self._direct = Direct(bound)
         self._repeats = Repeats()
         self._messages = Messages(self.simulator, self.ids, self.parameters, self.cases, served)
+        self.account = Account(Budget(), self._workshop)
 
     def __getstate__(self) -> dict[str, Any]:
         """What travels to another process: without the store, the workers, and who listens."""
         alone = Workshop(self._bound, self._served, None, None, self.retries)
         here = {"cache": None, "executor": None, "progress": Silent()}
-        return {**vars(self), **here, "_workshop": alone, "_memory": alone.memory}
+        made = {"_workshop": alone, "_memory": alone.memory, "account": Account(Budget(), alone)}
+        return {**vars(self), **here, **made}
 
     @property
     def units(self) -> int:
@@ -176,6 +179,10 @@ class Runner:
     def fresh(self) -> int:
         """The number of runs that were made here and have an outcome."""
         return self._workshop.fresh
+
+    def allow(self, budget: Budget) -> None:
+        """Count new runs, and hours from now on, against a budget; see `account`."""
+        self.account = Account(budget, self._workshop)
 
     @property
     def seconds(self) -> float:

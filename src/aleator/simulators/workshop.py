@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Generator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
@@ -24,7 +25,8 @@ class Workshop:
 
     What comes of them is kept in `memory` and, where there is one, in the store of `cache`. One
     that fails is tried again `retries` times. `fresh` counts those made here that have an outcome;
-    `tried` counts all that were made here, which took `seconds` together.
+    `tried` counts all that were made here, which took `seconds` together, in `waited`
+    seconds of the clock.
     """
 
     def __init__(
@@ -39,7 +41,7 @@ class Workshop:
         self._executor, self._retries = executor, retries
         self.memory = Memory(len(bound.parameters), units.width)
         self.fresh = self.tried = 0
-        self.seconds = 0.0
+        self.seconds = self.waited = 0.0
 
     def recall(self, keys: Sequence[bytes], failures: bool) -> None:
         """Remember what the store knows of some runs; `failures` too, unless retries are left."""
@@ -57,10 +59,12 @@ class Workshop:
 
     def make(self, keys: Sequence[bytes], progress: RunProgress) -> Generator[Runs, None, None]:
         """Make runs and remember them; those that are not tried again are yielded."""
+        began = time.monotonic()
         for left in reversed(range(1 + self._retries)):
             with closing(self.made(self.memory.asked(keys), progress)) as batches:
                 for made in batches:
                     received = self._received(made)
+                    self.waited, began = self.waited + time.monotonic() - began, time.monotonic()
                     progress.count(len(received), len(received.failures))
                     if not left:
                         yield received

@@ -15,6 +15,7 @@ from scipy.stats import qmc
 
 from aleator.errors import InputsError
 from aleator.simulators import Runner
+from aleator.surrogates.afforded import Afforded, everyone, within
 from aleator.surrogates.choice import ResponseSurface
 from aleator.surrogates.conditions import TEXTS, features
 from aleator.surrogates.emulator import Emulator
@@ -55,6 +56,7 @@ class AdaptiveSurfaces:
     `noise_sd` is that of the noise that their scatter includes. `scale` (N,) takes the place of the
     scatter where there is one. `past` (PATIENCE, N) are the
     relative errors before the last rounds of each experiment: one that no longer falls is given up.
+    `afforded` tells who has a round of runs where a budget does not suffice for all.
 
     Raises InputsError where `max_runs` is less than the first round, or the user asks for a shared
     surface and there is nothing to share by.
@@ -67,8 +69,9 @@ class AdaptiveSurfaces:
         experiments: int,
         choice: ResponseSurface,
         conditions: Array | None = None,
+        afforded: Afforded = everyone,
     ) -> None:
-        self.choice = choice
+        self.choice, self.afforded = choice, afforded
         self.where = None if choice.tolerance else _points_of(box)
         self.noise_sd = 0.0
         self.scale: Array | None = None
@@ -124,11 +127,9 @@ class AdaptiveSurfaces:
         self.scale = scale
 
     def wanting(self, level: float) -> Flags:
-        """Whose error is above `level` of its scatter, where more runs may help."""
-        lost = np.isinf(self.emulator.error)
-        stalled = self.relative > STALL * self.past[0]
-        rough = self.emulator.rough(level, self.choice.accuracy)
-        return np.asarray(rough & ~lost & ~stalled & ~self._spent)
+        """Whose error is above `level` of its scatter, where more runs may help and may be made."""
+        runs = np.ceil(GROWTH * self.emulator.runs)
+        return self.afforded(self._rough(level), self.relative, runs)
 
     def sharpen(self, members: Flags, draws: Array | None) -> None:
         """A round of runs for the members (N,): where draws (D, n) lie, or all over the box."""
@@ -158,6 +159,13 @@ class AdaptiveSurfaces:
         """The surfaces as they are, with the errors that were judged last."""
         return self.emulator.surface(self.good)
 
+    def _rough(self, level: float) -> Flags:
+        """Whose error is above `level` of its scatter, where more runs may help."""
+        lost = np.isinf(self.emulator.error)
+        stalled = self.relative > STALL * self.past[0]
+        rough = self.emulator.rough(level, self.choice.accuracy)
+        return np.asarray(rough & ~lost & ~stalled & ~self._spent)
+
     @property
     def _spent(self) -> Flags:
         return np.asarray(self.emulator.runs >= self.choice.max_runs)
@@ -183,8 +191,10 @@ class AdaptiveSurfaces:
 def surfaces_of(runner: Runner, region: Array, choice: ResponseSurface) -> AdaptiveSurfaces:
     """First surfaces of a runner's distinct conditions on a region (n, 2)."""
     box, cases = region[moving_parameters(region)], runner.cases
-    run = attempts(runner, region)
-    return AdaptiveSurfaces(run, box, len(cases), choice, features(cases.columns))
+    afforded = within(runner.account, np.arange(len(cases)))
+    return AdaptiveSurfaces(
+        attempts(runner, region), box, len(cases), choice, features(cases.columns), afforded
+    )
 
 
 def build_surface(

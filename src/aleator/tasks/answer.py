@@ -19,6 +19,7 @@ from aleator.likelihood.policy import better_model
 from aleator.likelihood.problem import Problem
 from aleator.search import Search, SearchResult, WarmStart, ascend
 from aleator.simulators import Runner
+from aleator.surrogates import AdaptiveSurfaces
 from aleator.tasks.baselines import baselines_of
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.many import of_many
@@ -47,7 +48,8 @@ class Question:
 class Answer:
     """A maximum that was found, and how sure it is.
 
-    `stands_in` tells that four moments serve although the exact density was tried.
+    `stands_in` tells that four moments serve although the exact density was tried. `surfaces` are
+    those that the problem's are of, with what they may still become; None for collocation.
     """
 
     problem: Problem
@@ -55,6 +57,7 @@ class Answer:
     inference: Inference
     profile: Profile
     stands_in: bool
+    surfaces: AdaptiveSurfaces | None
 
 
 def answered(question: Question, ledger: Ledger) -> Answer:
@@ -75,7 +78,7 @@ def answered(question: Question, ledger: Ledger) -> Answer:
     refined, inference, profile = _sure(way, refined, ledger)
     problem, found = refined.problem, refined.found
     stands_in = any(model.exact for model in tried) and not tried[-1].exact
-    return Answer(problem, found, inference, profile, stands_in)
+    return Answer(problem, found, inference, profile, stands_in, refined.surfaces)
 
 
 def infer_at(problem: Problem, found: SearchResult) -> tuple[SearchResult, Inference, Profile]:

@@ -22,12 +22,14 @@ from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
 from aleator.search import Search
-from aleator.simulators import Runner, Simulator, as_runner
+from aleator.simulators import Budget, Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
+from aleator.surrogates.afforded import RESERVED
 from aleator.tasks import individual
 from aleator.tasks.answer import Answer, Question, answered
 from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH, require_enough
 from aleator.tasks.baselines import baselines_of, start_point
+from aleator.tasks.budget import affordable, spend
 from aleator.tasks.ceiling.quick import best_possible
 from aleator.tasks.consistency import consistency_of
 from aleator.tasks.ledger import Ledger
@@ -35,6 +37,7 @@ from aleator.tasks.results import summary
 from aleator.tasks.results.identification import Identification
 
 DEFAULT_VERIFICATION = MonteCarlo()
+UNLIMITED = Budget()
 
 
 def identify(
@@ -54,6 +57,7 @@ def identify(
     executor: Executor | None = None,
     consistency: bool = True,
     best_law: bool = True,
+    budget: Budget = UNLIMITED,
 ) -> Identification:
     """Identify the law of the inputs from experiments, by maximum likelihood.
 
@@ -67,7 +71,9 @@ def identify(
     at most three parameters scatter, and its nodes suffice; otherwise that of maximum entropy with
     four moments. Runs are made by the workers of `executor`, or here; the
     result does not depend on it. With `consistency` False the second verdict is left out, with
-    `best_law` False the best possible law; the estimates do not depend on them. Raises
+    `best_law` False the best possible law; the estimates do not depend on them. A `budget` ends
+    the runs of the surfaces with the best answer so far, and a warning says what more would buy:
+    such an answer depends on what the store knows. Raises
     AleatorError for input that cannot be used; failures of
     numerics are statuses and warnings on the result. Cost: the runs of the surfaces and of the
     verification, and some milliseconds for each of some hundred evaluations of the likelihood.
@@ -84,6 +90,7 @@ def identify(
     table = _experiments(experiments, outcome)
     runner = as_runner(simulator, table, inputs.names, vectorized, executor)
     runner.repeat_some()
+    spend(budget, runner, inputs, propagation)
     ledger = Ledger(runner, progress or Silent())
     if individual.wanted(table, inputs, noise, propagation, density):
         if density is not None:
@@ -115,14 +122,19 @@ def identify(
         with ledger.stage("baselines"):
             baselines = baselines_of(answer.problem, search, seed)
         checked = None
+        notes = diagnostics.budget_warnings(runner.account, answer.surfaces)
         if verification.wanted:
-            with ledger.stage("verification"):
-                checked = _verified(answer, runner, verification, seed, ledger.progress)
+            most = affordable(runner, verification.near)
+            if most is not None and most < RESERVED:
+                notes.append(diagnostics.UNCHECKED)
+            else:
+                with ledger.stage("verification"):
+                    checked = _verified(answer, runner, verification, seed, most, ledger.progress)
     found = summary.assemble(
         table, answer.problem, answer.found, answer.inference, answer.profile, checked,
         baselines, runner.simulator, seconds=ledger.seconds, runs_by_stage=ledger.runs,
         seed=seed, failures=diagnostics.failure_report(runner),
-        notes=[diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [],
+        notes=[*notes, *([diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [])],
     )  # fmt: skip
     return _judged(found, consistency, best_law, ledger)
 
@@ -148,7 +160,12 @@ def _judged(
 
 
 def _verified(
-    answer: Answer, runner: Runner, choice: MonteCarlo, seed: int, progress: Progress
+    answer: Answer,
+    runner: Runner,
+    choice: MonteCarlo,
+    seed: int,
+    most: int | None,
+    progress: Progress,
 ) -> Verification:
     """The log-likelihood by Monte Carlo on the simulator itself, surfaces as control variate."""
     problem, alpha = answer.problem, answer.found.alpha
@@ -160,7 +177,7 @@ def _verified(
         seed=seed, lower=problem.predictive.lower, upper=problem.predictive.upper,
         observation=model.noise.kind if model.noise else NORMAL,
         emulator=emulator, condition=problem.condition, expected=expected, progress=progress,
-        steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
+        most=most, steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
     )  # fmt: skip
 
 

@@ -262,7 +262,8 @@ class UnderLaw(Refinement):
         """Move the region to the law, run the experiments rougher than `level`, and climb."""
         problem, alpha = refined.problem, refined.found.alpha
         likely = [*likely_alphas(alpha, inference, problem.model.hyperparameters)]
-        better = None if refined.held else next_region(problem, alpha, likely)
+        stays = refined.held or self.runner.account.refused
+        better = None if stays else next_region(problem, alpha, likely)
         region = problem.region if better is None else better
         if better is not None:
             surfaces.move(moving(region))

@@ -1,5 +1,6 @@
 """What a careful reader must be told before trusting an answer: warnings, statuses, refusals."""
 
+from aleator.inference.diagnostics.budget import UNCHECKED, budget_warnings
 from aleator.inference.diagnostics.check import score_steps
 from aleator.inference.diagnostics.failures import boxes_proposed, failure_report, failure_warnings
 from aleator.inference.diagnostics.reach import refuse_unreachable, unreachable
@@ -8,7 +9,9 @@ from aleator.inference.diagnostics.surfaces import surface_errors, surface_repor
 
 __all__ = [
     "MOMENTS_STAND_IN",
+    "UNCHECKED",
     "boxes_proposed",
+    "budget_warnings",
     "failure_report",
     "failure_warnings",
     "refuse_unreachable",

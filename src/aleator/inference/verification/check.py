@@ -56,6 +56,7 @@ def verify(
     condition: Indices | None = None,
     expected: Array | None = None,
     steps: Array | None = None,
+    most: int | None = None,
     progress: Progress | None = None,
 ) -> Verification:
     """Estimate every log f_l(y_l | alpha) from runs of the simulator itself.
@@ -73,8 +74,9 @@ def verify(
     share runs. `expected` (N,) are the errors that the emulator expects of itself, in units of the
     outcome: the smaller they are, the fewer runs are made if the choice leaves them open. Where
     `steps` (K,) are positive, of about a quarter of a
-    standard error, the score is told too. The bias -var/2 of the logarithm is corrected. A run that
-    failed, NaN, is left out: the density is that of an outcome where there is one. Cost: see
+    standard error, the score is told too. With `most`, from 2 on, no experiment has more runs near
+    its outcome, and none is looked at again. The bias -var/2 of the logarithm is corrected. A run
+    that failed, NaN, is left out: the density is that of an outcome where there is one. Cost: see
     `MonteCarlo`, and LEVELS times 512 runs for an experiment far out without an emulator.
     """
     count = measured.size
@@ -91,7 +93,7 @@ def verify(
     if emulator is None or observation != NORMAL:
         return bench.by_samples(emulator)
     of_whom = np.arange(count) if condition is None else condition
-    return bench.by_control(emulator, of_whom, choice, expected, steps)
+    return bench.by_control(emulator, of_whom, choice, expected, steps, most)
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,7 @@ class _Bench:
         choice: MonteCarlo,
         expected: Array | None,
         steps: Array | None,
+        most: int | None,
     ) -> Verification:
         """By the emulator's densities and a few runs near each outcome."""
         sampler = self.sampler
@@ -155,6 +158,8 @@ class _Bench:
         runs = choice.near
         if choice.samples is None and expected is not None:
             runs = enough(expected / kernel.scale, runs)
+        if most is not None:
+            runs = min(runs, most - most % 2)
         sizes = sizes_of(condition, runs if inputs.scattering else 2)
         near_to = closeness(candidates, kernel)
         sample = [
@@ -168,7 +173,7 @@ class _Bench:
         told = found.effective >= FEW_SAMPLES
         again = doubtful[np.argsort(found.effective[doubtful])][: max(2, self.y.size // ONE_IN)]
         by_control = found.reached
-        if again.size and inputs.scattering:
+        if again.size and inputs.scattering and most is None:
             more = self._alone(again, emulator, replace(sampler, points=AGAIN))[0]
             found = with_rows(found, again, more)
         alone = found.reached & ~by_control

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -55,6 +55,7 @@ def assembled(
     answer: Answer,
     check: Checked | None,
     ledger: Ledger,
+    notes: Sequence[Diagnostic] = (),
 ) -> Identification:
     """The Identification of an answer, with its check on the simulator where it was made."""
     end, found, inference, profile = answer.settled, answer.found, answer.inference, answer.profile
@@ -87,6 +88,7 @@ def assembled(
             *rival_warnings(answer.rivals, hyperparameters, profile.intervals),
             *review_data(question.table.observations, table.observations, failing, table.ids),
             *failure_warnings(failures),
+            *notes,
         ),
         failures=failures,
         experiments=_individuals(answer.question, at.each, at.status, individual, names),

@@ -36,12 +36,14 @@ class Checked:
         return float(np.sqrt(np.sum(self.error**2)))
 
 
-def checked(likelihood: IndividualLikelihood, alpha: Array, runner: Runner) -> Checked:
+def checked(
+    likelihood: IndividualLikelihood, alpha: Array, runner: Runner, most: int = POINTS
+) -> Checked:
     """Compare surfaces and simulator where each experiment's own law of the parameters lies.
 
     log L_simulator - log L_surface = log sum_j w_j exp(l_simulator(x_j)) - the same on surfaces,
     with l(x) = sum_k log p(y_k | eta_k(x)), at the same few nodes: what these nodes miss is missed
-    by both. Of more than twelve nodes the likeliest are taken. The error is as if the ratios at
+    by both. Of more than `most` nodes the likeliest are taken. The error is as if the ratios at
     the nodes were a stratified sample: it is rough. Cost: up to twelve runs a unit, which are
     remembered and stored.
     """
@@ -53,7 +55,7 @@ def checked(likelihood: IndividualLikelihood, alpha: Array, runner: Runner) -> C
     change, error = np.zeros(likelihood.count), np.zeros(likelihood.count)
     for block in few.blocks:
         part = block.experiments
-        x, log_weight = _likeliest(few, alpha, block)
+        x, log_weight = _likeliest(few, alpha, block, most)
         by_surface = few.sums_of(alpha, block, few.predictor.values(block, x)) + log_weight
         by_simulator = few.sums_of(alpha, block, simulator.values(block, x)) + log_weight
         known, share = mean_of(by_surface)
@@ -75,7 +77,9 @@ class Remembered(Evaluator):
         return self.runner.values(unit, x)
 
 
-def _likeliest(likelihood: IndividualLikelihood, alpha: Array, block: Block) -> tuple[Array, Array]:
+def _likeliest(
+    likelihood: IndividualLikelihood, alpha: Array, block: Block, most: int
+) -> tuple[Array, Array]:
     """The nodes with the largest shares as parameters x (B, P, n), and their log weights (B, P)."""
     part = block.experiments
     found = likelihood.inputs.individual(
@@ -84,6 +88,6 @@ def _likeliest(likelihood: IndividualLikelihood, alpha: Array, block: Block) -> 
     log_weight = likelihood.nodes.log_weight[part] + found.log_weight
     eta = likelihood.predictor.values(block, found.x)
     total = likelihood.sums_of(alpha, block, eta) + log_weight
-    best = np.argsort(-total, axis=1)[:, :POINTS]
+    best = np.argsort(-total, axis=1)[:, :most]
     chosen = np.take_along_axis(found.x, best[..., None], axis=1)
     return chosen, np.take_along_axis(log_weight, best, axis=1)

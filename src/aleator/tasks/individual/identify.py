@@ -21,11 +21,13 @@ from aleator.observations.responses import Observations
 from aleator.search import Search
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
+from aleator.surrogates.afforded import RESERVED
 from aleator.tasks.asked import require_enough
 from aleator.tasks.baselines import start_point
+from aleator.tasks.budget import affordable
 from aleator.tasks.individual.answer import Question, answered
 from aleator.tasks.individual.assemble import assembled
-from aleator.tasks.individual.check import checked
+from aleator.tasks.individual.check import POINTS, checked
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.results.identification import Identification
 
@@ -87,11 +89,17 @@ def identified(
         with ledger.stage("repeated run"):
             runner.require_repeatable(np.clip(start_point(question.inputs), *inputs.box.T))
         answer = answered(question, ledger)
-        check = None
+        check, notes = None, diagnostics.budget_warnings(runner.account, answer.surfaces)
         if verified and answer.surfaces is not None:
-            with ledger.stage("verification"):
-                check = checked(answer.settled.likelihood, answer.settled.alpha, runner)
-    return assembled(question, answer, check, ledger)
+            most = affordable(runner, POINTS)
+            if most is not None and most < RESERVED:
+                notes.append(diagnostics.UNCHECKED)
+            else:
+                with ledger.stage("verification"):
+                    check = checked(
+                        answer.settled.likelihood, answer.settled.alpha, runner, most or POINTS
+                    )
+    return assembled(question, answer, check, ledger, notes)
 
 
 @dataclass(frozen=True, eq=False)

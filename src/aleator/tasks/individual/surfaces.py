@@ -19,6 +19,7 @@ from aleator.progress import Progress
 from aleator.search import SearchResult
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
+from aleator.surrogates.afforded import within
 from aleator.surrogates.responses import moving_parameters
 from aleator.surrogates.sites import Sites
 from aleator.tasks.individual.population import (
@@ -82,7 +83,13 @@ class Begun:
         """Coarse surfaces of all observations; `unit`, `column` (M,) say which runs they are."""
         sites = Sites.seen(runner, unit, column)
         box = region[moving_parameters(region)]
-        surfaces = AdaptiveSurfaces(sites.run(runner, region), box, len(sites), choice)
+        surfaces = AdaptiveSurfaces(
+            sites.run(runner, region),
+            box,
+            len(sites),
+            choice,
+            afforded=within(runner.account, sites.unit),
+        )
         surfaces.refine(surfaces.everywhere(), COARSE, told(progress))
         return cls(surfaces, region, sites, np.isinf(surfaces.emulator.error)[sites.of])
 
@@ -190,7 +197,9 @@ class ByResponseSurfaces:
         likelihood, alpha = surfaced.settled.likelihood, surfaced.settled.alpha
         inputs, surfaces = likelihood.inputs, surfaced.surfaces
         likely = likely_alphas(alpha, inference, likelihood.hyperparameters)
-        region = _next_region(surfaced, likely)
+        region = surfaced.region
+        if not self.runner.account.refused:
+            region = _next_region(surfaced, likely)
         moving = moving_parameters(region)
         if region is not surfaced.region:
             surfaces.move(region[moving])
