@@ -59,12 +59,15 @@ class Workshop:
 
     def make(self, keys: Sequence[bytes], progress: RunProgress) -> Generator[Runs, None, None]:
         """Make runs and remember them; those that are not tried again are yielded."""
-        began = time.monotonic()
+        began = time.perf_counter()
         for left in reversed(range(1 + self._retries)):
             with closing(self.made(self.memory.asked(keys), progress)) as batches:
                 for made in batches:
                     received = self._received(made)
-                    self.waited, began = self.waited + time.monotonic() - began, time.monotonic()
+                    self.waited, began = (
+                        self.waited + time.perf_counter() - began,
+                        time.perf_counter(),
+                    )
                     progress.count(len(received), len(received.failures))
                     if not left:
                         yield received
