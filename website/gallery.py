@@ -39,7 +39,7 @@ def answer(name: str, study: str) -> dict[str, object]:
     folder = ANSWERS / name
     file = folder / "identification.json"
     if not file.exists():
-        wanted = ["identify", f"examples/{study}", "--output", str(folder), "--no-figures"]
+        wanted = ["identify", f"examples/{study}", "--output", str(folder)]
         subprocess.run([sys.executable, "-m", "aleator", *wanted], cwd=ROOT, check=True)
     found: dict[str, object] = json.loads(file.read_text(encoding="utf-8"))
     return found

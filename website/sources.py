@@ -1,10 +1,15 @@
-"""A page of the site for each source file that a page links to, in place of a download."""
+"""What links of a checkout become on the site.
 
+A source file that a page links to has a page, in place of a download. A link that is called as its
+file is, `method.md`, is called as that page is.
+"""
+
+import posixpath
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from docutils.nodes import document, reference
+from docutils.nodes import document, emphasis, reference
 from pygments.lexers import get_lexer_for_filename
 from sphinx.addnodes import download_reference
 from sphinx.application import Sphinx
@@ -32,6 +37,19 @@ def link_pages(app: Sphinx, doctree: document, docname: str) -> None:
         node.replace_self(reference("", "", *node.children, internal=True, refuri=uri))
 
 
+def name_pages(app: Sphinx, doctree: document, docname: str) -> None:
+    """A link whose text is the name of a file gets the title of the page."""
+    for node in doctree.findall(reference):
+        text = node.astext()
+        if not text.endswith(".md") or "refuri" not in node:
+            continue
+        file = node["refuri"].partition("#")[0].removesuffix(".html")
+        page = posixpath.normpath(posixpath.join(posixpath.dirname(docname), file))
+        if page in app.env.titles:
+            title = app.env.titles[page].astext()
+            node.children = [emphasis(title, title)]
+
+
 def linked(app: Sphinx) -> set[str]:
     """The files that are linked to, kept from one build to the next."""
     if not hasattr(app.env, "aleator_sources"):
@@ -55,5 +73,6 @@ def pages(app: Sphinx) -> Iterator[tuple[str, dict[str, str], str]]:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Join Sphinx."""
     app.connect("doctree-resolved", link_pages)
+    app.connect("doctree-resolved", name_pages)
     app.connect("html-collect-pages", pages)
     return {"parallel_read_safe": False, "parallel_write_safe": False}
