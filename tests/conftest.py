@@ -24,6 +24,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture
+def unreported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands write no report.html, for tests that do not look at it."""
+    from aleator.cli import identify
+
+    monkeypatch.setattr(identify, "can_report", lambda **_: False)
+
+
+@pytest.fixture
 def unjudged_commands(monkeypatch: pytest.MonkeyPatch) -> None:
     """Commands identify without the second verdict and the best law, for tests of neither."""
     from aleator.cli import running

@@ -18,6 +18,8 @@ from aleator.study.laws import LAWS
 from aleator.study.propagation import PROPAGATIONS
 from aleator.study.sections import DENSITIES, SEARCHES, StudyFile
 
+pytestmark = pytest.mark.usefixtures("unreported")
+
 STUDY = """\
 title = "Springs"
 [experiments]
@@ -138,7 +140,7 @@ def test_quiet_is_quiet_with_runs_in_the_store_and_without_matplotlib(
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name: None if name == "matplotlib" else found(name)
     )
-    for command, lines in (("identify", 2), ("identify", 2), ("sensitivity", 1)):
+    for command, lines in (("identify", 2), ("sensitivity", 1)):
         done = run(command, study, "--quiet")
         assert (done.exit_code, done.stderr) == (0, "")
         assert done.stdout.count("\n") == lines

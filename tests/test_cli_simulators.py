@@ -11,6 +11,8 @@ from fmus.build import compiled, python_fmu
 from aleator.cli import main
 from aleator.simulators.fmu import FMUSimulator
 
+pytestmark = pytest.mark.usefixtures("unreported")
+
 STUDY = """\
 [experiments]
 file = "springs.csv"

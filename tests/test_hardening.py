@@ -73,6 +73,7 @@ def test_damage_changes_something() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_kills_lose_nothing_and_leave_nothing() -> None:
     options = ("--workers", "2")
     way = Way("box", options, program=True, command=("box", "study.toml"), result="box.json")

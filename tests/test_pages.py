@@ -79,14 +79,18 @@ def run_page(page: Path, folder: Path) -> list[str]:
     return printed
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_study_whose_worker_is_killed_gives_the_same_answer(copy: Path) -> None:
     printed = run_page(Path("docs/clusters.md"), copy)
     assert "its runs go to another" in printed[1]
     assert any(text.endswith("the same\n") for text in printed)
 
 
-OTHERS = [page for page in PAGES if page.stem not in {"three_ways", "clusters"}]
+OTHERS = [
+    pytest.param(page, marks=[pytest.mark.long] if page.stem in {"repeated", "runs"} else [])
+    for page in PAGES
+    if page.stem not in {"three_ways", "clusters"}
+]
 
 
 @pytest.mark.slow
@@ -95,7 +99,7 @@ def test_the_commands_of_a_page_run(page: Path, copy: Path) -> None:
     assert run_page(page, copy)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_three_simulators_lead_to_one_answer_and_so_does_a_killed_study(copy: Path) -> None:
     printed = run_page(Path("docs/three_ways.md"), copy)
     found = {

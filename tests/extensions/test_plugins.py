@@ -21,6 +21,8 @@ from aleator.cli import main
 from aleator.errors import InputsError, SimulatorError, StudyError
 from aleator.study import load_study
 
+pytestmark = pytest.mark.usefixtures("unreported")
+
 PLUGINS = Path(__file__).parent / "plugins"
 LONGEST = 120
 UNCHECKED = MonteCarlo(0)

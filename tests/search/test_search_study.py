@@ -12,6 +12,8 @@ from aleator.cli import main
 from aleator.errors import InputsError, StudyError
 from aleator.study import load_study
 
+pytestmark = pytest.mark.usefixtures("unreported")
+
 STUDY = """\
 [experiments]
 file = "springs.csv"

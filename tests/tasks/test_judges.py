@@ -131,7 +131,7 @@ def exact(frame: pd.DataFrame, alpha: np.ndarray) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rows", [1, 4])
+@pytest.mark.parametrize("rows", [1, pytest.param(4, marks=pytest.mark.long)])
 @pytest.mark.parametrize("kind", ["left", "right", "between"])
 def test_censored_values_give_the_exact_maximum(kind: str, rows: int) -> None:
     frame = censored_table(kind, rows)

@@ -18,6 +18,8 @@ from aleator import Normal, cli  # isort: skip
 from aleator.errors import InputsError
 from aleator.tasks.individual import cost
 
+pytestmark = pytest.mark.usefixtures("unreported")
+
 COMPONENT = Normal(Free(0.3, 3.0), Free(0.005, 0.8))
 LAW = Inputs({"k": Mixture((COMPONENT, COMPONENT))})
 NAMES = ["k.1.mean", "k.1.sd", "k.2.mean", "k.2.sd", "k.1.share"]

@@ -39,6 +39,7 @@ def normal() -> Recovery:
     return recovered(problem, {"x.mean": 1.0, "x.sd": 0.6}, 60, density=Gaussian(), seed=1)
 
 
+@pytest.mark.long
 def test_a_normal_sample_is_recovered_with_the_scatter_of_the_books(normal) -> None:
     table = normal.table()
     assert table.index.tolist() == ["x.mean", "x.sd"]
@@ -52,6 +53,7 @@ def test_a_normal_sample_is_recovered_with_the_scatter_of_the_books(normal) -> N
     assert abs(table["bias"]["x.sd"] - expected) < 4.0 * table["bias_error"]["x.sd"]
 
 
+@pytest.mark.long
 def test_intervals_of_a_normal_sample_cover_as_they_say(normal) -> None:
     """60 intervals of 95 %: fewer than 51 hold the truth once in 500."""
     assert normal.table()["coverage"].min() >= 51 / 60
@@ -59,6 +61,7 @@ def test_intervals_of_a_normal_sample_cover_as_they_say(normal) -> None:
     assert np.all(width > 0.0)
 
 
+@pytest.mark.long
 def test_a_binding_box_is_recovered() -> None:
     problem = replace(BINDING, z=np.linspace(0.5, 2.0, 60))
     found = recovered(problem, {"x.mean": 0.6, "x.sd": 0.25}, 24, seed=2)

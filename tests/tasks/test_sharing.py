@@ -55,6 +55,7 @@ def test_experiments_that_their_conditions_explain_share_a_surface() -> None:
     assert isinstance(surfaces.emulator, SharedSurface)
 
 
+@pytest.mark.long
 def test_experiments_whose_shared_surface_is_full_go_on_with_their_own() -> None:
     runner = runner_of(smooth, speed=RNG.uniform(1.0, 2.0, 40), load=RNG.uniform(0.0, 5.0, 40))
     surfaces = first(runner, "automatic")
