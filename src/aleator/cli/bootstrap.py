@@ -16,6 +16,7 @@ from aleator.cli.running import (
     identified,
     makes_runs,
     running,
+    units_in,
 )
 from aleator.cli.showing import shown
 from aleator.errors import short
@@ -74,7 +75,7 @@ def bootstrap(
             folder=folder,
             progress=progress,
         )
-    document = documents.plain({"title": value.title, **found.to_dict()})
+    document = documents.plain({"title": value.title, **units_in(value), **found.to_dict()})
     documents.write_json(document, folder / "bootstrap.json")
     documents.write_text(found.replicates().to_csv(), folder / "bootstrap.csv")
     files = [short(folder / name) for name in ("bootstrap.json", "bootstrap.csv", FINISHED)]

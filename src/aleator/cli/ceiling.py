@@ -17,6 +17,7 @@ from aleator.cli.running import (
     makes_runs,
     outcome_of,
     running,
+    units_in,
 )
 from aleator.cli.showing import can_draw, shown
 from aleator.errors import short
@@ -75,7 +76,7 @@ def ceiling(
         )
     result = documents.plain(
         documents.linked(
-            {**report.document(found), "seed": value.seed},
+            {**report.document(found), **units_in(value), "seed": value.seed},
             value.title, study_file, value.sha256, outcome_of(value), folder,
         )
     )  # fmt: skip

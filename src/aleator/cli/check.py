@@ -16,6 +16,7 @@ from aleator.cli.running import (
     makes_runs,
     outcome_of,
     running,
+    units_in,
 )
 from aleator.cli.showing import can_draw, shown
 from aleator.errors import short
@@ -67,7 +68,7 @@ def check(
             runner, value.experiments, value.inputs, value.noise, value.propagation,
             value.density, value.verification, plan,
         )  # fmt: skip
-    found = report.document(look, cost, options.workers or 1)
+    found = {**report.document(look, cost, options.workers or 1), **units_in(value)}
     result = documents.plain(
         documents.linked(
             found, value.title, study_file, value.sha256, outcome_of(value), folder

@@ -16,6 +16,7 @@ from aleator.cli.running import (
     identified,
     makes_runs,
     running,
+    units_in,
 )
 from aleator.cli.showing import shown
 from aleator.errors import short
@@ -73,7 +74,7 @@ def posterior(
     with running(value, options) as runner, shown(options.quiet) as progress:
         found = identified(value, runner, progress)
         made = drawn(found, draws, chains, value.seed, progress)
-    document = {"title": value.title, **made.to_dict()}
+    document = {"title": value.title, **units_in(value), **made.to_dict()}
     paths = [folder / f"posterior.{kind}" for kind in ("nc", "csv", "json")]
     made.save(paths[0])
     documents.write_text(made.frame().to_csv(index=False), paths[1])

@@ -13,7 +13,7 @@ import pandas as pd
 from rich.console import Console
 
 from aleator.cli.deciding import Asked, asks
-from aleator.cli.running import FILE, RESULT, RunOptions, makes_runs, running
+from aleator.cli.running import FILE, RESULT, RunOptions, makes_runs, running, units_in
 from aleator.cli.showing import shown
 from aleator.errors import AleatorError, short
 from aleator.inference.decisions.alpha_draws import AlphaDraws, alpha_draws
@@ -28,6 +28,7 @@ from aleator.tasks.individual.session import OWN, session_of
 from aleator.tasks.results import documents
 from aleator.tasks.results.printed import number
 from aleator.tasks.results.session import OutcomeSession, Session
+from aleator.tasks.results.units import label
 from aleator.tasks.results.values import QUANTILES, in_order
 from aleator.types import Indices
 
@@ -146,9 +147,13 @@ def _show(found: pd.DataFrame, asked: Asked, value: Study) -> None:
             continue
         if asked.distribution:
             columns, transform = part.to_dict("list"), str(response.transform)
-            Console().print(terminal.render_predictions(columns, response.name, transform))
+            Console().print(
+                terminal.render_predictions(
+                    columns, label(units_in(value), response.name), transform
+                )
+            )
         else:
-            Console().print(asked.rendered(part, response.name))
+            Console().print(asked.rendered(part, label(units_in(value), response.name)))
 
 
 def _write(found: pd.DataFrame, document: Mapping[str, Any], output: Path) -> None:

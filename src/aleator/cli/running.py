@@ -24,6 +24,7 @@ from aleator.simulators.workers.mpi_job import mpi_executor
 from aleator.study import Study
 from aleator.tasks.identify import UNLIMITED, identify
 from aleator.tasks.results.identification import Identification
+from aleator.tasks.results.units import seen_label
 
 
 class _Named(click.Path):
@@ -166,6 +167,7 @@ def identified(
         consistency=consistency,
         best_law=best_law,
         budget=budget,
+        units=study.units,
     )
 
 
@@ -175,10 +177,19 @@ def described(study: Study) -> dict[str, Any]:
     return {"name": simulator.name, "notes": study.told(), "fingerprint": simulator.fingerprint()}
 
 
+def units_in(study: Study) -> dict[str, Any]:
+    """What a document needs to tell units: they, and the responses with their transforms."""
+    responses = study.experiments.observations.responses
+    return {
+        "units": dict(study.units),
+        "responses": {each.name: str(each.transform) for each in responses},
+    }
+
+
 def outcome_of(study: Study) -> str:
     """What the likelihood sees of an experiment, as reports and figures call it."""
-    name = study.experiments.outcome_name
-    return f"log({name})" if study.experiments.transform == "log" else name
+    known = units_in(study)
+    return ", ".join(seen_label(known, name) for name in known["responses"])
 
 
 def name_of(study: Path) -> str:

@@ -16,6 +16,7 @@ from aleator.cli.running import (
     makes_runs,
     outcome_of,
     running,
+    units_in,
 )
 from aleator.cli.showing import can_draw, shown
 from aleator.errors import short
@@ -81,7 +82,7 @@ def sensitivity(
         )
     result = documents.plain(
         documents.linked(
-            {**report.document(found), "runs": runner.runs, "seed": value.seed},
+            {**report.document(found), **units_in(value), "runs": runner.runs, "seed": value.seed},
             value.title, study_file, value.sha256, outcome_of(value), folder,
         )
     )  # fmt: skip

@@ -18,6 +18,7 @@ from aleator.plot.style import (
     save_figure,
     styled,
 )
+from aleator.tasks.results.units import label
 from aleator.types import Array
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def _law(axes: Axes, name: str, result: Document) -> None:
     axes.vlines(at, 0.0, share, color=BLACK, lw=1.2)
     axes.plot(at, share, color=BLACK, marker="o", ms=4.0, mew=0.0, ls="none", clip_on=False)
     axes.set_ylim(0.0, 1.05)
-    axes.set_title(name)
+    axes.set_title(label(result, name))
 
 
 def _gradient(axes: Axes, name: str, result: Document) -> None:
@@ -85,7 +86,7 @@ def _gradient(axes: Axes, name: str, result: Document) -> None:
     axes.axhline(0.0, color=GRAY, lw=0.8)
     axes.fill_between(x, value, where=value > 0.0, color=LACKING, lw=0.0)
     axes.plot(x, value, color=VERMILION, lw=1.4)
-    axes.set_xlabel(name)
+    axes.set_xlabel(label(result, name))
     axes.locator_params(axis="x", nbins=5)
 
 
@@ -108,8 +109,8 @@ def _map(figure: Figure, axes: Axes, names: list[str], result: Document) -> None
     size = 12.0 + 300.0 * share
     axes.scatter(at[0], at[1], size, facecolors="none", edgecolors=BLACK, lw=1.3,
                  clip_on=False, zorder=3)  # fmt: skip
-    axes.set_xlabel(names[0])
-    axes.set_ylabel(names[1])
+    axes.set_xlabel(label(result, names[0]))
+    axes.set_ylabel(label(result, names[1]))
     axes.set_title("gradient function")
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from aleator.plot.style import BLUE, GRAY, VERMILION, WIDTH, empty_figure, save_figure, styled
+from aleator.tasks.results.units import label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,14 +58,14 @@ def _panel(axes: Axes, result: Document, k: int, row: Document) -> None:
     named = set()
     for each in result["observations"]:
         outside = each["id"] in lost
-        label = "of an experiment out of reach" if outside else "of an experiment"
+        said = "of an experiment out of reach" if outside else "of an experiment"
         values = np.array(each["by_parameter"][k], dtype=float)
         axes.plot(
             row["values"], values, "-", lw=1.0, marker=".", ms=3.0,
             color=VERMILION if outside else BLUE, alpha=max(alpha, 0.6) if outside else alpha,
-            label=None if label in named else label, zorder=3 if outside else 2,
+            label=None if said in named else said, zorder=3 if outside else 2,
         )  # fmt: skip
-        named.add(label)
-    axes.set_xlabel(row["name"])
+        named.add(said)
+    axes.set_xlabel(label(result, row["name"]))
     if not row["influence"]:
         axes.set_title("no influence", color=GRAY)

@@ -21,6 +21,7 @@ from aleator.plot.style import (
     save_figure,
     styled,
 )
+from aleator.tasks.results.units import label
 from aleator.types import Array
 
 if TYPE_CHECKING:
@@ -171,7 +172,7 @@ def _scale(axes: Axes, result: Document) -> None:
     """The outcome in its own unit, on a logarithmic scale where its logarithm was identified."""
     from matplotlib.ticker import MaxNLocator, NullFormatter, NullLocator
 
-    name = str(result.get("outcome") or "outcome")
+    name = label(result, str(result.get("outcome") or "outcome"))
     if not _logarithmic(result):
         axes.set_ylabel(name)
         return

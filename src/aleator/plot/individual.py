@@ -9,6 +9,7 @@ import numpy as np
 
 from aleator.plot.style import BLACK, BLUE, VERMILION, WIDTH, empty_figure, styled
 from aleator.tasks.results.series import varying_number
+from aleator.tasks.results.units import label
 from aleator.types import Array
 
 if TYPE_CHECKING:
@@ -99,10 +100,10 @@ def _series(result: Document, axis: str) -> Figure:
                 if r == 0:
                     axes.set_title(name if len(name) <= LONG else f"{name[: LONG - 1]}…")
                 if k % across == 0:
-                    axes.set_ylabel(response)
+                    axes.set_ylabel(label(result, response))
                 below = (k // across + 1) * across + k % across
                 if r == len(responses) - 1 and below >= len(ids):
-                    axes.set_xlabel(axis)
+                    axes.set_xlabel(label(result, axis))
                     axes.tick_params(labelbottom=True)
         _explain(figure, any(_bounded(entry) for entry in seen), "prediction of its own law")
     return figure
@@ -177,7 +178,7 @@ def _against_predictions(result: Document) -> Figure:
             _draw_measured(axes, x, seen, log)
             if log:
                 _logarithmic(axes, "x", "y")
-            axes.set_title(name)
+            axes.set_title(label(result, name))
             axes.set_xlabel("predicted by the individual law")
             axes.set_ylabel("measured")
         bounded = any(_bounded(entry) for entry in result["observations"])
@@ -206,7 +207,8 @@ def _draw_law(axes: Axes, name: str, result: Document) -> None:
         foot = np.full(means.shape, -0.04 * max(curve["density"]))
         axes.plot(means, foot, color=BLACK, marker="|", ms=7.0, mew=0.8, ls="none", clip_on=False)
     share = result["shrinkage"].get(name)
-    axes.set_title(name if share is None else f"{name}, shrinkage {100 * share:.0f} %")
+    head = label(result, name)
+    axes.set_title(head if share is None else f"{head}, shrinkage {100 * share:.0f} %")
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
     axes.locator_params(axis="x", nbins=5)
@@ -226,13 +228,13 @@ def _legend(figure: Figure, kinds: Mapping[str, tuple[str, str]]) -> None:
     from matplotlib.patches import Patch
 
     handles: list[Line2D | Patch] = []
-    for label, (kind, color) in kinds.items():
+    for said, (kind, color) in kinds.items():
         if kind == "patch":
-            handles.append(Patch(color=color, lw=0.0, label=label))
+            handles.append(Patch(color=color, lw=0.0, label=said))
         elif kind == "line":
-            handles.append(Line2D([], [], color=color, lw=1.6, label=label))
+            handles.append(Line2D([], [], color=color, lw=1.6, label=said))
         else:
-            handles.append(Line2D([], [], color=color, marker=kind, ms=5.0, ls="none", label=label))
+            handles.append(Line2D([], [], color=color, marker=kind, ms=5.0, ls="none", label=said))
     figure.legend(
         handles=handles, loc="outside lower left", ncols=6, handlelength=1.6, columnspacing=1.8
     )

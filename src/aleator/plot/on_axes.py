@@ -22,6 +22,7 @@ from aleator.plot.identification import (
 from aleator.plot.style import BLUE, GRAY, empty_figure, styled
 from aleator.tasks.pictures import pictured
 from aleator.tasks.results.identification import Identification
+from aleator.tasks.results.units import label, seen_label
 from aleator.types import Array
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def experiments(found: Found, ax: Axes | None = None, *, response: str | None = 
     axes = _axes(ax)
     draw_intervals(axes, quantiles, known)
     draw_outcomes(axes, outcome, outside, known)
-    axes.set(xlabel="ordered by predicted median", ylabel=name)
+    axes.set(xlabel="ordered by predicted median", ylabel=seen_label(document, name))
     return axes
 
 
@@ -99,13 +100,14 @@ def law(found: Found, parameter: str, ax: Axes | None = None) -> Axes:
     >>> law({"pictures": {"laws": {"wear": curve}}}, "wear").get_xlabel()
     'wear'
     """
-    curve = _of(_document(found, with_pictures=True), "laws", parameter)
+    document = _document(found, with_pictures=True)
+    curve = _of(document, "laws", parameter)
     axes = _axes(ax)
     x = _numbers(curve["x"])
     if "lower" in curve:
         axes.fill_between(x, _numbers(curve["lower"]), _numbers(curve["upper"]), color=BAND, lw=0)
     axes.plot(x, _numbers(curve["density"]), color=BLUE)
-    axes.set(xlabel=parameter, ylabel="density")
+    axes.set(xlabel=label(document, parameter), ylabel="density")
     return axes
 
 
@@ -116,11 +118,12 @@ def profile(found: Found, hyperparameter: str, ax: Axes | None = None) -> Axes:
     >>> profile({"pictures": {"profiles": {"wear.mean": curve}}}, "wear.mean").get_xlabel()
     'wear.mean'
     """
-    curve = _of(_document(found, with_pictures=True), "profiles", hyperparameter)
+    document = _document(found, with_pictures=True)
+    curve = _of(document, "profiles", hyperparameter)
     axes = _axes(ax)
     axes.axhline(-DROP, color=GRAY, lw=0.8, ls="--")
     axes.plot(_numbers(curve["at"]), -_numbers(curve["below"]), color=BLUE, marker="o", ms=3.0)
-    axes.set(xlabel=hyperparameter, ylabel="log-likelihood − maximum")
+    axes.set(xlabel=label(document, hyperparameter), ylabel="log-likelihood − maximum")
     return axes
 
 

@@ -12,6 +12,7 @@ from aleator.report.rows import Rows, written
 from aleator.tasks.bootstrap import ARRIVED, PARAMETRIC
 from aleator.tasks.results.layout import Column
 from aleator.tasks.results.printed import NONE, number, with_error
+from aleator.tasks.results.units import label
 
 Document = Mapping[str, Any]
 
@@ -39,7 +40,10 @@ def render(result: Document, files: Sequence[str] = ()) -> RenderableType:
     parts: list[RenderableType] = [
         Text(result.get("title") or "Bootstrap", style="bold"),
         Text(told),
-        Rows(COLUMNS, [_row(name, row) for name, row in result["hyperparameters"].items()]),
+        Rows(
+            COLUMNS,
+            [_row(label(result, name), row) for name, row in result["hyperparameters"].items()],
+        ),
     ]
     if result["in_this_process"]:
         parts.append(Text("The simulator cannot travel to workers: all was done in one process."))

@@ -13,6 +13,7 @@ from aleator.report.rows import Rows, written
 from aleator.tasks.ceiling import Ceiling
 from aleator.tasks.results.layout import Column
 from aleator.tasks.results.printed import number, to_three
+from aleator.tasks.results.units import label
 
 Document = Mapping[str, Any]
 UNLIKELY = 0.05
@@ -63,7 +64,7 @@ def render(result: Document, files: Sequence[str] = ()) -> RenderableType:
     parts: list[RenderableType] = [
         Group(Text(result.get("title") or "The best possible law", style="bold"), _opening(result)),
         _values(result),
-        _points(result["points"]),
+        _points(result),
         Text(meaning(result)),
         *map(Text, _notes(result)),
     ]
@@ -134,10 +135,11 @@ def _p(test: Mapping[str, Any]) -> str:
     return f"p = {number(test['p_value'], 2)}"
 
 
-def _points(points: Sequence[Mapping[str, float]]) -> RenderableType:
+def _points(result: Mapping[str, Any]) -> RenderableType:
     """The points of most probability, in the order of their parameters."""
+    points: Sequence[Mapping[str, float]] = result["points"]
     names = [*points[0]]
-    columns: list[Column] = [(name, "right") for name in names]
+    columns: list[Column] = [(label(result, name), "right") for name in names]
     least = sorted((point["probability"] for point in points), reverse=True)[:SHOWN][-1]
     kept = [point for point in points if point["probability"] >= least][:SHOWN]
     table = Rows(columns, [[number(point[name]) for name in names] for point in kept])

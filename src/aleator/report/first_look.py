@@ -14,6 +14,7 @@ from aleator.tasks.expected_cost import Cost
 from aleator.tasks.first_look import Look
 from aleator.tasks.results.layout import Column
 from aleator.tasks.results.printed import number
+from aleator.tasks.results.units import label
 
 SHOWN = 12  # experiments out of reach on the terminal; the document has all
 
@@ -73,7 +74,7 @@ def render(result: Mapping[str, Any], files: Sequence[str] = ()) -> RenderableTy
     parts: list[RenderableType] = [
         Text(result.get("title") or "First look", style="bold"),
         Text(_made(result)),
-        _parameters(result["parameters"]),
+        _parameters(result),
         *[Text(line, style="yellow") for line in _warnings(result)],
     ]
     if result["out_of_reach"]:
@@ -114,7 +115,7 @@ def _made(result: Mapping[str, Any]) -> str:
     return f"{result['runs']:,} runs under {under}; one takes {took} s."
 
 
-def _parameters(rows: Sequence[Mapping[str, Any]]) -> Rows:
+def _parameters(result: Mapping[str, Any]) -> Rows:
     columns: Sequence[Column] = (
         ("parameter", "left"), ("from", "right"), ("to", "right"),
         ("moves the outcome by", "right"), ("at most", "right"), ("note", "fold"),
@@ -123,10 +124,11 @@ def _parameters(rows: Sequence[Mapping[str, Any]]) -> Rows:
         columns,
         [
             (
-                row["name"], number(row["lower"]), number(row["upper"]), number(row["moves"]),
-                number(row["moves_at_most"]), "" if row["influence"] else "no influence",
+                label(result, row["name"]), number(row["lower"]), number(row["upper"]),
+                number(row["moves"]), number(row["moves_at_most"]),
+                "" if row["influence"] else "no influence",
             )
-            for row in rows
+            for row in result["parameters"]
         ],
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ from rich.text import Text
 from aleator.report.rows import Rows
 from aleator.tasks.results.layout import Column
 from aleator.tasks.results.printed import NONE, number, principle
+from aleator.tasks.results.units import label, unit_of, with_unit
 
 Result = Mapping[str, Any]
 WORST = 3
@@ -53,7 +54,8 @@ def shrinkage(result: Result) -> RenderableType:
             continue
         rows.append(
             (
-                name, f"{100 * share:.0f} %", f"{number(min(means))} .. {number(max(means))}",
+                label(result, name), f"{100 * share:.0f} %",
+                f"{number(min(means))} .. {number(max(means))}",
                 number(pstdev(means), 3), number(fmean(sds), 3),
             )
         )  # fmt: skip
@@ -94,8 +96,13 @@ def worst(result: Result) -> RenderableType | None:
     found = sorted(seen, key=lambda entry: -abs(entry["residual"]))[:WORST]
     if not found:
         return None
+    names = [*result["responses"]]
+    unit = (
+        unit_of(result, names[0]) if names and [*result["responses"].values()] == ["none"] else None
+    )
     columns: Sequence[Column] = (
-        ("farthest from its prediction", "left"), ("measured", "right"), ("predicted", "right"),
+        ("farthest from its prediction", "left"), (with_unit("measured", unit), "right"),
+        ("predicted", "right"),
         ("error scale", "right"), ("off by", "right"),
     )  # fmt: skip
     rows = [

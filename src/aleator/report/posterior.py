@@ -11,6 +11,7 @@ from rich.text import Text
 from aleator.report.rows import Rows, written
 from aleator.tasks.results.layout import Column
 from aleator.tasks.results.printed import number, with_error
+from aleator.tasks.results.units import label
 
 COLUMNS: Sequence[Column] = (
     ("alpha", "left"), ("maximum", "right"), ("mean", "right"), ("sd", "right"),
@@ -21,7 +22,10 @@ COLUMNS: Sequence[Column] = (
 def render(result: Mapping[str, Any], files: Sequence[str] = ()) -> RenderableType:
     """The table of a posterior document (see `Posterior.to_dict`), its warnings and its verdict."""
     priors = result["priors"]
-    rows = [_row(name, row, name in priors) for name, row in result["hyperparameters"].items()]
+    rows = [
+        _row(label(result, name), row, name in priors)
+        for name, row in result["hyperparameters"].items()
+    ]
     return Group(
         Text(result.get("title") or "Posterior", style="bold"),
         Text(

@@ -82,6 +82,7 @@ def _experiments(proposal: Proposal) -> list[str]:
     else:
         lines.append("# id = ...  if rows belong together: the column that names their experiment")
     lines.append(_line("conditions", [*proposal.conditions], "columns that the simulator is given"))
+    lines.append(_units(proposal))
     if sheet.delimiter != ",":
         lines.append(_line("delimiter", sheet.delimiter, "between the cells"))
     if sheet.decimal != ".":
@@ -89,6 +90,16 @@ def _experiments(proposal: Proposal) -> list[str]:
     if proposal.decades:
         lines.append(_off("transform", "log", "for outcomes that span decades, as these do"))
     return lines
+
+
+def _units(proposal: Proposal) -> str:
+    """Those of the columns, as far as their heads say."""
+    names = (*proposal.outcomes, *proposal.conditions)
+    known = {name: proposal.units[name] for name in names if name in proposal.units}
+    remark = "shown on every axis and in every table"
+    if known:
+        return _line("units", known, remark)
+    return _off("units", dict.fromkeys(names[:1], "..."), remark)
 
 
 def _outcome(outcomes: Sequence[str]) -> str:
@@ -139,11 +150,12 @@ def _of_fmu(proposal: Proposal, offer: Offer) -> list[str]:
 
 
 def _parameter(each: Proposed) -> list[str]:
-    unit = f", {each.given.unit}" if each.given.unit else ""
     if not each.scatters:
-        return _constant(each, unit)
-    head = _remarked(f"[parameters.{_key(each.name)}]", f"differs between experiments{unit}")
+        return _constant(each)
+    head = _remarked(f"[parameters.{_key(each.name)}]", "differs between experiments")
     lines = [head, _line("law", "truncated_normal", "a normal law, cut at the ends of the box")]
+    if each.given.unit:
+        lines.insert(1, _line("unit", each.given.unit, "shown on every axis and in every table"))
     if each.limits is None:
         return [*lines, _fill("box", "[..., ...]", "where the simulator works; mean and sd are "
                               "sought inside")]  # fmt: skip
@@ -155,8 +167,8 @@ def _parameter(each: Proposed) -> list[str]:
     return [*lines, _line("box", [*each.limits], why)]
 
 
-def _constant(each: Proposed, unit: str) -> list[str]:
-    head = _remarked(f"[parameters.{_key(each.name)}]", f"the same in all experiments{unit}")
+def _constant(each: Proposed) -> list[str]:
+    head = _remarked(f"[parameters.{_key(each.name)}]", "the same in all experiments")
     lines = [head, _line("law", "constant", "no scatter")]
     if each.value is None:
         return [*lines, _fill("value", "...", "a number, or {lower = ..., upper = ...} to "

@@ -26,6 +26,7 @@ from aleator.tasks.results.printed import (
     verdict,
     with_error,
 )
+from aleator.tasks.results.units import unit_of, with_unit
 
 Result = Mapping[str, Any]
 WORST = 3
@@ -139,9 +140,7 @@ def _words(name: object) -> str:
 
 def _alpha(result: Result) -> RenderableType:
     lines = [_strongest(result.get("correlation") or {}), _correlations(result)]
-    return Group(
-        Rows(COLUMNS, [*alpha_rows(result["alpha"])]), *(Text(line) for line in lines if line)
-    )
+    return Group(Rows(COLUMNS, [*alpha_rows(result)]), *(Text(line) for line in lines if line))
 
 
 def _strongest(correlation: Mapping[str, Any]) -> str:
@@ -254,11 +253,12 @@ def _worst(result: Result) -> RenderableType | None:
         tail = min(pit, 1.0 - pit) if pit is not None else 0.0
         return solved, tail, log_density if log_density is not None else -math.inf
 
+    unit = unit_of(result, str(result.get("outcome")))
     worst = sorted(result["experiments"], key=surprise)[:WORST]
     if not worst:
         return None
     columns: Sequence[Column] = (
-        ("least expected", "left"), ("outcome", "right"), ("median", "right"),
+        ("least expected", "left"), (with_unit("outcome", unit), "right"), ("median", "right"),
         ("95 % range", "right"), ("P(below)", "right"), ("density", "fold"),
     )  # fmt: skip
     log = result.get("transform") == "log"

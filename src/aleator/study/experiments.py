@@ -79,6 +79,7 @@ class ExperimentsSection(Section):
         ]
         | None
     ) = None
+    units: dict[str, str] = Field(default_factory=dict)
     delimiter: str = ","
     decimal: str = "."
 

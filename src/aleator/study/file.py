@@ -41,6 +41,7 @@ from aleator.study.messages import study_error
 from aleator.study.noise import columns_of, scales_of
 from aleator.study.sections import StudyFile, pairs
 from aleator.study.simulators import RunsSection
+from aleator.study.units import units_of
 from aleator.surrogates import ResponseSurface
 from aleator.tasks import individual
 from aleator.tasks.individual.observed import varying_conditions
@@ -54,7 +55,8 @@ class Study:
 
     `file` is the study file, `sha256` the hash of its bytes, `store` the file of the simulator's
     runs, which need not exist; a run that fails is tried again `retries` times, and a share of
-    failures above `max_failed` stops a study.
+    failures above `max_failed` stops a study. `units` are those of the outcomes, the conditions and
+    the parameters, the file's own before those that an FMU states.
     """
 
     file: Path
@@ -73,6 +75,7 @@ class Study:
     store: Path
     retries: int
     max_failed: float
+    units: Mapping[str, str]
 
     @property
     def model(self) -> Model:
@@ -270,6 +273,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         store=folder / runs.store,
         retries=runs.retries,
         max_failed=runs.max_failed,
+        units=made("experiments.units", lambda: units_of(file, experiments, simulator)),
     )
 
 

@@ -23,6 +23,7 @@ from aleator.laws import (
     TruncatedNormal,
     Uniform,
 )
+from aleator.study.keys import Section
 from aleator.study.kinds import Choice, Kinds
 
 
@@ -89,6 +90,12 @@ def mixture(
     return Mixture(tuple(component.build(folder) for component in components), shares)
 
 
+class LawSection(Section):
+    """Keys of every law: `unit` is that of the parameter, shown on axes and in tables."""
+
+    unit: str = ""
+
+
 LAWS: Kinds[Law] = Kinds(
     "aleator.laws",
     "law",
@@ -103,5 +110,6 @@ LAWS: Kinds[Law] = Kinds(
         "mixture": mixture,
         "constant": Constant,
     },
+    common=LawSection,
 )
 """`law = "..."`: the laws of a parameter."""

@@ -35,6 +35,7 @@ from aleator.tasks.consistency import consistency_of
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.results import summary
 from aleator.tasks.results.identification import Identification
+from aleator.tasks.results.units import checked_units
 
 DEFAULT_VERIFICATION = MonteCarlo()
 UNLIMITED = Budget()
@@ -58,6 +59,7 @@ def identify(
     consistency: bool = True,
     best_law: bool = True,
     budget: Budget = UNLIMITED,
+    units: Mapping[str, str] | None = None,
 ) -> Identification:
     """Identify the law of the inputs from experiments, by maximum likelihood.
 
@@ -73,7 +75,8 @@ def identify(
     result does not depend on it. With `consistency` False the second verdict is left out, with
     `best_law` False the best possible law; the estimates do not depend on them. A `budget` ends
     the runs of the surfaces with the best answer so far, and a warning says what more would buy:
-    such an answer depends on what the store knows. Raises
+    such an answer depends on what the store knows. `units` of outcomes, conditions and parameters
+    by name are shown beside them, no more. Raises
     AleatorError for input that cannot be used; failures of
     numerics are statuses and warnings on the result. Cost: the runs of the surfaces and of the
     verification, and some milliseconds for each of some hundred evaluations of the likelihood.
@@ -88,6 +91,8 @@ def identify(
     1.031
     """
     table = _experiments(experiments, outcome)
+    known = (*table.observations.names, *map(str, table.table.columns), *inputs.names)
+    shown = checked_units(units, known)
     runner = as_runner(simulator, table, inputs.names, vectorized, executor)
     runner.repeat_some()
     spend(budget, runner, inputs, propagation)
@@ -110,7 +115,7 @@ def identify(
             seed,
             ledger,
         )
-        return _judged(found, consistency, best_law, ledger)
+        return _judged(replace(found, units=shown), consistency, best_law, ledger)
     assert noise is None or isinstance(noise, Noise)
     model = Model.of(inputs, noise, propagation, density)
     require_enough(table, model.hyperparameters)
@@ -136,7 +141,7 @@ def identify(
         seed=seed, failures=diagnostics.failure_report(runner),
         notes=[*notes, *([diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [])],
     )  # fmt: skip
-    return _judged(found, consistency, best_law, ledger)
+    return _judged(replace(found, units=shown), consistency, best_law, ledger)
 
 
 def _judged(

@@ -17,6 +17,7 @@ from aleator.report.html.opening import opening
 from aleator.report.html.predicted import predicted, source_of
 from aleator.report.html.rows import MOST, Measured, measured, numbers
 from aleator.tasks.results.printed import alpha_rows, to_three
+from aleator.tasks.results.units import label
 
 Document = Mapping[str, Any]
 LOOKS = ((colors.BLUE, "solid"), (colors.VERMILION, "dashed"))
@@ -49,7 +50,7 @@ def compared_page(documents: Mapping[str, Document]) -> str:
 
 
 def _estimates(documents: Mapping[str, Document]) -> Section:
-    rows = {name: {row[0]: row for row in alpha_rows(d["alpha"])} for name, d in documents.items()}
+    rows = {name: {row[0]: row for row in alpha_rows(d)} for name, d in documents.items()}
     every = dict.fromkeys(alpha for own in rows.values() for alpha in own)
     none = ("", "-", "-", "-", "")
     head = ["alpha", *(f"{what}, {name}" for name in documents
@@ -96,12 +97,18 @@ def _laws(documents: Mapping[str, Document]) -> Section:
         for name, d in documents.items()
     }
     every = dict.fromkeys(parameter for own in curves.values() for parameter in own)
-    charts = [_law(parameter, curves) for parameter in every]
+    charts = [_law(parameter, _labelled(documents, parameter), curves) for parameter in every]
     return Section.of("law", "The laws of the parameters", *side_by_side(*charts))
 
 
-def _law(parameter: str, curves: Mapping[str, Document]) -> Chart:
-    plot = axes(parameter, "density")
+def _labelled(documents: Mapping[str, Document], name: str) -> str:
+    """With its unit, where all agree on that."""
+    found = {label(document, name) for document in documents.values()}
+    return found.pop() if len(found) == 1 else name
+
+
+def _law(parameter: str, head: str, curves: Mapping[str, Document]) -> Chart:
+    plot = axes(head, "density")
     columns: dict[str, list[Any]] = {"of": [], "x": [], "density": []}
     for (name, own), (color, dash) in zip(curves.items(), LOOKS, strict=True):
         if parameter not in own:

@@ -14,6 +14,7 @@ from aleator.report.html.chart import Chart, axes, points, shared, straight
 from aleator.report.html.markup import Section, folded, missing, paragraph, side_by_side, table
 from aleator.report.html.rows import numbers
 from aleator.tasks.results.printed import COLUMNS, alpha_rows, number, with_error
+from aleator.tasks.results.units import label
 from aleator.types import Array
 
 Document = Mapping[str, Any]
@@ -31,7 +32,7 @@ def estimates(document: Document) -> Section:
     pictures = document.get("pictures") or {}
     parts: list[Any] = [
         table("estimates", "Estimates", [name for name, _ in COLUMNS],
-              alpha_rows(document["alpha"])),
+              alpha_rows(document)),
         *_correlated(document),
     ]  # fmt: skip
     profiles = pictures.get("profiles") or {}
@@ -44,10 +45,13 @@ def estimates(document: Document) -> Section:
             )
         )
     alpha = document["alpha"]
-    charts = [_profile(name, curve, alpha[name]) for name, curve in profiles.items()]
+    charts = [
+        _profile(name, label(document, name), curve, alpha[name])
+        for name, curve in profiles.items()
+    ]
     parts += side_by_side(*charts)
     if pictures.get("surface"):
-        parts += side_by_side(_surface(pictures["surface"], alpha))
+        parts += side_by_side(_surface(document, pictures["surface"], alpha))
     return Section.of("estimates", "Estimates", *parts)
 
 
@@ -69,8 +73,8 @@ def _correlated(document: Document) -> Iterator[str]:
         )
 
 
-def _profile(name: str, curve: Document, entry: Document) -> Chart:
-    plot = axes(name, "log-likelihood below its maximum", height=250)
+def _profile(name: str, head: str, curve: Document, entry: Document) -> Chart:
+    plot = axes(head, "log-likelihood below its maximum", height=250)
     at, below = numbers(curve["at"]), numbers(curve["below"])
     source = shared({"at": at, "below": -below}, f"profile-{name}")
     plot.line(*_smooth(at, below, entry["estimate"]), color=colors.BLUE, line_width=2.0)
@@ -108,9 +112,9 @@ def _finer(grid: Array) -> Array:
     return np.asarray(RegularGridInterpolator((at, at), grid)(tuple(between)))
 
 
-def _surface(surface: Document, alpha: Document) -> Chart:
+def _surface(document: Document, surface: Document, alpha: Document) -> Chart:
     first, second = surface["between"]
-    plot = axes(first, second, height=380)
+    plot = axes(label(document, first), label(document, second), height=380)
     x, y, below = (np.array([numbers(r) for r in surface[k]]) for k in ("first", "second", "below"))
     x, y, below = _finer(x), _finer(y), _finer(below)
     tall = max(float(np.nanmax(below)), LEVELS[-1] + 1.0)

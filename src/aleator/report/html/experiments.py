@@ -10,6 +10,7 @@ import numpy as np
 from aleator.report.html.markup import Section, folded, paragraph, table
 from aleator.report.html.rows import conditions_of, numbers
 from aleator.tasks.results.printed import number
+from aleator.tasks.results.units import label, transforms, unit_of, with_unit
 
 Document = Mapping[str, Any]
 MOST = 1000
@@ -29,7 +30,8 @@ def experiments(document: Document) -> Section:
     individual = bool(document.get("observations"))
     log = document.get("transform") == "log" and not individual
     own = [_individual(entries[k]) if individual else _outcome(entries[k], log) for k in kept]
-    head = ["experiment", *conditions, *(own[0] if own else {})]
+    names = [*conditions, *(own[0] if own else {})]
+    head = ["experiment", *(_head(document, name) for name in names)]
     beside = list(zip(*conditions.values(), strict=True)) or [()] * len(kept)
     rows = [
         [str(entries[k]["id"]), *(_cell(v) for v in at), *cells.values()]
@@ -39,8 +41,21 @@ def experiments(document: Document) -> Section:
     if len(kept) < len(entries):
         said += f", of which these {len(kept):,} are the least expected"
     made = table("experiments", said, head, rows)
-    what = paragraph(f"Measured: {document.get('outcome') or 'outcome'}.")
+    what = paragraph(f"Measured: {_measured(document)}.")
     return Section.of("experiments", "Experiments", what, folded("Show the table", made))
+
+
+def _head(document: Document, name: str) -> str:
+    """The head of a column, with the unit of what stands there."""
+    if name in ("measured", "predicted median"):
+        return with_unit(name, unit_of(document, str(document.get("outcome"))))
+    of, comma, sd = name.partition(", ")
+    return label(document, of) + comma + sd
+
+
+def _measured(document: Document) -> str:
+    """The responses with their units."""
+    return ", ".join(label(document, name) for name in transforms(document) if name) or "outcome"
 
 
 def _expected(document: Document) -> Any:

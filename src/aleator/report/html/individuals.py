@@ -12,6 +12,7 @@ from aleator.report.html import colors
 from aleator.report.html.chart import Chart, axes, points, shared
 from aleator.report.html.markup import Section, side_by_side
 from aleator.report.html.rows import MOST, Axis, conditions_of, numbers
+from aleator.tasks.results.units import label
 
 Document = Mapping[str, Any]
 
@@ -25,6 +26,7 @@ class Individuals:
     axes: tuple[Axis, ...]
     shown: int
     count: int
+    labels: Mapping[str, str]
 
 
 def individuals_of(document: Document) -> Individuals | None:
@@ -50,10 +52,11 @@ def individuals_of(document: Document) -> Individuals | None:
     for k, (name, column) in enumerate(conditions_of(document).items()):
         texts = sorted({v for v in column if isinstance(v, str)})
         columns[f"c{k}"] = [texts.index(column[j]) if texts else column[j] for j in kept]
-        found.append(Axis(f"c{k}", name, tuple(texts) or None))
+        found.append(Axis(f"c{k}", label(document, name), tuple(texts) or None, name))
     columns["x"] = list(columns["order"])
     source = shared(columns, "individuals")
-    return Individuals(names, source, tuple(found), len(kept), count)
+    labels = {name: label(document, name) for name in names}
+    return Individuals(names, source, tuple(found), len(kept), count, labels)
 
 
 def individuals(found: Individuals, shrinkage: Mapping[str, float]) -> Section:
@@ -63,11 +66,12 @@ def individuals(found: Individuals, shrinkage: Mapping[str, float]) -> Section:
 
 
 def _over_conditions(found: Individuals, name: str, share: float | None) -> Chart:
-    plot = axes(found.axes[0].title, name)
+    head = found.labels[name]
+    plot = axes(found.axes[0].title, head)
     plot.segment("x", f"low_{name}", "x", f"high_{name}", source=found.source,
                  color=colors.WIDE, line_width=3.0)  # fmt: skip
     points(plot, found.source, "x", f"mean_{name}",
-           [("experiment", "@id"), (name, f"@{{mean_{name}}}")])  # fmt: skip
+           [("experiment", "@id"), (head, f"@{{mean_{name}}}")])  # fmt: skip
     caption = (
         "Mean and 95 % of each experiment's own law, given its observations. A trend over a "
         "condition says that the law should follow it."

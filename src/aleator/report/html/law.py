@@ -10,6 +10,7 @@ from aleator.report.html.chart import Chart, axes, legend_below, models, points,
 from aleator.report.html.individuals import Individuals
 from aleator.report.html.markup import Section, missing, side_by_side
 from aleator.report.html.rows import numbers
+from aleator.tasks.results.units import label
 
 Document = Mapping[str, Any]
 
@@ -26,8 +27,12 @@ def law(document: Document, individuals: Individuals | None, ceiling: Document |
                 "Identify again with this version: aleator identify writes them.",
             )
         )
-    parts += side_by_side(*(_density(n, c, individuals, ceiling) for n, c in curves.items()))
-    parts += side_by_side(*(_joint(pair, individuals) for pair in pictures.get("contours") or ()))
+    parts += side_by_side(
+        *(_density(n, label(document, n), c, individuals, ceiling) for n, c in curves.items())
+    )
+    parts += side_by_side(
+        *(_joint(document, pair, individuals) for pair in pictures.get("contours") or ())
+    )
     if ceiling is None:
         parts.append(
             missing(
@@ -40,9 +45,13 @@ def law(document: Document, individuals: Individuals | None, ceiling: Document |
 
 
 def _density(
-    name: str, curve: Document, individuals: Individuals | None, ceiling: Document | None
+    name: str,
+    head: str,
+    curve: Document,
+    individuals: Individuals | None,
+    ceiling: Document | None,
 ) -> Chart:
-    plot = axes(name, "density")
+    plot = axes(head, "density")
     source = shared({key: numbers(curve[key]) for key in curve}, name=f"law-{name}")
     columns = {"x": name, "density": "density"}
     caption = "The line is the density at the estimate."
@@ -56,7 +65,7 @@ def _density(
     if individuals is not None and name in individuals.parameters:
         points(
             plot, individuals.source, f"mean_{name}", "foot",
-            [("experiment", "@id"), (name, f"@{{mean_{name}}}")],
+            [("experiment", "@id"), (head, f"@{{mean_{name}}}")],
             marker="dash", angle=1.5708, size=14.0, line_width=1.2,
             legend_label="experiments",
         ).glyph.line_color = colors.INK  # fmt: skip
@@ -90,9 +99,9 @@ def _masses(plot: Any, name: str, found: list[Document]) -> None:
                  y_range_name="mass", legend_label="best law")  # fmt: skip
 
 
-def _joint(pair: Document, individuals: Individuals | None) -> Chart:
+def _joint(document: Document, pair: Document, individuals: Individuals | None) -> Chart:
     first, second = pair["between"]
-    plot = axes(first, second)
+    plot = axes(label(document, first), label(document, second))
     rows = [(mass, *curve) for mass, curve in pair["curves"].items()]
     source = shared(
         {

@@ -61,7 +61,7 @@ def _marker(kind: str, outside: bool) -> str:
 
 def told(seen: Measured) -> list[tuple[str, str]]:
     """What hovering says of an outcome."""
-    found = [("experiment", "@id"), (seen.response, "@value (@kind)")]
+    found = [("experiment", "@id"), (seen.label, "@value (@kind)")]
     if "q0.5" in seen.columns:
         found += [("predicted median", "@{q0.5}"), ("95 %", "@{q0.025} .. @{q0.975}")]
     if "own" in seen.columns:
@@ -72,7 +72,7 @@ def told(seen: Measured) -> list[tuple[str, str]]:
 
 
 def _chart(seen: Measured, source: Any) -> Chart:
-    plot = axes(seen.axes[0].title, seen.response, height=400, log_y=seen.log)
+    plot = axes(seen.axes[0].title, seen.label, height=400, log_y=seen.log)
     wide = float(np.clip(500.0 / max(len(seen), 1), 1.5, 12.0))
     for low, high, color, name in (
         ("q0.025", "q0.975", colors.WIDE, "95 %"),

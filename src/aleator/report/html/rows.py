@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from aleator.tasks.results.units import label
 from aleator.types import Array
 
 Document = Mapping[str, Any]
@@ -20,11 +21,15 @@ FARTHEST = 150
 
 @dataclass(frozen=True)
 class Axis:
-    """What can be chosen for x: a column, its title, and of texts what stands for 0, 1, 2 ..."""
+    """What can be chosen for x: a column, its title, and of texts what stands for 0, 1, 2 ...
+
+    `name` is that of a condition, without its unit.
+    """
 
     key: str
     title: str
     labels: tuple[str, ...] | None = None
+    name: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,13 +39,15 @@ class Measured:
     `columns` have M values each: `id`, `value` (of a bound, that), `kind` ("measured", "at least",
     "at most", "between"), `low` and `high` ends of what is known, quantiles `q0.025` to `q0.975` of
     the law's prediction, `own` (the individual prediction) with `own_low` and `own_high`, `pit`,
-    and a column for each condition. `log` tells that its axis is logarithmic.
+    and a column for each condition. `log` tells that its axis is logarithmic, `label` is its
+    name with its unit.
     """
 
     response: str
     log: bool
     columns: Mapping[str, list[Any]]
     axes: tuple[Axis, ...]
+    label: str = ""
 
     def __len__(self) -> int:
         return len(self.columns["id"])
@@ -52,7 +59,7 @@ class Measured:
     def only(self, rows: Sequence[int]) -> Measured:
         """Some of the rows."""
         part = {key: [column[k] for k in rows] for key, column in self.columns.items()}
-        return Measured(self.response, self.log, part, self.axes)
+        return Measured(self.response, self.log, part, self.axes, self.label)
 
     def thinned(self) -> Measured:
         """At most so many rows: those farthest out, and others evenly chosen."""
@@ -90,7 +97,8 @@ def _outcomes(document: Document, conditions: Mapping[str, Sequence[Any]]) -> Me
         columns[f"q{p}"] = shown(numbers([e["quantiles"].get(p) for e in entries])).tolist()
     columns["pit"] = [e["pit"] for e in entries]
     columns["error"] = [e.get("surface_error") for e in entries]
-    return _finished(str(document.get("outcome") or "outcome"), log, columns, conditions)
+    name = str(document.get("outcome") or "outcome")
+    return _finished(document, name, log, columns, conditions)
 
 
 def _observed(document: Document, conditions: Mapping[str, Sequence[Any]]) -> list[Measured]:
@@ -124,7 +132,7 @@ def _observed(document: Document, conditions: Mapping[str, Sequence[Any]]) -> li
         at = [place[str(e["id"])] for e in own]
         beside = {c: [column[k] for k in at] for c, column in conditions.items()}
         beside |= _varying(own)
-        found.append(_finished(name, transform == "log", columns, beside))
+        found.append(_finished(document, name, transform == "log", columns, beside))
     return found
 
 
@@ -142,7 +150,11 @@ def _kind(low: float, high: float) -> str:
 
 
 def _finished(
-    response: str, log: bool, columns: dict[str, list[Any]], conditions: Mapping[str, Sequence[Any]]
+    document: Document,
+    response: str,
+    log: bool,
+    columns: dict[str, list[Any]],
+    conditions: Mapping[str, Sequence[Any]],
 ) -> Measured:
     """With the orders and the conditions as axes."""
     middle = numbers(columns["q0.5"]) if "q0.5" in columns else numbers(columns.get("own", []))
@@ -154,7 +166,7 @@ def _finished(
     what = "predicted median" if "q0.5" in columns else "predicted value"
     found = [Axis("order", f"order of the {what}")]
     if "q0.5" in columns:
-        found.append(Axis("q0.5", f"{what} of {response}"))
+        found.append(Axis("q0.5", f"{what} of {label(document, response)}"))
     for k, (name, column) in enumerate(conditions.items()):
         key = f"c{k}"
         texts = sorted({v for v in column if isinstance(v, str)})
@@ -163,8 +175,8 @@ def _finished(
             columns[key] = [texts.index(v) if isinstance(v, str) else None for v in column]
         else:
             columns[key] = list(column)
-        found.append(Axis(key, name, tuple(texts) or None))
-    return Measured(response, log, columns, tuple(found))
+        found.append(Axis(key, label(document, name), tuple(texts) or None, name))
+    return Measured(response, log, columns, tuple(found), label(document, response))
 
 
 def _short(value: Any) -> str:

@@ -33,10 +33,10 @@ def series(document: Document, all_measured: Sequence[Measured]) -> Section | No
 
 
 def _pair(seen: Measured, name: str, number: int) -> tuple[str | Chart, ...]:
-    key = next((axis.key for axis in seen.axes if axis.title == name), None)
-    if key is None:
+    found = next((axis for axis in seen.axes if axis.name == name), None)
+    if found is None:
         return ()
-    lines = _lines(seen, key)
+    lines, name = _lines(seen, found.key), found.title
     one = _first(lines)
     return ('<div class="row">', _all(seen, name, number, lines),
             _marked(seen, name, number, lines, one), "</div>")  # fmt: skip
@@ -74,7 +74,7 @@ def _first(lines: Mapping[str, Mapping[str, list[Any]]]) -> str:
 
 
 def _all(seen: Measured, name: str, number: int, lines: Mapping[str, Any]) -> Chart:
-    plot = axes(name, seen.response, height=360, log_y=seen.log)
+    plot = axes(name, seen.label, height=360, log_y=seen.log)
     source = shared(
         {
             "id": list(lines),
@@ -101,7 +101,7 @@ def _all(seen: Measured, name: str, number: int, lines: Mapping[str, Any]) -> Ch
 
 
 def _marked(seen: Measured, name: str, number: int, lines: Mapping[str, Any], one: str) -> Chart:
-    plot = axes(name, seen.response, height=360, log_y=seen.log, title=one)
+    plot = axes(name, seen.label, height=360, log_y=seen.log, title=one)
     plot.title.text_color = colors.TEXT
     line = lines[one]
     source = shared({"id": [one] * len(line["x"]), **line}, name=f"marked-{number}", tags=[lines])

@@ -44,6 +44,11 @@ class Binding:
         """The variable of a condition or parameter."""
         return self.fmu.variables[self.names.get(name, name)]
 
+    def units(self, names: Sequence[str]) -> dict[str, str]:
+        """The units of those of these names that are variables and have one."""
+        known = {name: self.variable(name).unit for name in names if self._is_variable(name)}
+        return {name: unit for name, unit in known.items() if unit}
+
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
         """The conditions that are variables of the FMU. Raises SimulatorError, see Simulator.
 

@@ -15,7 +15,7 @@ from aleator.simulators.failure import RunFailed
 from aleator.simulators.fmu.binding import Binding, Value, settable, start_value
 from aleator.simulators.fmu.description import read_description
 from aleator.simulators.fmu.engine import Engine
-from aleator.simulators.fmu.reduction import Reduction
+from aleator.simulators.fmu.reduction import Crossing, Extreme, Final, Reduction
 from aleator.simulators.fmu.sampling import require_constant, require_times, sampled
 from aleator.simulators.fmu.session import Job, Trajectory
 from aleator.simulators.fmu.settings import Course, Operation, Span
@@ -112,6 +112,21 @@ class FMUSimulator:
                 )
         bound = self._binding.asks(conditions, parameters)
         return tuple(name for name in conditions if name in times or name in bound)
+
+    def units(self, responses: Sequence[str], names: Sequence[str]) -> dict[str, str]:
+        """The units of the variables that these names stand for, as far as the FMU states them.
+
+        That of an outcome is known where it is the value of one variable, or a time.
+        """
+        times = dict.fromkeys((name for name in self.course.conditions if name in names), "s")
+        found = {**times, **self._binding.units(names)}
+        for response in responses:
+            outcome = self.outcomes.get(response) or self.outcomes.get("")
+            if isinstance(outcome, Crossing):
+                found[response] = "s"
+            elif isinstance(outcome, Final | Extreme) and outcome.signal in self.fmu.variables:
+                found[response] = self.fmu.variables[outcome.signal].unit or ""
+        return {name: unit for name, unit in found.items() if unit not in ("", "1")}
 
     def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
         """Run R times, one after the other; an array (R,), or a list of what each run gives.

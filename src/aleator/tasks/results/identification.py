@@ -108,6 +108,7 @@ class Identification(Decided):
     law_curves: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
     outcome: str = "outcome"
     transform: Transform = Transform.NONE
+    units: Mapping[str, str] = field(default_factory=dict)
     consistency: Consistency = NOT_ASKED
     best_possible: Mapping[str, float] | None = None
     pictures: Mapping[str, Any] = field(default_factory=dict)
@@ -242,6 +243,7 @@ class Identification(Decided):
         return {
             "outcome": self.outcome,
             "transform": self.transform,
+            "units": dict(self.units),
             "alpha": {name: _estimate(value) for name, value in self.alpha.items()},
             "correlation": {
                 "names": list(self.correlation_names),

@@ -9,6 +9,7 @@ from html import escape
 from typing import Any
 
 from aleator.tasks.results.layout import WIDTH, Column, laid_out
+from aleator.tasks.results.units import label
 
 Document = Mapping[str, Any]
 NONE = "-"
@@ -56,16 +57,16 @@ def to_three(value: float | None) -> str:
     return NONE if value is None else f"{value:.3f}"
 
 
-def alpha_rows(alpha: Mapping[str, Document]) -> Iterator[tuple[str, str, str, str, str]]:
-    """A row for each hyperparameter: name, estimate, standard error, interval, note."""
-    for name, entry in alpha.items():
+def alpha_rows(document: Document) -> Iterator[tuple[str, str, str, str, str]]:
+    """A row for each hyperparameter: name with unit, estimate, standard error, interval, note."""
+    for name, entry in document["alpha"].items():
         error_of = entry.get("standard_error")
         estimate, error = with_error(entry["estimate"], error_of, estimate=True)
         interval = NONE
         if entry.get("interval") and None not in entry["interval"]:
             low, high = (with_error(e, error_of, estimate=True)[0] for e in entry["interval"])
             interval = f"{low} .. {high}"
-        yield name, estimate, error, interval, _note(entry)
+        yield label(document, name), estimate, error, interval, _note(entry)
 
 
 def _note(entry: Document) -> str:
@@ -172,7 +173,7 @@ def _checked(document: Document) -> str:
 
 def text(document: Document) -> str:
     """The answer in short: alpha, log-likelihood, warnings, verdict."""
-    head, body = laid_out(COLUMNS, [*alpha_rows(document["alpha"])])
+    head, body = laid_out(COLUMNS, [*alpha_rows(document)])
     sentences = [_likelihood(document)]
     for warning in document["warnings"]:
         sentences += [f"Warning, {warning['about']}: {warning['message']}"]
@@ -187,7 +188,7 @@ def html(document: Document) -> str:
     head = "".join(f"<th>{escape(name)}</th>" for name, _ in COLUMNS)
     rows = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
-        for row in alpha_rows(document["alpha"])
+        for row in alpha_rows(document)
     )
     warnings = "".join(
         f"<p><b>Warning, {escape(w['about'])}:</b> {escape(w['message'])}<br>"

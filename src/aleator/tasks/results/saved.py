@@ -164,6 +164,7 @@ def from_document(document: Entry, path: str | Path) -> Identification:
     return Identification(
         outcome=part("outcome", str, "outcome"),
         transform=part("transform", Transform, "none"),
+        units=part("units", dict, {}),
         alpha=part("alpha", lambda rows: {name: _estimate(row) for name, row in rows.items()}),
         log_likelihood=part("log_likelihood", lambda row: _log_likelihood(row, experiments)),
         density=part("density", str),

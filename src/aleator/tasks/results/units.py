@@ -1,0 +1,101 @@
+"""What a number is shown as: its name with its unit, `stiffness [N/mm]`, decided here only."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from aleator.errors import InputsError, nearest
+
+Document = Mapping[str, Any]
+Units = Mapping[str, str]
+"""The units of outcomes, conditions and parameters by name; what has none is not there."""
+
+# A hyperparameter of a law that has the parameter's unit: `k.mean`, `k.2.sd`, `k.mean[supplier=B]`.
+_OF_LAW = re.compile(r"^(?P<of>.+?)(\.\d+)?\.(mean|sd|value)(\[(?P<term>.*)\])?$")
+_NOISE = re.compile(r"^noise\.(?:(?P<of>.+)\.)?sd$")
+
+
+def with_unit(name: str, unit: str | None) -> str:
+    """A name with its unit, if it has one.
+
+    >>> with_unit("stiffness", "N/mm"), with_unit("ratio", None)
+    ('stiffness [N/mm]', 'ratio')
+    """
+    return f"{name} [{unit}]" if unit else name
+
+
+def label(document: Document, name: str) -> str:
+    """An outcome, a condition, a parameter or a hyperparameter as axes and tables call it.
+
+    >>> document = {"units": {"travel": "mm", "k": "N/mm"}, "outcome": "travel"}
+    >>> [label(document, name) for name in ("travel", "k.sd", "noise.sd", "k.mean[t]", "force")]
+    ['travel [mm]', 'k.sd [N/mm]', 'noise.sd [mm]', 'k.mean[t]', 'force']
+    """
+    return with_unit(name, unit_of(document, name))
+
+
+def seen_label(document: Document, name: str) -> str:
+    """An outcome as the likelihood sees it: of a logarithm `log(cycles / kcycles)`.
+
+    >>> document = {"units": {"cycles": "kcycles"}, "outcome": "cycles", "transform": "log"}
+    >>> seen_label(document, "cycles"), seen_label({**document, "transform": "none"}, "cycles")
+    ('log(cycles / kcycles)', 'cycles [kcycles]')
+    """
+    if transforms(document).get(name) != "log":
+        return label(document, name)
+    unit = units(document).get(name)
+    return f"log({name} / {unit})" if unit else f"log({name})"
+
+
+def unit_of(document: Document, name: str) -> str | None:
+    """The unit of what has this name, None where it is not known or there is none."""
+    known = units(document)
+    if not known or name in known:
+        return known.get(name)
+    if noise := _NOISE.match(name):
+        responses = transforms(document)
+        of = noise["of"] or next(iter(responses), "")
+        return None if responses.get(of) == "log" else known.get(of)
+    law = _OF_LAW.match(name)
+    if law is None or law["of"] not in known:
+        return None
+    # a slope has the unit of the parameter over that of its column, which may be a product
+    term = law["term"]
+    return known[law["of"]] if term in (None, "Intercept") or "=" in term else None
+
+
+def units(document: Document) -> Units:
+    """The units of a document; empty for one of an earlier version."""
+    found = document.get("units")
+    return found if isinstance(found, Mapping) else {}
+
+
+def transforms(document: Document) -> Mapping[str, str]:
+    """The transform of each response by name."""
+    if responses := document.get("responses"):
+        return {str(name): str(each) for name, each in responses.items()}
+    return {str(document.get("outcome") or ""): str(document.get("transform") or "none")}
+
+
+def checked_units(given: Units | None, known: Iterable[str]) -> dict[str, str]:
+    """The units that are given, those that are empty left out.
+
+    Raises InputsError for a name that is none of the `known` ones, and for a unit that is no text.
+
+    >>> checked_units({"travel": "mm", "ratio": ""}, ["travel", "ratio"])
+    {'travel': 'mm'}
+    """
+    names = [*known]
+    for name, unit in (given or {}).items():
+        if name not in names:
+            raise InputsError(
+                f"units: nothing is called '{name}'{nearest(name, names)}",
+                f"there are {', '.join(names)}",
+            )
+        if not isinstance(unit, str):
+            raise InputsError(
+                f"units: the unit of '{name}' is {unit!r}", f'write a text: {{"{name}": "mm"}}'
+            )
+    return {name: unit.strip() for name, unit in (given or {}).items() if unit.strip()}
