@@ -153,6 +153,8 @@ def test_what_an_fmu_is_given_is_told_with_units(
     for note in document["simulator"]["notes"]:
         assert f"aleator: cooling.fmu, {note}\n" in done.stderr
         assert note in " ".join(done.stdout.split())
+    assert document["units"] == {"T0": "K", "travel": "K", "stiffness": "1/s"}
+    assert "stiffness.mean [1/s]" in done.stdout
     assert closed == ["cooling.fmu"]  # its process ended with the command
 
 
