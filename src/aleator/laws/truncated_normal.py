@@ -24,6 +24,8 @@ DROP = 150.0
 """The density is cut where it fell by e^-150 below its largest value on the box: the square of a
 polynomial of degree 20 has no part beyond that its integral would miss."""
 FINE_NODES = 200
+LEAST_TAIL = 1e-280
+"""Probabilities below this are told by their logarithms only."""
 
 
 @dataclass(frozen=True)
@@ -187,12 +189,21 @@ def clip(theta: Array, a: Array | float, b: Array | float) -> tuple[Array, Array
 
     Phi(t) = Phi(a) + Phi(theta) (Phi(b) - Phi(a)), so that
     phi(t) dt = (1 - u) phi(a) da + u phi(b) db + (Phi(b) - Phi(a)) phi(theta) dtheta with
-    u = Phi(theta); evaluated in logarithms so that boxes far in a tail keep their digits.
+    u = Phi(theta); in logarithms where a tail is so far out that it would leave the numbers.
     """
-    log_u, log_v = special.log_ndtr(theta), special.log_ndtr(-theta)
-    t = _truncated_quantile_from_logs(log_u, log_v, a, b)
-    by_a = np.exp(log_v + 0.5 * _apart(t, a))
-    by_b = np.exp(log_u + 0.5 * _apart(t, b))
+    tail = special.ndtr(-np.abs(theta))
+    u, v = np.where(theta < 0.0, (tail, 1.0 - tail), (1.0 - tail, tail))
+    below = v * special.ndtr(a) + u * special.ndtr(b)
+    above = v * special.ndtr(np.negative(a)) + u * special.ndtr(np.negative(b))
+    smaller = np.minimum(below, above)
+    if min(np.min(smaller, initial=1.0), np.min(tail, initial=1.0)) > LEAST_TAIL:
+        found = special.ndtri(smaller)
+        t = np.clip(np.where(below < above, found, -found), a, b)
+        by_a, by_b = v * np.exp(0.5 * _apart(t, a)), u * np.exp(0.5 * _apart(t, b))
+    else:
+        log_u, log_v = special.log_ndtr(theta), special.log_ndtr(-theta)
+        t = _truncated_quantile_from_logs(log_u, log_v, a, b)
+        by_a, by_b = np.exp(log_v + 0.5 * _apart(t, a)), np.exp(log_u + 0.5 * _apart(t, b))
     by_theta = np.exp(_log_mass(a, b) + 0.5 * (t - theta) * (t + theta))
     return t, by_a, by_b, by_theta
 

@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from aleator.likelihood.individual.modes import NEAR, Curved, Modes, Valued, modes
+from aleator.likelihood.individual.modes import ARRIVED, NEAR, Curved, Modes, Valued, modes
 from aleator.likelihood.individual.panels import Panels
 from aleator.polynomials.gauss import polished_rule
 from aleator.polynomials.recurrence import hermite_recurrence
@@ -40,6 +40,16 @@ class GaussHermite:
     def centers(self) -> int:
         """The modes of an experiment that the nodes lie about."""
         return 1
+
+    @property
+    def arrived(self) -> float:
+        """The nodes are as good as the mode is exact."""
+        return ARRIVED
+
+    @property
+    def rough(self) -> GaussHermite:
+        """The same: its nodes are few, or the experiments need many."""
+        return self
 
     def coordinate(self, i: int) -> tuple[Array, Array]:
         """Nodes t (q,) of coordinate i, and the logarithms (q,) of their weights, of sum one."""
@@ -133,7 +143,7 @@ class GaussHermite:
             log_weight = _spread((log_weight + np.log(scale))[:, :, None] + of_rule)
             if i < s - 1:
                 whole = np.repeat(rest, t.size, axis=1)[..., 1:]
-                again = modes(curved, z, whole, NEAR)
+                again = modes(curved, z, whole, NEAR, found.z.shape[1])
                 z, information = again.z, again.information
         return z, log_weight - 0.5 * np.sum(z**2, axis=2)
 

@@ -9,13 +9,15 @@ import numpy as np
 from scipy import special
 from scipy.stats import qmc
 
-from aleator.likelihood.individual.modes import Curved, Modes, Valued
+from aleator.likelihood.individual.modes import ARRIVED, Curved, Modes, Valued
 from aleator.types import Array, Indices
 
 WIDER = 1.3
 """By how much points about an individual law lie farther out than its curvature says."""
 MOST = 5_000
 """Points of an experiment beyond which no more are taken."""
+ROUGH = 300
+"""Points that serve for statistics of many replicates."""
 NEAREST = 1e-12
 """Probabilities of points stay so far from zero and one."""
 
@@ -37,6 +39,16 @@ class ImportancePoints:
 
     count: int = 300
     centers: int = 3
+
+    @property
+    def arrived(self) -> float:
+        """Points about a mode that is not exact are as good."""
+        return ARRIVED
+
+    @property
+    def rough(self) -> ImportancePoints:
+        """At most 300 points."""
+        return ImportancePoints(min(self.count, ROUGH), self.centers)
 
     def size(self, dimensions: int) -> int:  # noqa: ARG002  the same for any
         """J, the number of points: as many about each mode."""

@@ -116,7 +116,7 @@ class IndividualLikelihood:
         Modes are found to `arrived` in log-density.
         """
         classes, n = self.inputs.classes.shape
-        s = self.inputs.scattering
+        s, arrived = self.inputs.scattering, max(arrived, self.rule.arrived)
         if not s:
             return self
         count, placed = classes * self.rule.size(s), list[tuple[slice, Array, Array]]()
@@ -211,7 +211,7 @@ class IndividualLikelihood:
         value = self.log_density(alpha, block, flat)
         best = np.argmax(value.reshape(count, classes, points), axis=2)
         start = np.take_along_axis(trial, best[:, :, None, None], axis=2)[:, :, 0]
-        found = modes(curved, start, arrived=arrived)
+        found = modes(curved, start, arrived=arrived, classes=classes)
         return Modes(found.z[:, :, None], found.information[:, :, None], found.value[..., None])
 
     def _again(self, alpha: Array, block: Block, last: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from aleator.types import Array
+from aleator.types import Array, Flags
 
 ARRIVED = 1e-6
 """A Newton step that gains less than this in log-density is the last."""
@@ -18,7 +18,9 @@ STEPS = 30
 FEW_STEPS = 6
 """... of modes that only have to be near: where alpha is absurd, so are they."""
 LEAST = 0.1
-"""Damping below this, over the information, is none."""
+"""Damping below this is none."""
+STIFF = 1024.0
+"""Damping that is about as strong in all directions."""
 APART = 2.0
 """Standard deviations between two modes that are not one."""
 LITTLE = -7.0
@@ -52,29 +54,33 @@ class Modes:
 
 
 def modes(
-    log_density: Curved, start: Array, basis: Array | None = None, arrived: float = ARRIVED
+    log_density: Curved,
+    start: Array,
+    basis: Array | None = None,
+    arrived: float = ARRIVED,
+    classes: int = 1,
 ) -> Modes:
     """Climb from start (B, P, s) by Gauss-Newton steps, all points in one batch.
 
     With a `basis` (B, P, s, k) only in the directions of its columns. Levenberg's damping, raised
-    where a step does not gain, lowered where it does. Ends, without an error, when no point gains.
+    where a step does not gain, lowered where it does. Ends, without an error, when no point gains;
+    those that have ended are not computed again. The points are those of so many `classes`, one
+    after the other.
     """
     z = start
     value, gradient, information = log_density(z)
     damping = np.zeros(z.shape[:2])
-    unit = np.eye(z.shape[2] if basis is None else basis.shape[3])
     raised, lowered = 4.0, 0.25
     for _ in range(STEPS if arrived < NEAR else FEW_STEPS):
         slope, curvature = _within(gradient, information, basis)
-        damped = curvature * (1.0 + damping[..., None, None] * unit)
-        step = np.linalg.solve(damped, slope[..., None])[..., 0]
+        step = _damped_step(curvature, slope, damping[..., None, None])
         gain = 0.5 * np.sum(slope * step, axis=-1)
         open_ = gain > arrived
         if not np.any(open_):
             break
         whole = step if basis is None else (basis @ step[..., None])[..., 0]
-        trial = np.clip(z + whole * open_[..., None], -FARTHEST, FARTHEST)
-        new_value, new_gradient, new_information = log_density(trial)
+        trial = _reached(z, whole * open_[..., None], basis is None)
+        new_value, new_gradient, new_information = _of_some(log_density, trial, open_, classes)
         better = open_ & (new_value > value)
         z = np.where(better[..., None], trial, z)
         value = np.where(better, new_value, value)
@@ -83,6 +89,49 @@ def modes(
         harder = np.where(open_, np.maximum(raised * damping, 1.0), damping)
         damping = np.where(better, lowered * damping * (damping > LEAST), harder)
     return Modes(z, information, value)
+
+
+def _damped_step(information: Array, slope: Array, damping: Array) -> Array:
+    """Steps (B, P, k) by the information (B, P, k, k) and Levenberg's damping (B, P, 1, 1).
+
+    In one direction it makes steps shorter. In several it is added to the information, of which
+    the law's part is one: along a narrow ridge steps become shorter, those back to it do not.
+    """
+    if slope.shape[-1] == 1:
+        return np.asarray(slope / (information * (1.0 + damping))[..., 0])
+    added = damping + (damping / STIFF) ** 2 * information
+    damped = information + added * np.eye(slope.shape[-1])
+    return np.asarray(np.linalg.solve(damped, slope[..., None])[..., 0])
+
+
+def _of_some(
+    log_density: Curved, z: Array, wanted: Flags, classes: int
+) -> tuple[Array, Array, Array]:
+    """The log-density with its derivatives at those points (B, P) that are wanted; others zero.
+
+    Each class of each experiment is given as many as the one that wants most.
+    """
+    parts = wanted.reshape(len(wanted), classes, -1)
+    most = int(parts.sum(axis=2).max())
+    if most == parts.shape[2]:
+        return log_density(z)
+    first = parts.shape[2] * np.arange(classes)[:, None]
+    which = np.argsort(~parts, axis=2, kind="stable")[..., :most] + first
+    rows, columns = np.arange(len(z))[:, None], which.reshape(len(z), -1)
+    found = []
+    for part in log_density(z[rows, columns]):
+        whole = np.zeros((*z.shape[:2], *part.shape[2:]))
+        whole[rows, columns] = part
+        found.append(whole)
+    return found[0], found[1], found[2]
+
+
+def _reached(z: Array, step: Array, everywhere: bool) -> Array:
+    """Where a step ends that goes not too far; those of a few directions do not leave these."""
+    if everywhere:
+        return np.clip(z + step, -FARTHEST, FARTHEST)
+    length = np.max(np.abs(step), axis=-1, keepdims=True)
+    return np.asarray(z + step * np.minimum(1.0, FARTHEST / np.maximum(length, FARTHEST)))
 
 
 def highest(log_density: Curved, start: Array, count: int, arrived: float = ARRIVED) -> Modes:

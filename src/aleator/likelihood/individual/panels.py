@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.likelihood.individual.modes import Curved, Modes, Valued, modes
+from aleator.likelihood.individual.modes import NEAR, Curved, Modes, Valued, modes
 from aleator.polynomials.gauss import gauss_legendre
 from aleator.types import Array, Flags
 
@@ -32,6 +32,8 @@ SAME = 1.0
 """Distance of two modes in the width of the first, below which they are one."""
 DEEPEST = -30.0
 """Logarithm of a share of the integral that is none: of a mode, and of a node."""
+ROUGH_POINTS, ROUGH = 4, 1e-3
+"""Nodes of half a panel, and the share, where statistics of many replicates are wanted."""
 SPLIT = 4
 """Panels of an experiment that are halved at once."""
 ENOUGH = 1e-6
@@ -50,6 +52,17 @@ class Panels:
     """
 
     points: int = POINTS
+    enough: float = ENOUGH
+
+    @property
+    def arrived(self) -> float:
+        """A mode only says where panels begin."""
+        return NEAR
+
+    @property
+    def rough(self) -> Panels:
+        """A third of the nodes, exact to a thousandth."""
+        return Panels(ROUGH_POINTS, ROUGH)
 
     @property
     def centers(self) -> int:
@@ -86,7 +99,7 @@ class Panels:
         """
         of_class = _OfClasses(curved, valued, found.z.shape[1])
         edges = _first_edges(of_class, found.z.reshape(-1, 1, 1))
-        tree = _Tree.of(of_class, edges[:, :-1], edges[:, 1:], self.points)
+        tree = _Tree.of(of_class, edges[:, :-1], edges[:, 1:], self)
         for _ in range(ROUNDS):
             open_ = tree.open_
             if not np.any(open_):
@@ -134,15 +147,20 @@ class _Tree:
     high: Array
     log_f: Array
     whole: Array
-    points: int
+    rule: Panels
 
     @classmethod
-    def of(cls, log_density: Valued, low: Array, high: Array, points: int) -> _Tree:
+    def of(cls, log_density: Valued, low: Array, high: Array, rule: Panels) -> _Tree:
         """Panels that nothing is known of."""
-        t, w = gauss_legendre(points)
+        t, w = gauss_legendre(rule.points)
         whole = _log_sum(_evaluated(log_density, _placed(t, low, high)), w, high - low)
-        log_f = _evaluated(log_density, _halves(low, high, points))
-        return cls(low, high, log_f, whole, points)
+        log_f = _evaluated(log_density, _halves(low, high, rule.points))
+        return cls(low, high, log_f, whole, rule)
+
+    @property
+    def points(self) -> int:
+        """Nodes of half a panel."""
+        return self.rule.points
 
     @property
     def by_halves(self) -> Array:
@@ -164,7 +182,7 @@ class _Tree:
     @property
     def open_(self) -> Flags:
         """Which panels (B, P) are to be halved."""
-        return np.asarray(self.error > ENOUGH)
+        return np.asarray(self.error > self.rule.enough)
 
     def halved(self, log_density: Valued, count: int) -> _Tree:
         """With the worst `count` panels of each experiment halved."""
@@ -185,7 +203,7 @@ class _Tree:
             np.concatenate(
                 [self.whole[kept].reshape(rest), halves[..., 0], halves[..., 1]], axis=1
             ),
-            self.points,
+            self.rule,
         )
 
     def nodes(self) -> tuple[Array, Array]:

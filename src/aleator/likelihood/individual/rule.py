@@ -16,6 +16,14 @@ class Rule(Protocol):
     def centers(self) -> int:
         """M, the modes of an experiment that the nodes lie about."""
 
+    @property
+    def arrived(self) -> float:
+        """What the steps to these modes may have left to gain in log-density, at least."""
+
+    @property
+    def rough(self) -> Rule:
+        """One with few nodes that serves for statistics of many replicates."""
+
     def size(self, dimensions: int) -> int:
         """J, the number of nodes."""
 

@@ -23,6 +23,7 @@ from aleator.likelihood.individual import (
 )
 from aleator.likelihood.individual.importance import standard_points
 from aleator.likelihood.individual.layout import Block
+from aleator.likelihood.individual.modes import ARRIVED, NEAR
 from aleator.likelihood.individual.moments import individual_variates
 from aleator.observations.experiments import Experiments
 from aleator.search.value import LogLikelihood
@@ -45,7 +46,8 @@ TRIES = 20
 class IndividualFit:
     """A `Fit`: the likelihood with nodes adapted to alpha, on surfaces or a fast simulator.
 
-    `few` is the rule with the fewest nodes of which more hardly change the log-likelihood.
+    `few` is the rule with the fewest nodes of which more hardly change the log-likelihood. Modes
+    are found to `arrived` in log-density.
     """
 
     likelihood: IndividualLikelihood
@@ -53,6 +55,7 @@ class IndividualFit:
     inference: Inference
     table: Experiments
     few: Rule
+    arrived: float = ARRIVED
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -108,11 +111,12 @@ class IndividualFit:
 
     def rough(self) -> IndividualFit:
         """The same with few nodes."""
-        return replace(self, likelihood=self.likelihood.by(self.few, self.alpha))
+        likelihood = self.likelihood.by(self.few.rough, self.alpha)
+        return replace(self, likelihood=likelihood, arrived=NEAR)
 
     def at(self, alpha: Array) -> IndividualFit:
         """The same data at another alpha, nodes adapted to it."""
-        return replace(self, likelihood=self.likelihood.adapted(alpha), alpha=alpha)
+        return replace(self, likelihood=self.likelihood.adapted(alpha, self.arrived), alpha=alpha)
 
     def seeing(self, table: Experiments) -> IndividualFit:
         """The same experiments with the observations of another table, nodes adapted to these."""
