@@ -149,3 +149,15 @@ def test_a_unit_of_no_column_is_told_with_its_key(study: Path) -> None:
     study.write_text(STUDY.replace("force =", "forse ="))
     with pytest.raises(AleatorError, match=r"experiments\.units.*forse.*did you mean 'force'"):
         load_study(study)
+
+
+def test_units_in_the_heads_of_a_table_are_no_part_of_the_names(study: Path) -> None:
+    rows = Path("springs.csv").read_text().replace("force,travel", "force [kN],travel [cm]")
+    Path("springs.csv").write_text(rows)
+    study.write_text(STUDY.replace('units = {travel = "mm", force = "N"}', ""))
+    value = load_study(study)
+    assert value.units == {"travel": "cm", "force": "kN", "stiffness": "N/mm"}
+    assert value.experiments.conditions.columns.tolist() == ["force"]
+    study.write_text(STUDY.replace(', force = "N"', ""))  # what the study says comes first
+    assert load_study(study).units["travel"] == "mm"
+    assert load_study(study).units["force"] == "kN"

@@ -1,12 +1,14 @@
 """A delimited file as a table.
 
-The place of a row is told as a spreadsheet counts it: the header is row 1, blank rows count.
+The place of a row is told as a spreadsheet counts it: the header is row 1, blank rows count. A unit
+in brackets at the end of a head, `travel [mm]`, is no part of the column's name.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from aleator.observations.tables import Table, check_header
 
 DELIMITERS = {",": "a comma", ";": "a semicolon", "\t": "a tab", "|": "a vertical bar"}
 _KEY = {"\t": r"\t"}
+_UNIT = re.compile(r"^(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]+)\]$")
 
 
 def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
@@ -44,6 +47,7 @@ def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
         header.pop()
         rows = [(number, row[: len(header)]) for number, row in rows]
     _check_delimiter(header, delimiter, source)
+    header, units = _parted(header)
     check_header(header, source)
     _check_lengths(header, rows, delimiter, source)
     if not rows:
@@ -53,7 +57,31 @@ def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
     columns: dict[str, list[object]] = {
         name: [row[k].strip() for _, row in rows] for k, name in enumerate(header)
     }
-    return Table(source, columns, tuple(f"row {number}" for number, _ in rows), decimal)
+    places = tuple(f"row {number}" for number, _ in rows)
+    return Table(source, columns, places, decimal, units=units)
+
+
+def stated_units(path: str | Path, delimiter: str = ",") -> dict[str, str]:
+    """The units in the heads of a file's columns, by the names without them."""
+    rows = csv.reader(io.StringIO(_decoded(Path(path)), newline=""), delimiter=delimiter)
+    header = next((row for row in rows if any(cell.strip() for cell in row)), [])
+    return _parted([name.strip() for name in header])[1]
+
+
+def _parted(header: Sequence[str]) -> tuple[list[str], dict[str, str]]:
+    """Heads without their units, and these; heads that differ by their units only keep them.
+
+    >>> _parted(["travel [mm]", "force [N]", "force [kN]", "id"])
+    (['travel', 'force [N]', 'force [kN]', 'id'], {'travel': 'mm'})
+    """
+    found = [_UNIT.match(head) for head in header]
+    bare = [match["name"] if match else head for match, head in zip(found, header, strict=True)]
+    units = {
+        name: match["unit"].strip()
+        for name, match in zip(bare, found, strict=True)
+        if match and bare.count(name) == 1
+    }
+    return [n if n in units else h for n, h in zip(bare, header, strict=True)], units
 
 
 def _beyond(row: Sequence[str], width: int) -> str:

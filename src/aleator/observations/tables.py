@@ -6,7 +6,7 @@ What is wrong with a cell is told with its place, the offending text and what to
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +32,8 @@ class Table:
 
     `source` names the file or the frame, `columns` has one list of N cells a name, `places` (N,)
     says where each row stands, `decimal` is the decimal sign of the numbers in the text. `owners`
-    (N,) are the ids of the rows' experiments, as far as they are known already.
+    (N,) are the ids of the rows' experiments, as far as they are known already. `units` are those
+    that heads of columns state.
 
     >>> table = Table("a.csv", {"ratio": ["0.95", "0.9"]}, ("row 2", "row 3"))
     >>> table.numbers("ratio").tolist()
@@ -44,6 +45,7 @@ class Table:
     places: Sequence[str]
     decimal: str = "."
     owners: Sequence[str] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.places)

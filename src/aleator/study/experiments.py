@@ -8,6 +8,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from aleator.observations import files
 from aleator.observations.censoring import Censoring
 from aleator.observations.experiments import Experiments
 from aleator.observations.reading import Censored
@@ -108,6 +109,11 @@ class ExperimentsSection(Section):
             delimiter=self.delimiter,
             decimal=self.decimal,
         )
+
+    def stated_units(self, folder: Path) -> Mapping[str, str]:
+        """The units of columns: those of `units` before those in the heads of the table."""
+        heads = files.stated_units(folder / self.file, self.delimiter)
+        return {**heads, **self.units}
 
     def censoring(self) -> Censored:
         """The library's choices; raises ExperimentsError for keys that say nothing together."""

@@ -273,7 +273,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         store=folder / runs.store,
         retries=runs.retries,
         max_failed=runs.max_failed,
-        units=made("experiments.units", lambda: units_of(file, experiments, simulator)),
+        units=made("experiments.units", lambda: units_of(file, folder, experiments, simulator)),
     )
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from aleator.errors import ExperimentsError, SimulatorError, nearest
+from aleator.observations.tables import Table
 from aleator.study.offers import Given, Offer
-from aleator.study.roles import Roles, Sheet, count_of, roles_in, spans_decades, spread_of, unit_in
+from aleator.study.roles import Roles, Sheet, count_of, roles_in, spans_decades, spread_of
 
 Limits = tuple[float, float]
 
@@ -104,7 +106,7 @@ def outcome_of(sheet: Sheet, offer: Offer) -> tuple[str | None, tuple[str, ...]]
     """
     possible = roles_in(sheet.table, offer.names).outcomes
     named = {each.name for each in offer.returned}
-    called = [name for name in possible if unit_in(name)[0] in named]
+    called = [name for name in possible if name in named]
     found = called if len(called) == 1 else possible
     return (found[0] if len(found) == 1 else None), possible
 
@@ -207,7 +209,7 @@ def proposed(
     return Proposal(
         title, file, sheet, tuple(outcomes), id, roles, experiments, offer, parameters, untouched,
         noise, bare, tuple(n for n in outcomes if spans_decades(sheet.table, n)),
-        _units(roles, outcomes, parameters), _unlike(sheet, offer, roles, outcomes),
+        _units(sheet.table, roles, outcomes, parameters), _unlike(sheet, offer, roles, outcomes),
         _returned(offer, outcomes), _time(sheet, offer),
     )  # fmt: skip
 
@@ -242,8 +244,10 @@ def _proposed(given: Given, scatters: bool, asked: Limits | float | None) -> Pro
     return Proposed(given, True, around(given), nominal=given.nominal)
 
 
-def _units(roles: Roles, outcomes: Sequence[str], parameters: Sequence[Proposed]) -> dict[str, str]:
-    heads = {name: unit_in(name)[1] for name in (*outcomes, *roles.conditions)}
+def _units(
+    table: Table, roles: Roles, outcomes: Sequence[str], parameters: Sequence[Proposed]
+) -> dict[str, str]:
+    heads = {name: table.units.get(name, "") for name in (*outcomes, *roles.conditions)}
     own = {each.name: each.given.unit for each in parameters}
     return {name: unit for name, unit in {**heads, **own}.items() if unit}
 
@@ -252,14 +256,14 @@ def _unlike(sheet: Sheet, offer: Offer, roles: Roles, outcomes: Sequence[str]) -
     """Columns that would be an argument if they were called as it is."""
     taken = {name.lower(): name for name in offer.names if name not in roles.conditions}
     left = [name for name in sheet.names if name not in (*roles.conditions, *outcomes)]
-    named = {name: taken.get(unit_in(name)[0].lower()) for name in left}
+    named = {name: taken.get(name.lower()) for name in left}
     return {name: argument for name, argument in named.items() if argument}
 
 
 def _returned(offer: Offer, outcomes: Sequence[str]) -> str | None:
     """The variable of an FMU that is called as the outcome, or its only output."""
     names = [each.name for each in offer.returned]
-    wanted = {unit_in(name)[0].lower() for name in outcomes}
+    wanted = {name.lower() for name in outcomes}
     for name in names:
         if {name.lower(), name.rpartition(".")[2].lower()} & wanted:
             return name
@@ -268,7 +272,7 @@ def _returned(offer: Offer, outcomes: Sequence[str]) -> str | None:
 
 def _time(sheet: Sheet, offer: Offer) -> str | None:
     """The column of times of an FMU's simulation, if there is one that is no variable of it."""
-    wanted = [name for name in sheet.names if unit_in(name)[0].lower() in ("time", "t")]
+    wanted = [name for name in sheet.names if name.lower() in ("time", "t")]
     return wanted[0] if offer.kind == "fmu" and wanted and wanted[0] not in offer.names else None
 
 
@@ -283,5 +287,5 @@ def require_outcome(found: str | None, possible: Sequence[str]) -> str:
         )
     raise ExperimentsError(
         f"nothing says which column is the outcome: {', '.join(possible)}",
-        f"--outcome {possible[-1]}, or another of these",
+        f"--outcome {shlex.quote(possible[-1])}, or another of these",
     )

@@ -16,7 +16,6 @@ from aleator.observations.tables import Table
 from aleator.types import Array
 
 DELIMITERS = (",", ";", "\t", "|")
-_UNIT = re.compile(r"^(?P<name>.*\S)\s*[\[(](?P<unit>[^\[\]()]+)[\])]$")
 _COMMA = re.compile(r"^-?\d+,\d+$")
 _ERROR = re.compile(r"(^|_)(sd|std|sigma|error|uncertainty|noise)($|_)", re.IGNORECASE)
 _NAMING = re.compile(
@@ -77,22 +76,13 @@ def sheet_of(path: Path) -> Sheet:
     )  # fmt: skip
 
 
-def unit_in(column: str) -> tuple[str, str]:
-    """The name and the unit in the head of a column; no unit is an empty text.
-
-    >>> unit_in("travel [mm]"), unit_in("force")
-    (('travel', 'mm'), ('force', ''))
-    """
-    found = _UNIT.match(column)
-    return (found["name"], found["unit"].strip()) if found else (column, "")
-
-
 def roles_in(table: Table, taken: Collection[str], outcome: Sequence[str] = ()) -> Roles:
     """The roles of the columns; `taken` are names that the simulator takes.
 
     The `outcome`, where it is known already, has no other role. A column names experiments if it is
     called "id", or if it is no condition, holds texts or whole numbers, and has a name that says
-    so, or values that tell rows with equal conditions apart. Of several the finest does.
+    so, another text in each row, or values that tell rows with equal conditions apart. Of several
+    the finest does.
     """
     numbers = {name: _numbers(table, name) for name in table.columns}
     distinct = {name: len({*table.texts(name)}) for name in table.columns}
@@ -155,7 +145,8 @@ def _names_experiments(
     texts = table.texts(name)
     if distinct[name] == 1 or "" in texts or not _whole_or_text(table, name):
         return False
-    if name == DEFAULT_ID or _NAMING.search(unit_in(name)[0]):
+    each_its_own = distinct[name] == len(table) and _numbers(table, name) is None
+    if name == DEFAULT_ID or _NAMING.search(name) or each_its_own:
         return True
     rows = [*zip(*(table.texts(condition) for condition in conditions), strict=True)]
     told_apart = len({*zip(texts, rows, strict=True)}) if rows else 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Simulator
@@ -13,13 +14,17 @@ from aleator.study.sections import StudyFile
 from aleator.tasks.results.units import checked_units
 
 
-def units_of(file: StudyFile, table: Experiments, simulator: Simulator) -> Mapping[str, str]:
+def units_of(
+    file: StudyFile, folder: Path, table: Experiments, simulator: Simulator
+) -> Mapping[str, str]:
     """The unit of each outcome, condition and parameter that has one.
 
     Raises InputsError for a unit of what is no column.
     """
     columns = [*table.observations.names, *map(str, table.table.columns)]
-    own = checked_units(file.experiments.units, columns)
+    checked_units(file.experiments.units, columns)
+    stated = file.experiments.stated_units(folder)
+    own = {name: unit.strip() for name, unit in stated.items() if name in columns and unit.strip()}
     for name, choice in file.parameters.items():
         if isinstance(choice.keys, LawSection) and choice.keys.unit.strip():
             own[name] = choice.keys.unit.strip()
