@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from aleator.quadrature import Smolyak as Smolyak
     from aleator.quadrature import SobolPoints as SobolPoints
     from aleator.quadrature import TensorGauss as TensorGauss
+    from aleator.report.progress_line import ProgressLine as ProgressLine
     from aleator.search import CMAES as CMAES
     from aleator.search import CustomSearch as CustomSearch
     from aleator.search import DifferentialEvolution as DifferentialEvolution
@@ -115,6 +116,7 @@ _HOMES = {
         "GradientMultistart", "GeneticAlgorithm", "DifferentialEvolution", "CMAES", "CustomSearch",
     ],
     "inference.verification": ["MonteCarlo"],
+    "report.progress_line": ["ProgressLine"],
     "errors": ["AleatorError"],
 }  # fmt: skip
 

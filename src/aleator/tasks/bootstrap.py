@@ -25,6 +25,7 @@ from aleator.progress import Progress, Silent
 from aleator.simulators import ProcessPool
 from aleator.simulators.workers.parcel import packed
 from aleator.tasks.replicate_file import Replicate, ReplicateFile, head_of
+from aleator.tasks.results import notebook
 from aleator.tasks.results.identification import Identification
 from aleator.threads import single_threaded
 from aleator.types import Array
@@ -55,6 +56,10 @@ class Bootstrap:
 
     def __repr__(self) -> str:
         return f"{len(self.runs)} replicates, {self.kind}\n{self.table().to_string()}"
+
+    def _repr_html_(self) -> str:
+        """The table in a notebook."""
+        return notebook.shown(f"{len(self.runs)} replicates, {self.kind}", self.table())
 
     def replicates(self) -> pd.DataFrame:
         """A row for each replicate: the hyperparameters, `log_likelihood`, `status`."""

@@ -11,6 +11,7 @@ import pandas as pd
 from aleator.inference.criteria import Criteria
 from aleator.inference.leave_one_out import LeaveOneOut, summed_error
 from aleator.inference.likelihood_ratio import LikelihoodRatio
+from aleator.tasks.results import notebook
 
 RATIO = ("smaller", "larger", "ratio", "df", "reference", "p", "bootstrap_p", "replicates")
 """The columns of likelihood ratios."""
@@ -42,6 +43,12 @@ class Comparison:
 
     def __repr__(self) -> str:
         return f"{self.table().to_string()}\n\n{self.nested().to_string()}"
+
+    def _repr_html_(self) -> str:
+        """The table in a notebook."""
+        best = f"{self.models[0].name} predicts best." if len(self.models) > 1 else ""
+        head = f"{len(self.models)} models of {len(self.ids)} experiments"
+        return notebook.shown(head, self.table(), best)
 
     def table(self) -> pd.DataFrame:
         """A row for each model, by its name.

@@ -37,6 +37,7 @@ from aleator.tasks.asked import (
     runner_on,
 )
 from aleator.tasks.replicates import Job, Replicate, job_of
+from aleator.tasks.results import notebook
 from aleator.types import Array
 
 
@@ -51,6 +52,12 @@ class Recovery:
     log_likelihood: Array
     converged: NDArray[np.bool_]
     errors: Array | None = None
+
+    def _repr_html_(self) -> str:
+        """The table in a notebook."""
+        head = f"{len(self.alpha)} replicates of a known law"
+        missed = int(np.sum(~self.converged))
+        return notebook.shown(head, self.table(), f"{missed} did not converge." if missed else "")
 
     def table(self) -> pd.DataFrame:
         """Truth, mean estimate, bias and its Monte Carlo error, scatter, and coverage, by name.

@@ -20,6 +20,7 @@ from aleator.polynomials.indices import TotalDegree
 from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
 from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
+from aleator.tasks.results import notebook
 from aleator.tasks.single import Single, of_values, one_each
 from aleator.types import Array, Indices
 
@@ -61,6 +62,12 @@ class Sensitivity:
     def converged(self) -> bool:
         """Whether nine of ten expansions miss at most a hundredth of their outcome's variance."""
         return _good(self.expansion)
+
+    def _repr_html_(self) -> str:
+        """The parameters in a notebook, the most important first."""
+        rough = "" if self.converged else "The expansions are rough: allow more runs."
+        head = f"Shares of the variance over {len(self.ids)} experiments, {self.runs} runs each"
+        return notebook.shown(head, self.parameters().set_index("parameter"), rough)
 
     @property
     def alignment(self) -> Array:

@@ -16,13 +16,15 @@ from aleator.tasks.ceiling.curves import gradient_curves, gradient_map
 from aleator.tasks.ceiling.sought import Sought
 from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.session import IndividualSession
+from aleator.tasks.results import notebook
 from aleator.tasks.results.identification import Identification
+from aleator.tasks.results.printed import number
 
 SURE = 3
 """Scattering parameters up to which the points cover their region."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Ceiling:
     """The largest log-likelihood that any law of the parameters can have, and where it is reached.
 
@@ -50,6 +52,23 @@ class Ceiling:
     edges: tuple[str, ...]
     curves: Mapping[str, pd.DataFrame]
     map: pd.DataFrame | None
+
+    def __repr__(self) -> str:
+        return f"{self._head}\n{self.points.to_string()}\n{self._told}"
+
+    def _repr_html_(self) -> str:
+        """The points of the best law in a notebook."""
+        return notebook.shown(self._head, self.points, self._told)
+
+    @property
+    def _head(self) -> str:
+        best, chosen = number(self.log_likelihood, 6), number(self.estimated, 6)
+        return f"Log-likelihood of the best of all laws {best}, of the identified one {chosen}"
+
+    @property
+    def _told(self) -> str:
+        chance = "" if np.isnan(self.p_value) else f", p = {number(self.p_value, 2)}"
+        return f"Gap {number(self.gap, 3)}{chance}."
 
     @property
     def gap(self) -> float:

@@ -8,6 +8,8 @@ from typing import Any
 
 import pandas as pd
 
+from aleator.tasks.results import notebook
+from aleator.tasks.results.printed import number
 from aleator.types import Array
 
 
@@ -45,6 +47,13 @@ class NextExperiments:
     runs: int
     sound: bool
     consistent: bool | None
+
+    def _repr_html_(self) -> str:
+        """The chosen experiments in a notebook."""
+        now = f"The error of {self.about} is {number(self.now, 3)} now" + (
+            ", over what it is." if self.relative else "."
+        )
+        return notebook.shown(now, self.plan(), "The set that tells most together, in this order.")
 
     def table(self) -> pd.DataFrame:
         """A row for each candidate by its id, the most useful first.

@@ -12,6 +12,7 @@ import pandas as pd
 from aleator.errors import AleatorError
 from aleator.inference.chains import WARM_UP, Chains, installed
 from aleator.inference.convergence import LARGEST_R_HAT, LEAST_ESS, Convergence
+from aleator.tasks.results import notebook
 from aleator.types import Array
 
 if TYPE_CHECKING:
@@ -67,6 +68,11 @@ class Posterior:
     def __repr__(self) -> str:
         chains, draws, _ = self.draws.shape
         return f"{chains} chains of {draws} draws\n{self.table().round(4)}\n{self.verdict}"
+
+    def _repr_html_(self) -> str:
+        """The table in a notebook."""
+        chains, draws, _ = self.draws.shape
+        return notebook.shown(f"{chains} chains of {draws} draws", self.table(), self.verdict)
 
     @property
     def converged(self) -> bool:
