@@ -10,6 +10,8 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
+import aleator
+
 QUOTED = re.compile(r"(``[^`]+``|`[^`]+`)")
 LONG = re.compile(r"""=("[^"]{40,}"|'[^']{40,}')""")
 RESULTS = {
@@ -17,13 +19,19 @@ RESULTS = {
     "aleator.Posterior",
     "aleator.inference.consistency.Consistency",
 }
+PUBLIC = set(aleator.__all__)
 MARKS = re.compile(r"([\\*|_])")
+
+
+def quoted(name: str) -> str:
+    """A name as code; one that the reference has leads there."""
+    return f":py:obj:`{name} <aleator.{name}>`" if name in PUBLIC else f"``{name}``"
 
 
 def sentence(line: str) -> str:
     """A line of text: names as code, every other character as it is."""
     return "".join(
-        f"``{part.strip('`')}``" if part.startswith("`") else MARKS.sub(r"\\\1", part)
+        quoted(part.strip("`")) if part.startswith("`") else MARKS.sub(r"\\\1", part)
         for part in QUOTED.split(line)
     )
 

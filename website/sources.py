@@ -67,7 +67,11 @@ def pages(app: Sphinx) -> Iterator[tuple[str, dict[str, str], str]]:
         shown = app.builder.highlighter.highlight_block(
             text, lexer.aliases[0] if lexer else "text", linenos="inline", force=True
         )
-        yield page_of(path), {"title": path, "body": f"<h1>{path}</h1>{shown}"}, "page.html"
+        yield (
+            page_of(path),
+            {"title": path, "body": f"<h1><code>{path}</code></h1>{shown}"},
+            "page.html",
+        )
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
