@@ -145,3 +145,25 @@ def test_a_bracket_closes_on_the_root_whatever_its_shape(power: float) -> None:
         value = bracket.next(value, root, 0.3 if asked % 2 else -30.0)
     assert asked < 40
     assert bracket.closed is False
+
+
+def two_hills(alpha: Array) -> Array:
+    """log(exp(-(a^2 + b^2)/2) + 0.9 exp(-((a - 3)^2 + (b - 9)^2)/2)): one far hill, a bit lower."""
+    a, b = alpha
+    near, far = -0.5 * (a**2 + b**2), np.log(0.9) - 0.5 * ((a - 3.0) ** 2 + (b - 9.0) ** 2)
+    return np.array([np.logaddexp(near, far)])
+
+
+def test_an_interval_goes_over_the_hill_of_another_maximum() -> None:
+    """The profile is the higher hill of the two; its ends are those of closed form."""
+    objective, top = ByDifferences(two_hills), np.zeros(2)
+    hyperparameters = free((-10.0, 10.0), (-20.0, 20.0))
+    inference = infer(objective, top, hyperparameters)
+    found = profile_intervals(
+        objective, top, hyperparameters, inference, rivals=[np.array([3.0, 9.0])]
+    ).intervals
+    beyond = np.sqrt(2.0 * (DROP + np.log(0.9)))
+    expected = [[-np.sqrt(2.0 * DROP), 3.0 + beyond], [-np.sqrt(2.0 * DROP), 9.0 + beyond]]
+    np.testing.assert_allclose(found, expected, atol=0.02)
+    alone = profile_intervals(objective, top, hyperparameters, inference).intervals
+    assert alone[0, 1] == pytest.approx(np.sqrt(2.0 * DROP), abs=0.02)

@@ -63,6 +63,7 @@ def profile_intervals(
     hyperparameters: Sequence[Hyperparameter],
     inference: Inference,
     only: Indices | None = None,
+    rivals: Sequence[Array] = (),
 ) -> Profile:
     """The profile-likelihood interval of every free hyperparameter at the maximum alpha (K,).
 
@@ -72,7 +73,8 @@ def profile_intervals(
     end, of one to five evaluations each, and up to thirty where a ridge is curved. What was found
     is taken for an end when the profile, climbed to anew with the curvature that the scores of the
     experiments tell, has dropped by 1.92 -+ 0.02; a limit, when it was evaluated there and has
-    dropped by less. Where the profile jumps, the end is the last value before. Stops early, with
+    dropped by less. Where the profile jumps, the end is the last value before. Where an end would
+    be, other maxima that are not ruled out, `rivals` (K,), are climbed from too. Stops early, with
     `better` set, when a conditional maximum exceeds the maximum. `only` some hyperparameters; the
     others are NaN.
     """
@@ -92,7 +94,7 @@ def profile_intervals(
         coupling = inference.information[others, row]
         # along the profile the others follow the one by -I_oo^-1 I_ok
         follow = -np.linalg.pinv(information, hermitian=True) @ coupling
-        trace = Trace(objective, hyperparameters, k, moving, information, follow, top)
+        trace = Trace(objective, hyperparameters, k, moving, information, follow, top, rivals)
         for side, sign in enumerate((-1.0, 1.0)):
             end = trace.end(alpha, sign, inference)
             if end.better:

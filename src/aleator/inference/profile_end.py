@@ -51,7 +51,11 @@ class End:
 
 @dataclass(frozen=True)
 class Trace:
-    """The profile of hyperparameter k; `follow` (F,) is how the moving ones go along."""
+    """The profile of hyperparameter k; `follow` (F,) is how the moving ones go along.
+
+    `rivals` (K,) are other maxima, which the interval is to hold. Where an end would be, the
+    profile may be that of their hill.
+    """
 
     objective: Objective
     hyperparameters: Sequence[Hyperparameter]
@@ -60,6 +64,7 @@ class Trace:
     information: Array
     follow: Array
     top: float
+    rivals: Sequence[Array] = ()
 
     def end(self, alpha: Array, sign: float, inference: Inference) -> End:
         """Where the profile has dropped by 1.92 on one side, or a better maximum."""
@@ -68,7 +73,9 @@ class Trace:
         if inference.at_bound[self.k] == ("lower" if sign < 0 else "upper"):
             return End(limit, 0.0, alpha)
         bracket = Bracket.around(alpha[self.k], limit, TARGET)
-        inner = known = End(alpha[self.k], 0.0, alpha)
+        inner = known = self._farthest(alpha, sign)
+        if inner.value != alpha[self.k]:
+            bracket = bracket.with_root(inner.value, _root(inner.drop))
         information, value = self.information, self._first(bracket, sign, inference)
         steep = 1.0 / inference.standard_error[self.k]
         doubted = float("nan")
@@ -78,6 +85,8 @@ class Trace:
             if value == doubted:
                 guesses, information, most = guesses[1:2], self.information, np.inf
             summit = self._summit(guesses, information, most)
+            if _root(self._drop(summit)) > TARGET - CLOSE:
+                summit = self._above(summit, value)
             drop = self._drop(summit)
             if abs(_root(drop) - TARGET) < CLOSE or (drop < 0.5 * TARGET**2 and value == limit):
                 summit = self._verified(summit)
@@ -119,6 +128,15 @@ class Trace:
             again = self._arrived(guess, self.information)
             best = again if again.value > best.value or np.isnan(best.value) else best
         return best
+
+    def _above(self, summit: Summit, value: float) -> Summit:
+        """The conditional maximum, or that of the hill of a rival where this is higher."""
+        for rival in self.rivals:
+            guess = rival.copy()
+            guess[self.k] = value
+            other = self._arrived(guess, self.information)
+            summit = other if other.value > summit.value + LEFT else summit
+        return summit
 
     def _arrived(self, guess: Array, information: Array) -> Summit:
         """Climbed from a guess, and anew where a climb ended below the maximum."""
@@ -165,7 +183,17 @@ class Trace:
         reach = TARGET * inference.standard_error[self.k]
         if not np.isfinite(reach):
             reach = 0.2 * abs(bracket.limit - bracket.center)
-        return bracket.within(bracket.center + sign * reach)
+        return bracket.within(bracket.inner[0] + sign * reach)
+
+    def _farthest(self, alpha: Array, sign: float) -> End:
+        """The maximum, or a rival farther out on this side: the interval holds that, too."""
+        inner = End(alpha[self.k], 0.0, alpha)
+        for rival in self.rivals:
+            if sign * (rival[self.k] - inner.value) > 0.0:
+                drop = self.top - self.objective(rival).total
+                if 0.0 < _root(drop) < TARGET:
+                    inner = End(rival[self.k], drop, rival)
+        return inner
 
     def _guesses(self, alpha: Array, known: Array, inner: Array, value: float) -> list[Array]:
         """Where the conditional maximum may be, the likeliest first; the second beside `inner`."""

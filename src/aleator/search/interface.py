@@ -71,6 +71,9 @@ def objective_of(function: Continuable | Objective | Scored) -> Objective:
     return function if isinstance(function, Objective) else _Looped(function)
 
 
+RULED_OUT = 1.92
+"""A log-likelihood so far below the largest belongs to no interval of 95 %: chi2_1(0.95)/2."""
+MOST_RIVALS = 3
 SAME_VALUE = 0.01
 """Two ends within this log-likelihood of each other may be the same optimum."""
 
@@ -134,6 +137,12 @@ class SearchResult:
         """
         w, n = len(self.optima), sum(optimum.starts for optimum in self.optima)
         return n > w + 2 and w * (n - 1) / (n - w - 2) < w + 0.5
+
+    @property
+    def rivals(self) -> list[Array]:
+        """The next optima (K,) that a drop of 1.92, that of a 95 % interval, does not rule out."""
+        near = [o for o in self.optima[1:] if self.log_likelihood - o.log_likelihood < RULED_OUT]
+        return [optimum.alpha for optimum in near[:MOST_RIVALS]]
 
     @property
     def converged(self) -> bool:

@@ -86,7 +86,9 @@ def infer_at(problem: Problem, found: SearchResult) -> tuple[SearchResult, Infer
     objective, hyperparameters = problem.objective, problem.model.hyperparameters
     for _ in range(CLIMBS):
         inference = infer(objective, found.alpha, hyperparameters)
-        profile = profile_intervals(objective, found.alpha, hyperparameters, inference)
+        profile = profile_intervals(
+            objective, found.alpha, hyperparameters, inference, rivals=found.rivals
+        )
         if profile.better is None:
             break
         information = inference.information

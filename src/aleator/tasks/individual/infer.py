@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -43,7 +44,7 @@ def inferred(end: Settled, found: SearchResult) -> tuple[Settled, SearchResult, 
             inference = infer(likelihood.followed, alpha, hyperparameters)
             end = replace(end, alpha=alpha)
             found = found.improved(alpha, end.value)
-        profile = _profile(end, alpha, inference)
+        profile = _profile(end, alpha, inference, found.rivals)
         if profile.better is None:
             break
         end = settled(likelihood, profile.better)
@@ -51,14 +52,16 @@ def inferred(end: Settled, found: SearchResult) -> tuple[Settled, SearchResult, 
     return end, found, inference, profile
 
 
-def _profile(end: Settled, alpha: Array, inference: Inference) -> Profile:
+def _profile(end: Settled, alpha: Array, inference: Inference, rivals: Sequence[Array]) -> Profile:
     """By few nodes; by those of the answer where these tell another drop at an end.
 
     What more nodes than those of the answer change at an end is what cannot be known. Where the
     answer has very many, they judge the ends that few have found, and find none.
     """
     hyperparameters = end.likelihood.hyperparameters
-    found = profile_intervals(end.coarse.continued, alpha, hyperparameters, inference)
+    found = profile_intervals(
+        end.coarse.continued, alpha, hyperparameters, inference, rivals=rivals
+    )
     if found.better is not None:
         return found
     if end.likelihood.nodes.xi.shape[1] > DEAR:
@@ -66,7 +69,7 @@ def _profile(end: Settled, alpha: Array, inference: Inference) -> Profile:
     wrong = _off(end.likelihood, alpha, found, DIFFERS)
     if np.any(wrong):
         objective, rows = end.likelihood.continued, np.flatnonzero(np.any(wrong, axis=1))
-        again = profile_intervals(objective, alpha, hyperparameters, inference, only=rows)
+        again = profile_intervals(objective, alpha, hyperparameters, inference, rows, rivals)
         found = found.joined(again, rows)
     if found.better is not None:
         return found
