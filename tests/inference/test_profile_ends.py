@@ -155,7 +155,7 @@ def two_hills(alpha: Array) -> Array:
 
 
 def test_an_interval_goes_over_the_hill_of_another_maximum() -> None:
-    """The profile is the higher hill of the two; its ends are those of closed form."""
+    """The profile is the higher hill of the two: along a they overlap, along b there is a valley."""
     objective, top = ByDifferences(two_hills), np.zeros(2)
     hyperparameters = free((-10.0, 10.0), (-20.0, 20.0))
     inference = infer(objective, top, hyperparameters)
@@ -163,7 +163,8 @@ def test_an_interval_goes_over_the_hill_of_another_maximum() -> None:
         objective, top, hyperparameters, inference, rivals=[np.array([3.0, 9.0])]
     ).intervals
     beyond = np.sqrt(2.0 * (DROP + np.log(0.9)))
-    expected = [[-np.sqrt(2.0 * DROP), 3.0 + beyond], [-np.sqrt(2.0 * DROP), 9.0 + beyond]]
+    near = np.sqrt(2.0 * DROP)
+    expected = [[-near, 3.0 + beyond], [-near, near]]
     np.testing.assert_allclose(found, expected, atol=0.02)
     alone = profile_intervals(objective, top, hyperparameters, inference).intervals
     assert alone[0, 1] == pytest.approx(np.sqrt(2.0 * DROP), abs=0.02)

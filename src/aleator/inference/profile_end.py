@@ -53,8 +53,8 @@ class End:
 class Trace:
     """The profile of hyperparameter k; `follow` (F,) is how the moving ones go along.
 
-    `rivals` (K,) are other maxima, which the interval is to hold. Where an end would be, the
-    profile may be that of their hill.
+    `rivals` (K,) are other maxima: where an end would be, the profile may be that of their hill. A
+    hill behind a valley is not reached: a warning tells of two maxima.
     """
 
     objective: Objective
@@ -73,9 +73,7 @@ class Trace:
         if inference.at_bound[self.k] == ("lower" if sign < 0 else "upper"):
             return End(limit, 0.0, alpha)
         bracket = Bracket.around(alpha[self.k], limit, TARGET)
-        inner = known = self._farthest(alpha, sign)
-        if inner.value != alpha[self.k]:
-            bracket = bracket.with_root(inner.value, _root(inner.drop))
+        inner = known = End(alpha[self.k], 0.0, alpha)
         information, value = self.information, self._first(bracket, sign, inference)
         steep = 1.0 / inference.standard_error[self.k]
         doubted = float("nan")
@@ -183,17 +181,7 @@ class Trace:
         reach = TARGET * inference.standard_error[self.k]
         if not np.isfinite(reach):
             reach = 0.2 * abs(bracket.limit - bracket.center)
-        return bracket.within(bracket.inner[0] + sign * reach)
-
-    def _farthest(self, alpha: Array, sign: float) -> End:
-        """The maximum, or a rival farther out on this side: the interval holds that, too."""
-        inner = End(alpha[self.k], 0.0, alpha)
-        for rival in self.rivals:
-            if sign * (rival[self.k] - inner.value) > 0.0:
-                drop = self.top - self.objective(rival).total
-                if 0.0 < _root(drop) < TARGET:
-                    inner = End(rival[self.k], drop, rival)
-        return inner
+        return bracket.within(bracket.center + sign * reach)
 
     def _guesses(self, alpha: Array, known: Array, inner: Array, value: float) -> list[Array]:
         """Where the conditional maximum may be, the likeliest first; the second beside `inner`."""
