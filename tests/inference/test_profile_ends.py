@@ -155,7 +155,7 @@ def two_hills(alpha: Array) -> Array:
 
 
 def test_an_interval_goes_over_the_hill_of_another_maximum() -> None:
-    """The profile is the higher hill of the two: along a they overlap, along b there is a valley."""
+    """The profile is the higher hill of the two: along a they overlap, along b not."""
     objective, top = ByDifferences(two_hills), np.zeros(2)
     hyperparameters = free((-10.0, 10.0), (-20.0, 20.0))
     inference = infer(objective, top, hyperparameters)
