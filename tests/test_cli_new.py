@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from fmus.build import python_fmu
+from fmus.build import compiled, python_fmu
 
 from aleator import cli
 from aleator.cli import new as command
@@ -144,6 +144,28 @@ def test_a_program_is_found_from_its_placeholders(folder: Path) -> None:
     study = load_study("study.toml")
     outcome = study.runner()([0], [[2.0]])
     assert outcome.tolist() == [5.0]
+
+
+def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> None:
+    shutil.copy(compiled(2, folder), folder / "cooling.fmu")
+    (folder / "cups.csv").write_text("K;bench;T [K]\n1,0;1;313\n1,0;2;315\n2,0;1;321\n")
+    done = run("new", "--fmu", "cooling.fmu", "--outcome", "T")
+    assert done.exit_code == 0, done.output
+    written = tomllib.loads(Path("study.toml").read_text())
+    assert written["simulator"]["variables"] == {"K": "surface.k"}
+    assert written["experiments"]["conditions"] == ["K"]
+    assert "id" not in written["experiments"]  # two benches are not two experiments
+    assert written["simulator"]["outcome"] == "T"
+    assert "stop_time" not in written["simulator"]
+    assert load_study("study.toml").units["K"] == "1/s"
+    (folder / "cups.csv").write_text("T0,T\n400,313\n410,314\n420,315\n")
+    asked = ["--fmu", "cooling.fmu", "--outcome", "T", "--parameter", "surface.k=0.5:2"]
+    assert run("new", *asked, "--force").exit_code == 0
+    study = load_study("study.toml")  # names of laws are identifiers
+    assert study.inputs.names == ("k",)
+    assert study.units == {"T0": "K", "T": "K", "k": "1/s"}
+    assert np.isfinite(study.runner()([0], [[1.0]])).all()
+    study.close()
 
 
 def test_an_fmu_gives_units_and_start_values(

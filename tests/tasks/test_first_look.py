@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aleator import Constant, Free, Inputs, Normal, TruncatedNormal, identify
+from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal, identify
 from aleator.errors import SimulatorError
 from aleator.inference.verification import MonteCarlo
 from aleator.observations.experiments import Experiments
@@ -43,6 +43,23 @@ def test_an_experiment_is_out_of_reach_where_no_stiffness_of_the_box_gives_its_t
     found = {look.ids[k]: float(look.beyond[k]) for k in look.out_of_reach}
     assert found == pytest.approx(expected)
     assert [*found] == sorted(found, key=lambda name: -abs(found[name]))
+
+
+def test_what_noise_explains_is_not_out_of_reach() -> None:
+    inputs = Inputs({"stiffness": TruncatedNormal(box=(2.0, 6.0))})
+    experiments = Experiments.from_frame(TABLE, outcome="travel")
+    runner = Runner(spring, experiments, inputs.names)
+    plan = planned_look(runner, experiments, inputs)
+
+    def beyond(noise: Noise) -> set[str]:
+        look = first_look(runner, experiments, plan, noise)
+        return {look.ids[k] for k in look.out_of_reach}
+
+    gaps = {"B": 0.2, "C": 0.4, "E": 50.0 / 6.0 - 8.0}
+    for sd in (0.05, 0.1, 0.12, 0.2):
+        expected = {name for name, gap in gaps.items() if gap > 3.0 * sd}
+        assert beyond(Noise(sd)) == beyond(Noise(Free(sd, 9.0))) == expected
+    assert beyond(Noise(relative=0.04)) == set()
 
 
 def test_a_corner_of_two_parameters_is_reached() -> None:

@@ -63,7 +63,7 @@ def check(
         )
         progress.stage("first runs")
         runner.progress = progress
-        look = first_look(runner, value.experiments, plan, progress)
+        look = first_look(runner, value.experiments, plan, value.noise, progress)
         cost = expected_cost(
             runner, value.experiments, value.inputs, value.noise, value.propagation,
             value.density, value.verification, plan,

@@ -112,13 +112,14 @@ def chosen_parameters(
     Raises AleatorError for limits that are none.
     """
     if given or not asked.questions.asked:
-        return dict(map(_parameter, given))
+        called = {variable: name for name, variable in offer.variables.items()}
+        return {called.get(name, name): value for name, value in map(_parameter, given)}
     laws, others = parameters_of(offer, roles, most, {})
     known = {each.name: each for each in (*(law.given for law in laws), *others)}
     if others:
         table = Rows(
             (("name", "left"), ("unit", "left"), ("value", "right"), ("meaning", "fold")),
-            variables([*known.values()][:LISTED]),
+            variables([*known.values()][:LISTED], offer),
         )
         Console(stderr=True).print(table)
     names = asked.questions.names(

@@ -19,6 +19,7 @@ from aleator.cli.running import FILE, RESULT
 from aleator.cli.schema import schema_text
 from aleator.errors import AleatorError, short
 from aleator.report.proposal import notes, study_text
+from aleator.study.offers import bound
 from aleator.study.proposal import laws_for, proposed, roles_of
 from aleator.study.roles import count_of, sheet_of
 from aleator.tasks.results import documents
@@ -90,7 +91,7 @@ def new(
     asked = Asked(questions, output.parent)
     path = chosen_table(asked, table)
     sheet = sheet_of(path)
-    offer = chosen_offer(asked, function, fmu, command)
+    offer = bound(chosen_offer(asked, function, fmu, command), sheet.names)
     outcomes = chosen_outcomes(asked, sheet, offer, outcome)
     roles = roles_of(sheet, offer, outcomes)
     named = asked.id(roles, id)

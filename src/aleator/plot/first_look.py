@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from aleator.plot.style import BLUE, GRAY, VERMILION, WIDTH, empty_figure, save_figure, styled
-from aleator.tasks.results.units import label
+from aleator.tasks.results.units import label, seen_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,26 +23,36 @@ _MEASURED = "#e8e8e8"
 
 
 def check_figure(result: Document) -> Figure:
-    """The outcome of each observation over each parameter, a panel a parameter.
+    """The outcome of each observation over each parameter, a panel a parameter and response.
 
     `result` is the content of check.json. The other parameters are in the middle of the region.
     The gray band is the range of the measured outcomes, and what no point reaches is drawn in
     another color. Raises AleatorError where matplotlib is not installed.
     """
     rows = result["parameters"]
-    down = -(-len(rows) // ACROSS)
+    responses = [*result["measured"]]
+    across = min(len(rows), ACROSS)
+    down = -(-len(rows) // across)
     with styled():
         title = result.get("title")
-        figure = empty_figure(str(title) if title else None, WIDTH, 0.9 + _ROW * down)
-        panels = figure.subplots(down, min(len(rows), ACROSS), sharey=True, squeeze=False)
-        flat: Sequence[Axes] = panels.ravel().tolist()
-        for k, (axes, row) in enumerate(zip(flat, rows, strict=False)):
-            _panel(axes, result, k, row)
-            if k % ACROSS == 0:
-                axes.set_ylabel(result["study"]["outcome"])
-        for axes in flat[len(rows) :]:
+        height = 0.9 + _ROW * down * len(responses)
+        figure = empty_figure(str(title) if title else None, WIDTH, height)
+        grid = figure.subplots(down * len(responses), across, sharey="row", squeeze=False)
+        for axes in grid.ravel():
             axes.set_visible(False)
-        figure.legend(*flat[0].get_legend_handles_labels(), loc="outside lower left", ncols=3)
+        for r, response in enumerate(responses):
+            for k, row in enumerate(rows):
+                axes = grid[r * down + k // across, k % across]
+                axes.set_visible(True)
+                _panel(axes, result, response, k, row)
+                if k % across == 0:
+                    axes.set_ylabel(seen_label(result, response))
+        handles = {
+            text: handle
+            for axes in grid.ravel()
+            for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        figure.legend(handles.values(), handles.keys(), loc="outside lower left", ncols=3)
     return figure
 
 
@@ -51,12 +61,12 @@ def save_check(result: Document, folder: str | Path) -> Path:
     return save_figure(check_figure(result), Path(folder) / "check.png")
 
 
-def _panel(axes: Axes, result: Document, k: int, row: Document) -> None:
-    axes.axhspan(*result["measured"], color=_MEASURED, lw=0.0, label="measured", zorder=0)
+def _panel(axes: Axes, result: Document, response: str, k: int, row: Document) -> None:
+    axes.axhspan(*result["measured"][response], color=_MEASURED, lw=0.0, label="measured", zorder=0)
     lost = set(result["out_of_reach"])
     alpha = float(np.clip(8.0 / max(len(result["observations"]), 1), 0.15, 0.9))
     named = set()
-    for each in result["observations"]:
+    for each in (e for e in result["observations"] if e["response"] == response):
         outside = each["id"] in lost
         said = "of an experiment out of reach" if outside else "of an experiment"
         values = np.array(each["by_parameter"][k], dtype=float)

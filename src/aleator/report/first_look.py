@@ -15,14 +15,15 @@ from aleator.tasks.first_look import Look
 from aleator.tasks.results.layout import Column
 from aleator.tasks.results.printed import number
 from aleator.tasks.results.units import label
+from aleator.types import Array
 
 SHOWN = 12  # experiments out of reach on the terminal; the document has all
 
 
 def document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]:
     """Everything that was found, as check.json holds it."""
-    plan = look.plan
-    low, high = np.nanmin(look.lower), np.nanmax(look.upper)
+    plan, response = look.plan, np.array(look.response)
+    each = [*dict.fromkeys(look.response)]
     return {
         "runs": look.runs,
         "failed": look.failed,
@@ -34,22 +35,24 @@ def document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]:
                 "name": plan.names[i],
                 "lower": plan.region[i, 0],
                 "upper": plan.region[i, 1],
-                "moves": float(np.nanmedian(look.swing[:, j])),
-                "moves_at_most": float(np.nanmax(look.swing[:, j])),
+                "moves": {r: float(np.nanmedian(look.swing[response == r, j])) for r in each},
+                "moves_at_most": {r: float(np.nanmax(look.swing[response == r, j])) for r in each},
                 "influence": not look.without_influence[j],
                 "values": plan.x[plan.star[j], i],
             }
             for j, i in enumerate(plan.moving)
         ],
-        "measured": [_finite(look.lower, low), _finite(look.upper, high)],
+        "measured": {r: _range(look.lower[response == r], look.upper[response == r]) for r in each},
         "observations": [
             {
                 "id": name,
                 "experiment": look.owner[k],
+                "response": look.response[k],
                 "lower": look.lower[k],
                 "upper": look.upper[k],
                 "reached": look.reached[k],
                 "beyond": look.beyond[k],
+                "margin": look.margin[k],
                 "by_parameter": [look.outcome[k][star] for star in plan.star],
             }
             for k, name in enumerate(look.ids)
@@ -101,11 +104,11 @@ def duration(hours: float) -> str:
     return f"{seconds:.0f} seconds" if seconds >= 1.0 else "less than a second"
 
 
-def _finite(ends: Any, end: float) -> float:
-    known = ends[np.isfinite(ends)]
-    if np.isfinite(end) or not known.size:
-        return float(end)
-    return float(known.min() if end < 0.0 else known.max())
+def _range(lower: Array, upper: Array) -> list[float]:
+    """The least and the largest measured value; bounds count by the end that is known."""
+    known = np.concatenate([lower, upper])
+    known = known[np.isfinite(known)]
+    return [float(known.min()), float(known.max())]
 
 
 def _made(result: Mapping[str, Any]) -> str:
@@ -120,15 +123,18 @@ def _parameters(result: Mapping[str, Any]) -> Rows:
         ("parameter", "left"), ("from", "right"), ("to", "right"),
         ("moves the outcome by", "right"), ("at most", "right"), ("note", "fold"),
     )  # fmt: skip
+    several = len(result["measured"]) > 1
     return Rows(
         columns,
         [
             (
-                label(result, row["name"]), number(row["lower"]), number(row["upper"]),
-                number(row["moves"]), number(row["moves_at_most"]),
+                f"{label(result, row['name'])}{f', {response}' if several else ''}",
+                number(row["lower"]), number(row["upper"]), number(moves),
+                number(row["moves_at_most"][response]),
                 "" if row["influence"] else "no influence",
             )
             for row in result["parameters"]
+            for response, moves in row["moves"].items()
         ],
     )  # fmt: skip
 
@@ -169,12 +175,23 @@ def _reach(result: Mapping[str, Any]) -> str:
     if not count:
         return f"All {of} measured values lie within what the simulator reaches in this region."
     more = f" ({count - SHOWN} more are in check.json)" if count > SHOWN else ""
-    strongest = max(result["parameters"], key=lambda row: row["moves"])["name"]
+    noisy = any(row["margin"] for row in result["observations"])
+    by = ", within three of the least standard deviations that the noise may have" if noisy else ""
     return (
         f"{count} of {of} measured values are out of reach{more}: no point that was tried comes "
-        f"to them. Widen the limits of {strongest}, which moves the outcome most; check these "
-        "rows of the table; or give [noise] an sd that covers the gap."
+        f"to them{by}. Widen the limits of {_strongest(result)}, which moves the outcome most; "
+        "check these rows of the table; or give [noise] an sd that covers the gap."
     )
+
+
+def _strongest(result: Mapping[str, Any]) -> str:
+    """The parameter that moves an outcome by most of its measured range."""
+
+    def share(row: Mapping[str, Any]) -> float:
+        widths = {name: ends[1] - ends[0] for name, ends in result["measured"].items()}
+        return max(float(m / max(widths[name], 1e-300)) for name, m in row["moves"].items())
+
+    return str(max(result["parameters"], key=share)["name"])
 
 
 def _cost(result: Mapping[str, Any]) -> str:

@@ -56,11 +56,11 @@ def notes(proposal: Proposal) -> list[str]:
     return said
 
 
-def variables(given: Sequence[Given]) -> list[tuple[str, str, str, str]]:
-    """Rows of what a simulator can be given: name, unit, value at the start, description."""
+def variables(given: Sequence[Given], offer: Offer) -> list[tuple[str, str, str, str]]:
+    """Rows of what a simulator can be given: name, unit, value at the start, what it is."""
     return [
         (each.name, each.unit, "" if each.nominal is None else f"{each.nominal:g}",
-         each.description)
+         ", ".join(filter(None, (offer.variables.get(each.name), each.description))))
         for each in given
     ]  # fmt: skip
 
@@ -137,6 +137,9 @@ def _of_fmu(proposal: Proposal, offer: Offer) -> list[str]:
         if proposal.returned
         else _fill("outcome", "...", f"the variable that is measured: {names}")
     ]  # fmt: skip
+    used = {*proposal.conditions, *(each.name for each in proposal.parameters)}
+    if named := {name: called for name, called in offer.variables.items() if name in used}:
+        lines.append(_line("variables", named, "what these are called in the FMU"))
     if proposal.time and proposal.repeated:
         lines.append(_line("series", True, "one run serves all rows of an experiment"))
         lines.append(_line("time", proposal.time, "the column of their times, in s"))
@@ -190,9 +193,16 @@ def _untouched(proposal: Proposal) -> list[str]:
         f"#   {each.name}{f' [{each.unit}]' if each.unit else ''}"
         f"{'' if each.nominal is None else f' = {each.nominal:g}'}"
         f"{f'  {each.description}' if each.description else ''}"
+        f"{_variable(proposal.offer, each)}"
         for each in proposal.untouched[:SHOWN]
     ]
     return [*lines, *([f"#   and {rest} more"] if rest > 0 else [])]
+
+
+def _variable(offer: Offer, each: Given) -> str:
+    """The line that lets a name stand for a variable, where it has to be named."""
+    called = offer.variables.get(each.name)
+    return f"  (variables = {{{each.name} = {_written(called)}}})" if called else ""
 
 
 def _noise(proposal: Proposal) -> list[str]:

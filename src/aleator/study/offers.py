@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ class Offer:
     """A simulator as study.toml names it, what it takes, and names that its outcome may have.
 
     `kind` is the key of `[simulator]`, `value` what stands there. `stop_time` is the end of a
-    simulation that an FMU states.
+    simulation that an FMU states, `variables` say what names stand for in an FMU.
     """
 
     kind: str
@@ -50,6 +51,7 @@ class Offer:
     returned: tuple[Given, ...]
     vectorized: bool = False
     stop_time: float | None = None
+    variables: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -115,6 +117,32 @@ def offered_by_fmu(file: Path, value: str) -> Offer:
         tuple(_variable(v) for v in _recorded(description)),
         stop_time=description.stop_time,
     )
+
+
+def bound(offer: Offer, columns: Sequence[str]) -> Offer:
+    """An FMU with names for its variables that a study can have; any other simulator as it is.
+
+    A column stands for the only variable whose last name it is. Another variable whose name is no
+    identifier is called by its last name, or by all of it with underscores.
+
+    >>> given = (Given("spring.force"), Given("spring.k"), Given("mass"))
+    >>> found = bound(Offer("fmu", "a.fmu", given, ()), ["Force", "travel"])
+    >>> found.names, found.variables
+    (('Force', 'k', 'mass'), {'Force': 'spring.force', 'k': 'spring.k'})
+    """
+    if offer.kind != "fmu":
+        return offer
+    last = [name.rpartition(".")[2] for name in offer.names]
+    alone = {short.lower(): name for short, name in zip(last, offer.names, strict=True)
+             if [one.lower() for one in last].count(short.lower()) == 1}  # fmt: skip
+    called = {alone[c.lower()]: c for c in columns if c not in offer.names and c.lower() in alone}
+    taken = {*columns, *offer.names}
+    for short, name in zip(last, offer.names, strict=True):
+        if name not in called and name not in columns and not name.isidentifier():
+            good = short.isidentifier() and short not in taken and last.count(short) == 1
+            called[name] = short if good else re.sub(r"\W", "_", name)
+    given = tuple(replace(each, name=called.get(each.name, each.name)) for each in offer.given)
+    return replace(offer, given=given, variables={short: name for name, short in called.items()})
 
 
 def offered_by_command(command: str) -> Offer:

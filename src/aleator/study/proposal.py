@@ -6,6 +6,7 @@ import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 from aleator.errors import ExperimentsError, SimulatorError, nearest
 from aleator.observations.tables import Table
@@ -20,6 +21,10 @@ EXPERIMENTS = 10
 """Experiments for each law that is proposed, half as many where they have several rows."""
 MOST = 3
 """Laws that are proposed at most."""
+TIMES = ("time", "Time", "t")
+"""What a column of times is called; T is rather a temperature."""
+ALIKE = 0.8
+"""Similarity from where on a name is taken for a slip of another."""
 SMALLEST = 1e-3
 """The lower limit of the noise, over the standard deviation of all measured values."""
 
@@ -210,7 +215,7 @@ def proposed(
         title, file, sheet, tuple(outcomes), id, roles, experiments, offer, parameters, untouched,
         noise, bare, tuple(n for n in outcomes if spans_decades(sheet.table, n)),
         _units(sheet.table, roles, outcomes, parameters), _unlike(sheet, offer, roles, outcomes),
-        _returned(offer, outcomes), _time(sheet, offer),
+        _returned(offer, outcomes), _time(sheet, offer, outcomes),
     )  # fmt: skip
 
 
@@ -253,11 +258,11 @@ def _units(
 
 
 def _unlike(sheet: Sheet, offer: Offer, roles: Roles, outcomes: Sequence[str]) -> dict[str, str]:
-    """Columns that would be an argument if they were called as it is."""
+    """Columns that would be an argument if they were called as it is, but for a slip."""
     taken = {name.lower(): name for name in offer.names if name not in roles.conditions}
     left = [name for name in sheet.names if name not in (*roles.conditions, *outcomes)]
-    named = {name: taken.get(name.lower()) for name in left}
-    return {name: argument for name, argument in named.items() if argument}
+    near = {name: get_close_matches(name.lower(), taken, n=1, cutoff=ALIKE) for name in left}
+    return {name: taken[found[0]] for name, found in near.items() if found}
 
 
 def _returned(offer: Offer, outcomes: Sequence[str]) -> str | None:
@@ -270,10 +275,10 @@ def _returned(offer: Offer, outcomes: Sequence[str]) -> str | None:
     return names[0] if len(names) == 1 else None
 
 
-def _time(sheet: Sheet, offer: Offer) -> str | None:
+def _time(sheet: Sheet, offer: Offer, taken: Sequence[str]) -> str | None:
     """The column of times of an FMU's simulation, if there is one that is no variable of it."""
-    wanted = [name for name in sheet.names if name.lower() in ("time", "t")]
-    return wanted[0] if offer.kind == "fmu" and wanted and wanted[0] not in offer.names else None
+    wanted = [name for name in sheet.names if name in TIMES and name not in (*offer.names, *taken)]
+    return wanted[0] if offer.kind == "fmu" and wanted else None
 
 
 def require_outcome(found: str | None, possible: Sequence[str]) -> str:

@@ -15,6 +15,9 @@ from aleator.observations.columns import DEFAULT_ID
 from aleator.observations.tables import Table
 from aleator.types import Array
 
+MANY = 5
+"""Experiments from where on a column whose name does not say so may name them: of fewer values it
+is rather a supplier or a bench."""
 DELIMITERS = (",", ";", "\t", "|")
 _COMMA = re.compile(r"^-?\d+,\d+$")
 _ERROR = re.compile(r"(^|_)(sd|std|sigma|error|uncertainty|noise)($|_)", re.IGNORECASE)
@@ -151,7 +154,8 @@ def _names_experiments(
     rows = [*zip(*(table.texts(condition) for condition in conditions), strict=True)]
     told_apart = len({*zip(texts, rows, strict=True)}) if rows else 0
     repeated = bool(rows) and len({*rows}) < len(rows)
-    return distinct[name] < len(table) and repeated and told_apart == len(table)
+    some = MANY <= distinct[name] <= len(table) // 2
+    return some and repeated and told_apart == len(table)
 
 
 def _whole_or_text(table: Table, name: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 
@@ -9,7 +10,9 @@ import numpy as np
 
 from aleator.laws.inputs import Inputs
 from aleator.observations.covariates import covariates
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Experiments
+from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
 from aleator.surrogates.responses import moving_parameters
@@ -29,6 +32,8 @@ SHORT = 60.0
 """Seconds that the conditions left may take, as the first runs were timed, to be looked at too."""
 MOST_FAILED = 0.9
 """Share of failed runs at which there is nothing to look at."""
+SURE = 3.0
+"""Standard deviations of the noise by which a measured value may lie beyond what is reached."""
 NOTHING = 1e-6
 """Share of all that an outcome moves below which a parameter has no influence."""
 
@@ -60,16 +65,20 @@ class Plan:
 class Look:
     """V observations at the P points of a plan: `outcome` (V, P), NaN where a run failed.
 
-    `ids` (V,) name them, and `owner` (V,) their experiments; `lower` and `upper` (V,) are what was
-    measured, as the likelihood sees it. `runs` were made in all, `failed` of them have no outcome,
-    and one took `seconds`. `fault` is why the first of them failed.
+    `ids` (V,) name them, `owner` (V,) their experiments, `response` (V,) their responses; `lower`
+    and `upper` (V,) are what was measured, as the likelihood sees it, and `margin` (V,) is what
+    the noise may be at least: three of its standard deviations, known or at their lower limits.
+    `runs` were made in all, `failed` of them have no outcome, and one took `seconds`. `fault` is
+    why the first of them failed.
     """
 
     plan: Plan
     ids: tuple[str, ...]
     owner: tuple[str, ...]
+    response: tuple[str, ...]
     lower: Array
     upper: Array
+    margin: Array
     outcome: Array
     seconds: float
     runs: int
@@ -96,8 +105,8 @@ class Look:
 
     @property
     def out_of_reach(self) -> Indices:
-        """Which observations no point of the plan reaches, the farthest first."""
-        far = np.abs(self.beyond)
+        """Which observations no point of the plan reaches, noise included, the farthest first."""
+        far = np.maximum(np.abs(self.beyond) - self.margin, 0.0)
         order = np.argsort(-np.nan_to_num(far), kind="stable")
         return order[far[order] > 0.0]
 
@@ -136,7 +145,11 @@ def planned_look(runner: Runner, table: Experiments, inputs: Inputs) -> Plan:
 
 
 def first_look(
-    runner: Runner, table: Experiments, plan: Plan, progress: Progress | None = None
+    runner: Runner,
+    table: Experiments,
+    plan: Plan,
+    noise: Noise | Mapping[str, Noise] | None = None,
+    progress: Progress | None = None,
 ) -> Look:
     """Make the runs of a plan; where they turn out to be fast, those of all other conditions too.
 
@@ -152,21 +165,36 @@ def first_look(
     single, seen = of_values(runner, table), table.observations
     case = runner.cases.condition[single.unit]
     there = np.flatnonzero([int(c) in values for c in case])
-    outcome = [values[int(case[k])][:, single.column[k]] for k in there]
+    outcome = np.array([values[int(case[k])][:, single.column[k]] for k in there])
     faults = runner.failures.failures
+    names = table.observations.names
     return Look(
         plan,
         tuple(single.ids[k] for k in there),
         tuple(single.owner[k] for k in there),
+        tuple(names[seen.response[k]] for k in there),
         seen.lower[there],
         seen.upper[there],
-        np.array(outcome),
+        np.zeros(len(there)) if noise is None else _margin(table, noise, there, outcome),
+        outcome,
         runner.seconds,
         len(runner.completed) + len(runner.failures),
         len(runner.failures),
         next(iter(faults.values())).message if faults else "",
         len(values),
     )
+
+
+def _margin(
+    table: Experiments, noise: Noise | Mapping[str, Noise], there: Indices, outcome: Array
+) -> Array:
+    """Three of the least standard deviations that the noise of these observations may have."""
+    errors = MeasurementErrors.of(noise, table)
+    values = np.array([h.lower if h.free else h.start for h in errors.hyperparameters])
+    eta = np.zeros((len(table.observations), 1))
+    with np.errstate(all="ignore"):
+        eta[there, 0] = np.nan_to_num(np.fmax.reduce(outcome, axis=1))
+    return np.asarray(SURE * errors.scale(values, eta, slice(0, len(eta)))[there, 0])
 
 
 def _points(region: Array, moving: Indices) -> tuple[Array, Indices]:
