@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -65,3 +66,21 @@ def test_the_law_of_braking_distances_is_the_maximum_by_an_integral_of_a_few_lin
     assert abs(log_likelihood(at) - found.log_likelihood.estimated) < 0.002
     assert -best.fun - log_likelihood(at) < 0.002
     assert np.round(at, 3).tolist() == [0.755, -0.139, 0.043, 0.188]  # as the tutorial says
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("folder", ["battery", "servo_drive"])
+def test_the_page_of_an_example_tells_what_is_found(folder: str) -> None:
+    study = load_study(EXAMPLES / folder / "study.toml")
+    found = identify(study.simulator, study.experiments, study.inputs, noise=study.noise)
+    page = (EXAMPLES / folder / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(
+        r"^\| `([\w.]+)`.*?\|.*?\| (\S+) \| (\S+) \| \[(\S+), (\S+)\] \|$", page, re.M
+    )
+    told = {name: [float(number) for number in numbers] for name, *numbers in rows}
+    assert told.keys() == set(found.values.index)
+    for name, (estimate, error, lower, upper) in told.items():
+        seen = [found.values[name], found.errors[name], *found.intervals.loc[name]]
+        assert seen == pytest.approx([estimate, error, lower, upper], abs=0.05 * error), name
+    assert found.sound
+    assert found.consistent
