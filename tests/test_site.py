@@ -3,7 +3,10 @@
 import re
 from pathlib import Path
 
+import click
+
 import aleator
+from aleator.cli import main
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -34,3 +37,22 @@ def test_every_public_name_is_in_the_reference_once() -> None:
     told = re.findall(r"^\.\. auto(?:class|function|exception):: aleator\.(\w+)$", pages, re.M)
     told += re.findall(r"^\.\. autoexception:: aleator\.errors\.(AleatorError)$", pages, re.M)
     assert sorted(told) == sorted(aleator.__all__)
+
+
+def test_every_command_on_a_page_exists_with_its_options() -> None:
+    context = click.Context(main)
+    wrong = []
+    for page in (*DOCS.rglob("*.md"), *ROOT.glob("*.md"), *ROOT.glob("examples/*/README.md")):
+        text = page.read_text("utf-8").replace("\\\n", " ")
+        for line in re.findall(r"(?:^    |^|`)aleator ([a-z][^\n`#]*)", text, re.MULTILINE):
+            name, *words = line.split()
+            command = main.get_command(context, name)
+            if isinstance(command, click.Group) and words:
+                command = command.get_command(context, words[0])
+            if command is None:
+                wrong.append((page.name, line))
+                continue
+            known = {o for p in command.get_params(context) for o in (*p.opts, *p.secondary_opts)}
+            given = {word.strip("[],.;:)").split("=")[0] for word in words if "--" in word}
+            wrong += [(page.name, line, option) for option in given - known]
+    assert wrong == []
