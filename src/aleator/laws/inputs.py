@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -343,11 +343,23 @@ class Inputs:
         >>> pair.log_density(alpha, np.zeros((1, 2))).round(6).tolist()   # -log(2 pi 0.8)
         [-1.614734]
         """
+        return self._log_density(alpha, x, range(len(self.laws)), tied=True)
+
+    def scattered_log_density(self, alpha: Array, x: Array, only: int | None = None) -> Array:
+        """The same (J,) of the parameters that scatter; or of it the part that alpha_k changes."""
+        if only is None:
+            return self._log_density(alpha, x, self.scattered, tied=True)
+        own = [i for i in self.scattered if self.slices[i].start <= only < self.slices[i].stop]
+        tied = not own or own[0] in self.correlated
+        return self._log_density(alpha, x, own, tied)
+
+    def _log_density(self, alpha: Array, x: Array, of: Iterable[int], tied: bool) -> Array:
+        """log-densities of some parameters by themselves, and of what ties the correlated ones."""
         laws, parts = list(self.laws.values()), self.slices
         found = np.zeros(x.shape[0])
-        for i, law in enumerate(laws):
-            found += law.log_density(alpha[parts[i]], x[:, i])
-        if not self.correlated:
+        for i in of:
+            found += laws[i].log_density(alpha[parts[i]], x[:, i])
+        if not self.correlated or not tied:
             return found
         theta = np.stack([laws[i].normal_score(alpha[parts[i]], x[:, i]) for i in self.correlated])
         factor, _ = self.correlation.cholesky(alpha[self.partials])

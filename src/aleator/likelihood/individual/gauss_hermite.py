@@ -47,6 +47,11 @@ class GaussHermite:
         return ARRIVED
 
     @property
+    def holds_parameters(self) -> bool:
+        """No: nodes about a mode are where an outcome is smooth."""
+        return False
+
+    @property
     def rough(self) -> GaussHermite:
         """The same: its nodes are few, or the experiments need many."""
         return self

@@ -46,6 +46,11 @@ class ImportancePoints:
         return ARRIVED
 
     @property
+    def holds_parameters(self) -> bool:
+        """Yes: they are where an outcome is not smooth."""
+        return True
+
+    @property
     def rough(self) -> ImportancePoints:
         """At most 300 points."""
         return ImportancePoints(min(self.count, ROUGH), self.centers)

@@ -69,6 +69,11 @@ class Layout:
     chosen: tuple[slice, ...] = ()
     _blocks: dict[int, tuple[Block, ...]] = field(default_factory=dict, repr=False)
 
+    @property
+    def size(self) -> int:
+        """M, the number of observations."""
+        return self.experiment.size
+
     def blocks(self, nodes: int) -> tuple[Block, ...]:
         """The experiments in blocks that fit into memory at so many nodes; made once for each."""
         widest = int(np.bincount(self.experiment, minlength=self.count).max())

@@ -24,6 +24,7 @@ from aleator.likelihood.individual.modes import (
     modes,
 )
 from aleator.likelihood.individual.nodes import Nodes, joined
+from aleator.likelihood.individual.parameters import Parameters, densities, holds
 from aleator.likelihood.individual.predictor import Predictor
 from aleator.likelihood.individual.rule import Rule
 from aleator.likelihood.individual.toward import toward
@@ -55,6 +56,7 @@ class IndividualLikelihood:
     layout: Layout
     rule: Rule
     nodes: Nodes
+    parameters: Parameters | None = None
 
     @classmethod
     def of(
@@ -88,8 +90,12 @@ class IndividualLikelihood:
     def __call__(self, alpha: Array) -> LogLikelihood:
         """Value and score (N, K) at alpha (K,), nodes held."""
         each, scores = np.zeros(self.count), np.zeros((self.count, alpha.size))
+        held = self._held
         for block in self.blocks:
             part = block.experiments
+            if held is not None:
+                each[part], scores[part] = self._by_density(held, alpha, block)
+                continue
             found = self.at(alpha, block, self.nodes.xi[part])
             each[part], share = mean_of(found.sums + self.nodes.log_weight[part])
             scores[part] = found.scores(share)
@@ -98,10 +104,15 @@ class IndividualLikelihood:
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The value at alpha without its score, nodes held."""
-        each = np.zeros(self.count)
+        each, held = np.zeros(self.count), self._held
         for block in self.blocks:
             part = block.experiments
-            sums = self.sums(alpha, block, self.nodes.xi[part])
+            if held is not None:
+                sums = held.change(alpha[: self.inputs.size], block) + self.sums_of(
+                    alpha, block, held.eta[block.rows]
+                )
+            else:
+                sums = self.sums(alpha, block, self.nodes.xi[part])
             each[part] = mean_of(sums + self.nodes.log_weight[part])[0]
         value = LogLikelihood(each, None, _status(each))
         return value.believed(self.hyperparameters, alpha)
@@ -130,7 +141,11 @@ class IndividualLikelihood:
             valued = partial(self.log_density, alpha, block)
             placed.append((part, *self.rule.about(curved, valued, found, part.start)))
         xi, log_weight = joined(placed, self.count, classes)
-        return replace(self, nodes=Nodes(xi, log_weight, peaks, information, x))
+        nodes = Nodes(xi, log_weight, peaks, information, x)
+        parameters = None
+        if self.rule.holds_parameters and holds(self.inputs, self.layout.size * xi.shape[1]):
+            parameters = self._at_parameters(alpha, nodes.xi)
+        return replace(self, nodes=nodes, parameters=parameters)
 
     def weighed(self, alpha: Array, block: Block) -> tuple[Array, Array, Individual, Terms]:
         """log L_l (B,), the share (B, J) of each node in it, and the parameters and terms there."""
@@ -180,6 +195,34 @@ class IndividualLikelihood:
     def log_density(self, alpha: Array, block: Block, z: Array) -> Array:
         """The log-density (B, P) of variates z (B, P, s) given the observations."""
         return np.asarray(self.sums(alpha, block, z) - 0.5 * np.sum(z**2, axis=2))
+
+    @property
+    def _held(self) -> Parameters | None:
+        """The parameters at the nodes, where they were computed for this law and predictor."""
+        held = self.parameters
+        known = held and held.inputs is self.inputs and held.predictor is self.predictor
+        return held if known else None
+
+    def _at_parameters(self, alpha: Array, xi: Array) -> Parameters:
+        """What the simulator says at the nodes xi (N, J, s) under alpha."""
+        x = np.zeros((*xi.shape[:2], len(self.inputs.names)))
+        eta = np.zeros((self.layout.size, xi.shape[1]))
+        log_density = np.zeros(xi.shape[:2])
+        for block in self.layout.blocks(xi.shape[1]):
+            part = block.experiments
+            x[part] = self._individual(alpha, block, xi[part]).x
+            eta[block.rows] = self.predictor.values(block, x[part])
+            log_density[part] = densities(self.inputs, alpha[: self.inputs.size], x[part])
+        return Parameters(self.inputs, self.predictor, alpha, x, eta, log_density)
+
+    def _by_density(self, held: Parameters, alpha: Array, block: Block) -> tuple[Array, Array]:
+        """log L_l (B,) and scores (B, K) with the parameters at the nodes held."""
+        terms = self._terms(alpha, block, held.eta[block.rows])
+        of_laws = alpha[: self.inputs.size]
+        sums = held.change(of_laws, block) + block.summed(terms.value)
+        each, share = mean_of(sums + self.nodes.log_weight[block.experiments])
+        laws = held.scores(of_laws, block, share)
+        return each, np.concatenate([laws, scores_of_errors(terms, block, share)], axis=1)
 
     def _individual(self, alpha: Array, block: Block, xi: Array) -> Individual:
         return self.inputs.individual(alpha[: self.inputs.size], xi, block.experiments)
@@ -242,7 +285,8 @@ class Following:
 
     Its score is exact but for the error of the quadrature. Modes are sought from the last ones,
     which is the only thing that it remembers: where an experiment has one mode, the value is a
-    function of alpha alone. Modes are found to `arrived` in log-density.
+    function of alpha alone. Nodes that are held as parameters stay while the laws hardly move.
+    Modes are found to `arrived` in log-density.
     """
 
     def __init__(self, likelihood: IndividualLikelihood, arrived: float) -> None:
@@ -262,6 +306,9 @@ class Following:
         return toward(self._adapted(alpha), alpha)
 
     def _adapted(self, alpha: Array) -> IndividualLikelihood:
+        held = self._last.parameters
+        if held is not None and held.near(alpha):
+            return self._last
         found = self._last.adapted(alpha, self._arrived)
         if np.all(np.isfinite(found.nodes.mode)):
             self._last = found
@@ -292,12 +339,17 @@ class Evaluated:
                     # where it is no number, the share is zero
                     gradient[..., i] = share * self.block.summed(self.terms.d_eta * slope)
         law = self.individual.score(np.where(share[..., None] > 0.0, gradient, 0.0), share)
-        errors = np.zeros((len(share), len(self.terms.d_values)))
-        for p, (rows, derivative) in enumerate(self.terms.d_values):
-            owner = self.block.owner[rows]
-            each = np.sum(share[owner] * derivative, axis=1)
-            errors[:, p] = np.bincount(owner, each, minlength=len(share))
-        return np.concatenate([law, errors], axis=1)
+        return np.concatenate([law, scores_of_errors(self.terms, self.block, share)], axis=1)
+
+
+def scores_of_errors(terms: Terms, block: Block, share: Array) -> Array:
+    """The scores (B, P) by the values of the errors."""
+    errors = np.zeros((len(share), len(terms.d_values)))
+    for p, (rows, derivative) in enumerate(terms.d_values):
+        owner = block.owner[rows]
+        each = np.sum(share[owner] * derivative, axis=1)
+        errors[:, p] = np.bincount(owner, each, minlength=len(share))
+    return errors
 
 
 def mean_of(total: Array) -> tuple[Array, Array]:

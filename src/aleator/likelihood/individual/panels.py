@@ -60,6 +60,11 @@ class Panels:
         return NEAR
 
     @property
+    def holds_parameters(self) -> bool:
+        """Yes: they are where an outcome is not smooth."""
+        return True
+
+    @property
     def rough(self) -> Panels:
         """A third of the nodes, exact to a thousandth."""
         return Panels(ROUGH_POINTS, ROUGH)

@@ -21,6 +21,10 @@ class Rule(Protocol):
         """What the steps to these modes may have left to gain in log-density, at least."""
 
     @property
+    def holds_parameters(self) -> bool:
+        """Whether its nodes are held as parameters, and not as variates (see `Parameters`)."""
+
+    @property
     def rough(self) -> Rule:
         """One with few nodes that serves for statistics of many replicates."""
 

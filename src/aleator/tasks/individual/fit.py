@@ -115,14 +115,21 @@ class IndividualFit:
         return replace(self, likelihood=likelihood, arrived=NEAR)
 
     def at(self, alpha: Array) -> IndividualFit:
-        """The same data at another alpha, nodes adapted to it."""
+        """The same data at another alpha, nodes adapted to it.
+
+        Rough nodes that are held as parameters do for the steps of replicates. With one observation
+        an experiment nothing else is asked of them.
+        """
+        one = len(self.table.observations) == self.count
+        if one and self.arrived >= NEAR and self.likelihood.parameters is not None:
+            return replace(self, alpha=alpha)
         return replace(self, likelihood=self.likelihood.adapted(alpha, self.arrived), alpha=alpha)
 
     def seeing(self, table: Experiments) -> IndividualFit:
         """The same experiments with the observations of another table, nodes adapted to these."""
         errors = self.likelihood.errors.of_others(table.observations)
         other = replace(self, likelihood=replace(self.likelihood, errors=errors), table=table)
-        return other.at(self.alpha)
+        return replace(other, likelihood=other.likelihood.adapted(self.alpha, self.arrived))
 
     def drawn(self, rng: np.random.Generator) -> IndividualFit:
         """Other observations, with bounds like those of the table (see `censored_alike`).

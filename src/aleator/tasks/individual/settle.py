@@ -29,6 +29,8 @@ SAMPLE = 300
 """Experiments by which rules of many nodes are tried, and second modes sought."""
 LARGE = 400
 """Nodes that are many."""
+SLOWLY = 0.7
+"""Share of the last change that the next one is, where more of many nodes hardly help."""
 TRIED = (600, 1200)
 """Importance points that tell whether nodes about one mode leave a part out."""
 CERTAIN = 3.0
@@ -100,12 +102,17 @@ def _some(likelihood: IndividualLikelihood) -> IndividualLikelihood:
 
 def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> Settled:
     """Settled with one kind of rule."""
-    coarse, variates = None, likelihood.inputs.scattering
+    coarse, variates, before = None, likelihood.inputs.scattering, np.inf
     while True:
         held, alpha = climbed(likelihood, alpha)
         gaps = _gaps(held, alpha)
         gap = held.rule.told(gaps, variates)
         coarse = held if coarse is None and abs(gap) < HARDLY else coarse
+        stuck = held.nodes.xi.shape[1] > LARGE and abs(gap) > SLOWLY * before
+        if held.rule.centers == 1 and stuck:
+            # what is not smooth converges slowly about one centre
+            return Settled(held, alpha, gap, coarse or held)
+        before = abs(gap)
         finer = held.rule.refined(gaps, max(enough, 1e-5 * held.count), variates)
         if finer is None:
             return Settled(held, alpha, gap, coarse or held)

@@ -1,0 +1,77 @@
+"""Nodes that are held as parameters: scores where an outcome jumps or has a kink."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from individual_cases import ALPHA, decay, likelihood_of, table
+from scipy import stats
+
+from aleator import Beta, Free, Gamma, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
+from aleator.likelihood.individual import ImportancePoints, Panels
+from aleator.likelihood.individual.parameters import regular
+
+ONE = Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 3.0))})
+AT = np.array([0.3, 0.7, 0.05])
+FINE = np.linspace(-9.0, 9.0, 400_001)
+
+
+def jump(time, x):
+    return x[0] * time + (x[0] > 0.4)
+
+
+def exact(frame: pd.DataFrame, alpha: np.ndarray) -> float:
+    """The log-likelihood by the rectangle rule, with the density of x."""
+    x = AT[0] + AT[1] * FINE
+    weight = stats.norm.pdf(x, *alpha[:2]) * (x[1] - x[0])
+    rows = frame[["time", "y"]].to_numpy()
+    return float(
+        sum(np.log(stats.norm.pdf(y, jump(t, x[None]), alpha[2]) @ weight) for t, y in rows)
+    )
+
+
+def differences(value, alpha: np.ndarray, step: float = 1e-4) -> list[float]:
+    each = step * np.eye(len(alpha))
+    return [(value(alpha + by) - value(alpha - by)) / (2.0 * step) for by in each]
+
+
+def test_the_score_counts_what_moves_across_a_jump() -> None:
+    """Held as variates the nodes do not see that a share of the law crosses the jump."""
+    rng = np.random.default_rng(2)
+    time = rng.uniform(0.0, 1.0, 12)
+    y = jump(time, 0.3 + 0.7 * rng.standard_normal((1, 12))) + 0.05 * rng.standard_normal(12)
+    frame = pd.DataFrame({"id": range(12), "time": time, "y": y})
+    there = np.add(AT, [0.05, 0.03, 0.004])
+    likelihood = likelihood_of(jump, frame, ONE).by(Panels(), AT)
+    for alpha in (AT, there):
+        found = likelihood(alpha)
+        assert found.likelihood == pytest.approx(exact(frame, alpha), abs=1e-3)
+        wanted = differences(lambda a: exact(frame, a), alpha)
+        assert found.score == pytest.approx(np.array(wanted), rel=2e-3, abs=2e-3)
+
+
+def test_scores_of_correlated_parameters_are_slopes_of_the_value() -> None:
+    likelihood = likelihood_of(decay, table(decay)).by(ImportancePoints(600), ALPHA)
+    there = np.add(ALPHA, [0.05, 0.03, -0.04, 0.02, 0.05, 0.01])
+    found = likelihood(there)
+    wanted = differences(lambda a: likelihood.evaluate(a).total, there)
+    assert found.score == pytest.approx(np.array(wanted), rel=1e-4, abs=1e-4)
+
+
+def test_points_that_are_held_tell_the_value_at_a_near_alpha() -> None:
+    likelihood = likelihood_of(decay, table(decay)).by(ImportancePoints(1200), ALPHA)
+    there = np.add(ALPHA, [0.05, 0.03, -0.04, 0.02, 0.05, 0.01])
+    again = likelihood.adapted(there).evaluate(there).total
+    assert likelihood.evaluate(there).total == pytest.approx(again, abs=0.01)
+
+
+def test_a_support_that_moves_is_told() -> None:
+    """The score of a uniform law has no mean of zero: its ends move."""
+    laws = {
+        "normal": Normal(Free(0.0, 2.0), Free(0.1, 1.0)),
+        "lognormal": LogNormal(Free(0.5, 2.0), Free(0.1, 1.0)),
+        "gamma": Gamma(Free(0.5, 2.0), Free(0.1, 1.0)),
+        "beta": Beta((0.0, 2.0), Free(0.5, 1.5), Free(0.1, 0.5)),
+        "truncated": TruncatedNormal((0.0, 2.0), Free(), Free()),
+    }
+    assert all(regular(Inputs({name: law})) for name, law in laws.items())
+    assert not regular(Inputs({"x": Uniform(Free(0.5, 1.5), Free(0.1, 1.0))}))
