@@ -27,10 +27,10 @@ PYTHON ?= python3
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo reproduce test test-long browser docs gallery bench hardening lint lock clean .venv create-venv FORCE
+.PHONY: help demo reproduce test test-long browser docs browser-docs gallery bench hardening lint lock clean .venv create-venv FORCE
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 demo: $(addprefix demo-,$(EXAMPLES)) ## Identify the laws of both examples into out/
 
@@ -52,6 +52,9 @@ browser: $(STAMP) ## Look at report.html in a headless Chromium, which must be t
 docs: $(WRITERS) ## Build the site into out/docs; a warning is an error
 	$(BIN)/sphinx-build --builder html --conf-dir website --fail-on-warning --keep-going --quiet . out/docs
 	@echo "Written: out/docs/index.html"
+
+browser-docs: docs ## Look at every page of the site in a headless Chromium
+	$(BIN)/pytest tests/browser/pages.py
 
 gallery: $(STAMP) ## Draw the figures of the gallery anew (the answers in out/gallery are kept)
 	$(BIN)/python website/gallery.py
