@@ -68,3 +68,12 @@ def test_its_runs_are_kept_and_none_is_made_twice(study: Path) -> None:
     assert second["observations"] == first["observations"]
     listed = run("runs", "list", study).output
     assert "65" in listed
+
+
+def test_a_function_that_wants_arrays_is_told_how_to_say_so(study: Path) -> None:
+    Path("model.py").write_text(
+        "def spring(force, stiffness, idle):\n    return force.astype(float) / stiffness\n"
+    )
+    refused = run("check", study)
+    assert refused.exit_code == 2
+    assert "vectorized = true" in refused.output

@@ -168,6 +168,12 @@ def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> N
     study.close()
 
 
+def test_a_study_in_a_folder_that_is_made_finds_its_files(folder: Path) -> None:
+    springs(folder)
+    assert run("new", "--output", "studies/first/study.toml").exit_code == 0
+    assert load_study("studies/first/study.toml").runner()([0], [[2.0]]).tolist() == [5.0]
+
+
 def test_an_fmu_gives_units_and_start_values(
     folder: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
@@ -221,6 +227,9 @@ WRONG = {
     "no such function": (["springs.csv", "--function", "model.py:sprong"], "spring"),
     "no such parameter": ([*SPRINGS, "--parameter", "stifness=1:2"], "stiffness"),
     "limits in the wrong order": ([*SPRINGS, "--parameter", "stiffness=3:1"], "1.0:3.0"),
+    "no such id": ([*SPRINGS, "--id", "sprng"], "'sprng' is not a column"),
+    "no such file": (["springs.csv", "--function", "modle.py"], "did you mean 'model.py'"),
+    "an argument as outcome": ([*SPRINGS, "--outcome", "force"], "cannot be the outcome"),
     "a command without places": (["springs.csv", "--command", "./spring"], "{force}"),
 }
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
 
 from aleator.cli.asking import Questions
-from aleator.errors import AleatorError, SimulatorError
+from aleator.errors import AleatorError, SimulatorError, nearest
 from aleator.report.proposal import variables
 from aleator.report.rows import Rows
 from aleator.study.offers import (
@@ -40,8 +40,10 @@ class Asked:
     questions: Questions
     folder: Path
 
-    def id(self, roles: Roles, given: str | None) -> str | None:
+    def id(self, sheet: Sheet, roles: Roles, given: str | None) -> str | None:
         """The column that names the experiments, or None."""
+        if given is not None:
+            sheet.table.require(given, "the id")
         known = [name for name in (roles.id, *roles.others) if name]
         if given is not None or not self.questions.asked or not known:
             return given or roles.id
@@ -158,6 +160,11 @@ def _function(asked: Asked, reference: str) -> Offer:
     file, _, name = reference.rpartition(":")
     if reference.endswith(".py"):
         file, name = reference, ""
+    if file.endswith(".py") and not Path(file).is_file():
+        beside = [path.name for path in Path(file).parent.glob("*.py")]
+        raise SimulatorError(
+            f"{file}: there is no such file{nearest(Path(file).name, beside)}", "check the name"
+        )
     if not name:
         known = functions_in(Path(file))
         missing = SimulatorError(
@@ -172,7 +179,8 @@ def _function(asked: Asked, reference: str) -> Offer:
         name = asked.questions.one_of("Function", known, default, missing)
     if not file.endswith(".py"):
         return offered_by_function(f"{file}:{name}", asked.folder)
-    return offered_by_function(f"{_beside(asked.folder, Path(file))}:{name}", asked.folder)
+    found = offered_by_function(f"{Path(file).absolute()}:{name}", asked.folder)
+    return replace(found, value=f"{_beside(asked.folder, Path(file))}:{name}")
 
 
 def _located(folder: Path, command: str) -> str:

@@ -94,7 +94,7 @@ def new(
     offer = bound(chosen_offer(asked, function, fmu, command), sheet.names)
     outcomes = chosen_outcomes(asked, sheet, offer, outcome)
     roles = roles_of(sheet, offer, outcomes)
-    named = asked.id(roles, id)
+    named = asked.id(sheet, roles, id)
     most = laws_for(count_of(sheet.table, named), len(sheet.table))
     laws = chosen_parameters(asked, offer, roles, most, parameters)
     file = Path(os.path.relpath(path.absolute(), output.parent)).as_posix()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -53,7 +54,7 @@ class Messages:
     def too_many(self, tried: Runs, failed: int, asked: int) -> SimulatorError:
         """Too large a share of all runs failed for a surface through the others."""
         row = min(tried.failures)
-        hint = "mend the simulator: no run of it worked" if failed == asked else ""
+        hint = self._nowhere(tried.failures[row]) if failed == asked else ""
         return self._no_outcome(
             f": {failed:,} of {asked:,} runs failed, too many to go on; the first for "
             f"{self._run(tried, row)}: {_told(tried.failures[row])}",
@@ -62,6 +63,18 @@ class Messages:
             tried,
             _failed(tried),
         )
+
+    def _nowhere(self, failure: Failure) -> str:
+        """What to do where no run worked; of a function that wants arrays, that."""
+        scalars = not getattr(self.simulator, "vectorized", True)
+        if scalars and re.match(
+            r"(Attribute|Type|Index)Error: .*\b(float|scalar)", failure.message
+        ):
+            return (
+                "set vectorized = true if the function computes with arrays of many runs; else "
+                "mend it: no run of it worked"
+            )
+        return "mend the simulator: no run of it worked"
 
     def not_repeatable(self, runs: Runs, row: int, first: float, again: float) -> SimulatorError:
         """One of the runs has two outcomes."""

@@ -119,10 +119,15 @@ def outcome_of(sheet: Sheet, offer: Offer) -> tuple[str | None, tuple[str, ...]]
 def roles_of(sheet: Sheet, offer: Offer, outcomes: Sequence[str]) -> Roles:
     """The roles of the columns besides the outcomes, which must be there.
 
-    Raises ExperimentsError for an outcome that is no column.
+    Raises ExperimentsError for an outcome that is no column, or that the simulator takes.
     """
     for name in outcomes:
         sheet.table.require(name, "the outcome")
+        if name in offer.names and offer.kind != "fmu":
+            raise ExperimentsError(
+                f"the simulator takes '{name}': it cannot be the outcome",
+                f"the outcome is what it returns; it takes {', '.join(offer.names)}",
+            )
     return roles_in(sheet.table, offer.names, outcomes)
 
 
