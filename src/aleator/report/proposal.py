@@ -214,8 +214,9 @@ def _noise(proposal: Proposal) -> list[str]:
             "# [noise]",
             f"# sd = {_table(limits)}" if limits else "# sd = ...",
         ]
-    lines = []
+    lines: list[str] = []
     for name, sd in proposal.noise.items():
+        lines += [""] if lines else []
         head = f"[noise.{_key(name)}]" if several else "[noise]"
         lines.append(_remarked(head, "measurement noise, normal"))
         if isinstance(sd, str):
