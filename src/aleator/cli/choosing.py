@@ -20,13 +20,8 @@ from aleator.study.offers import (
     offered_by_fmu,
     offered_by_function,
 )
-from aleator.study.proposal import (
-    Limits,
-    around,
-    outcome_of,
-    parameters_of,
-    require_outcome,
-)
+from aleator.study.proposal import outcome_of, require_outcome
+from aleator.study.proposed_laws import Limits, around, parameters_of
 from aleator.study.roles import Roles, Sheet
 
 LISTED = 40

@@ -6,7 +6,8 @@ import json
 from collections.abc import Sequence
 
 from aleator.study.offers import Given, Offer
-from aleator.study.proposal import Limits, Proposal, Proposed
+from aleator.study.proposal import Proposal
+from aleator.study.proposed_laws import Limits, Proposed
 
 WIDTH = 34  # where the remarks begin
 SHOWN = 20  # variables of an FMU that are listed
