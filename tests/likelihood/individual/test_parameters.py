@@ -6,7 +6,7 @@ import pytest
 from individual_cases import ALPHA, decay, likelihood_of, table
 from scipy import stats
 
-from aleator import Beta, Free, Gamma, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
+from aleator import Beta, Constant, Free, Gamma, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
 from aleator.likelihood.individual import ImportancePoints, Panels
 from aleator.likelihood.individual.parameters import regular
 
@@ -75,3 +75,23 @@ def test_a_support_that_moves_is_told() -> None:
     }
     assert all(regular(Inputs({name: law})) for name, law in laws.items())
     assert not regular(Inputs({"x": Uniform(Free(0.5, 1.5), Free(0.1, 1.0))}))
+
+
+def test_a_constant_that_is_identified_moves_what_is_simulated() -> None:
+    """Nodes held as parameters would not see it: the score is that of the exact likelihood."""
+    inputs = Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 3.0)), "c": Constant(Free(-1.0, 1.0))})
+    time = np.linspace(0.2, 1.0, 8)
+    frame = pd.DataFrame({"id": range(8), "time": time, "y": 0.3 * time + 0.4})
+    alpha = np.array([0.3, 0.7, 0.1, 0.05])
+
+    def value(at: np.ndarray) -> float:
+        """y = x time + c + e is normal."""
+        sd = np.hypot(at[1] * time, at[3])
+        return float(stats.norm.logpdf(frame["y"], at[0] * time + at[2], sd).sum())
+
+    likelihood = likelihood_of(lambda t, x: x[0] * t + x[1], frame, inputs).by(Panels(), alpha)
+    there = alpha + np.array([0.02, 0.01, 0.03, 0.002])
+    found = likelihood.adapted(there)(there)
+    assert found.likelihood == pytest.approx(value(there), abs=1e-4)
+    assert found.score == pytest.approx(np.array(differences(value, there)), rel=1e-3, abs=1e-3)
+    assert likelihood.parameters is None

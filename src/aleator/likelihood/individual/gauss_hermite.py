@@ -56,6 +56,11 @@ class GaussHermite:
         """The same: its nodes are few, or the experiments need many."""
         return self
 
+    def at_least(self, count: int) -> GaussHermite:
+        """The same with so many nodes or more in every coordinate."""
+        others = None if self.others is None else max(self.others, count)
+        return GaussHermite(max(self.first, count), others)
+
     def coordinate(self, i: int) -> tuple[Array, Array]:
         """Nodes t (q,) of coordinate i, and the logarithms (q,) of their weights, of sum one."""
         return _line(self.first if i == 0 or self.others is None else self.others)

@@ -83,8 +83,16 @@ def holds(inputs: Inputs, values: int) -> bool:
         values <= MOST
         and len(inputs.classes) == 1
         and inputs.covariate_model is None
+        and not _moves_constants(inputs)
         and regular(inputs)
     )
+
+
+def _moves_constants(inputs: Inputs) -> bool:
+    """Whether a parameter that does not scatter is identified: what is simulated moves with it."""
+    own, scattered = inputs.hyperparameters, set(inputs.scattered)
+    constant = [part for i, part in enumerate(inputs.slices) if i not in scattered]
+    return any(h.free for part in constant for h in own[part])
 
 
 @lru_cache(maxsize=16)

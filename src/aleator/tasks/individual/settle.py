@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.likelihood.individual import ImportancePoints, IndividualLikelihood, Rule
+from aleator.likelihood.individual import GaussHermite, ImportancePoints, IndividualLikelihood, Rule
 from aleator.search.newton import ascended
 from aleator.types import Array, Indices
 
@@ -23,6 +23,8 @@ ENOUGH = 2e-3
 if that is more."""
 HARDLY = 0.02
 """A change of the log-likelihood with more nodes that does not matter to an interval."""
+SCORING = 3
+"""Gauss-Hermite nodes of a variate from which on scores are those of the likelihood."""
 ON_A_GRID = 4
 """Variates up to which products of Gauss-Hermite nodes are not too many."""
 SAMPLE = 300
@@ -68,11 +70,21 @@ def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOU
     if variates > ON_A_GRID:
         points = replace(likelihood, rule=ImportancePoints())
         return _refined(points, alpha, max(enough, ROUGHLY))
-    end = _refined(likelihood, alpha, enough)
+    end = _refined(_scoring(likelihood), alpha, enough)
     if variates < 2 or (abs(end.gap) < HARDLY and not _misses_modes(end)):
         return end
     again = _refined(replace(likelihood, rule=ImportancePoints()), end.alpha, enough)
     return again if abs(again.gap) < HARDLY or abs(again.gap) < abs(end.gap) else end
+
+
+def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
+    """With as many nodes a variate as scores need: one at the mode gives a density its height.
+
+    Of its width it knows nothing, so that the score of a standard deviation is not its slope.
+    """
+    if not isinstance(likelihood.rule, GaussHermite) or likelihood.inputs.scattering < 2:
+        return likelihood
+    return replace(likelihood, rule=likelihood.rule.at_least(SCORING))
 
 
 def _misses_modes(end: Settled) -> bool:
