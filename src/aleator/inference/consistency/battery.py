@@ -18,7 +18,7 @@ from aleator.inference.consistency.contrasts import (
     contrasts_of,
     shared,
 )
-from aleator.inference.consistency.relations import INDIVIDUAL, Relations
+from aleator.inference.consistency.relations import INDIVIDUAL, Relations, of_size_one
 from aleator.inference.consistency.residuals import Residuals
 from aleator.types import Array, Flags, Indices
 
@@ -26,10 +26,11 @@ SHAPE, OUTCOMES, SCATTER, TOGETHER = "shape", "outcomes", "scatter", "together"
 SHARES = {SHAPE: 0.27, OUTCOMES: 0.55, SCATTER: 0.11, TOGETHER: 0.07, INDIVIDUAL: 0.1}
 """Share of each group of tests in the false alarms: most where most is asked, of every column."""
 PINNED = 0.05
-"""Logarithms of a sandwich over information are taken to scatter at least so much.
+"""Logarithms of a sandwich over information, and contrasts, are taken to scatter at least so much.
 
 The maximum itself pins some of them: where the estimated standard deviation makes the mean square
-of all residuals one, the two variances of a mean are equal but for rounding and rare outliers.
+of all residuals one, the two variances of a mean are equal but for rounding and rare outliers, and
+where a law follows a column its scores add up to nothing in each part of it.
 """
 REPEATED = 0.7
 """A column is no sign of repeated subjects where it has more distinct values a row."""
@@ -96,7 +97,8 @@ class Battery:
         features = np.stack([near, np.abs(near) - np.sqrt(2.0 / np.pi)])
         parts = [self._shape(w[residuals.known]), self._robust(scores)]
         if self.several:
-            parts += [self._experiments(near, scores), (scores.T @ self._own.T).ravel()]
+            against = of_size_one(scores).T @ self._own.T
+            parts += [self._experiments(near, scores), against.ravel()]
         parts += [(features @ self._rows.T).ravel(), self._together(near)]
         if self.relations.names:
             parts.append(self.relations.values(residuals.means, residuals.products))
@@ -129,7 +131,9 @@ class Battery:
         for i in np.flatnonzero(which):
             column, where = self.contrasts.column[i], self.contrasts.where[i]
             skewed, weight = group == SCATTER, MAIN if self.contrasts.main[i] else 1.0
-            yield Subject(group, "contrast", of, column.name, where, skewed, weight=weight)
+            yield Subject(
+                group, "contrast", of, column.name, where, skewed, weight=weight, least=PINNED
+            )
 
     def _of_neighbours(self) -> Iterator[Subject]:
         if self.ordered:

@@ -23,6 +23,8 @@ INDIVIDUAL = "individual"
 PAIR, COLUMN = "pair", "relation"
 RELATED = (PAIR, COLUMN)
 """The kinds of its tests."""
+LEAST = 0.05
+"""Sums over a column are taken to scatter at least so much: one that the law follows pins them."""
 SCATTER_LEAST = 1e-9
 """Means that scatter less than this have no correlation."""
 
@@ -61,12 +63,12 @@ class Relations:
             yield Subject(INDIVIDUAL, PAIR, self.names[i], self.names[j], weight=MAIN)
         for name in self.names:
             for column in self.columns:
-                yield Subject(INDIVIDUAL, COLUMN, name, column)
+                yield Subject(INDIVIDUAL, COLUMN, name, column, least=LEAST)
 
     def values(self, means: Array, products: Array) -> Array:
         """The statistics (P + s t,) of means (N, s) and mean products (N, s, s)."""
         pairs = [products[:, i, j].mean() for i, j in self.pairs]
-        return np.concatenate([pairs, (means.T @ self.ranks.T).ravel()])
+        return np.concatenate([pairs, (of_size_one(means).T @ self.ranks.T).ravel()])
 
     def told(self, means: Array, tests: list[Statistic]) -> tuple[Relation, ...]:
         """The correlations of individual means with all else, each with the p of its test."""
@@ -80,6 +82,15 @@ class Relations:
             Relation(test.of, str(test.column), test.kind == PAIR, float(value), test.p)
             for value, test in zip(found, tests, strict=True)
         )
+
+
+def of_size_one(values: Array) -> Array:
+    """Values (N, ...) over their root mean square: that of a replicate may be far smaller.
+
+    So it is where its law hardly scatters, and each individual parameter is nearly the mean.
+    """
+    size = np.sqrt(np.mean(values**2, axis=0))
+    return np.asarray(values / np.where(size > 0.0, size, 1.0))
 
 
 def _length(rows: Array) -> Array:
