@@ -130,9 +130,7 @@ class Trace:
     def _above(self, summit: Summit, value: float) -> Summit:
         """The conditional maximum, or that of the hill of a rival where this is higher."""
         for rival in self.rivals:
-            guess = rival.copy()
-            guess[self.k] = value
-            other = self._arrived(guess, self.information)
+            other = self._arrived(self._beside(rival, value), self.information)
             summit = other if other.value > summit.value + LEFT else summit
         return summit
 
@@ -185,11 +183,16 @@ class Trace:
 
     def _guesses(self, alpha: Array, known: Array, inner: Array, value: float) -> list[Array]:
         """Where the conditional maximum may be, the likeliest first; the second beside `inner`."""
-        along, beside = self._guess(alpha, known, value), inner.copy()
-        beside[self.k] = value
+        along, beside = self._guess(alpha, known, value), self._beside(inner, value)
         error = np.sqrt(np.diag(np.linalg.pinv(self.information, hermitian=True)))
         lost = np.any(np.abs(along - known)[self.moving] > LOST * error)
         return [beside if lost else along, beside, self._guess(alpha, alpha, value)]
+
+    def _beside(self, point: Array, value: float) -> Array:
+        """A point (K,) with the hyperparameter at another value."""
+        moved = point.copy()
+        moved[self.k] = value
+        return moved
 
     def _guess(self, alpha: Array, known: Array, value: float) -> Array:
         """Where the conditional maximum may be: along a parabola from the maximum through `known`.

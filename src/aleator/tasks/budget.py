@@ -40,6 +40,12 @@ def spend(
 
 
 def affordable(runner: Runner, runs: int) -> int | None:
-    """Of so many runs of each unit how many the budget has; None if it has them all."""
+    """Of so many runs of each unit how many the budget has; None if it has them all.
+
+    None at all, 0, where they are fewer than the least check takes.
+    """
     given = runner.account.given(runs * runner.units)
-    return None if given == runs * runner.units else given // runner.units
+    if given == runs * runner.units:
+        return None
+    each = given // runner.units
+    return each if each >= RESERVED else 0

@@ -24,7 +24,6 @@ from aleator.progress import Progress, Silent
 from aleator.search import Search
 from aleator.simulators import Budget, Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
-from aleator.surrogates.afforded import RESERVED
 from aleator.tasks import individual
 from aleator.tasks.answer import Answer, Question, answered
 from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH, require_enough
@@ -130,7 +129,7 @@ def identify(
         notes = diagnostics.budget_warnings(runner.account, answer.surfaces)
         if verification.wanted:
             most = affordable(runner, verification.near)
-            if most is not None and most < RESERVED:
+            if most == 0:
                 notes.append(diagnostics.UNCHECKED)
             else:
                 with ledger.stage("verification"):

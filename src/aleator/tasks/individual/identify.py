@@ -21,7 +21,6 @@ from aleator.observations.responses import Observations
 from aleator.search import Search
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
-from aleator.surrogates.afforded import RESERVED
 from aleator.tasks.asked import require_enough
 from aleator.tasks.baselines import start_point
 from aleator.tasks.budget import affordable
@@ -92,7 +91,7 @@ def identified(
         check, notes = None, diagnostics.budget_warnings(runner.account, answer.surfaces)
         if verified and answer.surfaces is not None:
             most = affordable(runner, POINTS)
-            if most is not None and most < RESERVED:
+            if most == 0:
                 notes.append(diagnostics.UNCHECKED)
             else:
                 with ledger.stage("verification"):
