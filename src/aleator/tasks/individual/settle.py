@@ -120,8 +120,8 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> S
         gaps = _gaps(held, alpha)
         gap = held.rule.told(gaps, variates)
         coarse = held if coarse is None and abs(gap) < HARDLY else coarse
-        stuck = held.nodes.xi.shape[1] > LARGE and abs(gap) > SLOWLY * before
-        if held.rule.centers == 1 and stuck:
+        slow = held.nodes.xi.shape[1] > LARGE and abs(gap) > SLOWLY * before
+        if held.rule.centers == 1 and slow and abs(gap) > HARDLY:
             # what is not smooth converges slowly about one centre
             return Settled(held, alpha, gap, coarse or held)
         before = abs(gap)
