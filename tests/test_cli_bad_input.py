@@ -83,9 +83,9 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "blank id": (table("C,", ","), ["springs.csv: row 4, column 'id'"]),
     "more than": (
         table("3.2", "> 20"),
-        ["springs.csv: row 4, column 'length'", "the bound, 20,", 'right = "above"', "biased"],
+        ["springs.csv: row 4, column 'length'", "'> 20'", "signs = true", "biased"],
     ),
-    "less than": (table("3.2", "<=0.5"), ["the bound, 0.5,", 'left = "below"', "biased"]),
+    "less than": (table("3.2", "<=0.5"), ["'<=0.5'", "signs = true", "biased"]),
     "a formula without end": (
         study("mean = {lower = 0.6, upper = 1.4}", f'mean = "{"1 + " * 1000}1"'),
         ["study.toml: key 'parameters.softness.mean'", "4,001 characters"],

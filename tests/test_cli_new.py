@@ -120,7 +120,7 @@ def test_the_columns_and_parameters_of_the_examples_are_recognized(
     assert written["experiments"].get("id") == id
     assert written["parameters"].keys() == names
     assert ("sd" in written.get("noise", {})) == (
-        "id" in own["experiments"] or "fission" in example
+        bool({"id", "censored"} & {*own["experiments"]}) or "fission" in example
     )
     refused = run("identify", "new.toml")
     assert refused.exit_code == 2
@@ -244,3 +244,85 @@ def test_what_is_missing_or_wrong_is_told_with_its_option(folder: Path, case: st
     assert refused.exit_code == 2, refused.output
     assert told in refused.output
     assert not Path("study.toml").exists()
+
+
+def table(head: str, *columns: object) -> None:
+    rows = [",".join(map(str, row)) for row in zip(*columns, strict=True)]  # type: ignore[call-overload]
+    Path("parts.csv").write_text("\n".join([head, *rows, ""]))
+
+
+LIFE = "import numpy as np\ndef life(load, strength=3.0):\n    return np.exp(strength - load)\n"
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("told", ["signs", "words", "event", "upper"])
+def test_bounds_are_seen_and_judged_as_bounds(told: str) -> None:
+    rng = np.random.default_rng(3)
+    load = np.tile([0.5, 1.0, 1.5, 2.0], 15)
+    life = np.round(np.exp(rng.normal(3.0, 0.3, 60) - load + rng.normal(0.0, 0.05, 60)), 3)
+    over, cut = life > 8.0, np.minimum(life, 8.0)
+    Path("model.py").write_text(LIFE)
+    if told == "signs":
+        table("load,hours", load, np.where(over, "> 8", cut.astype(str)))
+    elif told == "words":
+        table("load,hours,status", load, cut, np.where(over, "run-out", "failure"))
+    elif told == "event":
+        table("load,hours,failed", load, cut, 1 - over)
+    else:
+        table("load,hours,hours_upper", load, cut, np.where(over, "500", ""))
+    done = run("new")
+    assert done.exit_code == 0, done.output
+    assert "outcome: hours" in done.output
+    study = load_study("study.toml")
+    seen = study.experiments.observations
+    assert np.flatnonzero(seen.upper > seen.lower).tolist() == np.flatnonzero(over).tolist()
+    assert seen.lower[over] == pytest.approx(8.0)
+
+
+@pytest.mark.usefixtures("folder")
+def test_what_a_law_may_follow_is_proposed_and_holds() -> None:
+    rng = np.random.default_rng(5)
+    maker, warm = np.tile(["A", "B"], 10), np.linspace(20.0, 39.5, 20).round(1)
+    rate = 1.0 + 0.5 * (maker == "B") + 0.1 * rng.standard_normal(20)
+    time = np.array([1.0, 2.0, 3.0])
+    wear = rate[:, None] * time + 0.02 * rng.standard_normal((20, 3))
+    each = [np.repeat(column, 3) for column in (range(20), maker, warm)]
+    table("part,maker,warm,time,wear", *each, np.tile(time, 20), wear.ravel().round(4))
+    Path("model.py").write_text("def worn(time, rate=1.0):\n    return rate * time\n")
+    done = run("new")
+    assert done.exit_code == 0, done.output
+    assert "outcome: wear" in done.output  # the other numbers are one for each part
+    text = Path("study.toml").read_text()
+    assert 'mean = "1 + C(maker) + center(warm)"' in text
+    Path("study.toml").write_text(text.replace("# mean =", "mean ="))
+    found = identified(Path("study.toml"))
+    assert found["rate.mean[maker=B]"] == pytest.approx(0.5, abs=0.2)
+
+
+SERIES = {
+    "annotated": "import numpy as np\n"
+    "def level(time: np.ndarray, rate: float = 0.3) -> np.ndarray:\n"
+    "    return 10.0 * np.exp(-rate * time)\n",
+    "integrated": "from scipy.integrate import solve_ivp\n"
+    "def level(time, rate=0.3):\n"
+    "    return solve_ivp(lambda t, y: -rate * y, (0, time[-1]), [10.0], t_eval=time).y[0]\n",
+}
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("kind", SERIES)
+def test_a_function_of_a_whole_series_is_seen(kind: str) -> None:
+    times = np.array([1.0, 2.0, 4.0])
+    tank, time = np.repeat(["a", "b", "c"], 3), np.tile(times, 3)
+    table("tank,time,level", tank, time, 10.0 * np.exp(-0.3 * time))
+    Path("model.py").write_text(SERIES[kind])
+    assert run("new").exit_code == 0
+    study = load_study("study.toml")
+    assert study.runner().values([0], np.array([[0.3]]))[0] == pytest.approx(
+        10.0 * np.exp(-0.3 * times), rel=1e-2
+    )
+    Path("model.py").write_text("def level(time, rate=0.3):\n    return 10.0 - rate * time\n")
+    assert run("new", "--force").exit_code == 0
+    assert not tomllib.loads(Path("study.toml").read_text())["simulator"].get("series")
+    assert run("new", "--force", "--series").exit_code == 0
+    assert tomllib.loads(Path("study.toml").read_text())["simulator"]["series"]

@@ -49,6 +49,9 @@ SCHEMA = "study.schema.json"
     help="It differs between experiments, within limits; NAME=NUMBER is a constant.",
 )
 @click.option(
+    "--series", is_flag=True, help="A run serves all rows of an experiment: arrays of times."
+)
+@click.option(
     "--output",
     type=RESULT,
     default="study.toml",
@@ -67,6 +70,7 @@ def new(
     outcome: tuple[str, ...],
     id: str | None,
     parameters: tuple[str, ...],
+    series: bool,
     output: Path,
     schema: bool,
     yes: bool,
@@ -99,7 +103,7 @@ def new(
     most = laws_for(count_of(sheet.table, named), len(sheet.table))
     laws = chosen_parameters(asked, offer, roles, most, parameters)
     file = Path(os.path.relpath(path.absolute(), output.parent)).as_posix()
-    proposal = proposed(sheet, file, _title(path), offer, outcomes, named, laws)
+    proposal = proposed(sheet, file, _title(path), offer, outcomes, named, laws, series)
     if schema:
         documents.write_text(schema_text(), output.with_name(SCHEMA))
     documents.write_text(study_text(proposal, SCHEMA if schema else None), output)

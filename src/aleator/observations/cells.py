@@ -39,6 +39,20 @@ def number_of(cell: object, decimal: str) -> tuple[float, str]:
     return number, ""
 
 
+def bound_of(cell: object, decimal: str) -> tuple[float, int, str]:
+    """The number in a cell, its sign, and what is wrong: "> 20" is 20 with the sign 1.
+
+    The sign is -1 for what lies below the number, 0 for the number itself.
+
+    >>> bound_of("> 20", "."), bound_of("<=0,5", ","), bound_of("3", ".")
+    ((20.0, 1, ''), (0.5, -1, ''), (3.0, 0, ''))
+    """
+    found = _BOUND.fullmatch(text_of(cell))
+    sign = 0 if found is None else 1 if found["side"] in _ABOVE else -1
+    number, fault = number_of(cell if found is None else found["number"], decimal)
+    return number, sign, fault
+
+
 def is_blank(cell: object) -> bool:
     """Whether a cell holds nothing; a NaN that is a number, as pandas writes it, is nothing."""
     return (isinstance(cell, Real) and cell != cell) or not text_of(cell)
@@ -72,9 +86,7 @@ def outcome_remedy(cell: object) -> str:
     bound = _BOUND.fullmatch(text_of(cell))
     if bound is None:
         return remedy(cell) if has_decimal_comma(cell) else UNMEASURED
-    side, word = ("right", "above") if bound["side"] in _ABOVE else ("left", "below")
     return (
-        f'write the bound, {bound["number"]}, there and "{word}" in a column such as status, and '
-        f'say censored = {{column = "status", {side} = "{word}"}}; without the row the law would '
-        "be biased"
+        "say that cells with such a sign are bounds: censored = {signs = true}; without the row "
+        "the law would be biased"
     )

@@ -37,7 +37,10 @@ class Censoring:
     The column `upper` makes intervals: the outcome is then the lower end. Where it is blank, or
     equal to the outcome, the outcome was measured.
 
-    Raises ExperimentsError for words without a column, and a word in two lists.
+    With `signs` the cells of the outcome tell it themselves: "> 20" is above 20, "<0.5" below 0.5,
+    and a number was measured.
+
+    Raises ExperimentsError for words without a column, a word in two lists, and signs beside words.
 
     >>> table = Table("a.csv", {"y": ["1", "2"], "s": ["", "out"]}, ("row 2", "row 3"))
     >>> Censoring("s", right="out").read(table, "y", np.arange(2)).upper.tolist()
@@ -49,6 +52,7 @@ class Censoring:
     left: Words = ()
     upper: str | None = None
     measured: Words = ()
+    signs: bool = False
 
     def __post_init__(self) -> None:
         words = self._listed
@@ -57,10 +61,15 @@ class Censoring:
                 f"censored: column = {self.column!r}, and the words are {words}",
                 'give both: column="status", right="run-out"; an upper column needs neither',
             )
-        if self.column is None and self.upper is None:
+        if self.column is None and self.upper is None and not self.signs:
             raise ExperimentsError(
                 "censored: neither a column of words nor one of upper ends",
-                'write column="status", right="run-out", or upper="upper_end"',
+                'write column="status", right="run-out", or upper="upper_end", or signs=true',
+            )
+        if self.signs and self.columns:
+            raise ExperimentsError(
+                f"censored: signs in the cells, and the column '{self.columns[0]}' as well",
+                "keep one of the two: a value must not be told to be a bound in two ways",
             )
         twice = [word for k, word in enumerate(words) if word in words[:k]]
         if twice:
@@ -85,6 +94,8 @@ class Censoring:
         """
         for name in self.columns:
             table.require(name, "censored:")
+        if self.signs:
+            return _signed(table, outcome, rows)
         right, left = self._told(table, rows)
         value = table.numbers_or_blank(outcome)[rows]
         above = value if self.upper is None else table.numbers_or_blank(self.upper)[rows]
@@ -144,6 +155,14 @@ class Censoring:
                 f"below the lower end {lower[k]:g} in '{outcome}'",
                 "swap the two ends",
             )
+
+
+def _signed(table: Table, outcome: str, rows: Indices) -> Values:
+    """Bounds whose cells say so by a sign."""
+    value, sign = (of[rows] for of in table.bounds(outcome))
+    lower, upper = np.where(sign < 0, -np.inf, value), np.where(sign > 0, np.inf, value)
+    given = ~np.isnan(value)
+    return Values(rows[given], lower[given], upper[given])
 
 
 def _words(words: Words) -> list[str]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from aleator.errors import ExperimentsError, nearest
 from aleator.observations.cells import (
+    bound_of,
     has_decimal_comma,
     is_blank,
     number_of,
@@ -125,6 +126,21 @@ class Table:
             if fault:
                 raise ExperimentsError(f"{self.where(row, column)}: {fault}", outcome_remedy(cell))
         return numbers
+
+    def bounds(self, column: str) -> tuple[NDArray[np.float64], NDArray[np.int_]]:
+        """The N numbers of a column and their signs: 1 for "> 20", -1 for "< 0.5", else 0.
+
+        NaN where the cell holds nothing. Raises ExperimentsError for every other cell.
+        """
+        cells = self.columns[column]
+        numbers, signs = np.full(len(self), np.nan), np.zeros(len(self), dtype=int)
+        for row, cell in enumerate(cells):
+            if is_blank(cell):
+                continue
+            numbers[row], signs[row], fault = bound_of(cell, self.decimal)
+            if fault:
+                raise ExperimentsError(f"{self.where(row, column)}: {fault}", remedy(cell))
+        return numbers, signs
 
 
 class _Rows(Sequence[str]):

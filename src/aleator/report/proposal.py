@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
+from dataclasses import asdict
 
+from aleator.report.toml_lines import ends, fill, key, line, off, remarked, written
 from aleator.study.offers import Given, Offer
 from aleator.study.proposal import Proposal
-from aleator.study.proposed_laws import Limits, Proposed
+from aleator.study.proposed_laws import Proposed
 
-WIDTH = 34  # where the remarks begin
 SHOWN = 20  # variables of an FMU that are listed
-FILL_IN = "FILL IN"
 
 
 def study_text(proposal: Proposal, schema: str | None = None) -> str:
@@ -22,12 +21,12 @@ def study_text(proposal: Proposal, schema: str | None = None) -> str:
     sections = [
         _experiments(proposal),
         _simulator(proposal),
-        *(_parameter(each) for each in proposal.parameters),
+        *(_parameter(each, proposal) for each in proposal.parameters),
         _untouched(proposal),
         _noise(proposal),
     ]
     top = [f"#:schema {schema}"] if schema else []
-    title = _line("title", proposal.title, "printed above the report and its figures")
+    title = line("title", proposal.title, "printed above the report and its figures")
     return "\n".join([*top, title, *("\n".join(["", *s]) for s in sections if s), ""])
 
 
@@ -48,8 +47,17 @@ def notes(proposal: Proposal) -> list[str]:
         said.append(f"held constant: {', '.join(known)}")
     if roles.constant:
         said.append(f"the same in every row, not used: {', '.join(roles.constant)}")
-    if roles.others:
-        said.append(f"not used: {', '.join(roles.others)}")
+    if proposal.censored:
+        said.append(f"censored values: {', '.join(proposal.censored)}")
+    if proposal.series:
+        said.append(f"a run serves all rows of an experiment, with arrays of "
+                    f"{', '.join(proposal.within)}")  # fmt: skip
+    if proposal.covariates:
+        said.append(f"laws may follow: {', '.join(proposal.covariates)}")
+    telling = {name for one in proposal.censored.values() for name in one.columns}
+    unused = [name for name in roles.others if name not in {*telling, *proposal.covariates}]
+    if unused:
+        said.append(f"not used: {', '.join(unused)}")
     said += [
         f"the column '{column}' is not used; if it is the simulator's '{argument}', call it so"
         for column, argument in proposal.unlike.items()
@@ -70,27 +78,40 @@ def _experiments(proposal: Proposal) -> list[str]:
     sheet = proposal.sheet
     lines = [
         "[experiments]",
-        _line("file", proposal.file, "a header, then a row for each measured value"),
+        line("file", proposal.file, "a header, then a row for each measured value"),
         _outcome(proposal.outcomes),
     ]
     if proposal.id:
         lines.append(
-            _line("id", proposal.id, "rows with the same name are one experiment: one draw of the "
+            line("id", proposal.id, "rows with the same name are one experiment: one draw of the "
                   "parameters")
             if proposal.repeated
-            else _line("id", proposal.id, "the name of each experiment")
+            else line("id", proposal.id, "the name of each experiment")
         )  # fmt: skip
     else:
         lines.append("# id = ...  if rows belong together: the column that names their experiment")
-    lines.append(_line("conditions", [*proposal.conditions], "columns that the simulator is given"))
+    lines.append(line("conditions", [*proposal.conditions], "columns that the simulator is given"))
+    lines += _censored(proposal)
     lines.append(_units(proposal))
     if sheet.delimiter != ",":
-        lines.append(_line("delimiter", sheet.delimiter, "between the cells"))
+        lines.append(line("delimiter", sheet.delimiter, "between the cells"))
     if sheet.decimal != ".":
-        lines.append(_line("decimal", sheet.decimal, "the decimal sign"))
+        lines.append(line("decimal", sheet.decimal, "the decimal sign"))
     if proposal.decades:
-        lines.append(_off("transform", "log", "for outcomes that span decades, as these do"))
+        lines.append(off("transform", "log", "for outcomes that span decades, as these do"))
     return lines
+
+
+def _censored(proposal: Proposal) -> list[str]:
+    """Of which values there are bounds only."""
+    told = {
+        name: {key: value for key, value in asdict(one).items() if value}
+        for name, one in proposal.censored.items()
+    }
+    if not told:
+        return []
+    said: object = told if len(proposal.outcomes) > 1 else told[proposal.outcomes[0]]
+    return [line("censored", said, "of these values only bounds are known")]
 
 
 def _units(proposal: Proposal) -> str:
@@ -99,28 +120,45 @@ def _units(proposal: Proposal) -> str:
     known = {name: proposal.units[name] for name in names if name in proposal.units}
     remark = "shown on every axis and in every table"
     if known:
-        return _line("units", known, remark)
-    return _off("units", dict.fromkeys(names[:1], "..."), remark)
+        return line("units", known, remark)
+    return off("units", dict.fromkeys(names[:1], "..."), remark)
 
 
 def _outcome(outcomes: Sequence[str]) -> str:
     if len(outcomes) == 1:
-        return _line("outcome", outcomes[0], "the measured column")
-    return _line("outcomes", [*outcomes], "the measured columns; a cell may be blank")
+        return line("outcome", outcomes[0], "the measured column")
+    return line("outcomes", [*outcomes], "the measured columns; a cell may be blank")
 
 
 def _simulator(proposal: Proposal) -> list[str]:
     offer = proposal.offer
-    lines = ["[simulator]", _line(offer.kind, offer.value, _SIMULATORS[offer.kind])]
+    lines = ["[simulator]", line(offer.kind, offer.value, _SIMULATORS[offer.kind])]
     if offer.kind == "function":
         shape = "with arrays of many runs" if offer.vectorized else "once a run, with numbers"
-        lines.append(_line("vectorized", offer.vectorized, f"called {shape}"))
+        if proposal.series:
+            lines.append(line("series", True, "called once for all rows of an experiment"))
+        else:
+            lines.append(line("vectorized", offer.vectorized, f"called {shape}"))
+            lines += _could_be_series(proposal)
     if offer.kind == "fmu":
         lines += _of_fmu(proposal, offer)
     if offer.kind == "command":
-        lines.append(_off("output", {"file": "result.txt"}, "where the outcome is; else the last "
+        lines += (
+            [line("series", True, "one run serves all rows of an experiment")]
+            if proposal.series
+            else _could_be_series(proposal)
+        )
+        lines.append(off("output", {"file": "result.txt"}, "where the outcome is; else the last "
                           "number that is printed"))  # fmt: skip
     return lines
+
+
+def _could_be_series(proposal: Proposal) -> list[str]:
+    """A line that makes one run serve a whole experiment."""
+    if not proposal.within or proposal.offer.vectorized:
+        return []
+    names = ", ".join(proposal.within)
+    return [off("series", True, f"if one run serves all rows of an experiment: arrays of {names}")]
 
 
 _SIMULATORS = {
@@ -133,53 +171,62 @@ _SIMULATORS = {
 def _of_fmu(proposal: Proposal, offer: Offer) -> list[str]:
     names = ", ".join(each.name for each in offer.returned[:SHOWN])
     lines = [
-        _line("outcome", proposal.returned, "its value at the end; also maximum, crossing: "
+        line("outcome", proposal.returned, "its value at the end; also maximum, crossing: "
               "docs/simulators.md")
         if proposal.returned
-        else _fill("outcome", "...", f"the variable that is measured: {names}")
+        else fill("outcome", "...", f"the variable that is measured: {names}")
     ]  # fmt: skip
     used = {*proposal.conditions, *(each.name for each in proposal.parameters)}
     if named := {name: called for name, called in offer.variables.items() if name in used}:
-        lines.append(_line("variables", named, "what these are called in the FMU"))
+        lines.append(line("variables", named, "what these are called in the FMU"))
     if proposal.time and proposal.repeated:
-        lines.append(_line("series", True, "one run serves all rows of an experiment"))
-        lines.append(_line("time", proposal.time, "the column of their times, in s"))
+        lines.append(line("series", True, "one run serves all rows of an experiment"))
+        lines.append(line("time", proposal.time, "the column of their times, in s"))
     elif proposal.time:
-        lines.append(_line("stop_time", proposal.time, "the column of the time that is simulated"))
+        lines.append(line("stop_time", proposal.time, "the column of the time that is simulated"))
     elif offer.stop_time is None:
-        lines.append(_fill("stop_time", "...", "seconds that are simulated"))
+        lines.append(fill("stop_time", "...", "seconds that are simulated"))
     else:
-        lines.append(_off("stop_time", offer.stop_time, "s, as the FMU says"))
+        lines.append(off("stop_time", offer.stop_time, "s, as the FMU says"))
     return lines
 
 
-def _parameter(each: Proposed) -> list[str]:
+def _parameter(each: Proposed, proposal: Proposal) -> list[str]:
     if not each.scatters:
         return _constant(each)
-    head = _remarked(f"[parameters.{_key(each.name)}]", "differs between experiments")
-    lines = [head, _line("law", "truncated_normal", "a normal law, cut at the ends of the box")]
+    head = remarked(f"[parameters.{key(each.name)}]", "differs between experiments")
+    lines = [head, line("law", "truncated_normal", "a normal law, cut at the ends of the box")]
     if each.given.unit:
-        lines.insert(1, _line("unit", each.given.unit, "shown on every axis and in every table"))
+        lines.insert(1, line("unit", each.given.unit, "shown on every axis and in every table"))
     if each.limits is None:
-        return [*lines, _fill("box", "[..., ...]", "where the simulator works; mean and sd are "
-                              "sought inside")]  # fmt: skip
+        box = fill("box", "[..., ...]", "where the simulator works; mean and sd are sought inside")
+        return [*lines, box, *_follows(proposal)]
     why = (
         "where the simulator works; mean and sd are sought inside"
         if each.nominal is None
-        else f"a factor of three about {_written(each.nominal)}: make it as wide as physics allows"
+        else f"a factor of three about {written(each.nominal)}: make it as wide as physics allows"
     )
-    return [*lines, _line("box", [*each.limits], why)]
+    return [*lines, line("box", [*each.limits], why), *_follows(proposal)]
+
+
+def _follows(proposal: Proposal) -> list[str]:
+    """A formula of covariates that the mean may follow."""
+    if not proposal.covariates:
+        return []
+    formula = " + ".join(["1", *proposal.covariates.values()])
+    remark = "if the parameter depends on these" + ("" if proposal.noise else "; needs [noise]")
+    return [off("mean", formula, remark)]
 
 
 def _constant(each: Proposed) -> list[str]:
-    head = _remarked(f"[parameters.{_key(each.name)}]", "the same in all experiments")
-    lines = [head, _line("law", "constant", "no scatter")]
+    head = remarked(f"[parameters.{key(each.name)}]", "the same in all experiments")
+    lines = [head, line("law", "constant", "no scatter")]
     if each.value is None:
-        return [*lines, _fill("value", "...", "a number, or {lower = ..., upper = ...} to "
+        return [*lines, fill("value", "...", "a number, or {lower = ..., upper = ...} to "
                               "identify it")]  # fmt: skip
     return [
         *lines,
-        _line("value", each.value, "known; {lower = ..., upper = ...} identifies it"),
+        line("value", each.value, "known; {lower = ..., upper = ...} identifies it"),
     ]
 
 
@@ -203,7 +250,7 @@ def _untouched(proposal: Proposal) -> list[str]:
 def _variable(offer: Offer, each: Given) -> str:
     """The line that lets a name stand for a variable, where it has to be named."""
     called = offer.variables.get(each.name)
-    return f"  (variables = {{{each.name} = {_written(called)}}})" if called else ""
+    return f"  (variables = {{{each.name} = {written(called)}}})" if called else ""
 
 
 def _noise(proposal: Proposal) -> list[str]:
@@ -213,56 +260,15 @@ def _noise(proposal: Proposal) -> list[str]:
         return [
             "# Without [noise] the parameters alone explain all scatter. With it:",
             "# [noise]",
-            f"# sd = {_table(limits)}" if limits else "# sd = ...",
+            f"# sd = {ends(limits)}" if limits else "# sd = ...",
         ]
     lines: list[str] = []
     for name, sd in proposal.noise.items():
         lines += [""] if lines else []
-        head = f"[noise.{_key(name)}]" if several else "[noise]"
-        lines.append(_remarked(head, "measurement noise, normal"))
+        head = f"[noise.{key(name)}]" if several else "[noise]"
+        lines.append(remarked(head, "measurement noise, normal"))
         if isinstance(sd, str):
-            lines.append(_line("sd", sd, "the column with the sd of each measured value"))
+            lines.append(line("sd", sd, "the column with the sd of each measured value"))
         else:
-            lines.append(_remarked(f"sd = {_table(sd)}", "identified; a number would be known"))
+            lines.append(remarked(f"sd = {ends(sd)}", "identified; a number would be known"))
     return lines
-
-
-def _table(limits: Limits) -> str:
-    return f"{{lower = {_written(limits[0])}, upper = {_written(limits[1])}}}"
-
-
-def _line(key: str, value: object, remark: str) -> str:
-    return _remarked(f"{key} = {_written(value)}", remark)
-
-
-def _off(key: str, value: object, remark: str) -> str:
-    return _remarked(f"# {key} = {_written(value)}", remark)
-
-
-def _fill(key: str, form: str, remark: str) -> str:
-    return _remarked(f"# {key} = {form}", f"{FILL_IN}: {remark}")
-
-
-def _remarked(text: str, remark: str) -> str:
-    return f"{text:<{WIDTH}} # {remark}" if len(text) <= WIDTH else f"# {remark}:\n{text}"
-
-
-def _key(name: str) -> str:
-    """A name as a key of TOML."""
-    bare = all(c.isascii() and (c.isalnum() or c in "_-") for c in name)
-    return name if name and bare else _written(name)
-
-
-def _written(value: object) -> str:
-    """A value as TOML has it.
-
-    >>> _written([1.0, 0.5]), _written("a\\tb"), _written({"file": "x"})
-    ('[1.0, 0.5]', '"a\\\\tb"', '{file = "x"}')
-    """
-    if isinstance(value, dict):
-        return f"{{{', '.join(f'{_key(k)} = {_written(v)}' for k, v in value.items())}}}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_written, value))}]"
-    if isinstance(value, float):
-        return repr(value)
-    return json.dumps(value, ensure_ascii=False)

@@ -43,6 +43,7 @@ class CensoringSection(Section):
     left: Words = Field(default_factory=list)
     upper: str | None = None
     measured: Words = Field(default_factory=list)
+    signs: bool = False
 
     def build(self) -> Censoring:
         """The library's choice."""

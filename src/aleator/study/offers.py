@@ -15,6 +15,7 @@ from aleator.simulators.command.placeholders import Text
 from aleator.simulators.command.program import STUDY
 from aleator.simulators.fmu.description import REALS, Description, Variable, read_description
 from aleator.simulators.loading import load_function
+from aleator.study.arguments import arrays_among, is_array
 
 INPUT = "input"
 """The placeholder of a program's input file."""
@@ -42,7 +43,8 @@ class Offer:
     """A simulator as study.toml names it, what it takes, and names that its outcome may have.
 
     `kind` is the key of `[simulator]`, `value` what stands there. `stop_time` is the end of a
-    simulation that an FMU states, `variables` say what names stand for in an FMU.
+    simulation that an FMU states, `variables` say what names stand for in an FMU. `arrays` are
+    arguments of a function that can only be arrays, while others are numbers.
     """
 
     kind: str
@@ -52,6 +54,7 @@ class Offer:
     vectorized: bool = False
     stop_time: float | None = None
     variables: Mapping[str, str] = field(default_factory=dict)
+    arrays: frozenset[str] = frozenset()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -84,6 +87,7 @@ def offered_by_function(reference: str, folder: Path) -> Offer:
         tuple(Given(p.name, _number(p.default), required=p.default is p.empty) for p in named),
         (Given(name),),
         vectorized=_takes_arrays(function, named),
+        arrays=arrays_among(function),
     )
 
 
@@ -190,6 +194,6 @@ def _number(default: object) -> float | None:
 
 def _takes_arrays(function: Callable[..., Any], arguments: list[inspect.Parameter]) -> bool:
     """Whether the annotations say that every argument is an array."""
-    kinds = [str(p.annotation) for p in arguments if p.annotation is not p.empty]
-    returned = str(inspect.signature(function).return_annotation)
-    return bool(kinds) and all("Array" in kind or "ndarray" in kind for kind in [*kinds, returned])
+    kinds = [p.annotation for p in arguments if p.annotation is not p.empty]
+    returned = inspect.signature(function).return_annotation
+    return bool(kinds) and all(map(is_array, [*kinds, returned]))

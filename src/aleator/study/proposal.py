@@ -9,7 +9,10 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from aleator.errors import ExperimentsError
+from aleator.observations.censoring import Censoring
 from aleator.observations.tables import Table
+from aleator.study.bounded import censoring_of
+from aleator.study.columns import covariates_in, varies_within
 from aleator.study.offers import Given, Offer
 from aleator.study.proposed_laws import Limits, Proposed, laws_for, parameters_of
 from aleator.study.roles import Roles, Sheet, count_of, roles_in, spans_decades, spread_of
@@ -31,6 +34,9 @@ class Proposal:
     that tells it; empty where each experiment has one exact outcome. `scale` are the limits that it
     could have. `decades` are outcomes that span some. `units` are those that heads of columns or
     the FMU state. `unlike` names columns that look like something that the simulator takes.
+    `censored` says of each outcome how the table tells bounds, `covariates` has the columns that a
+    law may follow with their terms in a formula. `series` is whether the simulator is to be called
+    once for all rows of an experiment; `within` are the conditions that vary there.
     `returned` is the variable of an FMU that is the outcome, `time` the column of its times.
     """
 
@@ -49,6 +55,10 @@ class Proposal:
     decades: tuple[str, ...]
     units: Mapping[str, str]
     unlike: Mapping[str, str]
+    censored: Mapping[str, Censoring]
+    covariates: Mapping[str, str]
+    within: tuple[str, ...]
+    series: bool
     returned: str | None
     time: str | None
 
@@ -108,8 +118,12 @@ def proposed(
     outcomes: Sequence[str],
     id: str | None,
     chosen: Mapping[str, Limits | float | None],
+    series: bool = False,
 ) -> Proposal:
     """The study of a table and a simulator; `file` is how the study names the table.
+
+    `series` says that the simulator wants all rows of an experiment at once; a function that treats
+    as an array what varies within experiments is seen to.
 
     Raises ExperimentsError and SimulatorError for names that are not there.
     """
@@ -121,7 +135,12 @@ def proposed(
     parameters, untouched = parameters_of(offer, roles, most, chosen)
     scale = {name: noise_limits(spread_of(sheet.table, name)) for name in outcomes}
     bare = {name: limits for name, limits in scale.items() if limits is not None}
-    several = experiments < len(sheet.table) or len(outcomes) > 1
+    bounds = {name: censoring_of(sheet.table, name, roles.others) for name in outcomes}
+    censored = {name: one for name, one in bounds.items() if one is not None}
+    telling = {name for one in censored.values() for name in one.columns}
+    left = [name for name in roles.others if name not in telling]
+    within = tuple(name for name in roles.conditions if varies_within(sheet.table, name, id))
+    several = experiments < len(sheet.table) or len(outcomes) > 1 or bool(censored)
     noise: dict[str, Limits | str] = {**bare} if several else {}
     if len(roles.errors) == 1 and len(outcomes) == 1:
         noise = {outcomes[0]: roles.errors[0]}
@@ -129,6 +148,8 @@ def proposed(
         title, file, sheet, tuple(outcomes), id, roles, experiments, offer, parameters, untouched,
         noise, bare, tuple(n for n in outcomes if spans_decades(sheet.table, n)),
         _units(sheet.table, roles, outcomes, parameters), _unlike(sheet, offer, roles, outcomes),
+        censored, covariates_in(sheet.table, left, id), within,
+        series or bool(offer.arrays & {*within}),
         _returned(offer, outcomes), _time(sheet, offer, outcomes),
     )  # fmt: skip
 

@@ -9,17 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from aleator.errors import ExperimentsError
 from aleator.observations import files
 from aleator.observations.columns import DEFAULT_ID
 from aleator.observations.tables import Table
+from aleator.study.bounded import tells_bounds
+from aleator.study.columns import numbers_of, varies_within
 from aleator.types import Array
 
 MANY = 5
 """Experiments from where on a column whose name does not say so may name them: of fewer values it
 is rather a supplier or a bench."""
 DELIMITERS = (",", ";", "\t", "|")
-_COMMA = re.compile(r"^-?\d+,\d+$")
+_COMMA = re.compile(r"^[<>≤≥]?=?\s*-?\d+,\d+$")
 _ERROR = re.compile(r"(^|_)(sd|std|sigma|error|uncertainty|noise)($|_)", re.IGNORECASE)
 _NAMING = re.compile(
     r"(^|_)(id|no|nr|number|name|experiment|test|run|unit|specimen|sample|part|serial|subject|"
@@ -47,8 +48,9 @@ class Roles:
     """What each column of a table with N rows may be, given what the simulator takes.
 
     `conditions` are columns that the simulator takes. `outcomes` are other columns of numbers that
-    vary, `errors` those whose name says that they tell a measurement error. `id` is the column
-    that names experiments, with `repeated` where rows share a name; None where nothing seems to.
+    vary, within experiments if any does, `errors` those whose name says that they tell a
+    measurement error. `id` is the column that names experiments, with `repeated` where rows share a
+    name; None where nothing seems to.
     `constant` columns have one value, and `others` are none of all these.
     """
 
@@ -87,7 +89,7 @@ def roles_in(table: Table, taken: Collection[str], outcome: Sequence[str] = ()) 
     so, another text in each row, or values that tell rows with equal conditions apart. Of several
     the finest does.
     """
-    numbers = {name: _numbers(table, name) for name in table.columns}
+    numbers = {name: numbers_of(table, name) for name in table.columns}
     distinct = {name: len({*table.texts(name)}) for name in table.columns}
     conditions = tuple(name for name in table.columns if name in taken and name not in outcome)
     left = [name for name in table.columns if name not in conditions and name not in outcome]
@@ -98,7 +100,7 @@ def roles_in(table: Table, taken: Collection[str], outcome: Sequence[str] = ()) 
     errors = tuple(n for n in left if _ERROR.search(n) and _positive(numbers[n]) and n != chosen)
     constant = tuple(name for name in left if distinct[name] == 1 and name != chosen)
     rest = [name for name in left if name not in (chosen, *errors, *constant)]
-    measured = tuple(name for name in rest if numbers[name] is not None)
+    measured = _measured(table, [name for name in rest if numbers[name] is not None], chosen)
     return Roles(
         conditions,
         tuple(outcome) or measured,
@@ -110,9 +112,16 @@ def roles_in(table: Table, taken: Collection[str], outcome: Sequence[str] = ()) 
     )
 
 
+def _measured(table: Table, numbers: list[str], id: str) -> tuple[str, ...]:
+    """Of columns of numbers those that may be outcomes: of repeated rows those that vary there."""
+    values = [name for name in numbers if not tells_bounds(table, name, numbers)]
+    varying = [name for name in values if varies_within(table, name, id or None)]
+    return tuple(varying or values)
+
+
 def spread_of(table: Table, column: str) -> float:
     """The standard deviation of the numbers of a column; NaN of fewer than two."""
-    numbers = _numbers(table, column)
+    numbers = numbers_of(table, column)
     known = np.array([]) if numbers is None else numbers[np.isfinite(numbers)]
     return float(np.std(known, ddof=1)) if known.size > 1 else np.nan
 
@@ -124,18 +133,9 @@ def count_of(table: Table, id: str | None) -> int:
 
 def spans_decades(table: Table, column: str) -> bool:
     """Whether the numbers are positive, and the largest a hundred times the smallest."""
-    numbers = _numbers(table, column)
+    numbers = numbers_of(table, column)
     known = np.array([]) if numbers is None else numbers[np.isfinite(numbers)]
     return known.size > 1 and known.min() > 0.0 and known.max() >= 100.0 * known.min()
-
-
-def _numbers(table: Table, name: str) -> Array | None:
-    """The numbers of a column, NaN where blank; None where it has none, or anything else."""
-    try:
-        numbers = table.numbers_or_blank(name)
-    except ExperimentsError:
-        return None
-    return numbers if np.any(np.isfinite(numbers)) else None
 
 
 def _positive(numbers: Array | None) -> bool:
@@ -148,7 +148,7 @@ def _names_experiments(
     texts = table.texts(name)
     if distinct[name] == 1 or "" in texts or not _whole_or_text(table, name):
         return False
-    each_its_own = distinct[name] == len(table) and _numbers(table, name) is None
+    each_its_own = distinct[name] == len(table) and numbers_of(table, name) is None
     if name == DEFAULT_ID or _NAMING.search(name) or each_its_own:
         return True
     rows = [*zip(*(table.texts(condition) for condition in conditions), strict=True)]
@@ -159,5 +159,5 @@ def _names_experiments(
 
 
 def _whole_or_text(table: Table, name: str) -> bool:
-    numbers = _numbers(table, name)
+    numbers = numbers_of(table, name)
     return numbers is None or bool(np.all(numbers == np.round(numbers)))
