@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -141,3 +142,47 @@ def test_curves_end_at_limits(found: Identification) -> None:
         fit.objective(), fit.alpha, fit.hyperparameters, fit.inference, (0, 1), 5
     )
     assert np.nanmax(narrow.value) == pytest.approx(fit.scored().total, abs=0.01)
+
+
+def test_the_response_is_the_simulators_own_and_knows_where_it_has_no_value() -> None:
+    rng = np.random.default_rng(2)
+    load = np.linspace(1.0, 3.0, 20)
+    table = pd.DataFrame({"load": load, "y": load * rng.normal(1.0, 0.2, 20)})
+
+    def simulator(load: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.where(a > 1.4, np.nan, load * a + b**2)
+
+    with np.errstate(all="ignore"):
+        found = pictured(
+            identify(
+                simulator,
+                table,
+                Inputs({"a": Normal(Free(0.5, 1.5), 0.2), "b": Normal(0.0, 0.1)}),
+                outcome="y", noise=Noise(0.05), vectorized=True, verification=MonteCarlo(0),
+                consistency=False, best_law=False,
+            )
+        )  # fmt: skip
+    response = found.pictures["response"]
+    over, shown = response["over"], response["shown"]
+    loads = dict(zip(found.fit.table.ids, load, strict=True))
+    assert {"1", "20"} <= {entry["id"] for entry in shown}
+    for entry in shown:
+        a, b = (np.array(over[name]) for name in "ab")
+        slope = loads[entry["id"]]
+        assert np.array(entry["curves"]["a"], float) == pytest.approx(
+            np.where(a > 1.4, np.nan, slope * a), nan_ok=True, abs=0.001 * slope
+        )
+        assert np.ptp(np.array(entry["curves"]["b"]) - b**2) < 0.001
+        plane = np.array(entry["map"], float)
+        a, b = (np.array(response["map"][name]) for name in "ab")
+        whole = np.where(a > 1.4, np.nan, slope * a)[:, None] + b**2
+        assert plane == pytest.approx(whole, nan_ok=True, rel=1e-3)
+        assert np.isnan(plane).any()
+
+
+def test_a_surface_that_limits_cut_is_still_a_surface(found: Identification) -> None:
+    fit, inference = found.fit, found.fit.inference
+    wide = replace(inference, covariance=1e4 * inference.covariance)  # hardly known
+    surface = likelihood_surface(fit.objective(), fit.alpha, fit.hyperparameters, wide, (0, 1), 5)
+    assert np.isfinite(surface.value).all()
+    assert [np.ptp(surface.first), np.ptp(surface.second)] == pytest.approx([2.0, 1.95])

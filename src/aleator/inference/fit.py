@@ -119,6 +119,13 @@ class Fit(Protocol):
         Raises AleatorError where there is no noise.
         """
 
+    def simulated(self, x: Array) -> Array | None:
+        """What is known of the simulator at points x (J, n): of each observation, (M, J).
+
+        By its surfaces, or by itself where it is fast. NaN where it has no value; None with
+        collocation, which knows its nodes only.
+        """
+
 
 AnyFit = TypeVar("AnyFit", bound=Fit)
 

@@ -18,7 +18,7 @@ Objective = Callable[[Array], LogLikelihood]
 MARGIN = 0.3
 """Share of an interval by which a curve goes beyond it, so that its ends are seen to drop."""
 
-REACH = 3.0
+REACH = 3.75
 """Standard errors to which a surface goes."""
 ARRIVED = 0.01
 """Log-likelihood left to climb at a point of a curve: less than the width of its line."""
@@ -83,18 +83,25 @@ def likelihood_surface(
 ) -> LikelihoodSurface:
     """The log-likelihood over two free hyperparameters; the others follow along the ridge.
 
-    On a grid of `count` times `count` points, three standard errors to either side along the axes
-    of the ellipse: a narrow ridge is not missed. The others move by -I_oo^-1 I_op from the maximum
+    On a grid of `count` times `count` points, `REACH` standard errors to either side along the axes
+    of the ellipse: a narrow ridge is not missed. Where the limits leave less than half of that, the
+    grid is a rectangle within them. The others move by -I_oo^-1 I_op from the maximum
     alpha (K,), within their limits, but for those on a limit, which stay: exact for two
     hyperparameters, near the maximum for more. Cost: an evaluation a point.
     """
     rows = [int(np.flatnonzero(inference.free == k)[0]) for k in pair]
     variance, axes = np.linalg.eigh(inference.covariance[np.ix_(rows, rows)])
     half = axes * np.sqrt(np.maximum(variance, 0.0))
+    here = alpha[list(pair)]
     u, v = np.meshgrid(*[np.linspace(-REACH, REACH, count)] * 2)
-    points = alpha[list(pair)] + np.stack([u.ravel(), v.ravel()], axis=1) @ half.T
+    points = here + np.stack([u.ravel(), v.ravel()], axis=1) @ half.T
     lower, upper = limits_of(hyperparameters, np.array(pair))
     inside = np.all((points >= lower) & (points <= upper), axis=1)
+    if inside.mean() < 0.5:
+        reach = REACH * np.sqrt(np.diag(inference.covariance)[rows])
+        ends = np.maximum(lower, here - reach), np.minimum(upper, here + reach)
+        u, v = np.meshgrid(*np.linspace(*ends, count).T)
+        points, inside = np.stack([u.ravel(), v.ravel()], axis=1), np.ones(u.size, dtype=bool)
     way = _Way.of(hyperparameters, inference, list(pair), inference.free)
     value = np.full(len(points), np.nan)
     for k in np.flatnonzero(inside):

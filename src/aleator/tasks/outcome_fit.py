@@ -147,14 +147,20 @@ class OutcomeFit:
                 "without measurement noise an outcome has no density given its parameters",
                 "add noise: [noise] sd, or noise=Noise(...), which may be small",
             )
-        if self.problem.surface is None:
+        eta = self.simulated(x)
+        if eta is None:
             raise InputsError(
                 "with collocation no outcome is known between the nodes without further runs",
                 "take response surfaces: leave [propagation] out, or propagation=ResponseSurface()",
             )
-        eta = self.problem.response.evaluate(x)[self.problem.condition]
         scale = np.array(self.problem.model.noise_sd(self.alpha))
         return noise.kind.log_density(self.problem.outcomes[:, None], eta, scale).value
+
+    def simulated(self, x: Array) -> Array | None:
+        """Values (N, J) of the surfaces at x (J, n)."""
+        if self.problem.surface is None:
+            return None
+        return self.problem.response.evaluate(x)[self.problem.condition]
 
     def _with(self, y: Array) -> OutcomeFit:
         """The same with other outcomes (N,), after the transform."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import named
 from aleator.laws.inputs import Inputs
 from aleator.simulators import NoOutcome, Runner, working_box
+from aleator.types import Array
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,7 @@ class FailureReport:
     """Runs without an outcome: `runs` of the `needed`, in `experiments`, all within `region`.
 
     `region` is a box, [lowest, highest] of each parameter; `message` is what the first one said.
+    `points` has the values of each parameter at which runs failed, of some hundreds at most.
     """
 
     runs: int
@@ -26,6 +28,11 @@ class FailureReport:
     experiments: tuple[str, ...]
     region: Mapping[str, tuple[float, float]]
     message: str
+    points: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+MOST = 300
+"""Failed runs of which the result tells where they were."""
 
 
 def failure_report(runner: Runner) -> FailureReport | None:
@@ -43,7 +50,14 @@ def failure_report(runner: Runner) -> FailureReport | None:
         tuple(runner.ids[k] for k in np.unique(runner.experiment[runner.cases.first[case]])),
         dict(zip(runner.parameters, zip(lowest, highest, strict=True), strict=True)),
         first.message,
+        _points(runner.parameters, x),
     )
+
+
+def _points(parameters: Sequence[str], x: Array) -> dict[str, tuple[float, ...]]:
+    """Columns of some of the points x (F, n), evenly chosen."""
+    chosen = np.unique(np.linspace(0, len(x) - 1, MOST).round().astype(int))
+    return {name: tuple(x[chosen, k].tolist()) for k, name in enumerate(parameters)}
 
 
 def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:

@@ -8,6 +8,7 @@ from typing import Any
 from aleator.report.html.chart import Chart, axes, points
 from aleator.report.html.markup import Section, paragraph, table
 from aleator.report.html.predicted import told
+from aleator.report.html.response import simulated
 from aleator.report.html.rows import Measured
 from aleator.tasks.results.printed import number
 
@@ -21,14 +22,16 @@ def surfaces(
     parts: list[Any] = []
     surface = document.get("surface")
     if surface is None:
-        parts.append(paragraph("No surface stands for the simulator: it was integrated itself."))
+        parts.append(paragraph("The simulator is fast: no surface stands for it."))
     else:
         parts.append(paragraph(_told(surface, len(document["experiments"]))))
         for seen, source in zip(all_measured, sources, strict=True):
             error = seen.columns.get("error")
             if error and any(value is not None for value in error):
                 parts.append(_errors(seen, source))
-    return Section.of("surfaces", "Surfaces and failed runs", *parts, *_failures(document))
+    parts += simulated(document)
+    return Section.of("surfaces", "The simulator", *parts,
+                      *_failures(document))  # fmt: skip
 
 
 def effort(document: Document) -> Section:

@@ -50,7 +50,7 @@ def estimates(document: Document) -> Section:
         for name, curve in profiles.items()
     ]
     parts += side_by_side(*charts)
-    if pictures.get("surface"):
+    if pictures.get("surface") and _known(pictures["surface"]):
         parts += side_by_side(_surface(document, pictures["surface"], alpha))
     return Section.of("estimates", "Estimates", *parts)
 
@@ -112,6 +112,12 @@ def _finer(grid: Array) -> Array:
     return np.asarray(RegularGridInterpolator((at, at), grid)(tuple(between)))
 
 
+def _known(surface: Document) -> bool:
+    """Whether there is more than a line of points."""
+    below = np.isfinite([numbers(row) for row in surface["below"]])
+    return bool(below.any(axis=0).sum() > 1 and below.any(axis=1).sum() > 1)
+
+
 def _surface(document: Document, surface: Document, alpha: Document) -> Chart:
     first, second = surface["between"]
     plot = axes(label(document, first), label(document, second), height=380)
@@ -124,12 +130,10 @@ def _surface(document: Document, surface: Document, alpha: Document) -> Chart:
     )  # fmt: skip
     plot.scatter([alpha[first]["estimate"]], [alpha[second]["estimate"]], marker="cross",
                  size=14, color=colors.INK, line_width=2.0)  # fmt: skip
+    grid = [side[::STEPS, ::STEPS].ravel() for side in (x, y, -below)]
+    known = np.isfinite(grid[2])
     source = shared(
-        {
-            "x": x[::STEPS, ::STEPS].ravel(),
-            "y": y[::STEPS, ::STEPS].ravel(),
-            "below": -below[::STEPS, ::STEPS].ravel(),
-        },
+        {key: side[known] for key, side in zip(("x", "y", "below"), grid, strict=True)},
         name=f"surface-{first}-{second}",
     )
     points(plot, source, "x", "y", [(first, "@x"), (second, "@y"), ("below", "@below")],

@@ -74,8 +74,7 @@
   function show(source, id, line) {
     source.data = { id: line.x.map(() => id), ...line };
     const chart = Object.keys(facts.charts).find((name) => facts.charts[name].source === source.name);
-    const plot = views.get(chart).model;
-    plot.title.text = id;
+    if (chart !== undefined) views.get(chart).model.title.text = id;
   }
   const listed = () => Array.from(byId("ids").options, (option) => option.value);
   function step(by) {
@@ -211,7 +210,9 @@
       });
       select.addEventListener("change", () => turn(select));
       // parameters are looked at over a condition, where there is one
-      if (names.includes("individuals") && select.options.length > 1) select.selectedIndex = 1;
+      const options = Array.from(select.options, (option) => facts.axes[Number(option.value)]);
+      const condition = options.findIndex((axis) => axis.of.individuals?.name);
+      if (names.includes("individuals") && condition >= 0) select.selectedIndex = condition;
       turn(select);
     }
     dark.addEventListener("change", () => paint(dark.matches ? "dark" : "light"));

@@ -211,6 +211,15 @@ class IndividualFit:
                 found[block.experiments] = likelihood.sums_of(self.alpha, block, eta)
         return found
 
+    def simulated(self, x: Array) -> Array:
+        """Values (M, J) of the surfaces, or of the simulator, at points x (J, n)."""
+        likelihood, found = self.likelihood, np.empty((len(self.table.observations), len(x)))
+        for block in likelihood.layout.blocks(len(x)):
+            points = np.broadcast_to(x, (len(block), *x.shape))
+            with np.errstate(all="ignore"):
+                found[block.rows] = likelihood.predictor.values(block, points)
+        return found
+
     def on(self, runner: Runner) -> IndividualFit:
         """The same by the simulator itself: values are runs, which are remembered and stored."""
         known = np.zeros(0, dtype=np.intp)

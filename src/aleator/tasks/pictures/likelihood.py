@@ -19,7 +19,7 @@ from aleator.tasks.pictures.numbers import PLACES, drawn
 from aleator.tasks.results.values import Estimate
 from aleator.types import Array
 
-POINTS, ACROSS = 5, 9
+POINTS, ACROSS = 5, 11
 MOST = 8
 """Hyperparameters that are profiled, the first of them: more are no picture."""
 OBSERVATIONS = 3000

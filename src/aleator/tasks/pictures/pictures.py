@@ -13,6 +13,7 @@ from aleator.progress import Progress, Silent
 from aleator.tasks.pictures.laws import law_bands, law_contours
 from aleator.tasks.pictures.likelihood import likelihood_shapes
 from aleator.tasks.pictures.numbers import PLACES, drawn
+from aleator.tasks.pictures.response import responses
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.values import QUANTILES
 
@@ -26,7 +27,8 @@ def pictured(found: Identification, progress: Progress | None = None) -> Identif
 
     `conditions` of each experiment, `laws` with the uncertainty of alpha, `contours` of two
     parameters, `profiles` of the likelihood and its `surface` over the two estimates that are told
-    apart worst, and `predicted` quantiles of each observation under the law. Cost: seconds.
+    apart worst, the simulator's `response` over the parameters, and `predicted` quantiles of each
+    observation under the law. Cost: seconds.
     Raises AleatorError where the identification was read from a file.
 
     >>> import pandas as pd
@@ -36,7 +38,7 @@ def pictured(found: Identification, progress: Progress | None = None) -> Identif
     >>> found = identify(lambda load, x: load * x, table, law, outcome="y", noise=Noise(0.1),
     ...                  verification=MonteCarlo(0))
     >>> sorted(pictured(found).pictures)
-    ['conditions', 'contours', 'laws', 'predicted', 'profiles', 'surface']
+    ['conditions', 'contours', 'laws', 'predicted', 'profiles', 'response', 'surface']
     """
     progress = progress or Silent()
     fit = found.fit
@@ -48,6 +50,7 @@ def pictured(found: Identification, progress: Progress | None = None) -> Identif
             "laws": law_bands(fit.inputs, found.draws(DRAWS), fit.count),
             "contours": law_contours(fit.inputs, fit.alpha),
             **likelihood_shapes(fit, found.alpha, progress.update),
+            "response": responses(fit),
             "predicted": _predicted(fit) if found.observations else {},
         },
     )

@@ -30,6 +30,7 @@ FORMS: Mapping[str, Mapping[str, Any]] = {
         "profiles": Mapping[str, Mapping[str, Sequence[float]]],
         "surface": Mapping[str, Any] | None,
         "predicted": Mapping[str, Sequence[float]],
+        "response": Mapping[str, Any],
     },
 }  # fmt: skip
 """What reports take from the parts of an identification that have keys, and no class."""

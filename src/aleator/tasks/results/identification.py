@@ -296,4 +296,6 @@ def _experiment(report: ExperimentReport | IndividualReport | ObservationReport)
 
 def _failures(report: FailureReport) -> dict[str, Any]:
     region = {name: list(ends) for name, ends in report.region.items()}
-    return {**vars(report), "experiments": list(report.experiments), "region": region}
+    points = {name: list(values) for name, values in report.points.items()}
+    experiments = list(report.experiments)
+    return {**vars(report), "experiments": experiments, "region": region, "points": points}

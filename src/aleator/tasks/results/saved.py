@@ -286,4 +286,6 @@ def _failures(row: Entry | None) -> FailureReport | None:
     if row is None:
         return None
     region = {name: tuple(ends) for name, ends in row["region"].items()}
-    return FailureReport(**{**row, "experiments": tuple(row["experiments"]), "region": region})
+    points = {name: tuple(values) for name, values in row.get("points", {}).items()}
+    experiments = tuple(row["experiments"])
+    return FailureReport(**{**row, "experiments": experiments, "region": region, "points": points})
