@@ -25,7 +25,7 @@ from benchmarks.likelihood import likelihood_rows
 from benchmarks.moments import moment_rows
 from benchmarks.next_experiment import print_next
 from benchmarks.power import print_power
-from benchmarks.right import print_right
+from benchmarks.right import print_resampled, print_right, print_verdicts
 from benchmarks.row import Row, table_of
 from benchmarks.runs import print_runs
 from benchmarks.searches import print_searches
@@ -48,11 +48,16 @@ TABLES: dict[str, Callable[[Console], None]] = {
     "runs": lambda _: print_runs(),
     "next": print_next,
 }
-COVERAGE, CLOSED, POWER, RIGHT = "coverage", "closed", "power", "right"
+COVERAGE, CLOSED = "coverage", "closed"
 PARTS = (*ROWS, *TABLES, COVERAGE, CLOSED)
 """All parts that are measured unless some are named."""
-LONG = (POWER, RIGHT)
-"""Parts that take an hour and more."""
+LONG: dict[str, Callable[[Console, Path, int], None]] = {
+    "power": print_power,
+    "right": print_right,
+    "verdicts": print_verdicts,
+    "resampled": print_resampled,
+}
+"""Parts that take an hour and more; each keeps what it has measured in a file of its name."""
 
 
 def main() -> None:
@@ -78,10 +83,9 @@ def main() -> None:
         print_coverage(console, options.replicates, options.workers)
     if CLOSED in chosen:
         print_closed(console, options.replicates)
-    if POWER in chosen:
-        print_power(console, Path("power.jsonl"), options.replicates)
-    if RIGHT in chosen:
-        print_right(console, Path("right.jsonl"), options.replicates)
+    for name, long in LONG.items():
+        if name in chosen:
+            long(console, Path(f"{name}.jsonl"), options.replicates)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ a line of power.jsonl and begins where it ended.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
@@ -22,8 +21,9 @@ from rich.console import Console
 from rich.table import Table
 from scipy import optimize, stats
 
-from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify
+from aleator import Free, GradientMultistart, Inputs, MonteCarlo, Noise, Normal, identify
 from aleator.types import Array
+from benchmarks.kept import Entry, kept
 
 MEAN, SD, NOISE = 1.0, 0.2, 0.05
 LOADS, REPETITIONS = (1.0, 2.0, 3.0), 6
@@ -110,24 +110,18 @@ TRUTHS = {
 
 def print_power(console: Console, path: Path, replicates: int) -> None:
     """Identify `replicates` data sets of each truth, but those of the file, and print a table."""
-    lines = path.read_text().splitlines() if path.exists() else []
-    known = {(name, kind, seed): flagged for name, kind, seed, flagged in map(json.loads, lines)}
-    with path.open("a") as file:
-        for seed, name, kind in product(range(replicates), TRUTHS, KINDS):
-            if (name, kind, seed) not in known:
-                known[name, kind, seed] = _flagged(name, kind, seed)
-                file.write(json.dumps([name, kind, seed, known[name, kind, seed]]) + "\n")
-                file.flush()
+    keys = product(TRUTHS, KINDS, range(replicates))
+    known = kept(path, sorted(keys, key=lambda key: key[2]), identified)
     table = Table("truth", *KINDS, "by a test that knows (one load)")
     for name, truth in TRUTHS.items():
-        of = [[known[key] for key in known if key[:2] == (name, kind)] for kind in KINDS]
+        of = [[e["flagged"] for key, e in known.items() if key[:2] == (name, k)] for k in KINDS]
         oracle = "" if truth is TRUTHS["the right model"] else f"{100 * _power(truth):.0f} %"
         table.add_row(name, *(f"{sum(found)} of {len(found)}" for found in of), oracle)
     console.print(table)
 
 
-def _flagged(name: str, kind: str, seed: int) -> bool:
-    """Whether a data set of a truth is called inconsistent."""
+def identified(name: str, kind: str, seed: int) -> Entry:
+    """Whether a data set of a truth is called inconsistent, and why."""
     plan, truth = experiments(), TRUTHS[name]
     if kind == SERIES:
         plan = series(plan)
@@ -135,9 +129,11 @@ def _flagged(name: str, kind: str, seed: int) -> bool:
     law = Inputs({"a": Normal(mean=Free(0.2, 2.0), sd=Free(0.01, 1.0))})
     found = identify(
         lambda load, a: a * load, plan, law, outcome="y", vectorized=True,
-        noise=Noise(truth.noise), verification=MonteCarlo(0), seed=seed, best_law=False,
+        noise=Noise(truth.noise), search=GradientMultistart(starts=2),
+        verification=MonteCarlo(0), seed=seed, best_law=False,
     )  # fmt: skip
-    return found.consistent is False
+    told = [d.message for d in found.consistency.discrepancies]
+    return {"flagged": found.consistent is False, "p": found.consistency.p, "told": told}
 
 
 def _power(truth: Truth) -> float:

@@ -1,14 +1,15 @@
-"""Right models, identified again and again: how often intervals hold the truth, and what is warned.
+"""Right models, identified again and again: how often intervals hold the truth, and what is told.
 
-`python -m benchmarks right --replicates 60` keeps each replicate as a line of a file, begins where
-it ended, and prints the coverage of the intervals by hyperparameter, and the share of the
-replicates in which each warning was told or the model was called inconsistent: false alarms all.
+`python -m benchmarks right --replicates 200` prints the coverage of the intervals of each study by
+hyperparameter, and the share of the replicates in which each warning was told. `verdicts` counts
+those that are called inconsistent: false alarms all. `resampled` adds the coverage of bootstrap and
+posterior. Each keeps its replicates in a file of its own, and goes on where it ended.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -16,32 +17,40 @@ import pandas as pd
 from rich.console import Console
 from scipy import stats
 
-from aleator import ResponseSurface
+from aleator import (
+    GradientMultistart,
+    Identification,
+    MonteCarlo,
+    bootstrap,
+    identify,
+    posterior,
+)
 from aleator.inference.information import LEVEL
-from aleator.progress import Silent
-from aleator.tasks import individual
-from aleator.tasks.asked import DEFAULT_SEARCH, runner_on
-from aleator.tasks.consistency import consistency_of
-from aleator.tasks.ledger import Ledger
+from benchmarks.kept import Entry, Key, kept
 from benchmarks.shapes import SHAPES, Shape
 
-Entry = Mapping[str, Any]
 HALF = float(stats.norm.ppf(0.5 + LEVEL / 2.0))
+SHAPE = {shape.name: shape for shape in SHAPES}
+SEARCH = GradientMultistart(starts=2)
+"""In place of ten: half of the time, and on these studies the same maximum."""
+RESAMPLES, DRAWS = 200, 250
+"""Replicates of a bootstrap, and draws of each of the four chains of a posterior."""
 
 
-def replicate(shape: Shape, seed: int) -> dict[str, Any]:
-    """One virtual data set identified: estimates, warnings and the second verdict."""
-    table = shape.table(seed)
-    runner = runner_on(shape.simulator, table, shape.inputs.names, vectorized=True)
-    found = individual.identified(
-        runner, table, shape.inputs, shape.noise, ResponseSurface(), DEFAULT_SEARCH,
-        verified=True, seed=seed, ledger=Ledger(runner, Silent()),
+def identified(shape: Shape, seed: int, consistency: bool = False) -> Identification:
+    """One virtual data set of a study, by default settings but for the search."""
+    return identify(
+        shape.simulator, shape.table(seed), shape.inputs, noise=shape.noise, vectorized=True,
+        search=SEARCH, verification=MonteCarlo(0), seed=seed, consistency=consistency,
+        best_law=False,
     )  # fmt: skip
+
+
+def intervals(name: str, seed: int) -> Entry:
+    """Estimates, errors, profile intervals and warnings of one replicate."""
+    found = identified(SHAPE[name], seed)
     return {
-        "shape": shape.name,
-        "seed": seed,
         "sound": found.sound,
-        "consistent": consistency_of(found.fit, found.sound, seed, Silent()).consistent,
         "warnings": [[w.about, w.message] for w in found.warnings],
         "alpha": {
             name: [e.estimate, e.standard_error, e.sandwich_error, e.interval]
@@ -51,71 +60,119 @@ def replicate(shape: Shape, seed: int) -> dict[str, Any]:
     }
 
 
-def measured(path: Path, replicates: int, names: tuple[str, ...] = ()) -> list[Entry]:
-    """All replicates of the shapes, those of the file and those that it lacks, in turns."""
-    known = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    done = {(entry["shape"], entry["seed"]) for entry in known}
-    with path.open("a") as file:
-        for seed in range(replicates):
-            for shape in SHAPES:
-                if (names and shape.name not in names) or (shape.name, seed) in done:
-                    continue
-                known.append(replicate(shape, seed))
-                file.write(json.dumps(known[-1]) + "\n")
-                file.flush()
-    return known
+def verdict(name: str, seed: int) -> Entry:
+    """The second verdict of one replicate, with the smallest p of each group of tests."""
+    second = identified(SHAPE[name], seed, consistency=True).consistency
+    tests = pd.DataFrame([(t.kind, t.of, t.p) for t in second.tests], columns=["kind", "of", "p"])
+    return {
+        "consistent": second.consistent,
+        "p": second.p,
+        "told": [d.message for d in second.discrepancies],
+        "least": tests.groupby("kind")["p"].min().to_dict(),
+    }
 
 
-def coverage(entries: list[Entry]) -> pd.DataFrame:
-    """The share of 95 % intervals that hold the truth, by shape and hyperparameter."""
-    return pd.DataFrame(_coverages(entries))
+def resampled(name: str, seed: int) -> Entry:
+    """Intervals by bootstrap and by posterior, of one replicate."""
+    found = identified(SHAPE[name], seed)
+    again = bootstrap(found, replicates=RESAMPLES, seed=seed)
+    drawn = posterior(found, draws=DRAWS, seed=seed)
+    ends = {kind: again.intervals(kind) for kind in ("percentile", "basic", "bca")}
+    ends["posterior"] = drawn.table()[["lower", "upper"]]
+    return {
+        "converged": drawn.converged,
+        "alpha": {kind: {k: [*map(float, e)] for k, e in t.T.items()} for kind, t in ends.items()},
+    }
 
 
-def _coverages(entries: list[Entry]) -> Iterator[dict[str, Any]]:
-    for shape in SHAPES:
-        some = [entry for entry in entries if entry["shape"] == shape.name]
-        for name, truth in shape.truth.items():
-            rows = [entry["alpha"][name] for entry in some if name in entry["alpha"]]
+def print_right(console: Console, path: Path, replicates: int) -> None:
+    """Coverage and warnings, of what the file has and what it lacks."""
+    entries = _of_each(kept(path, _keys(replicates), intervals))
+    console.print(pd.DataFrame(_coverages(entries)).to_string(index=False))
+    every = [entry for some in entries.values() for entry in some]
+    console.print(f"\nwarnings, in per cent of {len(every)} right studies")
+    console.print(_alarms(entries).T.to_string())
+    console.print(f"not computed soundly: {sum(not entry['sound'] for entry in every)}")
+
+
+def print_verdicts(console: Console, path: Path, replicates: int) -> None:
+    """How many replicates of each study are called inconsistent, and by which tests."""
+    entries = _of_each(kept(path, _keys(replicates), verdict))
+    rows = [
+        {
+            "study": name,
+            "replicates": len(some),
+            "inconsistent": sum(entry["consistent"] is False for entry in some),
+            "untested": sum(entry["consistent"] is None for entry in some),
+        }
+        for name, some in entries.items()
+    ]
+    console.print(pd.DataFrame(rows).to_string(index=False))
+
+
+def print_resampled(console: Console, path: Path, replicates: int) -> None:
+    """Coverage of the intervals by bootstrap and by posterior."""
+    entries = _of_each(kept(path, _keys(replicates), resampled))
+    rows = []
+    for name, some in entries.items():
+        for alpha, truth in SHAPE[name].truth.items():
+            row: dict[str, Any] = {"study": name, "alpha": alpha, "replicates": len(some)}
+            for kind in some[0]["alpha"]:
+                ends = [entry["alpha"][kind][alpha] for entry in some]
+                row[kind] = _percent([low <= truth <= high for low, high in ends])
+            rows.append(row)
+    console.print(pd.DataFrame(rows).to_string(index=False))
+
+
+def _keys(replicates: int) -> Iterator[Key]:
+    """The replicates of all studies, in turns."""
+    return ((shape.name, seed) for seed, shape in product(range(replicates), SHAPES))
+
+
+def _of_each(entries: dict[Key, Entry]) -> dict[str, list[Entry]]:
+    """The entries of each study."""
+    names = [name for name in SHAPE if any(key[0] == name for key in entries)]
+    return {name: [e for key, e in entries.items() if key[0] == name] for name in names}
+
+
+def _coverages(entries: dict[str, list[Entry]]) -> Iterator[dict[str, Any]]:
+    """The share of 95 % intervals that hold the truth, by study and hyperparameter."""
+    for name, some in entries.items():
+        for alpha, truth in SHAPE[name].truth.items():
+            rows = [entry["alpha"][alpha] for entry in some]
             profile = [low <= truth <= high for *_, ends in rows if ends for low, high in [ends]]
-            row: dict[str, Any] = {"shape": shape.name, "alpha": name, "replicates": len(rows)}
+            row: dict[str, Any] = {"study": name, "alpha": alpha, "replicates": len(rows)}
             row["profile"] = _percent(profile)
             for k, kind in ((1, "standard error"), (2, "sandwich")):
                 held = [abs(r[0] - truth) <= HALF * r[k] for r in rows if r[k] is not None]
                 row[kind] = f"{_percent(held)} of {len(held)}"
             row["no interval"] = sum(ends is None for *_, ends in rows)
-            if rows:
-                yield row
-
-
-def inconsistent(entries: list[Entry]) -> pd.DataFrame:
-    """How many of the replicates of each shape were called inconsistent."""
-    judged = [e for e in entries if e.get("consistent") is not None]
-    rows = pd.DataFrame([{"shape": e["shape"], "flagged": not e["consistent"]} for e in judged])
-    return rows.groupby("shape", sort=False)["flagged"].agg(["sum", "count"]).reset_index()
+            yield row
 
 
 def _percent(held: list[bool]) -> str:
     return f"{100 * sum(held) / len(held):.0f} %" if held else "-"
 
 
-def alarms(entries: list[Entry]) -> pd.DataFrame:
-    """The share of replicates with each kind of warning, by shape; nothing is wrong in any."""
+def _alarms(entries: dict[str, list[Entry]]) -> pd.DataFrame:
+    """The share of replicates with each kind of warning, by study; nothing is wrong in any."""
+    every = [(name, entry) for name, some in entries.items() for entry in some]
     rows = [
-        {"warning": kind(*warning), "shape": entry["shape"], "seed": entry["seed"]}
-        for entry in entries
-        for warning in entry["warnings"]
+        {"warning": kind, "study": name}
+        for name, entry in every
+        for kind in sorted({_kind(*warning) for warning in entry["warnings"]})
     ]
     if not rows:
         return pd.DataFrame()
-    each = pd.DataFrame(rows).drop_duplicates()
-    counts = pd.crosstab(each["warning"], each["shape"])
-    of = pd.Series([entry["shape"] for entry in entries]).value_counts()
-    shares = (100 * counts / of[counts.columns]).round(0)
-    shares.insert(0, "all", (100 * counts.sum(axis=1) / len(entries)).round(1))
+    each = pd.DataFrame(rows)
+    counts = pd.crosstab(each["warning"], each["study"])
+    of = pd.Series({name: len(some) for name, some in entries.items()})
+    shares = (100 * counts / of[counts.columns]).round(1)
+    shares.insert(0, "all", (100 * counts.sum(axis=1) / len(every)).round(1))
     return shares
 
 
-def kind(about: str, message: str) -> str:
+def _kind(about: str, message: str) -> str:
     """A warning without its names and numbers, as one of its kinds."""
     kinds = {
         "hardly determine": "one hardly determined",
@@ -128,14 +185,3 @@ def kind(about: str, message: str) -> str:
         "experiments for": "few experiments",
     }
     return next((f"{about}: {told}" for words, told in kinds.items() if words in message), about)
-
-
-def print_right(console: Console, path: Path, replicates: int) -> None:
-    """Measure what the file lacks, and print both tables."""
-    entries = measured(path, replicates)
-    console.print(coverage(entries).to_string(index=False))
-    console.print(f"\nwarnings, in per cent of {len(entries)} right studies")
-    console.print(alarms(entries).T.to_string())
-    console.print("\ncalled inconsistent with the experiments")
-    console.print(inconsistent(entries).to_string(index=False))
-    console.print(f"not computed soundly: {sum(not entry['sound'] for entry in entries)}")

@@ -1,4 +1,4 @@
-"""Fourteen small studies with a right model: virtual data of each, identified in about a second."""
+"""Small studies with a right model: virtual data of each, identified in about a second."""
 
 from __future__ import annotations
 
@@ -91,6 +91,21 @@ def saturation(c: Array, a: Array, k: Array) -> Array:
     return np.asarray(a * c / (k + c))
 
 
+def logistic(c: Array, top: Array, half: Array, rate: Array) -> Array:
+    """Growth that slows down towards `top`, half of which is reached at `half`."""
+    return np.asarray(top / (1.0 + np.exp(-rate * (c - half))))
+
+
+def cubic(c: Array, p0: Array, p1: Array, p2: Array, p3: Array) -> Array:
+    """A sum of the first four Chebyshev polynomials."""
+    return np.asarray(p0 + p1 * c + p2 * (2 * c**2 - 1) + p3 * (4 * c**3 - 3 * c))
+
+
+def no_errors(_: np.random.Generator, eta: Array) -> Array:
+    """None: what is simulated is what is measured."""
+    return np.zeros(eta.shape)
+
+
 def normal_errors(sd: float) -> Callable[[np.random.Generator, Array], Array]:
     """Independent normal errors."""
     return lambda rng, eta: sd * rng.standard_normal(eta.shape)
@@ -120,6 +135,11 @@ def _mixed(rng: np.random.Generator, n: int) -> dict[str, Array]:
 
 def _gamma(rng: np.random.Generator, n: int) -> dict[str, Array]:
     return {"a": rng.gamma(6.25, 0.16, n)}
+
+
+def _growth(rng: np.random.Generator, n: int) -> dict[str, Array]:
+    normal = _normals(top=(4.0, 0.6), half=(1.2, 0.2))(rng, n)
+    return {**normal, "rate": _lognormal(2.5, 0.4)(rng, n)["a"]}
 
 
 def _correlated(rng: np.random.Generator, n: int) -> dict[str, Array]:
@@ -169,4 +189,33 @@ SHAPES = (
     Shape("a mixture", line, Inputs({"a": Mixture((Normal(MEAN, SMALL), Normal(MEAN, SMALL)))}),
           Noise(SMALL), {"a.1.mean": 0.6, "a.2.mean": 1.4, "a.1.share": 0.5, "noise.sd": 0.1},
           _mixed, normal_errors(0.1)),
+    Shape("12 experiments", line, ONE_NORMAL, Noise(0.1), {"a.mean": 1.0, "a.sd": 0.25},
+          _normals(a=(1.0, 0.25)), normal_errors(0.1), count=12, values=1),
+    Shape("300 experiments", line, ONE_NORMAL, Noise(0.1), {"a.mean": 1.0, "a.sd": 0.25},
+          _normals(a=(1.0, 0.25)), normal_errors(0.1), count=300, values=1),
+    Shape("without noise", line, ONE_NORMAL, None, {"a.mean": 1.0, "a.sd": 0.25},
+          _normals(a=(1.0, 0.25)), no_errors, values=1),
+    Shape("growth curves", logistic,
+          Inputs({"top": Normal(Free(1, 9), SD), "half": Normal(Free(0, 3), SD),
+                  "rate": LogNormal(Free(0.5, 6), SD)}),
+          Noise(SMALL),
+          {"top.mean": 4.0, "top.sd": 0.6, "half.mean": 1.2, "half.sd": 0.2, "rate.mean": 2.5,
+           "rate.sd": 0.4, "noise.sd": 0.1},
+          _growth, normal_errors(0.1), count=30, values=8),
+    Shape("slopes and a covariate", line_of_two,
+          Inputs({"a": Normal(By("1 + C(rig)", -2.0, 4.0), SD), "b": Normal(Free(-2, 4), SD)}),
+          Noise(SMALL),
+          {"a.mean[Intercept]": 1.5, "a.mean[rig=B]": 0.3, "a.sd": 0.3, "b.mean": 1.0, "b.sd": 0.4,
+           "noise.sd": 0.2},
+          _normals(a=(1.5, 0.3), b=(1.0, 0.4)), normal_errors(0.2), values=4, shift=0.3),
+    Shape("four parameters", cubic,
+          Inputs({f"p{k}": Normal(Free(-2, 4), SD) for k in range(4)}), Noise(SMALL),
+          {f"p{k}.{of}": value for k in range(4) for of, value in (("mean", 1.0), ("sd", 0.3))}
+          | {"noise.sd": 0.2},
+          _normals(**{f"p{k}": (1.0, 0.3) for k in range(4)}), normal_errors(0.2), values=10,
+          span=(-1.0, 1.0)),
+    Shape("hardly any scatter", line_of_two,
+          Inputs({"a": Normal(Free(-1, 4), SD), "b": Normal(Free(-2, 4), Free(0.001, 2.0))}),
+          Noise(SMALL), {**TWO, "b.sd": 0.004},
+          _normals(a=(1.5, 0.3), b=(1.0, 0.004)), normal_errors(0.2), count=27),
 )  # fmt: skip
