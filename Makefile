@@ -68,7 +68,7 @@ hardening: $(STAMP) ## Damage files, kill commands, let simulators fail: what is
 lint: $(STAMP) ## Check style, formatting, types and layers
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy --strict src reproduction benchmarks hardening
+	$(BIN)/mypy --strict src reproduction benchmarks hardening website
 	$(BIN)/lint-imports
 
 lock: ## Write requirements.lock anew (UPGRADE=--upgrade takes newer versions)

@@ -161,3 +161,19 @@ def test_units_in_the_heads_of_a_table_are_no_part_of_the_names(study: Path) -> 
     study.write_text(STUDY.replace(', force = "N"', ""))  # what the study says comes first
     assert load_study(study).units["travel"] == "mm"
     assert load_study(study).units["force"] == "kN"
+
+
+def test_the_next_experiment_and_the_box_show_them(study: Path) -> None:
+    study.write_text(STUDY + "[noise]\nsd = 0.1\n")
+    Path("new.csv").write_text("id,force\nA,10\nB,50\n")
+    for command in (["next", "--candidates", "new.csv", "--count", "1"], ["box"]):
+        name, *options = command
+        done = CliRunner().invoke(
+            cli.main, [name, "study.toml", *options, "--output", "out", "--no-store"]
+        )
+        assert done.exit_code == 0, done.output
+        assert "stiffness [N/mm]" in done.output or "stiffness.mean [N/mm]" in done.output
+        assert json.loads(Path(f"out/{name}.json").read_text())["units"]["force"] == "N"
+    assert "force [N]" in CliRunner().invoke(
+        cli.main, ["next", "study.toml", "--candidates", "new.csv", "--count", "1"]
+    ).output  # fmt: skip

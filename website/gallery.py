@@ -10,7 +10,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from aleator import plot
+import aleator.plot as plot
 
 ROOT = Path(__file__).parents[1]
 ANSWERS = ROOT / "out" / "gallery"

@@ -54,7 +54,8 @@ def linked(app: Sphinx) -> set[str]:
     """The files that are linked to, kept from one build to the next."""
     if not hasattr(app.env, "aleator_sources"):
         app.env.aleator_sources = set()
-    return app.env.aleator_sources
+    found: set[str] = app.env.aleator_sources
+    return found
 
 
 def pages(app: Sphinx) -> Iterator[tuple[str, dict[str, str], str]]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.console import Console
 
+from aleator.cli.ending import told
 from aleator.cli.running import (
     FILE,
     OUTPUT,
@@ -19,7 +19,6 @@ from aleator.cli.running import (
     units_in,
 )
 from aleator.cli.showing import shown
-from aleator.errors import short
 from aleator.report import bootstrap as report
 from aleator.study import load_study
 from aleator.tasks.bootstrap import FILE as FINISHED
@@ -78,8 +77,5 @@ def bootstrap(
     document = documents.plain({"title": value.title, **units_in(value), **found.to_dict()})
     documents.write_json(document, folder / "bootstrap.json")
     documents.write_text(found.replicates().to_csv(), folder / "bootstrap.csv")
-    files = [short(folder / name) for name in ("bootstrap.json", "bootstrap.csv", FINISHED)]
-    if options.quiet:
-        click.echo(report.verdict(document))
-    else:
-        Console().print(report.render(document, files))
+    files = [folder / name for name in ("bootstrap.json", "bootstrap.csv", FINISHED)]
+    told(report, document, files, options.quiet)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.running import FILE, FOLDER, SEED, RunOptions, makes_runs, running
+from aleator.cli.running import FILE, FOLDER, SEED, RunOptions, makes_runs, running, units_in
 from aleator.cli.showing import shown
 from aleator.errors import short
 from aleator.report import box as report
@@ -47,7 +47,7 @@ def box(
     if options.quiet:
         click.echo(report.verdict(found))
     else:
-        Console().print(report.render(found))
+        Console().print(report.render(found, units_in(value)))
     if output is not None:
-        documents.write_json(report.document(found), output / "box.json")
+        documents.write_json({**report.document(found), **units_in(value)}, output / "box.json")
         click.echo(f"Written: {short(output / 'box.json')}")

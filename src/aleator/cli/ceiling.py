@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.console import Console
 
+from aleator.cli.ending import ended
 from aleator.cli.running import (
     FILE,
     OUTPUT,
@@ -15,12 +15,9 @@ from aleator.cli.running import (
     folder_of,
     identified,
     makes_runs,
-    outcome_of,
     running,
-    units_in,
 )
-from aleator.cli.showing import can_draw, shown
-from aleator.errors import short
+from aleator.cli.showing import shown
 from aleator.plot.ceiling import save_ceiling
 from aleator.report import ceiling as report
 from aleator.study import load_study
@@ -74,17 +71,8 @@ def ceiling(
             seed=value.seed,
             progress=progress,
         )
-    result = documents.plain(
-        documents.linked(
-            {**report.document(found), **units_in(value), "seed": value.seed},
-            value.title, study_file, value.sha256, outcome_of(value), folder,
-        )
+    ended(
+        "ceiling", {**report.document(found), "seed": value.seed}, report, study=value,
+        file=study_file, folder=folder, quiet=options.quiet,
+        draw=None if no_figures else save_ceiling,
     )  # fmt: skip
-    files = [folder / "ceiling.json"]
-    documents.write_json(result, files[0])
-    if not no_figures and can_draw("no figure is drawn: it needs", options.quiet):
-        files.append(save_ceiling(result, folder))
-    if options.quiet:
-        click.echo(report.verdict(result))
-    else:
-        Console().print(report.render(result, [short(file) for file in files]))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.console import Console
 
+from aleator.cli.ending import ended
 from aleator.cli.running import (
     FILE,
     OUTPUT,
@@ -14,11 +14,9 @@ from aleator.cli.running import (
     RunOptions,
     folder_of,
     makes_runs,
-    outcome_of,
     running,
-    units_in,
 )
-from aleator.cli.showing import can_draw, shown
+from aleator.cli.showing import shown
 from aleator.errors import short
 from aleator.plot.first_look import save_check
 from aleator.report import first_look as report
@@ -68,18 +66,10 @@ def check(
             runner, value.experiments, value.inputs, value.noise, value.propagation,
             value.density, value.verification, plan,
         )  # fmt: skip
-    found = {**report.document(look, cost, options.workers or 1), **units_in(value)}
-    result = documents.plain(
-        documents.linked(
-            found, value.title, study_file, value.sha256, outcome_of(value), folder
-        )
+    ended(
+        "check", report.document(look, cost, options.workers or 1), report, study=value,
+        file=study_file, folder=folder, quiet=options.quiet,
+        draw=None if no_figures else save_check,
     )  # fmt: skip
-    files = [folder / "check.json"]
-    documents.write_json(result, files[0])
-    if not no_figures and can_draw("no figure is drawn: it needs", options.quiet):
-        files.append(save_check(result, folder))
-    if options.quiet:
-        click.echo(report.verdict(result))
-    else:
-        Console().print(report.render(result, [short(file) for file in files]))
+    if not options.quiet:
         click.echo(f"Next: aleator identify {short(study_file)}")

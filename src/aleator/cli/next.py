@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
-from rich.console import Console
 
+from aleator.cli.ending import told
 from aleator.cli.running import (
     FILE,
     FOLDER,
@@ -16,9 +16,10 @@ from aleator.cli.running import (
     identified,
     makes_runs,
     running,
+    units_in,
 )
 from aleator.cli.showing import shown
-from aleator.errors import AleatorError, short
+from aleator.errors import AleatorError
 from aleator.report import next as report
 from aleator.study import Study, load_study
 from aleator.tasks.next_experiment import next_experiments, require_enough_candidates
@@ -120,17 +121,16 @@ def next(
                 simulator=others,
                 progress=progress,
             )
-    document = documents.plain({"title": value.title, "seed": value.seed, **plan.to_dict()})
+    document = documents.plain(
+        {"title": value.title, "seed": value.seed, **units_in(value), **plan.to_dict()}
+    )
     files = []
     if output is not None:
         documents.write_json(document, output / "next.json")
         text = plan.table().to_csv(index_label="id", lineterminator="\n")
         documents.write_text(text, output / "next.csv")
-        files = [short(output / "next.json"), short(output / "next.csv")]
-    if options.quiet:
-        click.echo(report.verdict(document))
-    else:
-        Console().print(report.render(document, files))
+        files = [output / "next.json", output / "next.csv"]
+    told(report, document, files, options.quiet)
 
 
 def _predicted(

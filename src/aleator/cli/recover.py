@@ -6,8 +6,8 @@ import os
 from pathlib import Path
 
 import click
-from rich.console import Console
 
+from aleator.cli.ending import told
 from aleator.cli.running import (
     FILE,
     FOLDER,
@@ -19,7 +19,7 @@ from aleator.cli.running import (
     running,
 )
 from aleator.cli.showing import shown
-from aleator.errors import AleatorError, nearest, short
+from aleator.errors import AleatorError, nearest
 from aleator.progress import Progress
 from aleator.report import recovery
 from aleator.simulators import Runner
@@ -93,11 +93,8 @@ def recover(
     document = {"title": value.title, "seed": value.seed, **recovery.document(found)}
     if output is not None:
         documents.write_json(document, output / "recovery.json")
-        files.append(short(output / "recovery.json"))
-    if options.quiet:
-        click.echo(recovery.verdict(document))
-    else:
-        Console().print(recovery.render(document, files))
+        files.append(output / "recovery.json")
+    told(recovery, document, files, options.quiet)
 
 
 def _truth(

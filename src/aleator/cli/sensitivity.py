@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.console import Console
 
+from aleator.cli.ending import ended
 from aleator.cli.running import (
     FILE,
     OUTPUT,
@@ -14,12 +14,9 @@ from aleator.cli.running import (
     RunOptions,
     folder_of,
     makes_runs,
-    outcome_of,
     running,
-    units_in,
 )
-from aleator.cli.showing import can_draw, shown
-from aleator.errors import short
+from aleator.cli.showing import shown
 from aleator.plot.sensitivity import save_sensitivity
 from aleator.report import sensitivity as report
 from aleator.study import load_study
@@ -80,18 +77,9 @@ def sensitivity(
             seed=value.seed,
             progress=progress,
         )
-    result = documents.plain(
-        documents.linked(
-            {**report.document(found), **units_in(value), "runs": runner.runs, "seed": value.seed},
-            value.title, study_file, value.sha256, outcome_of(value), folder,
-        )
+    ended(
+        "sensitivity", {**report.document(found), "runs": runner.runs, "seed": value.seed}, report,
+        study=value, file=study_file, folder=folder, quiet=options.quiet,
+        draw=None if no_figures else save_sensitivity,
+        table=found.table().to_csv(index=False, lineterminator="\n"),
     )  # fmt: skip
-    files = [folder / "sensitivity.json", folder / "sensitivity.csv"]
-    documents.write_json(result, files[0])
-    documents.write_text(found.table().to_csv(index=False, lineterminator="\n"), files[1])
-    if not no_figures and can_draw("no figure is drawn: it needs", options.quiet):
-        files.append(save_sensitivity(result, folder))
-    if options.quiet:
-        click.echo(report.verdict(result))
-    else:
-        Console().print(report.render(result, [short(file) for file in files]))

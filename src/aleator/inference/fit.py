@@ -119,6 +119,10 @@ class Fit(Protocol):
         Raises AleatorError where there is no noise.
         """
 
+    @property
+    def roughness(self) -> Array | None:
+        """Of each observation the estimated error of its surface, relative, (M,); None without."""
+
     def simulated(self, x: Array) -> Array | None:
         """What is known of the simulator at points x (J, n): of each observation, (M, J).
 

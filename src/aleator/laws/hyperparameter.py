@@ -122,6 +122,14 @@ class Hyperparameter:
         return replace(self, name=f"{prefix}.{self.name}")
 
 
+def _with_limits(specification: Free) -> str:
+    """How limits are written, in Python and in a study."""
+    if not isinstance(specification, By):
+        return "Free(lower, upper) or {lower = ..., upper = ...}"
+    formula = specification.formula
+    return f'By("{formula}", lower, upper) or {{formula = "{formula}", lower = ..., upper = ...}}'
+
+
 def resolve(
     name: str,
     specification: Specification,
@@ -155,7 +163,8 @@ def resolve(
     if lower is None or upper is None or not (math.isfinite(lower) and math.isfinite(upper)):
         raise InputsError(
             f"{name} is to be identified but has no finite lower and upper limit",
-            f"give {name} a lower and an upper limit, or give its parameter a finite box",
+            f"give {name} a lower and an upper limit, {_with_limits(specification)}; or give its "
+            "parameter a finite box",
         )
     _require(lower < upper, f"{name}: lower {lower} >= upper {upper}", "swap or widen the limits")
     if positive and least is not None and lower == 0.0:

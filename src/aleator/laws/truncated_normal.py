@@ -59,7 +59,10 @@ class TruncatedNormal:
         sd: Specification = OPEN,
         polynomials: Literal["own", "hermite"] = "own",
     ) -> None:
-        lower, upper = float(box[0]), float(box[1])
+        try:
+            lower, upper = (float(end) for end in box)
+        except (TypeError, ValueError):
+            raise InputsError(f"box: {box!r} is not two numbers", "write (lower, upper)") from None
         if not lower < upper:
             raise InputsError(f"box: lower {lower} >= upper {upper}", "swap the two numbers")
         if polynomials not in ("own", "hermite"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -11,6 +11,7 @@ from rich.text import Text
 from aleator.report.rows import Rows
 from aleator.tasks.box import FeasibleBox, Side
 from aleator.tasks.results.layout import Column
+from aleator.tasks.results.units import label
 
 GAIN = 1.5  # times the volume that make it worth to think of leaving an experiment out
 COLUMNS: Sequence[Column] = (
@@ -45,11 +46,11 @@ def document(found: FeasibleBox) -> dict[str, Any]:
     }
 
 
-def render(found: FeasibleBox) -> RenderableType:
-    """A row for each side, and the lines that go into the study."""
+def render(found: FeasibleBox, units: Mapping[str, Any] | None = None) -> RenderableType:
+    """A row for each side, and the lines that go into the study; `units` as documents have them."""
     rows = [
         (
-            side.parameter,
+            label(units or {}, side.parameter),
             "upper" if side.upper else "lower",
             f"{side.value:.6g}",
             _limit(found.names, side),

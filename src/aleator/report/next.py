@@ -11,6 +11,7 @@ from rich.text import Text
 from aleator.report.rows import Rows, written
 from aleator.tasks.results.layout import Column
 from aleator.tasks.results.printed import number
+from aleator.tasks.results.units import label
 
 SHOWN = 10  # candidates in the terminal; the document has all
 MOST = 30  # experiments of a set in the terminal
@@ -92,7 +93,7 @@ def _candidates(result: Mapping[str, Any]) -> Rows:
     rows = result["candidates"][:SHOWN]
     names = _conditions(rows)
     columns: list[Column] = [("id", "left")]
-    columns += [(name, "right") for name in names]
+    columns += [(label(result, name), "right") for name in names]
     columns += [("std. error", "right"), ("in the set", "right")]
     cells = [
         (
@@ -110,7 +111,7 @@ def _chosen(result: Mapping[str, Any]) -> Rows:
     rows = result["chosen"][:MOST]
     names = _conditions(rows)
     columns: list[Column] = [("", "right"), ("id", "left")]
-    columns += [(name, "right") for name in names]
+    columns += [(label(result, name), "right") for name in names]
     columns += [("std. error", "right"), ("", "fold")]
     cells = [
         (
@@ -133,7 +134,8 @@ def _hyperparameters(result: Mapping[str, Any]) -> Rows:
         ("alpha", "left"), ("std. error now", "right"), ("after", "right"),
     )  # fmt: skip
     rows = [
-        (row["id"], _value(row["now"]), _value(row["after"])) for row in result["hyperparameters"]
+        (label(result, row["id"]), _value(row["now"]), _value(row["after"]))
+        for row in result["hyperparameters"]
     ]
     return Rows(columns, rows)
 

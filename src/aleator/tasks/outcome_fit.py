@@ -11,6 +11,7 @@ from scipy import special
 from scipy.stats import qmc
 
 from aleator.errors import InputsError
+from aleator.inference.diagnostics.surfaces import relative_errors
 from aleator.inference.fit import SPAN
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
@@ -155,6 +156,14 @@ class OutcomeFit:
             )
         scale = np.array(self.problem.model.noise_sd(self.alpha))
         return noise.kind.log_density(self.problem.outcomes[:, None], eta, scale).value
+
+    @property
+    def roughness(self) -> Array | None:
+        """Over the scatter of the outcome under the law, (N,)."""
+        problem = self.problem
+        return (
+            None if problem.surface is None else relative_errors(problem.surface)[problem.condition]
+        )
 
     def simulated(self, x: Array) -> Array | None:
         """Values (N, J) of the surfaces at x (J, n)."""

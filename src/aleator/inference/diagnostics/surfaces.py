@@ -43,11 +43,16 @@ def surface_report(problem: Problem) -> dict[str, Any] | None:
     return judged(problem.surface, "under the law" if problem.model.follows else "on the box")
 
 
+def relative_errors(surface: Surface) -> Array:
+    """The estimated error of each surface, over the scatter or the noise that it is judged by."""
+    return np.asarray(surface.error / np.where(surface.scatter > 0.0, surface.scatter, np.inf))
+
+
 def judged(
     surface: Surface, where: str = "under the law", against: str = "the outcome's scatter"
 ) -> dict[str, Any]:
     """How good surfaces are, relative to what they were judged against."""
-    relative = surface.error / np.where(surface.scatter > 0.0, surface.scatter, np.inf)
+    relative = relative_errors(surface)
     return {
         "converged": int(surface.converged.sum()),
         "experiments": int(surface.converged.size),

@@ -16,6 +16,8 @@ models: Any = bokeh.models
 plotting: Any = bokeh.plotting
 
 HEIGHT = 320
+DECADES = tuple(float(f"{digit}e{power}") for power in range(-12, 13) for digit in (1, 2, 5))
+"""Ticks of a logarithmic axis: Bokeh's own are few within a decade."""
 TOOLS = "pan,box_zoom,wheel_zoom,reset"
 
 
@@ -68,8 +70,9 @@ def axes(x: str, y: str, *, height: int = HEIGHT, log_y: bool = False, **more: A
         axis.major_label_text_font_size = "12px"
     for grid in plot.grid:
         grid.grid_line_color = colors.GRID
-    if not log_y:
-        plot.yaxis.formatter = models.BasicTickFormatter(precision="auto", use_scientific=True)
+    plot.yaxis.formatter = models.BasicTickFormatter(precision="auto", use_scientific=not log_y)
+    if log_y:
+        plot.yaxis.ticker = plot.ygrid.ticker = models.FixedTicker(ticks=list(DECADES))
     return plot
 
 

@@ -13,6 +13,7 @@ from aleator.report.html.rows import Measured
 from aleator.tasks.results.printed import number
 
 Document = Mapping[str, Any]
+SCATTER = "the outcome's scatter"
 
 
 def surfaces(
@@ -28,7 +29,7 @@ def surfaces(
         for seen, source in zip(all_measured, sources, strict=True):
             error = seen.columns.get("error")
             if error and any(value is not None for value in error):
-                parts.append(_errors(seen, source))
+                parts.append(_errors(seen, source, surface.get("against", SCATTER)))
     parts += simulated(document)
     return Section.of("surfaces", "The simulator", *parts,
                       *_failures(document))  # fmt: skip
@@ -78,17 +79,16 @@ def _told(surface: Document, experiments: int) -> str:
         for key in ("median_error", "worst_error")
         if surface.get(key) is not None
     ]
-    against = surface.get("against", "the outcome's scatter")
+    against = surface.get("against", SCATTER)
     return f"{', '.join(parts)} of {against}, {surface.get('where', 'on the box')}."
 
 
-def _errors(seen: Measured, source: Any) -> Chart:
+def _errors(seen: Measured, source: Any, against: str) -> Chart:
     plot = axes(seen.axes[0].title, "error of the surface")
     points(plot, source, "x", "error", [*told(seen), ("error", "@error")])
     return Chart(
-        "surface-errors", "Where surfaces are rough",
-        "Root-mean-square error of each experiment's surface under the identified law, over the "
-        "standard deviation of its outcome.",
+        f"rough-{source.name}", f"Where surfaces of {seen.response} are rough",
+        f"Root-mean-square error of each surface under the identified law, over {against}.",
         plot, source, {"id": "id", "x": "x", "error": "error"}, switched=True,
     )  # fmt: skip
 

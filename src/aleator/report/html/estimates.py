@@ -32,7 +32,7 @@ def estimates(document: Document) -> Section:
     pictures = document.get("pictures") or {}
     parts: list[Any] = [
         table("estimates", "Estimates", [name for name, _ in COLUMNS],
-              alpha_rows(document)),
+              alpha_rows(document), notes=True),
         *_correlated(document),
     ]  # fmt: skip
     profiles = pictures.get("profiles") or {}

@@ -8,6 +8,8 @@ from html import escape
 
 from aleator.report.html.chart import Chart
 
+NUMBER = ' class="n"'
+
 
 @dataclass(frozen=True)
 class Section:
@@ -51,20 +53,28 @@ def heading(text: str) -> str:
 
 
 def table(
-    name: str, title: str, head: Sequence[str], rows: Iterable[Sequence[str]], text: int = 1
+    name: str,
+    title: str,
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    text: int = 1,
+    notes: bool = False,
 ) -> str:
     """A table with a button that copies it; the first `text` columns are text, others numbers.
 
-    >>> "<td>1</td>" in table("t", "Values", ["a"], [["1"]])
+    With `notes` the last column is text as well.
+
+    >>> '<td class="n">2</td>' in table("t", "Values", ["a", "b"], [["1", "2"]])
     True
     """
-    top = "".join(f'<th scope="col">{escape(cell)}</th>' for cell in head)
+    last = len(head) - 1
+    kinds = ["" if k < text or (notes and k == last) else NUMBER for k in range(len(head))]
+    top = "".join(
+        f'<th scope="col"{kind}>{escape(cell)}</th>' for kind, cell in zip(kinds, head, strict=True)
+    )
     body = "".join(
         "<tr>"
-        + "".join(
-            f"<td>{escape(cell)}</td>" if k < text else f'<td class="n">{escape(cell)}</td>'
-            for k, cell in enumerate(row)
-        )
+        + "".join(f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True))
         + "</tr>"
         for row in rows
     )

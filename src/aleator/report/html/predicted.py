@@ -13,6 +13,14 @@ from aleator.report.html.markup import Section, missing
 from aleator.report.html.rows import Measured
 from aleator.tasks.results.printed import number as written
 
+MARKS = {
+    "circle": ("measured", colors.INK),
+    "diamond": ("outside 95 %", colors.VERMILION),
+    "triangle": ("at least", colors.GREEN),
+    "inverted_triangle": ("at most", colors.GREEN),
+    "square": ("between", colors.GREEN),
+}
+"""What marks mean."""
 CONDITIONS = 6
 """Conditions that are told when the mouse is over a mark."""
 
@@ -82,8 +90,8 @@ def _chart(seen: Measured, source: Any) -> Chart:
                      legend_label=name)  # fmt: skip
     plot.scatter("x", "q0.5", source=source, marker="dash", size=wide + 3.0, color=colors.BLUE,
                  line_width=2.0, legend_label="median")  # fmt: skip
-    points(plot, source, "x", "value", told(seen), color="color", marker="marker", size="size",
-           legend_label="measured")  # fmt: skip
+    points(plot, source, "x", "value", told(seen), color="color", marker="marker", size="size")
+    _explained(plot, set(source.data["marker"]))
     legend_below(plot)
     return Chart(
         source.name, seen.response, _caption(seen, source), plot, source,
@@ -93,6 +101,14 @@ def _chart(seen: Measured, source: Any) -> Chart:
         | {f"{axis.key}_shown": axis.title for axis in seen.axes if axis.key.startswith("c")},
         switched=True,
     )  # fmt: skip
+
+
+def _explained(plot: Any, markers: set[str]) -> None:
+    """The marks that are drawn, each with its word in the legend."""
+    for marker, (word, color) in MARKS.items():
+        if marker in markers:
+            plot.scatter([np.nan], [np.nan], marker=marker, color=color, size=8.0,
+                         legend_label=word)  # fmt: skip
 
 
 def _caption(seen: Measured, source: Any) -> str:

@@ -104,7 +104,8 @@ def _outcomes(document: Document, conditions: Mapping[str, Sequence[Any]]) -> Me
 def _observed(document: Document, conditions: Mapping[str, Sequence[Any]]) -> list[Measured]:
     seen = document["observations"]
     place = {str(e["id"]): k for k, e in enumerate(document["experiments"])}
-    predicted = (document.get("pictures") or {}).get("predicted") or {}
+    pictures = document.get("pictures") or {}
+    predicted, rough = pictures.get("predicted") or {}, pictures.get("roughness") or []
     found = []
     for name, transform in document["responses"].items():
         which = [k for k, entry in enumerate(seen) if entry["response"] == name]
@@ -125,6 +126,8 @@ def _observed(document: Document, conditions: Mapping[str, Sequence[Any]]) -> li
                 "own_high": shown(middle + 1.96 * scale).tolist(),
                 "pit": [e.get("pit") for e in own],
             }
+            if len(rough) == len(seen):
+                columns["error"] = [rough[k] for k in which]
             for p in QUANTILES:
                 if len(predicted.get(p, ())) == len(seen):
                     quantile = numbers([predicted[p][k] for k in which])

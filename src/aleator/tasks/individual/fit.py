@@ -9,6 +9,7 @@ import numpy as np
 from scipy import special
 
 from aleator.inference.decisions.weighted import quantiles
+from aleator.inference.diagnostics.surfaces import relative_errors
 from aleator.inference.fit import SPAN
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
@@ -210,6 +211,14 @@ class IndividualFit:
                 eta = likelihood.predictor.values(block, points)
                 found[block.experiments] = likelihood.sums_of(self.alpha, block, eta)
         return found
+
+    @property
+    def roughness(self) -> Array | None:
+        """Over the noise, (M,)."""
+        predictor = self.likelihood.predictor
+        if not isinstance(predictor, OnSurfaces):
+            return None
+        return relative_errors(predictor.surface)[predictor.of]
 
     def simulated(self, x: Array) -> Array:
         """Values (M, J) of the surfaces, or of the simulator, at points x (J, n)."""

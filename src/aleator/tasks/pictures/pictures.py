@@ -27,8 +27,8 @@ def pictured(found: Identification, progress: Progress | None = None) -> Identif
 
     `conditions` of each experiment, `laws` with the uncertainty of alpha, `contours` of two
     parameters, `profiles` of the likelihood and its `surface` over the two estimates that are told
-    apart worst, the simulator's `response` over the parameters, and `predicted` quantiles of each
-    observation under the law. Cost: seconds.
+    apart worst, the simulator's `response` over the parameters and the `roughness` of its
+    surfaces, and `predicted` quantiles of each observation under the law. Cost: seconds.
     Raises AleatorError where the identification was read from a file.
 
     >>> import pandas as pd
@@ -38,7 +38,7 @@ def pictured(found: Identification, progress: Progress | None = None) -> Identif
     >>> found = identify(lambda load, x: load * x, table, law, outcome="y", noise=Noise(0.1),
     ...                  verification=MonteCarlo(0))
     >>> sorted(pictured(found).pictures)
-    ['conditions', 'contours', 'laws', 'predicted', 'profiles', 'response', 'surface']
+    ['conditions', 'contours', 'laws', 'predicted', 'profiles', 'response', 'roughness', 'surface']
     """
     progress = progress or Silent()
     fit = found.fit
@@ -51,6 +51,7 @@ def pictured(found: Identification, progress: Progress | None = None) -> Identif
             "contours": law_contours(fit.inputs, fit.alpha),
             **likelihood_shapes(fit, found.alpha, progress.update),
             "response": responses(fit),
+            "roughness": [] if fit.roughness is None else drawn(fit.roughness),
             "predicted": _predicted(fit) if found.observations else {},
         },
     )

@@ -31,6 +31,7 @@ FORMS: Mapping[str, Mapping[str, Any]] = {
         "surface": Mapping[str, Any] | None,
         "predicted": Mapping[str, Sequence[float]],
         "response": Mapping[str, Any],
+        "roughness": Sequence[float],
     },
 }  # fmt: skip
 """What reports take from the parts of an identification that have keys, and no class."""
