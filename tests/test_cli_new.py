@@ -136,7 +136,8 @@ def test_the_columns_and_parameters_of_the_examples_are_recognized(
 def test_a_program_is_found_from_its_placeholders(folder: Path) -> None:
     springs(folder)
     (folder / "spring.py").write_text(
-        "import sys\nprint(float(sys.argv[1]) / float(sys.argv[2]))\n"
+        "import sys\nprint('Springs 2.0')\n"
+        "print('travel', float(sys.argv[1]) / float(sys.argv[2]))\n"
     )
     line = "python3 spring.py {force} {stiffness}"
     done = run("new", "springs.csv", "--command", line, "--parameter", "stiffness=1:3")
@@ -297,6 +298,15 @@ def test_what_a_law_may_follow_is_proposed_and_holds() -> None:
     Path("study.toml").write_text(text.replace("# mean =", "mean ="))
     found = identified(Path("study.toml"))
     assert found["rate.mean[maker=B]"] == pytest.approx(0.5, abs=0.2)
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_column_that_counts_the_rows_names_them_and_is_no_outcome() -> None:
+    table("beam,load,hours", [1, 2, 3], [1.0, 2.0, 3.0], [7.0, 2.5, 1.0])
+    Path("model.py").write_text(LIFE)
+    assert run("new").exit_code == 0
+    written = tomllib.loads(Path("study.toml").read_text())["experiments"]
+    assert (written["id"], written["outcome"]) == ("beam", "hours")
 
 
 SERIES = {

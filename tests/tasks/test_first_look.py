@@ -58,7 +58,7 @@ def test_what_noise_explains_is_not_out_of_reach() -> None:
     gaps = {"B": 0.2, "C": 0.4, "E": 50.0 / 6.0 - 8.0}
     for sd in (0.05, 0.1, 0.12, 0.2):
         expected = {name for name, gap in gaps.items() if gap > 3.0 * sd}
-        assert beyond(Noise(sd)) == beyond(Noise(Free(sd, 9.0))) == expected
+        assert beyond(Noise(sd)) == beyond(Noise(Free(sd / 4.0, 4.0 * sd))) == expected
     assert beyond(Noise(relative=0.04)) == set()
 
 

@@ -112,6 +112,9 @@ def new(
     click.echo(f"Written: {short(output)}")
     if proposal.incomplete:
         click.echo(f"Fill in: {', '.join(proposal.incomplete)}")
+        if lacking := [p.name for p in proposal.parameters if not p.complete]:
+            said = " ".join(f"--parameter {name}=LOW:HIGH" for name in lacking)
+            click.echo(f"Or add to the same command: {said} --force")
     click.echo(f"Next: aleator check {short(output)}")
 
 

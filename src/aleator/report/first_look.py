@@ -176,7 +176,11 @@ def _reach(result: Mapping[str, Any]) -> str:
         return f"All {of} measured values lie within what the simulator reaches in this region."
     more = f" ({count - SHOWN} more are in check.json)" if count > SHOWN else ""
     noisy = any(row["margin"] for row in result["observations"])
-    by = ", within three of the least standard deviations that the noise may have" if noisy else ""
+    by = (
+        ", within three standard deviations of the noise, known or in the middle of its limits"
+        if noisy
+        else ""
+    )
     return (
         f"{count} of {of} measured values are out of reach{more}: no point that was tried comes "
         f"to them{by}. Widen the limits of {_strongest(result)}, which moves the outcome most; "

@@ -10,6 +10,8 @@ from aleator.study.offers import Given, Offer
 from aleator.study.proposal import Proposal
 from aleator.study.proposed_laws import Proposed
 
+LAST = r"(\S+)\s*\Z"
+"""What a program prints last."""
 SHOWN = 20  # variables of an FMU that are listed
 
 
@@ -143,14 +145,17 @@ def _simulator(proposal: Proposal) -> list[str]:
     if offer.kind == "fmu":
         lines += _of_fmu(proposal, offer)
     if offer.kind == "command":
-        lines += (
-            [line("series", True, "one run serves all rows of an experiment")]
-            if proposal.series
-            else _could_be_series(proposal)
-        )
-        lines.append(off("output", {"file": "result.txt"}, "where the outcome is; else the last "
-                          "number that is printed"))  # fmt: skip
+        lines += _of_command(proposal)
     return lines
+
+
+def _of_command(proposal: Proposal) -> list[str]:
+    """Where the outcome of a program is."""
+    if proposal.series:
+        several = off("output", {"file": "result.txt"}, "else all numbers that it prints")
+        return [line("series", True, "one run serves all rows of an experiment"), several]
+    last = remarked(f"output = {{regex = '{LAST}'}}", "the last that it prints; or {file = ...}")
+    return [*_could_be_series(proposal), last]
 
 
 def _could_be_series(proposal: Proposal) -> list[str]:

@@ -86,8 +86,8 @@ def roles_in(table: Table, taken: Collection[str], outcome: Sequence[str] = ()) 
 
     The `outcome`, where it is known already, has no other role. A column names experiments if it is
     called "id", or if it is no condition, holds texts or whole numbers, and has a name that says
-    so, another text in each row, or values that tell rows with equal conditions apart. Of several
-    the finest does.
+    so, another text in each row, the number of the row, or values that tell rows with equal
+    conditions apart. Of several the finest does.
     """
     numbers = {name: numbers_of(table, name) for name in table.columns}
     distinct = {name: len({*table.texts(name)}) for name in table.columns}
@@ -148,7 +148,7 @@ def _names_experiments(
     texts = table.texts(name)
     if distinct[name] == 1 or "" in texts or not _whole_or_text(table, name):
         return False
-    each_its_own = distinct[name] == len(table) and numbers_of(table, name) is None
+    each_its_own = distinct[name] == len(table) and _counts_or_text(table, name)
     if name == DEFAULT_ID or _NAMING.search(name) or each_its_own:
         return True
     rows = [*zip(*(table.texts(condition) for condition in conditions), strict=True)]
@@ -156,6 +156,12 @@ def _names_experiments(
     repeated = bool(rows) and len({*rows}) < len(rows)
     some = MANY <= distinct[name] <= len(table) // 2
     return some and repeated and told_apart == len(table)
+
+
+def _counts_or_text(table: Table, name: str) -> bool:
+    """Whether a column has texts, or numbers that count the rows."""
+    numbers = numbers_of(table, name)
+    return numbers is None or bool(np.all(np.diff(numbers) == 1.0))
 
 
 def _whole_or_text(table: Table, name: str) -> bool:

@@ -67,7 +67,7 @@ class Look:
 
     `ids` (V,) name them, `owner` (V,) their experiments, `response` (V,) their responses; `lower`
     and `upper` (V,) are what was measured, as the likelihood sees it, and `margin` (V,) is what
-    the noise may be at least: three of its standard deviations, known or at their lower limits.
+    noise explains: three of its standard deviations, known or where their search begins.
     `runs` were made in all, `failed` of them have no outcome, and one took `seconds`. `fault` is
     why the first of them failed.
     """
@@ -188,9 +188,9 @@ def first_look(
 def _margin(
     table: Experiments, noise: Noise | Mapping[str, Noise], there: Indices, outcome: Array
 ) -> Array:
-    """Three of the least standard deviations that the noise of these observations may have."""
+    """Three standard deviations of the noise of these observations, in the middle of its limits."""
     errors = MeasurementErrors.of(noise, table)
-    values = np.array([h.lower if h.free else h.start for h in errors.hyperparameters])
+    values = np.array([h.start for h in errors.hyperparameters])
     eta = np.zeros((len(table.observations), 1))
     with np.errstate(all="ignore"):
         eta[there, 0] = np.nan_to_num(np.fmax.reduce(outcome, axis=1))

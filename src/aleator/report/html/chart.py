@@ -18,6 +18,8 @@ plotting: Any = bokeh.plotting
 HEIGHT = 320
 DECADES = tuple(float(f"{digit}e{power}") for power in range(-12, 13) for digit in (1, 2, 5))
 """Ticks of a logarithmic axis: Bokeh's own are few within a decade."""
+IN_A_ROW = 4
+"""Entries of a legend that a narrow screen has room for."""
 TOOLS = "pan,box_zoom,wheel_zoom,reset"
 
 
@@ -92,7 +94,7 @@ def legend_below(plot: Any) -> None:
     legend = plot.legend[0]
     plot.add_layout(legend, "below")
     legend.orientation = "horizontal"
-    legend.ncols = "auto"
+    legend.ncols = "auto" if len(legend.items) <= IN_A_ROW else 3
     legend.border_line_color = None
     legend.background_fill_color = None
     legend.label_text_color = colors.TEXT

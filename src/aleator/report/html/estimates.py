@@ -141,7 +141,8 @@ def _surface(document: Document, surface: Document, alpha: Document) -> Chart:
     return Chart(
         "surface", f"Likelihood over {first} and {second}",
         "The two estimates that are told apart worst: their correlation is "
-        f"{surface['correlation']:.2f}. Curves hold 50, 80 and 95 % (thick) of both together; the "
+        f"{round(surface['correlation'], 2) + 0.0:.2f}. Curves hold 50, 80 and 95 % (thick) of "
+        "both together; the "
         "cross is the estimate.",
         plot, source, {"x": first, "y": second, "below": "log-likelihood minus its maximum"},
     )  # fmt: skip

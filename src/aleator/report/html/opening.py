@@ -24,7 +24,7 @@ def opening(document: Document) -> str:
 def warnings(document: Document) -> Section:
     """Every warning and every discrepancy, with its remedy."""
     rows = [*_warned(document), *_contradicted(document)]
-    body = "".join(rows) if rows else paragraph("There is none.")
+    body = "".join(rows) if rows else paragraph("There are no warnings.")
     return Section.of("warnings", "Warnings and remedies", body)
 
 

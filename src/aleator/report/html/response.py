@@ -17,6 +17,8 @@ from aleator.types import Array
 
 Document = Mapping[str, Any]
 PALETTE = "Cividis256"
+WIDER = 1.15
+"""Size of a cell of the map over the step to the next: no seams."""
 
 
 def simulated(document: Document) -> Iterator[str | Chart]:
@@ -96,8 +98,8 @@ def _map(
                     tags=[planes])  # fmt: skip
     mapper = models.LinearColorMapper(palette=PALETTE, nan_color="rgba(0, 0, 0, 0)")
     drawn = plot.rect(
-        "x", "y", width=x[1] - x[0], height=y[1] - y[0], source=source,
-        color={"field": "value", "transform": mapper},
+        "x", "y", width=WIDER * (x[1] - x[0]), height=WIDER * (y[1] - y[0]), source=source,
+        line_color=None, fill_color={"field": "value", "transform": mapper},
     )  # fmt: skip
     levels = {entry["id"]: _level(x, y, entry) for entry in shown}
     line = shared({"id": [here["id"]] * len(levels[here["id"]]["x"]), **levels[here["id"]]},
