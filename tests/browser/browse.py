@@ -73,12 +73,12 @@ def place(page: Page, chart: str, k: int) -> tuple[float, float]:
 
 
 def marked(page: Page) -> dict[str, list[str]]:
-    """The distinct ids that are selected, by source."""
+    """The distinct ids that are selected, by source; some have a few experiments only."""
     return dict(
         page.ask(
             f"""Object.fromEntries({SOURCES}.filter((m) => m.name !== null
-            && m.data.id !== undefined && m.tags.length === 0).map((m) => [m.name,
-            [...new Set(m.selected.indices.map((k) => m.data.id[k]))]]))"""
+            && !m.name.startsWith('over-') && m.data.id !== undefined && m.tags.length === 0)
+            .map((m) => [m.name, [...new Set(m.selected.indices.map((k) => m.data.id[k]))]]))"""
         )
     )
 
@@ -180,7 +180,8 @@ def test_dark_is_dark_everywhere(page: Page, file: Path) -> None:
     light = page.ask(f"{OF}.colors.map(([one]) => one)")
     models = page.ask(
         "JSON.stringify([...Bokeh.documents[0]._all_models.values()].flatMap((m) => [...m]"
-        ".filter((p) => p.attr.endsWith('_color')).map((p) => m[p.attr]?.value ?? m[p.attr])))"
+        ".filter((p) => p.attr.endsWith('_color')).map((p) => m[p.attr]?.value ?? m[p.attr]))"
+        ".filter((v) => !v?.field))"
     )
     data = page.ask(f"{SOURCES}.flatMap((m) => [...(m.data.color ?? [])])")
     assert not set(light) & {one for one in flat(json.loads(models)) if isinstance(one, str)}
@@ -197,13 +198,35 @@ def test_print_is_light_and_has_every_chart_as_a_drawing(page: Page, file: Path)
     assert page.ask("document.querySelectorAll('.print > svg').length") == charts
     drawn = page.ask("[...document.querySelectorAll('.print')].map((e) => e.innerHTML).join()")
     pairs = page.ask(f"{OF}.colors")
-    assert not [dark for _, dark in pairs if dark in drawn]
+    shades = [dark for _, dark in pairs]
+    shades += [f"rgb({','.join(str(v) for v in bytes.fromhex(dark[1:]))})" for dark in shades]
+    assert not [dark for dark in shades if dark in drawn]
     assert drawn.count("viewBox") == charts
     assert pairs[0][0] in drawn
     page.ask("dispatchEvent(new Event('afterprint'))")
     assert page.ask("document.querySelectorAll('.print > svg').length") == 0
     page.pdf(OUT / "report.pdf")
     assert (OUT / "report.pdf").read_bytes().startswith(b"%PDF")
+    assert page.console == []
+
+
+def test_the_map_of_the_simulator_is_that_of_the_marked_experiment(page: Page, file: Path) -> None:
+    page.open(file)
+    of = f"((name) => {SOURCES}.find((m) => m.name === name))"
+    known = page.ask(f"Object.keys({of}('map-way').tags[0])")
+    assert len(known) > 2
+    for id in (known[0], known[-1]):
+        page.ask("document.getElementById('clear').click()")
+        page.ask(
+            f"(() => {{ const input = document.getElementById('marked'); input.value = {id!r};"
+            " input.dispatchEvent(new Event('change')); })()"
+        )
+        for name in ("map-way", "level-way"):
+            assert set(page.ask(f"[...{of}({name!r}).data.id]")) <= {id}, name
+        assert page.ask(f"{PLOT}('map-way').model.title.text") == id
+        over = f"{of}('over-0-slope')"
+        assert page.ask(f"{over}.selected.indices.map((k) => {over}.data.id[k])") == [id]
+        assert len(page.ask(f"[...{of}('level-way').data.x]")) > 0  # what was measured lies there
     assert page.console == []
 
 

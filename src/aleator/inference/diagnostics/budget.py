@@ -15,8 +15,15 @@ UNCHECKED = Diagnostic(
 )
 
 
-def budget_warnings(account: Account, surfaces: AdaptiveSurfaces | None) -> list[Diagnostic]:
-    """That the surfaces had fewer runs than they asked for; what is left of the error, and why."""
+def budget_warnings(
+    account: Account,
+    surfaces: AdaptiveSurfaces | None,
+    against: str = "the outcome's scatter",
+) -> list[Diagnostic]:
+    """That the surfaces had fewer runs than they asked for; what is left of the error, and why.
+
+    `against` is what their errors are judged by.
+    """
     if surfaces is None or not account.refused:
         return []
     found = outlook(surfaces)
@@ -27,7 +34,7 @@ def budget_warnings(account: Account, surfaces: AdaptiveSurfaces | None) -> list
             ABOUT,
             f"the budget of {account.budget} ended the runs of the response surfaces: of "
             f"{found.rough} of {found.surfaces} the estimated error is above {found.level:.0%} of "
-            f"the outcome's scatter, at most {found.worst:.0%}",
+            f"{against}, at most {found.worst:.0%}",
             f"give the same command again, the runs are kept: {_bought(found)}",
         )
     ]

@@ -119,10 +119,16 @@
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
   }
+  // A color of marks as Bokeh writes it into a drawing: rgb(86,180,233).
+  function channels(color) {
+    return `rgb(${[1, 3, 5].map((k) => parseInt(color.slice(k, k + 2), 16)).join(",")})`;
+  }
   // A drawing is light on any screen, and as wide as it is given room.
   function svg(name) {
     let text = views.get(name).export("svg", false).ctx.get_serialized_svg(true);
-    for (const [light, other] of facts.colors) text = text.replaceAll(other, light);
+    for (const [light, other] of facts.colors) {
+      text = text.replaceAll(other, light).replaceAll(channels(other), light);
+    }
     return text.replace(/<svg([^>]*?) width="([0-9.]+)" height="([0-9.]+)"/,
       '<svg$1 width="$2" height="$3" viewBox="0 0 $2 $3"');
   }

@@ -107,8 +107,9 @@ def _map(
     plot.multi_line("x", "y", source=line, color=colors.PAPER, line_width=5.0)
     plot.multi_line("x", "y", source=line, color=colors.INK, line_width=2.5)
     if failed is not None:
-        plot.scatter(first, second, source=failed, marker="x", size=8, color=colors.VERMILION,
-                     line_width=2.0)  # fmt: skip
+        for color, width in ((colors.PAPER, 6.0), (colors.VERMILION, 2.5)):
+            plot.scatter(first, second, source=failed, marker="x", size=9, color=color,
+                         line_width=width)  # fmt: skip
     plot.add_layout(
         models.ColorBar(
             color_mapper=mapper, background_fill_color=None, width=12,

@@ -88,7 +88,10 @@ def identified(
         with ledger.stage("repeated run"):
             runner.require_repeatable(np.clip(start_point(question.inputs), *inputs.box.T))
         answer = answered(question, ledger)
-        check, notes = None, diagnostics.budget_warnings(runner.account, answer.surfaces)
+        check, notes = (
+            None,
+            diagnostics.budget_warnings(runner.account, answer.surfaces, "the noise"),
+        )
         if verified and answer.surfaces is not None:
             most = affordable(runner, POINTS)
             if most == 0:
