@@ -11,6 +11,7 @@ from aleator.likelihood.individual.moments import (
 )
 from aleator.likelihood.individual.on_surfaces import OnSurfaces
 from aleator.likelihood.individual.panels import Panels
+from aleator.likelihood.individual.plane import PlanePanels
 from aleator.likelihood.individual.predictor import Direct, Evaluator, Predictor
 from aleator.likelihood.individual.rule import Rule
 
@@ -24,6 +25,7 @@ __all__ = [
     "Layout",
     "OnSurfaces",
     "Panels",
+    "PlanePanels",
     "Predictor",
     "Rule",
     "individual_parameters",

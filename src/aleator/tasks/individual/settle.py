@@ -8,7 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.likelihood.individual import GaussHermite, ImportancePoints, IndividualLikelihood, Rule
+from aleator.likelihood.individual import (
+    GaussHermite,
+    ImportancePoints,
+    IndividualLikelihood,
+    PlanePanels,
+    Rule,
+)
 from aleator.search.newton import ascended
 from aleator.types import Array, Indices
 
@@ -33,6 +39,12 @@ LARGE = 400
 """Nodes that are many."""
 SLOWLY = 0.7
 """Share of the last change that the next one is, where more of many nodes hardly help."""
+SMOOTH = 1e-4
+"""A change with more nodes about one mode that they would not be rid of at a kink."""
+LOOKED = 40
+"""Experiments on which panels of two variates are tried."""
+PLANE_LARGE, PLANE_SLOWLY = 100, 0.25
+"""The same of two variates, where panels do not care how rough an outcome is."""
 TRIED = (600, 1200)
 """Importance points that tell whether nodes about one mode leave a part out."""
 CERTAIN = 3.0
@@ -71,7 +83,12 @@ def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOU
         points = replace(likelihood, rule=ImportancePoints())
         return _refined(points, alpha, max(enough, ROUGHLY))
     end = _refined(_scoring(likelihood), alpha, enough)
-    if variates < 2 or (abs(end.gap) < HARDLY and not _misses_modes(end)):
+    if variates < 2:
+        return end
+    if variates == 2:
+        on_panels = replace(end.likelihood, rule=PlanePanels())
+        return end if _told_by_panels(end) else _refined(on_panels, end.alpha, enough)
+    if abs(end.gap) < HARDLY and not _misses_modes(end):
         return end
     again = _refined(replace(likelihood, rule=ImportancePoints()), end.alpha, enough)
     return again if abs(again.gap) < HARDLY or abs(again.gap) < abs(end.gap) else end
@@ -85,6 +102,18 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     if not isinstance(likelihood.rule, GaussHermite) or likelihood.inputs.scattering < 2:
         return likelihood
     return replace(likelihood, rule=likelihood.rule.at_least(SCORING))
+
+
+def _told_by_panels(end: Settled) -> bool:
+    """Whether nodes about one mode of two variates tell what panels do, who leave nothing out."""
+    if abs(end.gap) > HARDLY:
+        return False
+    likelihood = end.likelihood
+    if abs(end.gap) < SMOOTH and not several_modes(likelihood, end.alpha):
+        return True
+    tried = likelihood.sampled(LOOKED) if likelihood.count > 2 * LOOKED else likelihood
+    change = _change(tried, PlanePanels(), end.alpha, large=False)
+    return abs(change) < HARDLY
 
 
 def _misses_modes(end: Settled) -> bool:
@@ -120,7 +149,8 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> S
         gaps = _gaps(held, alpha)
         gap = held.rule.told(gaps, variates)
         coarse = held if coarse is None and abs(gap) < HARDLY else coarse
-        slow = held.nodes.xi.shape[1] > LARGE and abs(gap) > SLOWLY * before
+        large, slowly = (PLANE_LARGE, PLANE_SLOWLY) if variates == 2 else (LARGE, SLOWLY)
+        slow = held.nodes.xi.shape[1] > large and abs(gap) > slowly * before
         if held.rule.centers == 1 and slow and abs(gap) > HARDLY:
             # what is not smooth converges slowly about one centre
             return Settled(held, alpha, gap, coarse or held)

@@ -1,0 +1,112 @@
+"""Panels of two variates where an outcome is not smooth, against integrals in closed form."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from individual_cases import likelihood_of
+from scipy import stats
+
+from aleator import Free, Inputs, Normal
+from aleator.likelihood.individual import GaussHermite, PlanePanels
+from aleator.tasks.individual.settle import settled
+
+TWO = Inputs(
+    {
+        "a": Normal(Free(-3.0, 3.0), Free(0.01, 3.0)),
+        "b": Normal(Free(-3.0, 3.0), Free(0.01, 3.0)),
+    }
+)
+ALPHA = np.array([0.6, 0.4, 0.3, 0.3, 0.05])
+"""Means and sds of a and b, and the sd of the noise."""
+
+
+def line(time, x):
+    return x[0] + x[1] * time
+
+
+def kink(time, x):
+    return np.maximum(0.0, x[0] + x[1] - time)
+
+
+def jump(time, x):
+    return 1.0 * (x[0] + x[1] * time > 1.0)
+
+
+def bend(time, x):
+    return np.abs(x[0] - time) + x[1] * time
+
+
+def front(time, x):
+    return x[1] * np.tanh((time - x[0]) / 0.05)
+
+
+def exact(model, time, y, alpha) -> np.ndarray:
+    """Log-densities; a front and a bend given a are normal, a by the trapezoidal rule."""
+    m, s, n, v, noise = alpha
+    if model is line:
+        return stats.norm.logpdf(y, m + n * time, np.sqrt(s**2 + (v * time) ** 2 + noise**2))
+    if model is jump:
+        beyond = stats.norm.sf(1.0, m + n * time, np.hypot(s, v * time))
+        parts = [p * stats.norm.pdf(y, at, noise) for at, p in ((1, beyond), (0, 1 - beyond))]
+        return np.log(np.sum(parts, axis=0))
+    if model is kink:
+        # max(0, g) with g normal: its part below zero, and the part above given the outcome
+        mean, own = m + n - time, s**2 + v**2
+        whole = own + noise**2
+        given = stats.norm.sf(0.0, mean + (y - mean) * own / whole, np.sqrt(own / whole) * noise)
+        below = stats.norm.cdf(0.0, mean, np.sqrt(own)) * stats.norm.pdf(y, 0.0, noise)
+        return np.log(below + stats.norm.pdf(y, mean, np.sqrt(whole)) * given)
+    a = np.linspace(m - 9.0 * s, m + 9.0 * s, 40_001)[:, None]
+    slope = time if model is bend else np.tanh((time - a) / 0.05)
+    mean = np.abs(a - time) + n * time if model is bend else n * slope
+    given = stats.norm.pdf(y, mean, np.hypot(slope * v, noise))
+    return np.log(stats.norm.pdf(a[:, 0], m, s) @ given * (a[1, 0] - a[0, 0]))
+
+
+def drawn(model, noise: float, count: int = 20) -> pd.DataFrame:
+    rng = np.random.default_rng(3)
+    time = rng.uniform(0.2, 1.8, count)
+    a, b = (m + s * rng.standard_normal(count) for m, s in (ALPHA[:2], ALPHA[2:4]))
+    y = model(time, (a, b)) + noise * rng.standard_normal(count)
+    return pd.DataFrame({"id": range(count), "time": time, "y": y})
+
+
+def differences(model, frame: pd.DataFrame, alpha: np.ndarray) -> np.ndarray:
+    """The exact score."""
+    own = frame["time"].to_numpy(), frame["y"].to_numpy()
+    steps = 1e-4 * np.eye(alpha.size)
+    ends = [[exact(model, *own, alpha + sign * h).sum() for h in steps] for sign in (1, -1)]
+    return (np.array(ends[0]) - ends[1]) / 2e-4
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.02])
+@pytest.mark.parametrize("model", [line, kink, jump, bend, front])
+def test_panels_integrate_what_is_not_smooth(model, noise: float) -> None:
+    frame, alpha = drawn(model, noise), np.array([*ALPHA[:4], noise])
+    each = likelihood_of(model, frame, TWO).by(PlanePanels(), alpha).evaluate(alpha).each
+    truth = exact(model, frame["time"].to_numpy(), frame["y"].to_numpy(), alpha)
+    assert each == pytest.approx(truth, abs=1e-3)
+
+
+@pytest.mark.parametrize("model", [kink, jump])
+def test_their_score_counts_what_moves_across(model) -> None:
+    frame = drawn(model, 0.05)
+    held = likelihood_of(model, frame, TWO).by(PlanePanels(), ALPHA)
+    beside = ALPHA * 1.01
+    for alpha in (ALPHA, beside):
+        np.testing.assert_allclose(held(alpha).score, differences(model, frame, alpha), atol=0.02)
+
+
+def test_an_answer_at_a_kink_is_the_exact_one() -> None:
+    frame = drawn(kink, 0.05)
+    end = settled(likelihood_of(kink, frame, TWO), ALPHA)
+    assert isinstance(end.likelihood.rule, PlanePanels)
+    own = frame["time"].to_numpy(), frame["y"].to_numpy()
+    assert end.value == pytest.approx(exact(kink, *own, end.alpha).sum(), abs=5e-3)
+    inside = (end.alpha > 0.011) | (np.arange(5) % 2 == 0)
+    assert np.abs(differences(kink, frame, end.alpha)[inside]).max() < 0.2
+
+
+def test_a_smooth_outcome_keeps_few_nodes() -> None:
+    end = settled(likelihood_of(line, drawn(line, 0.05), TWO), ALPHA)
+    assert isinstance(end.likelihood.rule, GaussHermite)
