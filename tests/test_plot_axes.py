@@ -55,11 +55,23 @@ def test_what_is_drawn_is_what_was_found(found: Identification) -> None:
     assert best == pytest.approx(found.values["x.sd"], rel=1e-6)
 
 
+def test_the_simulator_and_the_weakest_pair_are_drawn_as_they_are(found: Identification) -> None:
+    (line, *_) = plot.response(found, "x").lines
+    assert line.get_ydata() == pytest.approx(line.get_xdata(), rel=1e-4)  # it returns x
+    axes = plot.surface(found)
+    (cross,) = axes.lines
+    best = [float(cross.get_xdata()[0]), float(cross.get_ydata()[0])]
+    assert best == pytest.approx(found.values[["x.mean", "x.sd"]].to_numpy(), rel=1e-3)
+    assert axes.get_xlabel() == "x.mean"
+
+
 def test_what_is_missing_is_told(found: Identification) -> None:
     with pytest.raises(AleatorError, match=r"'x\.men'"):
         plot.profile(found, "x.men")
     with pytest.raises(AleatorError, match="no response 'z'"):
         plot.experiments(found, response="z")
+    with pytest.raises(AleatorError, match="has no response of"):
+        plot.response(found.to_dict(), "x")
     with pytest.raises(AleatorError, match="has no laws"):
         plot.law(found.to_dict(), "x")
     with pytest.raises(AleatorError, match="no probability"):

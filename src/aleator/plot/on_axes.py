@@ -36,6 +36,9 @@ SIZE = (4.5, 3.4)
 DROP = 1.92
 """How far the profile of the likelihood has dropped at the ends of a 95 % interval."""
 
+LEVELS = (0.69, 1.61, 3.0)
+"""How far the log-likelihood has dropped at the ends of 50, 80 and 95 % of two together (chi2)."""
+
 
 def calibration(found: Found, ax: Axes | None = None) -> Axes:
     """The cumulative share of the probabilities of what was measured, minus the uniform one.
@@ -127,6 +130,52 @@ def profile(found: Found, hyperparameter: str, ax: Axes | None = None) -> Axes:
     return axes
 
 
+def surface(found: Found, ax: Axes | None = None) -> Axes:
+    """The likelihood over the two estimates that are told apart worst: 50, 80 and 95 % of both.
+
+    The cross is the largest value. Raises AleatorError where there are no two.
+    """
+    document = _document(found, with_pictures=True)
+    drawn = (document.get("pictures") or {}).get("surface")
+    if not drawn:
+        raise _lacking("surface of the likelihood")
+    axes = _axes(ax)
+    x, y, below = (np.array([_numbers(r) for r in drawn[k]]) for k in ("first", "second", "below"))
+    axes.contour(x, y, np.ma.masked_invalid(below), levels=LEVELS, colors=BLUE)
+    best = np.unravel_index(np.nanargmin(below), below.shape)
+    axes.plot(x[best], y[best], "+", color=GRAY)
+    first, second = (label(document, name) for name in drawn["between"])
+    axes.set(xlabel=first, ylabel=second)
+    return axes
+
+
+def response(
+    found: Found, parameter: str, ax: Axes | None = None, *, response: str | None = None
+) -> Axes:
+    """What stands for the simulator over a parameter, the others in their middle.
+
+    A line for each of some experiments. Raises AleatorError where nothing is known of it.
+
+    >>> shown = [{"id": "7", "response": "way", "curves": {"k": [1.0, 2.0]}}]
+    >>> drawn = {"over": {"k": [0.0, 1.0]}, "shown": shown}
+    >>> response({"pictures": {"response": drawn}}, "k").get_ylabel()
+    'way'
+    """
+    document = _document(found, with_pictures=True)
+    drawn = (document.get("pictures") or {}).get("response") or {}
+    if not drawn:
+        raise _lacking("response of the simulator")
+    at = _of({"pictures": drawn}, "over", parameter)
+    names = list(dict.fromkeys(entry["response"] for entry in drawn["shown"]))
+    name = _named(names, response)
+    axes = _axes(ax)
+    for entry in drawn["shown"]:
+        if entry["response"] == name:
+            axes.plot(_numbers(at), _numbers(entry["curves"][parameter]), color=BLUE, lw=0.9)
+    axes.set(xlabel=label(document, parameter), ylabel=label(document, name))
+    return axes
+
+
 def _axes(ax: Axes | None) -> Axes:
     """The axes, or those of a new figure."""
     if ax is not None:
@@ -160,13 +209,7 @@ def _measured(document: Mapping[str, Any], response: str | None) -> tuple[Array,
         quantiles = [_numbers([e["quantiles"][p] for p in QUANTILES]) for e in entries]
         name = str(document.get("outcome") or "outcome")
         return _numbers([e["outcome"] for e in entries]), np.array(quantiles), name
-    names = [*document["responses"]]
-    name = names[0] if response is None else response
-    if name not in names:
-        raise AleatorError(
-            f"there is no response '{name}'{nearest(name, names)}",
-            f"the responses are {', '.join(names)}",
-        )
+    name = _named([*document["responses"]], response)
     predicted = (document.get("pictures") or {}).get("predicted")
     if not predicted:
         raise _lacking("predictions of what was observed")
@@ -176,7 +219,18 @@ def _measured(document: Mapping[str, Any], response: str | None) -> tuple[Array,
     return _numbers(ends), np.array(quantiles), name
 
 
-def _of(document: Mapping[str, Any], what: str, name: str) -> Mapping[str, Any]:
+def _named(names: list[str], response: str | None) -> str:
+    """The response that is meant, by default the first."""
+    name = names[0] if response is None else response
+    if name not in names:
+        raise AleatorError(
+            f"there is no response '{name}'{nearest(name, names)}",
+            f"the responses are {', '.join(names)}",
+        )
+    return name
+
+
+def _of(document: Mapping[str, Any], what: str, name: str) -> Any:
     known = (document.get("pictures") or {}).get(what) or {}
     if not known:
         raise _lacking(what)
@@ -185,8 +239,7 @@ def _of(document: Mapping[str, Any], what: str, name: str) -> Mapping[str, Any]:
             f"there is no '{name}' among the {what}{nearest(name, [*known])}",
             f"there are {', '.join(known)}",
         )
-    found: Mapping[str, Any] = known[name]
-    return found
+    return known[name]
 
 
 def _lacking(what: str) -> AleatorError:
