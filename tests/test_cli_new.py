@@ -309,6 +309,16 @@ def test_a_column_that_counts_the_rows_names_them_and_is_no_outcome() -> None:
     assert (written["id"], written["outcome"]) == ("beam", "hours")
 
 
+@pytest.mark.usefixtures("folder")
+def test_several_responses_are_the_columns_that_the_function_returns() -> None:
+    shutil.copytree(EXAMPLES / "repeated" / "coasting", ".", dirs_exist_ok=True)
+    done = run("new", "coasting.csv", "--parameter", "drag=0.05:1", "--force")
+    assert done.exit_code == 0, done.output
+    study = load_study("study.toml")
+    assert study.experiments.observations.names == ("speed", "way")
+    assert set(tomllib.loads(Path("study.toml").read_text())["noise"]) == {"speed", "way"}
+
+
 SERIES = {
     "annotated": "import numpy as np\n"
     "def level(time: np.ndarray, rate: float = 0.3) -> np.ndarray:\n"

@@ -203,3 +203,11 @@ def test_what_asks_for_one_law_of_all_experiments_is_refused() -> None:
     for asked in (inputs, inputs.resolved(TABLE)):
         with pytest.raises(InputsError, match="differ between experiments"):
             asked.image(np.ones(3), np.zeros((1, 1)))
+
+
+def test_a_formula_without_limits_is_told_how_they_are_written() -> None:
+    with pytest.raises(InputsError) as caught:
+        Normal(By("1 + t"), 1.0)
+    assert 'By("1 + t", lower, upper)' in caught.value.remedy
+    with pytest.raises(InputsError, match="is not two numbers"):
+        TruncatedNormal(0.3, 1.7)  # type: ignore[arg-type]

@@ -20,7 +20,7 @@ from aleator.study.offers import (
     offered_by_fmu,
     offered_by_function,
 )
-from aleator.study.proposal import outcome_of, require_outcome
+from aleator.study.proposal import outcome_of, require_outcome, responses_of
 from aleator.study.proposed_laws import Limits, around, parameters_of
 from aleator.study.roles import Roles, Sheet
 
@@ -92,8 +92,9 @@ def chosen_outcomes(
     asked: Asked, sheet: Sheet, offer: Offer, given: Sequence[str]
 ) -> tuple[str, ...]:
     """The measured columns."""
-    if given:
-        return tuple(given)
+    told = tuple(given) or responses_of(sheet, offer)
+    if told:
+        return told
     found, possible = outcome_of(sheet, offer)
     if not asked.questions.asked:
         return (require_outcome(found, possible),)

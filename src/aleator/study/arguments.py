@@ -30,13 +30,33 @@ def arrays_among(function: Callable[..., Any]) -> frozenset[str]:
     told = {name for name, p in named.items() if is_array(p.annotation)}
     if told:
         return frozenset(told if len(told) < len(named) else ())
-    try:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
-    except (OSError, TypeError, SyntaxError):
-        return frozenset()
-    used = {one.id for node in ast.walk(tree) for one in _sequences(node)
+    used = {one.id for node in _nodes(function) for one in _sequences(node)
             if isinstance(one, ast.Name)}  # fmt: skip
     return frozenset(used & set(named))
+
+
+def returned_by(function: Callable[..., Any]) -> tuple[str, ...]:
+    """The names of several responses: the texts that a function returns numbers under.
+
+    Empty where it returns no such table, and where the source is not at hand.
+
+    >>> def coasting(time, drag):
+    ...     return {"speed": time, "way": drag}
+    >>> returned_by(coasting)
+    ('speed', 'way')
+    """
+    tables = [node.value for node in _nodes(function) if isinstance(node, ast.Return)]
+    keys = [key for table in tables if isinstance(table, ast.Dict) for key in table.keys]
+    names = [key.value for key in keys if isinstance(key, ast.Constant)]
+    return tuple(dict.fromkeys(name for name in names if isinstance(name, str)))
+
+
+def _nodes(function: Callable[..., Any]) -> list[ast.AST]:
+    """All nodes of the source; none where it is not at hand."""
+    try:
+        return [*ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function))))]
+    except (OSError, TypeError, SyntaxError):
+        return []
 
 
 def _sequences(node: ast.AST) -> Iterator[ast.AST]:

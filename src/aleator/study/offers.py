@@ -15,7 +15,7 @@ from aleator.simulators.command.placeholders import Text
 from aleator.simulators.command.program import STUDY
 from aleator.simulators.fmu.description import REALS, Description, Variable, read_description
 from aleator.simulators.loading import load_function
-from aleator.study.arguments import arrays_among, is_array
+from aleator.study.arguments import arrays_among, is_array, returned_by
 
 INPUT = "input"
 """The placeholder of a program's input file."""
@@ -85,7 +85,7 @@ def offered_by_function(reference: str, folder: Path) -> Offer:
         "function",
         reference,
         tuple(Given(p.name, _number(p.default), required=p.default is p.empty) for p in named),
-        (Given(name),),
+        tuple(map(Given, returned_by(function))) or (Given(name),),
         vectorized=_takes_arrays(function, named),
         arrays=arrays_among(function),
     )

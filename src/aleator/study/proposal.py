@@ -82,6 +82,13 @@ class Proposal:
         return tuple(lacking)
 
 
+def responses_of(sheet: Sheet, offer: Offer) -> tuple[str, ...]:
+    """The columns that a function returns under these names, where there are several."""
+    possible = roles_in(sheet.table, offer.names).outcomes
+    called = tuple(one.name for one in offer.returned if one.name in possible)
+    return called if offer.kind == "function" and len(called) > 1 else ()
+
+
 def outcome_of(sheet: Sheet, offer: Offer) -> tuple[str | None, tuple[str, ...]]:
     """The column that seems to be the outcome, or None, and all that may be.
 
@@ -213,5 +220,6 @@ def require_outcome(found: str | None, possible: Sequence[str]) -> str:
         )
     raise ExperimentsError(
         f"nothing says which column is the outcome: {', '.join(possible)}",
-        f"--outcome {shlex.quote(possible[-1])}, or another of these",
+        f"--outcome {shlex.quote(possible[-1])}, or another of these; or several, each with "
+        "--outcome",
     )
