@@ -73,7 +73,7 @@ def _curves(
     return Chart(
         source.name, f"{response} over {name}",
         "What stands for the simulator, a line for each of some experiments, over the range of the "
-        "law; all other parameters are in their middle.",
+        f"law; all other parameters are in their middle.{_which(document)}",
         plot, source, {"id": "id", "x": name, "y": response, "measured": "measured"},
     )  # fmt: skip
 
@@ -129,6 +129,12 @@ def _map(
         + (" Crosses: failed runs of all experiments." if failed else ""),
         plot, source, {"id": "id", "x": first, "y": second, "value": response},
     )  # fmt: skip
+
+
+def _which(document: Document) -> str:
+    """Of several observations of an experiment, which one is drawn."""
+    several = len(document.get("observations") or ()) > len(document["experiments"])
+    return " Of an experiment's rows it is the last." if several else ""
 
 
 def _measured(entry: Document) -> float | None:
