@@ -1,3 +1,4 @@
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -93,6 +94,28 @@ def test_each_response_is_censored_for_itself() -> None:
     )  # fmt: skip
     assert ends(found) == [(5.0, INF), (3.0, 3.0), (6.0, 6.0), (-INF, 4.0)]
     assert not list(found.conditions)
+
+
+def test_signs_in_the_cells_tell_it_without_a_column(tmp_path: Path) -> None:
+    rows: list[list[object]] = [
+        ["A", "> 20", 1.0], ["B", "<=0.5", 2.0], ["C", 3.0, 3.0], ["D", "≥7", None],
+    ]  # fmt: skip
+    signs = Censoring(signs=True)
+    found = read(rows, "id y z", outcome=["y", "z"], censored={"y": signs})
+    assert ends(found) == [
+        (20.0, INF), (1.0, 1.0), (-INF, 0.5), (2.0, 2.0), (3.0, 3.0), (3.0, 3.0), (7.0, INF),
+    ]  # fmt: skip
+    (tmp_path / "a.csv").write_text("id;y\nA;> 2,5\nB;1,5\n")
+    comma = Experiments.from_csv(
+        tmp_path / "a.csv", outcome="y", censored=signs, delimiter=";", decimal=","
+    )
+    assert ends(comma) == [(2.5, INF), (1.5, 1.5)]
+    logs = read([["A", "> 1"]], "id y", outcome="y", censored=signs, transform="log")
+    assert ends(logs) == [(0.0, INF)]
+    with pytest.raises(ExperimentsError, match=r"row 2 .*column 'y'.*'> abc'"):
+        read([["A", "> 1"], ["B", "> abc"]], "id y", outcome="y", censored=signs)
+    with pytest.raises(ExperimentsError, match="column 's' as well"):
+        Censoring("s", right="out", signs=True)
 
 
 STATUS = Censoring("s", right="Runout")
