@@ -267,6 +267,9 @@ def _noise(proposal: Proposal) -> list[str]:
             "# [noise]",
             f"# sd = {ends(limits)}" if limits else "# sd = ...",
         ]
+    sought = "identified; a number would be known"
+    if not (proposal.repeated or several):
+        sought = "identified, hardly from one value an experiment: better the number that is known"
     lines: list[str] = []
     for name, sd in proposal.noise.items():
         lines += [""] if lines else []
@@ -275,5 +278,5 @@ def _noise(proposal: Proposal) -> list[str]:
         if isinstance(sd, str):
             lines.append(line("sd", sd, "the column with the sd of each measured value"))
         else:
-            lines.append(remarked(f"sd = {ends(sd)}", "identified; a number would be known"))
+            lines.append(remarked(f"sd = {ends(sd)}", sought))
     return lines
