@@ -93,3 +93,36 @@ def test_an_end_on_its_own_limit_costs_nothing() -> None:
     profile = profile_intervals(likelihood, alpha, hyperparameters, inference)
     assert profile.intervals[k, 0] == hyperparameters[k].lower
     assert likelihood.asked < 200
+
+
+@dataclass
+class Bent:
+    """Sixty residuals: half tell x = 1 -+ 0.5 each, half y = x^2 -+ 0.001; it counts."""
+
+    asked: int = 0
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        self.asked += 1
+        x, y = alpha
+        off = np.linspace(-1.0, 1.0, 30)
+        along, across = (x - 1.0) / 0.5 - off, (y - x**2) / 0.001 - off
+        scores = np.zeros((60, 2))
+        scores[:30, 0] = -along / 0.5
+        scores[30:, 0] = across * 2.0 * x / 0.001
+        scores[30:, 1] = -across / 0.001
+        each = -0.5 * np.concatenate([along, across]) ** 2
+        return LogLikelihood(each, scores, np.zeros(60, dtype=np.int64))
+
+
+def test_a_ridge_that_bends_is_followed() -> None:
+    likelihood = Bent()
+    hyperparameters = [Hyperparameter(name, -4.0, 9.0, 1.0, free=True) for name in "xy"]
+    alpha = np.ones(2)
+    inference = infer(likelihood, alpha, hyperparameters)
+    likelihood.asked = 0
+    profile = profile_intervals(likelihood, alpha, hyperparameters, inference)
+    # with y at its best x is a mean of thirty; y then is the square of that
+    reach = TARGET * 0.5 / np.sqrt(30.0)
+    ends = np.array([[1.0 - reach, 1.0 + reach], [(1.0 - reach) ** 2, (1.0 + reach) ** 2]])
+    assert np.allclose(profile.intervals, ends, atol=0.005)
+    assert likelihood.asked < 60

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.inference.information import Inference
-from aleator.inference.profile_end import positive
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.search.newton import ascended
+from aleator.search.newton import ascended, positive
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
 

@@ -14,10 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.inference.information import Inference
-from aleator.inference.profile_end import Trace, positive
+from aleator.inference.profile_end import Trace
 from aleator.laws import Hyperparameter
 from aleator.search import Objective
+from aleator.search.interface import objective_of
+from aleator.search.newton import positive
+from aleator.search.value import LogLikelihood
 from aleator.types import Array, Flags, Indices
+
+LAST = 4
+"""Evaluations that are remembered."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +63,23 @@ class Profile:
         return identified[np.any(np.isnan(self.drops[identified]), axis=1)]
 
 
+class _Remembering:
+    """An objective that knows the last alphas: a guess is judged, and then climbed from."""
+
+    def __init__(self, objective: Objective) -> None:
+        self.values = objective.values
+        self._objective = objective
+        self._last: dict[bytes, LogLikelihood] = {}
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        key = alpha.tobytes()
+        if key not in self._last:
+            if len(self._last) == LAST:
+                del self._last[next(iter(self._last))]
+            self._last[key] = self._objective(alpha)
+        return self._last[key]
+
+
 def profile_intervals(
     objective: Objective,
     alpha: Array,
@@ -78,7 +101,9 @@ def profile_intervals(
     `better` set, when a conditional maximum exceeds the maximum. `only` some hyperparameters; the
     others are NaN.
     """
-    top, size = objective(alpha).total, alpha.size
+    maximum, size = objective(alpha), alpha.size
+    assert maximum.scores is not None
+    climbed = _Remembering(objective_of(objective))
     found = Profile(
         np.full((size, 2), np.nan),
         np.full((size, 2), np.nan),
@@ -94,7 +119,10 @@ def profile_intervals(
         coupling = inference.information[others, row]
         # along the profile the others follow the one by -I_oo^-1 I_ok
         follow = -np.linalg.pinv(information, hermitian=True) @ coupling
-        trace = Trace(objective, hyperparameters, k, moving, information, follow, top, rivals)
+        trace = Trace(
+            climbed, hyperparameters, k, moving, information, follow, maximum.total,
+            maximum.scores, rivals,
+        )  # fmt: skip
         for side, sign in enumerate((-1.0, 1.0)):
             end = trace.end(alpha, sign, inference)
             if end.better:

@@ -35,6 +35,8 @@ LOST = 6.0
 parabola leads nowhere."""
 FAR = 2.0
 """Times the root of an end beyond which a conditional maximum is not built upon."""
+FAIR = 10.0
+"""A guess that is less below the maximum is climbed from, without a look at others."""
 BETTER = 0.01
 """A conditional maximum this far above the maximum means that the search had missed it."""
 
@@ -53,6 +55,7 @@ class End:
 class Trace:
     """The profile of hyperparameter k; `follow` (F,) is how the moving ones go along.
 
+    `top` is the maximum of the log-likelihood, `scores` (N, K) are those of the experiments there.
     `rivals` (K,) are other maxima: where an end would be, the profile may be that of their hill. A
     hill behind a valley is not reached: a warning tells of two maxima.
     """
@@ -64,6 +67,7 @@ class Trace:
     information: Array
     follow: Array
     top: float
+    scores: Array
     rivals: Sequence[Array] = ()
 
     def end(self, alpha: Array, sign: float, inference: Inference) -> End:
@@ -77,8 +81,9 @@ class Trace:
         information, value = self.information, self._first(bracket, sign, inference)
         steep = 1.0 / inference.standard_error[self.k]
         doubted = float("nan")
+        nearest = Summit(alpha, self.top, self.scores, self.information, 0.0)
         for _ in range(TRIALS if inference.positive else FEW):
-            guesses = self._guesses(alpha, known.point, inner.point, value)
+            guesses = self._best_first(alpha, known.point, inner.point, value, nearest)
             most = STEEPER * steep * abs(value - alpha[self.k])
             if value == doubted:
                 guesses, information, most = guesses[1:2], self.information, np.inf
@@ -91,6 +96,8 @@ class Trace:
                 drop = self._drop(summit)
             better = summit.value > self.top + BETTER
             here, root = End(value, drop, summit.alpha, better), _root(drop)
+            if np.isfinite(root):
+                nearest = summit
             if better or (root < TARGET and value == limit):
                 return here
             if abs(root - TARGET) < CLOSE and summit.gain < LEFT:
@@ -140,7 +147,7 @@ class Trace:
         for _ in range(AGAIN - 1):
             if summit.gain < LEFT or not np.isfinite(summit.value):
                 break
-            before, summit = summit.value, self._climbed(summit.alpha, self._outer(summit))
+            before, summit = summit.value, self._climbed(summit.alpha, summit.outer(self.moving))
             if summit.value - before < LEFT:
                 return replace(summit, gain=0.0)
         return summit
@@ -150,7 +157,7 @@ class Trace:
 
         Where nothing is gained by that, nothing was left.
         """
-        information = self._outer(summit)
+        information = summit.outer(self.moving)
         score = summit.score[self.moving]
         limits = limits_of(self.hyperparameters, self.moving)
         free = ~held(summit.alpha[self.moving], score, *limits)
@@ -168,18 +175,26 @@ class Trace:
             self.objective, guess, self.hyperparameters, self.moving, information, CLIMBED
         )
 
-    def _outer(self, summit: Summit) -> Array:
-        """The curvature (F, F) by outer products of the scores of the experiments."""
-        scores = self.objective(summit.alpha).scores
-        assert scores is not None
-        own = np.nan_to_num(scores[:, self.moving])
-        return positive(own.T @ own)
-
     def _first(self, bracket: Bracket, sign: float, inference: Inference) -> float:
         reach = TARGET * inference.standard_error[self.k]
         if not np.isfinite(reach):
             reach = 0.2 * abs(bracket.limit - bracket.center)
         return bracket.within(bracket.center + sign * reach)
+
+    def _best_first(
+        self, alpha: Array, known: Array, inner: Array, value: float, nearest: Summit
+    ) -> list[Array]:
+        """Guesses at a value; where the likeliest is no good, the best of all comes first."""
+        guesses = self._guesses(alpha, known, inner, value)
+        if self._below(guesses[0]) < FAIR:
+            return guesses
+        guesses.append(self._tangent(nearest, value))
+        best = int(np.argmin([self._below(guess) for guess in guesses]))
+        return [guesses[best], *guesses[:best], *guesses[best + 1 :]]
+
+    def _below(self, guess: Array) -> float:
+        """How far a guess lies below the maximum."""
+        return float(np.nan_to_num(self.top - self.objective(guess).total, nan=np.inf))
 
     def _guesses(self, alpha: Array, known: Array, inner: Array, value: float) -> list[Array]:
         """Where the conditional maximum may be, the likeliest first; the second beside `inner`."""
@@ -187,6 +202,20 @@ class Trace:
         error = np.sqrt(np.diag(np.linalg.pinv(self.information, hermitian=True)))
         lost = np.any(np.abs(along - known)[self.moving] > LOST * error)
         return [beside if lost else along, beside, self._guess(alpha, alpha, value)]
+
+    def _tangent(self, summit: Summit, value: float) -> Array:
+        """From a conditional maximum along the ridge, as the scores of the experiments tell it."""
+        information = summit.outer(np.append(self.moving, self.k))
+        limits = limits_of(self.hyperparameters, self.moving)
+        free = ~held(summit.alpha[self.moving], summit.score[self.moving], *limits)
+        moved = summit.alpha.copy()
+        moved[self.k] = value
+        rows = self.moving[free]
+        inside = information[:-1, :-1][np.ix_(free, free)]
+        along = -np.linalg.lstsq(inside, information[:-1, -1][free])[0]
+        ahead = summit.alpha[rows] + along * (value - summit.alpha[self.k])
+        moved[rows] = np.clip(ahead, limits[0][free], limits[1][free])
+        return moved
 
     def _beside(self, point: Array, value: float) -> Array:
         """A point (K,) with the hyperparameter at another value."""
@@ -214,11 +243,3 @@ class Trace:
 
 def _root(drop: float) -> float:
     return float(np.sqrt(max(2.0 * drop, 0.0)))
-
-
-def positive(matrix: Array) -> Array:
-    """The matrix with its eigenvalues, in units of its diagonal, raised to at least 1e-6."""
-    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    raised = (vectors * np.maximum(values, 1e-6)) @ vectors.T
-    return np.asarray(raised * np.outer(scale, scale))

@@ -10,16 +10,21 @@ import numpy as np
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search.counted import CountedObjective
 from aleator.search.interface import Objective, Scored
+from aleator.search.value import LogLikelihood
 from aleator.types import Array, Flags, Indices
 
 ARRIVED = 1e-5
 """Stop when this close to the maximum, in log-likelihood (0.5 g' H^-1 g)."""
 STEPS = 40
+TRIES, DOUBTED = 12, 4
+"""Lengths of a step that are tried, and by a matrix that there is another for."""
+MANY = 5
+"""Experiments for each hyperparameter from which on outer products of scores tell a curvature."""
 
 
 @dataclass(frozen=True)
 class Summit:
-    """Where an ascent ended: `alpha` (K,), its `value` and `score` (K,).
+    """Where an ascent ended: `alpha` (K,), its `value` and `scores` (N, K).
 
     `information` (F, F) is what the steps taught of the curvature over what moved, and `gain`
     what is left to climb by it.
@@ -27,9 +32,19 @@ class Summit:
 
     alpha: Array
     value: float
-    score: Array
+    scores: Array
     information: Array
     gain: float
+
+    @property
+    def score(self) -> Array:
+        """The sum of the scores, (K,)."""
+        return np.asarray(self.scores.sum(axis=0))
+
+    def outer(self, rows: Indices) -> Array:
+        """The information (F, F) of these rows that the scores of the experiments tell."""
+        own = np.nan_to_num(self.scores[:, rows])
+        return positive(own.T @ own)
 
 
 def ascend(
@@ -55,38 +70,60 @@ def ascended(
     """Climb over the `moving` (F,) hyperparameters until `arrived` is all that is left to gain.
 
     BFGS whose first matrix is the given information (F, F), with an active set for the limits
-    and a backtracking line search. WarmStart a maximum it needs two to six evaluations, where a
-    method that has to learn the curvature needs twenty. It never returns a smaller value than
-    that of the alpha given; it ends, without an error, when no step gains.
+    and a backtracking line search. Where a step does not gain what the matrix promised, the outer
+    products of the scores of the experiments take its place (Berndt et al. 1974): on a ridge that
+    bends, what was learned behind the bend leads away from it. From near a maximum it needs two to
+    six evaluations, where a method that has to learn the curvature needs twenty. It never returns
+    a smaller value than that of the alpha given; it ends, without an error, when no step gains.
     """
     lower, upper = limits_of(hyperparameters, moving)
-    matrix = information.copy()
-    point = alpha[moving]
+    matrix, point = information.copy(), alpha[moving]
     counted = CountedObjective(objective)
 
-    def at(x: Array) -> tuple[float, Array]:
+    def at(x: Array) -> LogLikelihood:
         full = alpha.copy()
         full[moving] = x
-        result = counted(full)
-        return result.total, result.score
+        return counted(full)
 
-    value, whole = at(point)
-    gain = 0.0
+    here, gain = at(point), 0.0
+    # of few experiments the outer products tell little: then there is no other matrix
+    many = len(here.each) > MANY * moving.size
+    own = not many
     for _ in range(STEPS):
-        score = whole[moving]
+        score = here.score[moving]
         step = _newton_step(matrix, score, ~held(point, score, lower, upper))
         gain = 0.5 * float(score @ step)
         if gain < arrived:
             break
-        moved = _line_search(at, point, value, 2.0 * gain, step, lower, upper)
+        tries = TRIES if own else DOUBTED
+        moved = _line_search(at, point, here.total, 2.0 * gain, step, lower, upper, tries)
         if moved is None:
-            break
-        new_point, new_value, new_whole = moved
-        matrix = _updated(matrix, new_point - point, score - new_whole[moving])
-        point, value, whole = new_point, new_value, new_whole
+            if own:
+                break
+            matrix, own = _outer(here, moving), True
+            continue
+        new_point, there = moved
+        matrix = _updated(matrix, new_point - point, score - there.score[moving])
+        point, here, own = new_point, there, not many
     end = alpha.copy()
     end[moving] = point
-    return Summit(end, value, whole, matrix, gain)
+    assert here.scores is not None
+    return Summit(end, here.total, here.scores, matrix, gain)
+
+
+def positive(matrix: Array) -> Array:
+    """The matrix with its eigenvalues, in units of its diagonal, raised to at least 1e-6."""
+    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    raised = (vectors * np.maximum(values, 1e-6)) @ vectors.T
+    return np.asarray(raised * np.outer(scale, scale))
+
+
+def _outer(found: LogLikelihood, moving: Indices) -> Array:
+    """The information (F, F) that the scores of the experiments tell."""
+    assert found.scores is not None
+    scores = np.nan_to_num(found.scores[:, moving])
+    return positive(scores.T @ scores)
 
 
 def held(point: Array, score: Array, lower: Array, upper: Array) -> Flags:
@@ -107,20 +144,23 @@ def _newton_step(matrix: Array, score: Array, free: Flags) -> Array:
 
 
 def _line_search(
-    at: Callable[[Array], tuple[float, Array]],
+    at: Callable[[Array], LogLikelihood],
     point: Array,
     value: float,
     gain: float,
     step: Array,
     lower: Array,
     upper: Array,
-) -> tuple[Array, float, Array] | None:
-    length = 1.0
-    for _ in range(12):
+    tries: int,
+) -> tuple[Array, LogLikelihood] | None:
+    length, before = 1.0, point
+    for _ in range(tries):
         trial = np.clip(point + length * step, lower, upper)
-        trial_value, trial_score = at(trial)
-        if trial_value >= value + 1e-4 * length * gain:
-            return trial, trial_value, trial_score
+        if not np.array_equal(trial, before):
+            found = at(trial)
+            if found.total >= value + 1e-4 * length * gain:
+                return trial, found
+            before = trial
         length *= 0.4
     return None
 
