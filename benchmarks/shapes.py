@@ -51,7 +51,7 @@ class Shape:
 
     def table(self, seed: int) -> Experiments:
         """Virtual experiments; what is above `above` is known to be above it."""
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng([seed, *self.name.encode()])
         law, rig = self.law(rng, self.count), np.arange(self.count) % 2
         first = next(iter(law))
         law[first] = law[first] + self.shift * rig

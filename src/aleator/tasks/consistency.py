@@ -11,7 +11,7 @@ from aleator.inference.consistency.battery import SAME, Battery
 from aleator.inference.consistency.columns import ORDER, RESPONSE, columns_of, without_order
 from aleator.inference.consistency.judged import Judged, judged, replicated
 from aleator.inference.consistency.outliers import outliers_of
-from aleator.inference.consistency.relations import RELATED
+from aleator.inference.consistency.relations import RELATED, apart
 from aleator.inference.consistency.residuals import points_of, residuals_of
 from aleator.inference.consistency.sentences import told
 from aleator.inference.consistency.value import LEVEL, Consistency, Statistic
@@ -49,6 +49,7 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
     if np.mean(observed.known) < 1.0 - LOST:
         return Consistency.untested("too many observations have no predicted probability")
     columns = columns_of(table)
+    names, pairs = _scattering(fit)
     # experiments of which nothing was observed have no say
     experiment = np.unique(table.observations.experiment, return_inverse=True)[1]
     battery = Battery.of(
@@ -56,7 +57,8 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
         experiment,
         tuple(fit.hyperparameters[k].name for k in fit.inference.free),
         fit.inference.covariance,
-        *_scattering(fit),
+        names,
+        apart(observed.means, pairs),
     )
     with np.errstate(all="ignore"):
         statistics = battery.values(observed)

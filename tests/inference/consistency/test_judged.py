@@ -51,13 +51,15 @@ def test_scatter_that_differs_is_seen() -> None:
 def test_two_modes_are_seen(seed: int) -> None:
     rng, z = normal(seed)
     found = judged(rng.choice([-1.0, 1.0], N) + 0.4 * z, load=LOAD)
-    assert first(found)[0] in {"tails", "uniformity"}
+    assert first(found)[0] in {"light tails", "uniformity"}
 
 
 def test_heavy_tails_and_their_outliers_are_seen() -> None:
     y = stats.t.rvs(2, size=N, random_state=4)
     found = judged(y, load=LOAD)
     assert found.consistent is False
+    by_kind = {test.kind: test for test in found.tests if test.of == "outcomes"}
+    assert by_kind["heavy tails"].corrected < 0.01 < 0.9 < by_kind["light tails"].p
     assert found.outliers[0].id == f"s{np.abs(y - y.mean()).argmax()}"
 
 

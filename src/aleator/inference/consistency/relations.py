@@ -23,6 +23,12 @@ INDIVIDUAL = "individual"
 PAIR, COLUMN = "pair", "relation"
 RELATED = (PAIR, COLUMN)
 """The kinds of its tests."""
+HIDDEN = 0.5
+"""Shrinkage above which two parameters are not held against each other (Savic and Karlsson, 2009).
+
+A standard deviation of nearly zero is estimated as zero in many replicates and not in others. The
+products of two parameters then scatter otherwise in these than where it was not.
+"""
 LEAST = 0.05
 """Sums over a column are taken to scatter at least so much: one that the law follows pins them."""
 SCATTER_LEAST = 1e-9
@@ -82,6 +88,17 @@ class Relations:
             Relation(test.of, str(test.column), test.kind == PAIR, float(value), test.p)
             for value, test in zip(found, tests, strict=True)
         )
+
+
+def apart(means: Array, pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
+    """Those of the pairs of which the observations tell both, by individual means (N, s).
+
+    >>> means = np.array([[1.0, 0.2, 1.0], [-1.0, -0.2, 1.0], [1.0, 0.2, -1.0], [-1.0, -0.2, -1.0]])
+    >>> apart(means, ((0, 1), (0, 2)))
+    ((0, 2),)
+    """
+    told = 1.0 - np.std(means, axis=0) <= HIDDEN
+    return tuple((i, j) for i, j in pairs if told[i] and told[j])
 
 
 def of_size_one(values: Array) -> Array:

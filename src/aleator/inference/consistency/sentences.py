@@ -79,18 +79,21 @@ def _uniformity(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG
     )
 
 
-def _tails(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    heavy = test.z < 0.0
+def _heavy(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
     remedy = (
         'noise of kind "student_t", a law with heavier tails, or a column that tells apart what '
         "scatters more"
-        if heavy
-        else 'a law = "mixture", or a column that tells two groups apart'
     )
     if test.of == OUTCOMES:
-        return HEAVY if heavy else LIGHT, remedy
-    where = "more experiments pull far, and more hardly," if heavy else "experiments pull alike far"
-    return f"{where} on {test.of} than the law says", remedy
+        return HEAVY, remedy
+    return f"more experiments pull far, and more hardly, on {test.of} than the law says", remedy
+
+
+def _light(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
+    remedy = 'a law = "mixture", or a column that tells two groups apart'
+    if test.of == OUTCOMES:
+        return LIGHT, remedy
+    return f"experiments pull alike far on {test.of} than the law says", remedy
 
 
 def _unequal(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
@@ -150,6 +153,8 @@ def _neighbours(test: Statistic, several: bool) -> tuple[str, str]:
 def _groups(test: Statistic, several: bool) -> tuple[str, str]:
     where = "under the same conditions" if test.column == SAME else f"with the same `{test.column}`"
     message = f"outcomes {where} err alike, more than the law says"
+    if test.column == ORDER:
+        message = "observations of the same experiment err alike, more than the law says"
     if several:
         return message, "mend the simulator, whose curve has another shape than what was measured"
     named = "..." if test.column == SAME else test.column
@@ -184,7 +189,8 @@ _OTHERS = {
     "pair": _pair,
     "relation": _relation,
     "uniformity": _uniformity,
-    "tails": _tails,
+    "heavy tails": _heavy,
+    "light tails": _light,
     "skewness": _skewness,
     "outlier": _outlier,
     "sandwich": _sandwich,
