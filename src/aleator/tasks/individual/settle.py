@@ -29,6 +29,8 @@ ENOUGH = 2e-3
 if that is more."""
 HARDLY = 0.02
 """A change of the log-likelihood with more nodes that does not matter to an interval."""
+LITTLE = 0.1
+"""The same where surfaces are still coarse, and another round of runs follows."""
 SCORING = 3
 """Gauss-Hermite nodes of a variate from which on scores are those of the likelihood."""
 ON_A_GRID = 4
@@ -86,8 +88,11 @@ def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOU
     if variates < 2:
         return end
     if variates == 2:
-        on_panels = replace(end.likelihood, rule=PlanePanels())
-        return end if _told_by_panels(end) else _refined(on_panels, end.alpha, enough)
+        rough = enough >= ROUGHLY
+        panels = PlanePanels().rough if rough else PlanePanels()
+        if _told_by_panels(end, panels, LITTLE if rough else HARDLY):
+            return end
+        return _refined(replace(end.likelihood, rule=panels), end.alpha, enough)
     if abs(end.gap) < HARDLY and not _misses_modes(end):
         return end
     again = _refined(replace(likelihood, rule=ImportancePoints()), end.alpha, enough)
@@ -104,16 +109,18 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     return replace(likelihood, rule=likelihood.rule.at_least(SCORING))
 
 
-def _told_by_panels(end: Settled) -> bool:
-    """Whether nodes about one mode of two variates tell what panels do, who leave nothing out."""
-    if abs(end.gap) > HARDLY:
+def _told_by_panels(end: Settled, panels: PlanePanels, most: float) -> bool:
+    """Whether nodes about one mode of two variates tell what panels do, who leave nothing out.
+
+    They do where the two differ by less than `most`.
+    """
+    if abs(end.gap) > most:
         return False
     likelihood = end.likelihood
     if abs(end.gap) < SMOOTH and not several_modes(likelihood, end.alpha):
         return True
     tried = likelihood.sampled(LOOKED) if likelihood.count > 2 * LOOKED else likelihood
-    change = _change(tried, PlanePanels(), end.alpha, large=False)
-    return abs(change) < HARDLY
+    return abs(_change(tried, panels, end.alpha, large=False)) < most
 
 
 def _misses_modes(end: Settled) -> bool:
@@ -149,7 +156,8 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> S
         gaps = _gaps(held, alpha)
         gap = held.rule.told(gaps, variates)
         coarse = held if coarse is None and abs(gap) < HARDLY else coarse
-        large, slowly = (PLANE_LARGE, PLANE_SLOWLY) if variates == 2 else (LARGE, SLOWLY)
+        exact = variates == 2 and enough < ROUGHLY
+        large, slowly = (PLANE_LARGE, PLANE_SLOWLY) if exact else (LARGE, SLOWLY)
         slow = held.nodes.xi.shape[1] > large and abs(gap) > slowly * before
         if held.rule.centers == 1 and slow and abs(gap) > HARDLY:
             # what is not smooth converges slowly about one centre
