@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 
 from aleator import Censoring, Experiments, Free, Identification, Inputs, MonteCarlo, Noise, Normal
+from aleator.report.html.chart import axes, fewer_ticks
 from aleator.report.html.page import page
 from aleator.report.html.saved import report_of
 from aleator.tasks.identify import identify
@@ -208,3 +209,15 @@ def test_bounds_are_drawn_as_bounds() -> None:
     for kind, marker, out in zip(columns["kind"], columns["marker"], beyond, strict=True):
         assert kind == ("at least" if out else "measured")
         assert (marker == "triangle") == out
+
+
+def test_an_axis_of_many_decades_has_few_ticks() -> None:
+    wide, narrow = (axes("x", "y", log_y=True) for _ in range(2))
+    fewer_ticks(wide, np.array([2.0, np.nan, 1e18]))
+    fewer_ticks(narrow, np.array([0.0, 2.0, 3e4]))
+    ticks = np.array(wide.yaxis[0].ticker.ticks)
+    assert 5 <= ticks.size <= 12
+    assert ticks[0] <= 2.0
+    assert ticks[-1] >= 1e17
+    # within few decades there are ticks between these
+    assert {2.0, 5.0, 1e3} <= set(narrow.yaxis[0].ticker.ticks)

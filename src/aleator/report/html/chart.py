@@ -8,8 +8,10 @@ from typing import Any
 
 import bokeh.models
 import bokeh.plotting
+import numpy as np
 
 from aleator.report.html import colors
+from aleator.types import Array
 
 # Bokeh's own types know fewer arguments than it takes.
 models: Any = bokeh.models
@@ -18,6 +20,8 @@ plotting: Any = bokeh.plotting
 HEIGHT = 320
 DECADES = tuple(float(f"{digit}e{power}") for power in range(-12, 13) for digit in (1, 2, 5))
 """Ticks of a logarithmic axis: Bokeh's own are few within a decade."""
+MANY_DECADES = 5
+"""Decades that have no room for ticks within each."""
 IN_A_ROW = 4
 """Entries of a legend that a narrow screen has room for."""
 TOOLS = "pan,box_zoom,wheel_zoom,reset"
@@ -76,6 +80,19 @@ def axes(x: str, y: str, *, height: int = HEIGHT, log_y: bool = False, **more: A
     if log_y:
         plot.yaxis.ticker = plot.ygrid.ticker = models.FixedTicker(ticks=list(DECADES))
     return plot
+
+
+def fewer_ticks(plot: Any, values: Array) -> None:
+    """Whole decades, at most ten of them, on a logarithmic axis on which values span many."""
+    known = values[np.isfinite(values) & (values > 0.0)]
+    if not known.size:
+        return
+    low, high = (int(end) for end in np.floor(np.log10([known.min(), known.max()])))
+    if high - low > MANY_DECADES:
+        step = -(-(high - low) // 10)
+        ticks = [10.0**power for power in range(low, high + 2, step)]
+        plot.yaxis.ticker = plot.ygrid.ticker = models.FixedTicker(ticks=ticks)
+        plot.yaxis.formatter = models.LogTickFormatter()
 
 
 def shared(columns: Mapping[str, Any], name: str, **more: Any) -> Any:

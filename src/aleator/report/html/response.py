@@ -9,7 +9,7 @@ import contourpy
 import numpy as np
 
 from aleator.report.html import colors
-from aleator.report.html.chart import Chart, axes, models, shared
+from aleator.report.html.chart import Chart, axes, fewer_ticks, models, shared
 from aleator.report.html.markup import side_by_side
 from aleator.report.html.rows import numbers
 from aleator.tasks.results.units import label
@@ -53,11 +53,14 @@ def _curves(
 ) -> Chart:
     log = (document.get("responses") or {}).get(response, document.get("transform")) == "log"
     plot = axes(label(document, name), label(document, response), log_y=log)
+    curves = [numbers(entry["curves"][name]) for entry in shown]
+    if log:
+        fewer_ticks(plot, np.concatenate(curves))
     source = shared(
         {
             "id": [entry["id"] for entry in shown],
             "x": [at.tolist()] * len(shown),
-            "y": [numbers(entry["curves"][name]).tolist() for entry in shown],
+            "y": [curve.tolist() for curve in curves],
             "measured": [_measured(entry) for entry in shown],
         },
         f"over-{number}-{name}",
