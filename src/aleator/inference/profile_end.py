@@ -172,7 +172,13 @@ class Trace:
 
     def _climbed(self, guess: Array, information: Array) -> Summit:
         return ascended(
-            self.objective, guess, self.hyperparameters, self.moving, information, CLIMBED
+            self.objective,
+            guess,
+            self.hyperparameters,
+            self.moving,
+            information,
+            CLIMBED,
+            bent=True,
         )
 
     def _first(self, bracket: Bracket, sign: float, inference: Inference) -> float:

@@ -66,13 +66,15 @@ def ascended(
     moving: Indices,
     information: Array,
     arrived: float = ARRIVED,
+    *,
+    bent: bool = False,
 ) -> Summit:
     """Climb over the `moving` (F,) hyperparameters until `arrived` is all that is left to gain.
 
     BFGS whose first matrix is the given information (F, F), with an active set for the limits
-    and a backtracking line search. Where a step does not gain what the matrix promised, the outer
-    products of the scores of the experiments take its place (Berndt et al. 1974): on a ridge that
-    bends, what was learned behind the bend leads away from it. From near a maximum it needs two to
+    and a backtracking line search. Where a ridge may be `bent` and a step gains nothing, the outer
+    products of the scores of the experiments take the matrix's place (Berndt et al. 1974): what
+    was learned behind the bend leads away from the ridge. From near a maximum it needs two to
     six evaluations, where a method that has to learn the curvature needs twenty. It never returns
     a smaller value than that of the alpha given; it ends, without an error, when no step gains.
     """
@@ -87,7 +89,7 @@ def ascended(
 
     here, gain = at(point), 0.0
     # of few experiments the outer products tell little: then there is no other matrix
-    many = len(here.each) > MANY * moving.size
+    many = bent and len(here.each) > MANY * moving.size
     own = not many
     for _ in range(STEPS):
         score = here.score[moving]
