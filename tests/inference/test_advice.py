@@ -72,6 +72,7 @@ def test_a_condition_far_from_zero_is_to_be_measured_from_its_middle() -> None:
     assert (near.alpha["a.mean"].standard_error or 1.0) < 0.1 * (a.standard_error or 0.0)
 
 
+@pytest.mark.long
 def test_parameters_alike_for_another_reason_get_no_such_advice() -> None:
     """The effects of a + b (1 + 0.02 k) are alike, and T has nothing to do with it."""
     k = np.tile([-1.0, 0.0, 1.0, 0.0], 5)
