@@ -43,8 +43,7 @@ class Summit:
 
     def outer(self, rows: Indices) -> Array:
         """The information (F, F) of these rows that the scores of the experiments tell."""
-        own = np.nan_to_num(self.scores[:, rows])
-        return positive(own.T @ own)
+        return outer(self.scores[:, rows])
 
 
 def ascend(
@@ -89,24 +88,25 @@ def ascended(
 
     here, gain = at(point), 0.0
     # of few experiments the outer products tell little: then there is no other matrix
-    many = bent and len(here.each) > MANY * moving.size
-    own = not many
+    another = bent and len(here.each) > MANY * moving.size
+    doubted = another
     for _ in range(STEPS):
         score = here.score[moving]
         step = _newton_step(matrix, score, ~held(point, score, lower, upper))
         gain = 0.5 * float(score @ step)
         if gain < arrived:
             break
-        tries = TRIES if own else DOUBTED
+        tries = DOUBTED if doubted else TRIES
         moved = _line_search(at, point, here.total, 2.0 * gain, step, lower, upper, tries)
         if moved is None:
-            if own:
+            if not doubted:
                 break
-            matrix, own = _outer(here, moving), True
+            assert here.scores is not None
+            matrix, doubted = outer(here.scores[:, moving]), False
             continue
         new_point, there = moved
         matrix = _updated(matrix, new_point - point, score - there.score[moving])
-        point, here, own = new_point, there, not many
+        point, here, doubted = new_point, there, another
     end = alpha.copy()
     end[moving] = point
     assert here.scores is not None
@@ -121,11 +121,14 @@ def positive(matrix: Array) -> Array:
     return np.asarray(raised * np.outer(scale, scale))
 
 
-def _outer(found: LogLikelihood, moving: Indices) -> Array:
-    """The information (F, F) that the scores of the experiments tell."""
-    assert found.scores is not None
-    scores = np.nan_to_num(found.scores[:, moving])
-    return positive(scores.T @ scores)
+def outer(scores: Array) -> Array:
+    """The information (F, F) that the scores (N, F) of the experiments tell.
+
+    >>> outer(np.array([[2.0, 0.0], [0.0, 3.0]])).tolist()
+    [[4.0, 0.0], [0.0, 9.0]]
+    """
+    told = np.nan_to_num(scores)
+    return positive(told.T @ told)
 
 
 def held(point: Array, score: Array, lower: Array, upper: Array) -> Flags:

@@ -59,7 +59,7 @@ class Pieces:
         points: int,
     ) -> Pieces:
         """Panels of which the whole is known, with `points` nodes in each half."""
-        log_f = _evaluated(log_density, line, _halves(low, high, points))
+        log_f = _evaluated(log_density, line, in_halves(low, high, points))
         top = np.maximum(log_f.max(axis=1, initial=-np.inf), LOWEST)
         f = np.exp(log_f - top[:, None])
         weights, (end, _) = gauss_legendre(points)[1], _at_the_end(points)
@@ -77,7 +77,7 @@ class Pieces:
         weights = np.tile(gauss_legendre(points)[1], 2)
         log_weight = np.log(0.5 * (self.high - self.low))[:, None] + np.log(weights)
         line = np.repeat(self.line, 2 * points)
-        places = _halves(self.low, self.high, points)
+        places = in_halves(self.low, self.high, points)
         return line, places.ravel(), log_weight.ravel(), self.log_f.ravel()
 
     def totals(self, lines: int) -> Array:
@@ -131,10 +131,7 @@ def integrated(
     """
     line, low, high = _first(log_density, group)
     t, w = gauss_legendre(points)
-    f = _evaluated(log_density, line, _placed(t, low, high))
-    top = np.maximum(f.max(axis=1, initial=-np.inf), LOWEST)
-    with np.errstate(divide="ignore"):
-        whole = np.log((high - low) * (np.exp(f - top[:, None]) @ w)) + top
+    whole = log_sum(_evaluated(log_density, line, placed(t, low, high)), w, high - low)
     pieces = Pieces.of(log_density, line, low, high, whole, points)
     groups, lines = int(group.max(initial=-1)) + 1, group.size
     for _ in range(ROUNDS):
@@ -250,15 +247,23 @@ def _at_the_end(points: int) -> tuple[Array, float]:
     return weights, float(0.25 * (1.0 - t[-1]))
 
 
-def _halves(low: Array, high: Array, points: int) -> Array:
-    """The nodes (T, 2 q) of the halves of panels."""
+def in_halves(low: Array, high: Array, points: int) -> Array:
+    """The nodes (..., 2 q) of the halves of panels (...)."""
     t, middle = gauss_legendre(points)[0], 0.5 * (low + high)
-    return np.concatenate([_placed(t, low, middle), _placed(t, middle, high)], axis=1)
+    return np.concatenate([placed(t, low, middle), placed(t, middle, high)], axis=-1)
 
 
-def _placed(t: Array, low: Array, high: Array) -> Array:
-    """Nodes t (q,) of [-1, 1] in panels: (T, q)."""
-    return np.asarray((0.5 * (low + high))[:, None] + (0.5 * (high - low))[:, None] * t)
+def placed(t: Array, low: Array, high: Array) -> Array:
+    """Nodes t (q,) of [-1, 1] in panels (...): (..., q)."""
+    return np.asarray((0.5 * (low + high))[..., None] + (0.5 * (high - low))[..., None] * t)
+
+
+def log_sum(log_f: Array, weights: Array, width: Array) -> Array:
+    """log(width sum_j w_j f_j) (...,) of values (..., q)."""
+    top = log_f.max(axis=-1, keepdims=True)
+    safe = np.where(np.isfinite(top), top, 0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(safe[..., 0] + np.log(width * (np.exp(log_f - safe) @ weights)))
 
 
 def _evaluated(log_density: LogDensity, line: Indices, at: Array) -> Array:

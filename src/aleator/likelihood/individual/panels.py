@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.likelihood.individual.modes import NEAR, Curved, Modes, Valued, modes
+from aleator.likelihood.individual.lines import (
+    ABOUT,
+    DEEPEST,
+    FARTHEST,
+    in_halves,
+    log_sum,
+    placed,
+)
+from aleator.likelihood.individual.modes import Curved, Modes, Valued, modes
+from aleator.likelihood.individual.rule import AsManyAsNeeded
 from aleator.polynomials.gauss import gauss_legendre
 from aleator.types import Array, Flags
 
@@ -17,8 +25,6 @@ FINER = 12
 """The same of those that tell how exact these are."""
 PANELS = 64
 """Halves of panels that an experiment takes, about."""
-FARTHEST = 8.5
-"""Variates beyond this have no mass: 1e-17 at either end."""
 ROUGHLY = 1e-3
 """What a step may gain in log-density where a mode is taken as found."""
 SEEN = np.linspace(-5.0, 5.0, 41)
@@ -27,11 +33,8 @@ MODES = 6
 """Modes that are sought, besides the one that is known."""
 EVERYWHERE = np.linspace(-FARTHEST, FARTHEST, 13)
 """Edges of the first panels; further ones lie about the modes, in their widths."""
-ABOUT = np.array([-12.0, -5.0, -2.0, 2.0, 5.0, 12.0])
 SAME = 1.0
 """Distance of two modes in the width of the first, below which they are one."""
-DEEPEST = -30.0
-"""Logarithm of a share of the integral that is none: of a mode, and of a node."""
 ROUGH_POINTS, ROUGH = 4, 1e-3
 """Nodes of half a panel, and the share, where statistics of many replicates are wanted."""
 SPLIT = 4
@@ -43,7 +46,7 @@ ROUNDS = 40
 
 
 @dataclass(frozen=True)
-class Panels:
+class Panels(AsManyAsNeeded):
     """Gauss-Legendre nodes in panels of one variate, halved until they are enough.
 
     `points` in each half of a panel. For an individual law with several modes, a plateau, a front,
@@ -55,24 +58,9 @@ class Panels:
     enough: float = ENOUGH
 
     @property
-    def arrived(self) -> float:
-        """A mode only says where panels begin."""
-        return NEAR
-
-    @property
-    def holds_parameters(self) -> bool:
-        """Yes: they are where an outcome is not smooth."""
-        return True
-
-    @property
     def rough(self) -> Panels:
         """A third of the nodes, exact to a thousandth."""
         return Panels(ROUGH_POINTS, ROUGH)
-
-    @property
-    def centers(self) -> int:
-        """One mode is known; the panels look for others themselves."""
-        return 1
 
     def size(self, dimensions: int) -> int:  # noqa: ARG002  one interface for all rules
         """Nodes that an experiment takes, about."""
@@ -81,14 +69,6 @@ class Panels:
     def finer(self, dimensions: int) -> tuple[Panels, ...]:  # noqa: ARG002
         """The rule that tells how exact this one is; none tells it of that."""
         return (Panels(FINER),) if self.points < FINER else ()
-
-    def refined(self, gaps: Sequence[float], enough: float, dimensions: int) -> None:  # noqa: ARG002
-        """None: panels are as many as are needed."""
-        return
-
-    def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
-        """What more nodes in each panel change."""
-        return float(sum(gaps))
 
     def about(
         self,
@@ -158,8 +138,8 @@ class _Tree:
     def of(cls, log_density: Valued, low: Array, high: Array, rule: Panels) -> _Tree:
         """Panels that nothing is known of."""
         t, w = gauss_legendre(rule.points)
-        whole = _log_sum(_evaluated(log_density, _placed(t, low, high)), w, high - low)
-        log_f = _evaluated(log_density, _halves(low, high, rule.points))
+        whole = log_sum(_evaluated(log_density, placed(t, low, high)), w, high - low)
+        log_f = _evaluated(log_density, in_halves(low, high, rule.points))
         return cls(low, high, log_f, whole, rule)
 
     @property
@@ -172,16 +152,16 @@ class _Tree:
         """The logarithm (B, P, 2) of the integral over each half."""
         w = gauss_legendre(self.points)[1]
         parts = self.log_f.reshape(*self.low.shape, 2, self.points)
-        return _log_sum(parts, w, 0.5 * (self.high - self.low)[..., None])
+        return log_sum(parts, w, 0.5 * (self.high - self.low)[..., None])
 
     @property
     def error(self) -> Array:
         """What halving a panel changes (B, P), as a share of the integral of its experiment."""
-        halves = np.logaddexp(self.by_halves[..., 0], self.by_halves[..., 1])
-        top = halves.max(axis=1, keepdims=True)
+        found = np.logaddexp(self.by_halves[..., 0], self.by_halves[..., 1])
+        top = found.max(axis=1, keepdims=True)
         top = np.where(np.isfinite(top), top, 0.0)
-        total = np.exp(halves - top).sum(axis=1, keepdims=True)
-        change = np.abs(np.exp(halves - top) - np.exp(self.whole - top))
+        total = np.exp(found - top).sum(axis=1, keepdims=True)
+        change = np.abs(np.exp(found - top) - np.exp(self.whole - top))
         return np.where(total > 0.0, change / np.where(total > 0.0, total, 1.0), 0.0)
 
     @property
@@ -194,10 +174,10 @@ class _Tree:
         worst = np.argsort(-self.error, axis=1)[:, :count]
         low, high = (np.take_along_axis(end, worst, axis=1) for end in (self.low, self.high))
         middle = 0.5 * (low + high)
-        halves = np.take_along_axis(self.by_halves, worst[..., None], axis=1)
+        split = np.take_along_axis(self.by_halves, worst[..., None], axis=1)
         new_low = np.concatenate([low, middle], axis=1)
         new_high = np.concatenate([middle, high], axis=1)
-        log_f = _evaluated(log_density, _halves(new_low, new_high, self.points))
+        log_f = _evaluated(log_density, in_halves(new_low, new_high, self.points))
         kept = np.ones(self.low.shape, dtype=np.bool_)
         np.put_along_axis(kept, worst, False, axis=1)
         rest = (len(kept), -1)
@@ -205,16 +185,14 @@ class _Tree:
             np.concatenate([self.low[kept].reshape(rest), new_low], axis=1),
             np.concatenate([self.high[kept].reshape(rest), new_high], axis=1),
             np.concatenate([self.log_f[kept].reshape(*rest, 2 * self.points), log_f], axis=1),
-            np.concatenate(
-                [self.whole[kept].reshape(rest), halves[..., 0], halves[..., 1]], axis=1
-            ),
+            np.concatenate([self.whole[kept].reshape(rest), split[..., 0], split[..., 1]], axis=1),
             self.rule,
         )
 
     def nodes(self) -> tuple[Array, Array]:
         """Nodes xi (B, J, 1) and log weights (B, J); J is the most that any experiment needs."""
         experiments = len(self.low)
-        xi = _halves(self.low, self.high, self.points).reshape(experiments, -1)
+        xi = in_halves(self.low, self.high, self.points).reshape(experiments, -1)
         t_weight = np.tile(np.log(gauss_legendre(self.points)[1]), 2)
         with np.errstate(divide="ignore"):
             width = np.log(0.5 * (self.high - self.low))
@@ -272,26 +250,7 @@ def _distinct(of_class: _OfClasses, found: Modes) -> tuple[Array, Array, Flags]:
     return at, width, np.take_along_axis(own, first, axis=1)
 
 
-def _halves(low: Array, high: Array, points: int) -> Array:
-    """The nodes (B, P, 2 q) of the halves of panels."""
-    t, middle = gauss_legendre(points)[0], 0.5 * (low + high)
-    return np.concatenate([_placed(t, low, middle), _placed(t, middle, high)], axis=2)
-
-
-def _placed(t: Array, low: Array, high: Array) -> Array:
-    """Nodes t (q,) of [-1, 1] in panels: (B, P, q)."""
-    return np.asarray((0.5 * (low + high))[..., None] + (0.5 * (high - low))[..., None] * t)
-
-
 def _evaluated(log_density: Valued, at: Array) -> Array:
     """The log-density (B, P, q) at points (B, P, q)."""
     value = log_density(at.reshape(len(at), -1, 1))
     return np.asarray(np.nan_to_num(value, nan=-np.inf).reshape(at.shape))
-
-
-def _log_sum(log_f: Array, weights: Array, width: Array) -> Array:
-    """log(width sum_j w_j f_j) (...,) of values (..., q)."""
-    top = log_f.max(axis=-1, keepdims=True)
-    safe = np.where(np.isfinite(top), top, 0.0)
-    with np.errstate(divide="ignore"):
-        return np.asarray(safe[..., 0] + np.log(width * (np.exp(log_f - safe) @ weights)))

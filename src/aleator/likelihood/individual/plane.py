@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from aleator.likelihood.individual.lines import Pieces, integrated
-from aleator.likelihood.individual.modes import NEAR, Curved, Modes, Valued
+from aleator.likelihood.individual.modes import Curved, Modes, Valued
+from aleator.likelihood.individual.rule import AsManyAsNeeded
 from aleator.types import Array, Flags, Indices
 
 POINTS, ENOUGH = 4, 3e-4
@@ -30,7 +30,7 @@ LEFT = 1e-7
 
 
 @dataclass(frozen=True)
-class PlanePanels:
+class PlanePanels(AsManyAsNeeded):
     """Panels of two variates: adaptive along each line, and the lines adaptive across.
 
     int int g du dv = int (int g(u, v) dv) du. The lines run where the observations tell most,
@@ -49,24 +49,9 @@ class PlanePanels:
     enough: float = ENOUGH
 
     @property
-    def arrived(self) -> float:
-        """A mode only says how the lines run."""
-        return NEAR
-
-    @property
-    def holds_parameters(self) -> bool:
-        """Yes: they are where an outcome is not smooth."""
-        return True
-
-    @property
     def rough(self) -> PlanePanels:
         """The same, exact to a thousandth."""
         return PlanePanels(POINTS, max(self.enough, ROUGH_ENOUGH))
-
-    @property
-    def centers(self) -> int:
-        """One mode is known; the panels look for others themselves."""
-        return 1
 
     def size(self, dimensions: int) -> int:  # noqa: ARG002  one interface for all rules
         """Nodes that an experiment takes while they are sought, about."""
@@ -75,19 +60,6 @@ class PlanePanels:
     def finer(self, dimensions: int) -> tuple[PlanePanels, ...]:  # noqa: ARG002
         """The rule that tells how exact this one is; none tells it of that."""
         return (PlanePanels(FINER, FINER_ENOUGH),) if self.points < FINER else ()
-
-    def refined(
-        self,
-        gaps: Sequence[float],  # noqa: ARG002
-        enough: float,  # noqa: ARG002
-        dimensions: int,  # noqa: ARG002
-    ) -> None:
-        """None: panels are as many as are needed."""
-        return
-
-    def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
-        """What more nodes in each panel change."""
-        return float(sum(gaps))
 
     def about(
         self,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from aleator.likelihood.individual.modes import Curved, Modes, Valued
+from aleator.likelihood.individual.modes import NEAR, Curved, Modes, Valued
 from aleator.types import Array
 
 
@@ -51,3 +51,30 @@ class Rule(Protocol):
         About the M modes (B, C, M, s) of each of C classes, the highest first, under a log-density
         that is known with and without its slopes.
         """
+
+
+class AsManyAsNeeded:
+    """What rules have in common whose panels are halved until they are enough."""
+
+    @property
+    def arrived(self) -> float:
+        """A mode only says where panels begin, or how they lie."""
+        return NEAR
+
+    @property
+    def holds_parameters(self) -> bool:
+        """Yes: they are where an outcome is not smooth."""
+        return True
+
+    @property
+    def centers(self) -> int:
+        """One mode is known; the panels look for others themselves."""
+        return 1
+
+    def refined(self, gaps: Sequence[float], enough: float, dimensions: int) -> None:  # noqa: ARG002
+        """None: panels are as many as are needed."""
+        return
+
+    def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
+        """What more nodes in each panel change."""
+        return float(sum(gaps))

@@ -41,12 +41,12 @@ LARGE = 400
 """Nodes that are many."""
 SLOWLY = 0.7
 """Share of the last change that the next one is, where more of many nodes hardly help."""
+PLANE_LARGE, PLANE_SLOWLY = 100, 0.25
+"""The same of two variates, where panels do not care how rough an outcome is."""
 SMOOTH = 1e-4
 """A change with more nodes about one mode that they would not be rid of at a kink."""
 LOOKED = 40
 """Experiments on which panels of two variates are tried."""
-PLANE_LARGE, PLANE_SLOWLY = 100, 0.25
-"""The same of two variates, where panels do not care how rough an outcome is."""
 TRIED = (600, 1200)
 """Importance points that tell whether nodes about one mode leave a part out."""
 CERTAIN = 3.0
