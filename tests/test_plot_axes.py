@@ -65,6 +65,14 @@ def test_the_simulator_and_the_weakest_pair_are_drawn_as_they_are(found: Identif
     assert axes.get_xlabel() == "x.mean"
 
 
+def test_the_simulator_at_the_nodes_of_collocation_is_drawn_as_marks() -> None:
+    shown = [{"id": id, "response": "y", "values": [k, 2.0 * k]} for k, id in enumerate("ab")]
+    drawn = {"nodes": {"x": [1.0, 2.0]}, "shown": shown}
+    lines = plot.response({"pictures": {"response": drawn}}, "x").lines
+    assert [line.get_linestyle() for line in lines] == ["None", "None"]
+    assert [list(line.get_ydata()) for line in lines] == [[0.0, 0.0], [1.0, 2.0]]
+
+
 def test_what_is_missing_is_told(found: Identification) -> None:
     with pytest.raises(AleatorError, match=r"'x\.men'"):
         plot.profile(found, "x.men")

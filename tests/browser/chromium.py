@@ -147,7 +147,9 @@ class Page:
 def chromium() -> Iterator[Page]:
     """A browser with a profile of its own, which ends with it."""
     loop = asyncio.new_event_loop()
-    with tempfile.TemporaryDirectory(prefix="aleator-browser-") as profile:
+    with tempfile.TemporaryDirectory(
+        prefix="aleator-browser-", ignore_cleanup_errors=True
+    ) as profile:
         process = subprocess.Popen(
             [browser(), *FLAGS, f"--user-data-dir={profile}", "--remote-debugging-port=0",
              "about:blank"],

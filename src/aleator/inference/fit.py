@@ -130,6 +130,12 @@ class Fit(Protocol):
         collocation, which knows its nodes only.
         """
 
+    def nodes(self) -> tuple[Array, Array] | None:
+        """With collocation its nodes x (J, n), and the outcomes of its runs there (M, J).
+
+        None where `simulated` answers.
+        """
+
 
 AnyFit = TypeVar("AnyFit", bound=Fit)
 

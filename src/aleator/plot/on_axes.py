@@ -38,6 +38,8 @@ DROP = 1.92
 
 LEVELS = (0.69, 1.61, 3.0)
 """How far the log-likelihood has dropped at the ends of 50, 80 and 95 % of two together (chi2)."""
+DASHES = {"first": ":", "middle": "--", "last": "-"}
+"""Lines of rows of a series, by their place in it."""
 
 
 def calibration(found: Found, ax: Axes | None = None) -> Axes:
@@ -154,7 +156,8 @@ def response(
 ) -> Axes:
     """What stands for the simulator over a parameter, the others in their middle.
 
-    A line for each of some experiments. Raises AleatorError where nothing is known of it.
+    A line for each of some experiments; of a series its first row is dotted, the middle one dashed.
+    With collocation, marks at the nodes of the law. Raises AleatorError where nothing is known.
 
     >>> shown = [{"id": "7", "response": "way", "curves": {"k": [1.0, 2.0]}}]
     >>> drawn = {"over": {"k": [0.0, 1.0]}, "shown": shown}
@@ -165,13 +168,16 @@ def response(
     drawn = (document.get("pictures") or {}).get("response") or {}
     if not drawn:
         raise _lacking("response of the simulator")
-    at = _of({"pictures": drawn}, "over", parameter)
+    marks = "nodes" in drawn
+    at = _of({"pictures": drawn}, "nodes" if marks else "over", parameter)
     names = list(dict.fromkeys(entry["response"] for entry in drawn["shown"]))
     name = _named(names, response)
     axes = _axes(ax)
     for entry in drawn["shown"]:
         if entry["response"] == name:
-            axes.plot(_numbers(at), _numbers(entry["curves"][parameter]), color=BLUE, lw=0.9)
+            values = entry["values"] if marks else entry["curves"][parameter]
+            style = "." if marks else DASHES[entry.get("place", "last")]
+            axes.plot(_numbers(at), _numbers(values), style, color=BLUE, lw=0.9, ms=4.0)
     axes.set(xlabel=label(document, parameter), ylabel=label(document, name))
     return axes
 

@@ -20,6 +20,7 @@ from aleator.likelihood.likelihood import Continued
 from aleator.likelihood.located import Located
 from aleator.likelihood.policy import quadrature_gap
 from aleator.likelihood.problem import Problem
+from aleator.likelihood.propagation import NodePropagation
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Observations
 from aleator.search.value import LogLikelihood
@@ -170,6 +171,16 @@ class OutcomeFit:
         if self.problem.surface is None:
             return None
         return self.problem.response.evaluate(x)[self.problem.condition]
+
+    def nodes(self) -> tuple[Array, Array] | None:
+        """Those of the law at alpha, whose runs the likelihood at alpha has made."""
+        if self.problem.surface is not None:
+            return None
+        predictive = self.problem.predictive
+        way = predictive.propagation
+        assert isinstance(way, NodePropagation)
+        x = way.at(predictive.law(self.alpha))
+        return x, self.problem.response.evaluate(x)[self.problem.condition]
 
     def _with(self, y: Array) -> OutcomeFit:
         """The same with other outcomes (N,), after the transform."""

@@ -74,6 +74,10 @@ class ExpandedPropagation:
         )
         return _lowered(whole, order)
 
+    def at(self, alpha: Array) -> Array:
+        """The points of the design as parameters (J, n)."""
+        return self.inputs.image(alpha, self.design.t)[0]
+
     def outcomes(self, alpha: Array, *, gradient: bool) -> Outcomes:
         """The outcomes at the points of the design, with its weights."""
         x, dx = self.inputs.image(alpha, self.design.t)

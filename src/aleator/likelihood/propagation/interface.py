@@ -24,3 +24,7 @@ class NodePropagation(Propagation, Protocol):
     def outcomes(self, alpha: Array, *, gradient: bool) -> Outcomes:
         """Outcomes at the nodes of the law, with derivatives by alpha if asked for."""
         ...
+
+    def at(self, alpha: Array) -> Array:
+        """The nodes x (J, n)."""
+        ...

@@ -56,8 +56,15 @@ class ProjectedPropagation:
 
     def outcomes(self, alpha: Array, *, gradient: bool) -> Outcomes:
         """The outcomes of the response at the nodes, not expanded."""
-        plain = QuadraturePropagation(self.inputs, self.response, TensorGauss(self.nodes))
-        return plain.outcomes(alpha, gradient=gradient)
+        return self._plain.outcomes(alpha, gradient=gradient)
+
+    def at(self, alpha: Array) -> Array:
+        """The nodes of the tensor rule (J, n)."""
+        return self._plain.at(alpha)
+
+    @property
+    def _plain(self) -> QuadraturePropagation:
+        return QuadraturePropagation(self.inputs, self.response, TensorGauss(self.nodes))
 
     def _expansion(self, alpha: Array, order: int) -> tuple[Array, Array]:
         return expansion_map(self.inputs, alpha, self.nodes, self.degree, order)

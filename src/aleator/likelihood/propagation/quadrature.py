@@ -36,6 +36,10 @@ class QuadraturePropagation:
         assert isinstance(self.response, Divisible)
         return replace(self, response=self.response.take(conditions))
 
+    def at(self, alpha: Array) -> Array:
+        """The nodes of the law (J, n)."""
+        return self.cubature.nodes(self.inputs, alpha).x
+
     def points(self, alpha: Array) -> int:
         """J."""
         return self.cubature.nodes(self.inputs, alpha).weights.size

@@ -14,6 +14,10 @@ from aleator.tasks.results.printed import number
 
 Document = Mapping[str, Any]
 SCATTER = "the outcome's scatter"
+FAST = "The simulator is fast: no surface stands for it."
+COLLOCATED = (
+    "No surface stands for the simulator: it was run at the nodes of each law that was tried."
+)
 
 
 def surfaces(
@@ -23,7 +27,7 @@ def surfaces(
     parts: list[Any] = []
     surface = document.get("surface")
     if surface is None:
-        parts.append(paragraph("The simulator is fast: no surface stands for it."))
+        parts.append(paragraph(COLLOCATED if _collocated(document) else FAST))
     else:
         parts.append(paragraph(_told(surface, len(document["experiments"]))))
         for seen, source in zip(all_measured, sources, strict=True):
@@ -65,6 +69,10 @@ def effort(document: Document) -> Section:
         table("optima", "Optima that the search met", ["alpha", "log-likelihood", "starts"],
               optima),
     )  # fmt: skip
+
+
+def _collocated(document: Document) -> bool:
+    return str(document.get("propagation", "")).startswith("collocation")
 
 
 def _named(alpha: Document) -> str:

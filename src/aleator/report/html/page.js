@@ -72,7 +72,8 @@
     marking = false;
   }
   function show(source, id, line) {
-    source.data = { id: line.x.map(() => id), ...line };
+    const [first] = Object.values(line);
+    source.data = { ...source.data, id: first.map(() => id), ...line };
     const chart = Object.keys(facts.charts).find((name) => facts.charts[name].source === source.name);
     if (chart !== undefined) views.get(chart).model.title.text = id;
   }

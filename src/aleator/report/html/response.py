@@ -1,4 +1,4 @@
-"""The simulator over its parameters: a curve of each experiment, and a map of one."""
+"""The simulator over its parameters: curves of some experiments, and a map of one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import contourpy
 import numpy as np
 
 from aleator.report.html import colors
-from aleator.report.html.chart import Chart, axes, fewer_ticks, models, shared
+from aleator.report.html.at_nodes import at_nodes, measured_of
+from aleator.report.html.chart import Chart, axes, fewer_ticks, legend_below, models, shared
 from aleator.report.html.markup import side_by_side
 from aleator.report.html.rows import numbers
 from aleator.tasks.results.units import label
@@ -19,6 +20,8 @@ Document = Mapping[str, Any]
 PALETTE = "Cividis256"
 WIDER = 1.15
 """Size of a cell of the map over the step to the next: no seams."""
+DASHES = {"first": "dotted", "middle": "dashed", "last": "solid"}
+"""How lines of rows of a series are drawn, by their place in it."""
 
 
 def simulated(document: Document) -> Iterator[str | Chart]:
@@ -27,14 +30,22 @@ def simulated(document: Document) -> Iterator[str | Chart]:
     names = dict.fromkeys(entry["response"] for entry in found.get("shown", ()))
     for number, response in enumerate(names):
         shown = [entry for entry in found["shown"] if entry["response"] == response]
+        if "nodes" in found:
+            yield from side_by_side(*at_nodes(document, response, found["nodes"], shown, number))
+            continue
         failed = _failed(document, number)
         charts = [
             _curves(document, response, name, numbers(at), shown, number)
             for name, at in found["over"].items()
         ]
-        if found["map"]:
-            charts.append(_map(document, response, found["map"], shown, failed))
+        places = dict.fromkeys(_place(entry) for entry in shown) if found["map"] else ()
+        charts += [_map(document, response, found["map"], shown, failed, place) for place in places]
         yield from side_by_side(*charts)
+
+
+def _place(entry: Document) -> str:
+    """Where in its series an observation is; the last one in documents of earlier versions."""
+    return str(entry.get("place", "last"))
 
 
 def _failed(document: Document, number: int) -> Any | None:
@@ -61,23 +72,37 @@ def _curves(
             "id": [entry["id"] for entry in shown],
             "x": [at.tolist()] * len(shown),
             "y": [curve.tolist() for curve in curves],
-            "measured": [_measured(entry) for entry in shown],
+            "measured": [measured_of(entry) for entry in shown],
+            "row": [f"{_place(entry)} row" for entry in shown],
+            "dash": [DASHES[_place(entry)] for entry in shown],
         },
         f"over-{number}-{name}",
     )
-    drawn = plot.multi_line("x", "y", source=source, color=colors.BLUE, line_width=1.5)
+    several = len(set(source.data["row"])) > 1
+    drawn = plot.multi_line(
+        "x", "y", source=source, color=colors.BLUE, line_width=1.5, line_dash="dash",
+        **({"legend_group": "row"} if several else {}),
+    )  # fmt: skip
+    if several:
+        legend_below(plot)
+        plot.legend[0].items.sort(key=lambda item: item.index)  # as rows follow, not as words do
     drawn.selection_glyph = drawn.glyph.clone(line_color=colors.PICKED, line_width=3.5)
     plot.add_tools(
         models.HoverTool(
-            renderers=[drawn], tooltips=[("experiment", "@id"), ("measured", "@measured")]
+            renderers=[drawn],
+            tooltips=[("experiment", "@id"), *([("", "@row")] if several else []),
+                      ("measured", "@measured")],
         ),
         models.TapTool(renderers=[drawn]),
-    )
+    )  # fmt: skip
     return Chart(
         source.name, f"{response} over {name}",
         "What stands for the simulator, a line for each of some experiments, over the range of the "
-        f"law; all other parameters are in their middle.{_which(document)}",
-        plot, source, {"id": "id", "x": name, "y": response, "measured": "measured"},
+        "law; all other parameters are in their middle."
+        + (" Of a series: its first, middle and last row." if several else ""),
+        plot, source,
+        {"id": "id", **({"row": "row"} if several else {}), "x": name, "y": response,
+         "measured": "measured"},
     )  # fmt: skip
 
 
@@ -85,19 +110,23 @@ def _map(
     document: Document,
     response: str,
     sides: Mapping[str, Sequence[float]],
-    shown: Sequence[Document],
+    entries: Sequence[Document],
     failed: Any | None,
+    place: str,
 ) -> Chart:
+    """Of the rows that have this place in their series."""
+    shown = [entry for entry in entries if _place(entry) == place]
+    row = "" if len(shown) == len(entries) else f"-{place}"
     (first, x), (second, y) = ((name, numbers(side)) for name, side in sides.items())
     here = shown[len(shown) // 2]
     plot = axes(label(document, first), label(document, second), title=here["id"])
     plot.title.text_color = colors.TEXT
     cells = np.meshgrid(x, y, indexing="ij")
-    place = {"x": cells[0].ravel().tolist(), "y": cells[1].ravel().tolist()}
-    planes = {entry["id"]: {**place, "value": numbers(np.ravel(entry["map"]).tolist()).tolist()}
+    grid = {"x": cells[0].ravel().tolist(), "y": cells[1].ravel().tolist()}
+    planes = {entry["id"]: {"value": numbers(np.ravel(entry["map"]).tolist()).tolist()}
               for entry in shown}  # fmt: skip
-    name = f"map-{response}"
-    source = shared({"id": [here["id"]] * cells[0].size, **planes[here["id"]]}, name,
+    name = f"map-{response}{row}"
+    source = shared({"id": [here["id"]] * cells[0].size, **grid, **planes[here["id"]]}, name,
                     tags=[planes])  # fmt: skip
     mapper = models.LinearColorMapper(palette=PALETTE, nan_color="rgba(0, 0, 0, 0)")
     drawn = plot.rect(
@@ -106,7 +135,7 @@ def _map(
     )  # fmt: skip
     levels = {entry["id"]: _level(x, y, entry) for entry in shown}
     line = shared({"id": [here["id"]] * len(levels[here["id"]]["x"]), **levels[here["id"]]},
-                  f"level-{response}", tags=[levels])  # fmt: skip
+                  f"level-{response}{row}", tags=[levels])  # fmt: skip
     plot.multi_line("x", "y", source=line, color=colors.PAPER, line_width=5.0)
     plot.multi_line("x", "y", source=line, color=colors.INK, line_width=2.5)
     if failed is not None:
@@ -126,7 +155,7 @@ def _map(
         )
     )
     return Chart(
-        name, f"{response} over {first} and {second}",
+        name, f"{response} over {first} and {second}{row and f', {place} row'}",
         f"Color: {label(document, response)} of the experiment that is marked, if it is one of "
         f"{', '.join(planes)}. On the line lies what was measured."
         + (" Crosses: failed runs of all experiments." if failed else ""),
@@ -134,21 +163,9 @@ def _map(
     )  # fmt: skip
 
 
-def _which(document: Document) -> str:
-    """Of several observations of an experiment, which one is drawn."""
-    several = len(document.get("observations") or ()) > len(document["experiments"])
-    return " Of an experiment's rows it is the last." if several else ""
-
-
-def _measured(entry: Document) -> float | None:
-    low: float | None = entry["lower"]
-    high: float | None = entry["upper"]
-    return high if low is None else low
-
-
 def _level(x: Array, y: Array, entry: Document) -> dict[str, list[list[float]]]:
     """The curve of the map on which the measured value lies; none for a map without it."""
-    measured = _measured(entry)
+    measured = measured_of(entry)
     plane = np.array([numbers(row) for row in entry["map"]])
     if measured is None:
         return {"x": [], "y": []}

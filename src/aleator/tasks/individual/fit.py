@@ -229,6 +229,10 @@ class IndividualFit:
                 found[block.rows] = likelihood.predictor.values(block, points)
         return found
 
+    def nodes(self) -> None:
+        """None: see `simulated`."""
+        return
+
     def on(self, runner: Runner) -> IndividualFit:
         """The same by the simulator itself: values are runs, which are remembered and stored."""
         known = np.zeros(0, dtype=np.intp)

@@ -1,4 +1,4 @@
-"""What is known of the simulator, over the parameters that scatter: curves and maps."""
+"""What is known of the simulator, over the parameters that scatter: curves and maps, or nodes."""
 
 from __future__ import annotations
 
@@ -19,6 +19,11 @@ ALONG, ACROSS = 41, 21
 CURVES = 3
 """Parameters over which there are curves; over the first two there is a map."""
 EXPERIMENTS = 9
+ROWS = {1: ("last",), 2: ("first", "last")}
+"""Which of so many rows of a series are shown; of more the middle one too."""
+EVERY = ("first", "middle", "last")
+NODES = 200
+"""Nodes of collocation that are shown."""
 SEED = 11
 MOST = 10_000_000
 """Values that are computed for the charts at most."""
@@ -29,7 +34,9 @@ def responses(fit: Fit) -> dict[str, Any]:
 
     `over` has the values of each parameter, `map` those of the two on the grid of the maps;
     `shown` has for some observations `curves` by parameter, and the `map`, in the original unit.
-    Of a series it is the last observation. Empty where nothing is known but nodes.
+    Of a series they are the first, the middle and the last observation, which `place` tells. With
+    collocation there are `nodes` instead: the values of each parameter at those of the law, and
+    `shown` has the outcomes of their runs. Empty where no parameter scatters, and of many rows.
     """
     names = [fit.inputs.names[i] for i in fit.inputs.scattered][:CURVES]
     seen = fit.table.observations
@@ -46,16 +53,39 @@ def responses(fit: Fit) -> dict[str, Any]:
         points.append(_moved(middle, pair, grid))
     found = fit.simulated(np.concatenate([*points, middle[None]]))
     if found is None:
-        return {}
+        return _at_nodes(fit, columns, low, high)
     parts = np.split(found, np.cumsum([len(part) for part in points]), axis=1)
-    shown = [
-        _entry(fit, int(m), dict(zip(names, parts, strict=False)), parts[-2] if pair else None)
-        for m in _chosen(fit, parts[-1][:, 0])
-    ]
+    shown = []
+    for m, place in _chosen(fit, parts[-1][:, 0]):
+        curves = {n: _original(fit, m, part[m]) for n, part in zip(names, parts, strict=False)}
+        plane = {"map": _original(fit, m, parts[-2][m].reshape(ACROSS, ACROSS))} if pair else {}
+        shown.append({**_entry(fit, m, place), "curves": curves, **plane})
     return {
         "over": {n: drawn(at, PLACES) for n, at in zip(names, lines.values(), strict=True)},
         "map": {n: drawn(at, PLACES) for n, at in zip(names[: len(pair)], sides, strict=True)},
         "shown": shown,
+    }
+
+
+def _at_nodes(fit: Fit, columns: list[int], low: Array, high: Array) -> dict[str, Any]:
+    """Outcomes of the runs of collocation at the nodes of the law, some of those within its ends.
+
+    Nodes of Gauss rules lie farther out than any parameter, where a chart would show nothing else.
+    """
+    known = fit.nodes()
+    if known is None:
+        return {}
+    x, eta = known
+    inside = np.all((x >= low) & (x <= high), axis=1)
+    kept = np.flatnonzero(inside if inside.any() else np.ones(len(x), dtype=bool))
+    if kept.size > NODES:
+        kept = np.sort(np.random.default_rng(SEED).choice(kept, NODES, replace=False))
+    return {
+        "nodes": {fit.inputs.names[k]: drawn(x[kept, k], PLACES) for k in columns},
+        "shown": [
+            {**_entry(fit, m, place), "values": _original(fit, m, eta[m, kept])}
+            for m, place in _chosen(fit, np.median(eta[:, kept], axis=1))
+        ],
     }
 
 
@@ -75,38 +105,50 @@ def _moved(middle: Array, columns: list[int], values: Array) -> Array:
     return points
 
 
-def _chosen(fit: Fit, middle: Array) -> Indices:
-    """The last observation of each response of some experiments, from low to high outcomes.
+def _chosen(fit: Fit, middle: Array) -> list[tuple[int, str]]:
+    """Some observations of each response, with their places in their series.
 
-    The least probable experiment is among them.
+    They are the first, the middle and the last one of some experiments, from low to high last
+    outcomes. The least probable experiment is among them.
     """
     seen = fit.table.observations
-    key = seen.experiment * len(seen.responses) + seen.response
-    last = len(key) - 1 - np.unique(key[::-1], return_index=True)[1]
     each, found = np.nan_to_num(fit.scored().each, nan=-np.inf), []
     for response in range(len(seen.responses)):
-        own = last[seen.response[last] == response]
-        own = own[np.argsort(middle[own], kind="stable")]
-        worst = int(np.argmin(each[seen.experiment[own]]))
-        evenly = np.linspace(0, len(own) - 1, min(len(own), EXPERIMENTS - 1)).round().astype(int)
-        found.append(own[np.unique([*evenly, worst])])
-    return np.concatenate(found)
+        rows = np.flatnonzero(seen.response == response)
+        of = seen.experiment[rows]
+        last = rows[len(rows) - 1 - np.unique(of[::-1], return_index=True)[1]]
+        last = last[np.argsort(middle[last], kind="stable")]
+        worst = int(np.argmin(each[seen.experiment[last]]))
+        evenly = np.linspace(0, len(last) - 1, min(len(last), EXPERIMENTS - 1)).round().astype(int)
+        for m in last[np.unique([*evenly, worst])]:
+            found += _placed(rows[of == seen.experiment[m]])
+    return found
 
 
-def _entry(fit: Fit, m: int, curves: dict[str, Array], plane: Array | None) -> dict[str, Any]:
-    """One observation m of M."""
+def _placed(rows: Indices) -> list[tuple[int, str]]:
+    """Of the observations of a series those that are shown, and where in it each is."""
+    places = ROWS.get(len(rows), EVERY)
+    at = np.linspace(len(rows) - 1, 0, len(places)).round().astype(int)[::-1]
+    return [(int(rows[k]), place) for k, place in zip(at, places, strict=True)]
+
+
+def _entry(fit: Fit, m: int, place: str) -> dict[str, Any]:
+    """What is told of observation m of M."""
+    seen = fit.table.observations
+    return {
+        "id": str(fit.table.ids[int(seen.experiment[m])]),
+        "row": int(seen.row[m]) + 1,
+        "place": place,
+        "response": seen.responses[int(seen.response[m])].name,
+        "lower": _original(fit, m, seen.lower[m], PLACES),
+        "upper": _original(fit, m, seen.upper[m], PLACES),
+    }
+
+
+def _original(fit: Fit, m: int, values: Array, digits: int | None = None) -> Any:
+    """Values of observation m of M in the unit of the table, as they are drawn."""
     seen = fit.table.observations
     response = seen.responses[int(seen.response[m])]
-    shown = np.exp if str(response.transform) == "log" else np.asarray
     with np.errstate(over="ignore"):
-        entry = {
-            "id": str(fit.table.ids[int(seen.experiment[m])]),
-            "row": int(seen.row[m]) + 1,
-            "response": response.name,
-            "lower": drawn(shown(seen.lower[m]), PLACES),
-            "upper": drawn(shown(seen.upper[m]), PLACES),
-            "curves": {name: drawn(shown(part[m])) for name, part in curves.items()},
-        }
-        if plane is not None:
-            entry["map"] = drawn(shown(plane[m]).reshape(ACROSS, ACROSS))
-    return entry
+        shown = np.exp(values) if str(response.transform) == "log" else values
+    return drawn(shown) if digits is None else drawn(shown, digits)
