@@ -147,6 +147,35 @@ def test_a_program_is_found_from_its_placeholders(folder: Path) -> None:
     assert outcome.tolist() == [5.0]
 
 
+def test_a_program_that_prints_a_unit_last_is_told_how_its_number_is_found(folder: Path) -> None:
+    springs(folder)
+    line = "sh -c 'echo travel = 5.0 mm' {force} {stiffness}"
+    assert (
+        run("new", "springs.csv", "--command", line, "--parameter", "stiffness=1:3").exit_code == 0
+    )
+    done = run("check", "study.toml", "--quiet")
+    assert done.exit_code == 2
+    assert "'mm', not a number" in done.output
+    assert r"{regex = 'time = (\S+)'}" in done.output
+    study = Path("study.toml")
+    study.write_text(study.read_text().replace(r"(\S+)\s*\Z", r"travel = (\S+)"))
+    assert load_study("study.toml").runner()([0], [[2.0]]).tolist() == [5.0]
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(("decades", "log"), [(2.5, False), (4.0, True)])
+def test_the_logarithm_is_taken_of_what_spans_many_decades(decades: float, log: bool) -> None:
+    count = 10 ** np.linspace(1.0, 1.0 + decades, 12)
+    rows = [f"{minutes},{one:.6g}" for minutes, one in enumerate(count)]
+    Path("counts.csv").write_text("\n".join(["minutes,count", *rows, "12,<10", ""]))
+    Path("kill.py").write_text("def survivors(minutes, rate=0.8):\n    return 1e6 * 10**-rate\n")
+    assert run("new", "counts.csv", "--function", "kill.py:survivors").exit_code == 0
+    found = tomllib.loads(Path("study.toml").read_text())
+    assert found["experiments"].get("transform") == ("log" if log else None)
+    spread = np.std(np.log(count) if log else count, ddof=1)
+    assert found["noise"]["sd"]["upper"] == pytest.approx(spread, rel=0.5)
+
+
 def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> None:
     shutil.copy(compiled(2, folder), folder / "cooling.fmu")
     (folder / "cups.csv").write_text("K;bench;T [K]\n1,0;1;313\n1,0;2;315\n2,0;1;321\n")

@@ -99,7 +99,9 @@ def _experiments(proposal: Proposal) -> list[str]:
         lines.append(line("delimiter", sheet.delimiter, "between the cells"))
     if sheet.decimal != ".":
         lines.append(line("decimal", sheet.decimal, "the decimal sign"))
-    if proposal.decades:
+    if proposal.log:
+        lines.append(line("transform", "log", "the outcome spans decades: its logarithm is taken"))
+    elif proposal.decades:
         lines.append(off("transform", "log", "for outcomes that span decades, as these do"))
     return lines
 
@@ -274,7 +276,8 @@ def _noise(proposal: Proposal) -> list[str]:
     for name, sd in proposal.noise.items():
         lines += [""] if lines else []
         head = f"[noise.{key(name)}]" if several else "[noise]"
-        lines.append(remarked(head, "measurement noise, normal"))
+        of = " of the logarithm: 0.1 is 10 %" if proposal.log else ""
+        lines.append(remarked(head, f"measurement noise, normal{of}"))
         if isinstance(sd, str):
             lines.append(line("sd", sd, "the column with the sd of each measured value"))
         else:

@@ -74,6 +74,11 @@ class Messages:
                 "set vectorized = true if the function computes with arrays of many runs; else "
                 "mend it: no run of it worked"
             )
+        if re.match(r"the outcome in '.*' is .*, not a number", failure.message):
+            return (
+                "let it print the number as the last word, or say in [simulator] where the number "
+                r"is, such as output = {regex = 'time = (\S+)'}: no run of it worked"
+            )
         return "mend the simulator: no run of it worked"
 
     def not_repeatable(self, runs: Runs, row: int, first: float, again: float) -> SimulatorError:

@@ -15,12 +15,14 @@ from aleator.study.bounded import censoring_of
 from aleator.study.columns import covariates_in, varies_within
 from aleator.study.offers import Given, Offer
 from aleator.study.proposed_laws import Limits, Proposed, laws_for, parameters_of
-from aleator.study.roles import Roles, Sheet, count_of, roles_in, spans_decades, spread_of
+from aleator.study.roles import Roles, Sheet, count_of, decades_of, roles_in, spread_of
 
 TIMES = ("time", "Time", "t")
 """What a column of times is called; T is rather a temperature."""
 ALIKE = 0.8
 """Similarity from where on a name is taken for a slip of another."""
+SOME, MANY = 2.0, 3.0
+"""Decades of an outcome whose logarithm may be the outcome, and whose logarithm is proposed."""
 SMALLEST = 1e-3
 """The lower limit of the noise, over the standard deviation of all measured values."""
 
@@ -32,7 +34,8 @@ class Proposal:
     `parameters` come as the simulator has them; `untouched` are those that keep the value that the
     simulator gives them. `noise` has limits for the sd of each outcome, or the name of the column
     that tells it; empty where each experiment has one exact outcome. `scale` are the limits that it
-    could have. `decades` are outcomes that span some. `units` are those that heads of columns or
+    could have. `decades` are outcomes that span some, and `log` is whether there is one only, which
+    spans so many that its logarithm is taken. `units` are those that heads of columns or
     the FMU state. `unlike` names columns that look like something that the simulator takes.
     `censored` says of each outcome how the table tells bounds, `covariates` has the columns that a
     law may follow with their terms in a formula. `series` is whether the simulator is to be called
@@ -53,6 +56,7 @@ class Proposal:
     noise: Mapping[str, Limits | str]
     scale: Mapping[str, Limits]
     decades: tuple[str, ...]
+    log: bool
     units: Mapping[str, str]
     unlike: Mapping[str, str]
     censored: Mapping[str, Censoring]
@@ -140,7 +144,9 @@ def proposed(
     experiments = count_of(sheet.table, id)
     most = laws_for(experiments, len(sheet.table))
     parameters, untouched = parameters_of(offer, roles, most, chosen)
-    scale = {name: noise_limits(spread_of(sheet.table, name)) for name in outcomes}
+    decades = {name: decades_of(sheet.table, name) for name in outcomes}
+    log = len(decades) == 1 and decades[outcomes[0]] >= MANY and not roles.errors
+    scale = {name: noise_limits(spread_of(sheet.table, name, log=log)) for name in outcomes}
     bare = {name: limits for name, limits in scale.items() if limits is not None}
     bounds = {name: censoring_of(sheet.table, name, roles.others) for name in outcomes}
     censored = {name: one for name, one in bounds.items() if one is not None}
@@ -153,7 +159,7 @@ def proposed(
         noise = {outcomes[0]: roles.errors[0]}
     return Proposal(
         title, file, sheet, tuple(outcomes), id, roles, experiments, offer, parameters, untouched,
-        noise, bare, tuple(n for n in outcomes if spans_decades(sheet.table, n)),
+        noise, bare, tuple(n for n in outcomes if decades[n] >= SOME), log,
         _units(sheet.table, roles, outcomes, parameters), _unlike(sheet, offer, roles, outcomes),
         censored, covariates_in(sheet.table, left, id), within,
         series or bool(offer.arrays & {*within}),

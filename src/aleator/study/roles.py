@@ -119,11 +119,15 @@ def _measured(table: Table, numbers: list[str], id: str) -> tuple[str, ...]:
     return tuple(varying or values)
 
 
-def spread_of(table: Table, column: str) -> float:
-    """The standard deviation of the numbers of a column; NaN of fewer than two."""
-    numbers = numbers_of(table, column)
-    known = np.array([]) if numbers is None else numbers[np.isfinite(numbers)]
-    return float(np.std(known, ddof=1)) if known.size > 1 else np.nan
+def spread_of(table: Table, column: str, *, log: bool = False) -> float:
+    """The standard deviation of the numbers of a column, or of their logarithms.
+
+    NaN of fewer than two.
+    """
+    known = _known(table, column)
+    if known.size < 2:
+        return np.nan
+    return float(np.std(np.log(known) if log else known, ddof=1))
 
 
 def count_of(table: Table, id: str | None) -> int:
@@ -131,11 +135,17 @@ def count_of(table: Table, id: str | None) -> int:
     return len(table) if id is None else len({*table.texts(id)})
 
 
-def spans_decades(table: Table, column: str) -> bool:
-    """Whether the numbers are positive, and the largest a hundred times the smallest."""
+def decades_of(table: Table, column: str) -> float:
+    """Decades from the smallest number to the largest; zero where one is not positive."""
+    known = _known(table, column)
+    if known.size < 2 or known.min() <= 0.0:
+        return 0.0
+    return float(np.log10(known.max() / known.min()))
+
+
+def _known(table: Table, column: str) -> Array:
     numbers = numbers_of(table, column)
-    known = np.array([]) if numbers is None else numbers[np.isfinite(numbers)]
-    return known.size > 1 and known.min() > 0.0 and known.max() >= 100.0 * known.min()
+    return np.array([]) if numbers is None else numbers[np.isfinite(numbers)]
 
 
 def _positive(numbers: Array | None) -> bool:
