@@ -166,11 +166,12 @@ def test_a_program_that_prints_a_unit_last_is_told_how_its_number_is_found(folde
 @pytest.mark.parametrize(("decades", "log"), [(2.5, False), (4.0, True)])
 def test_the_logarithm_is_taken_of_what_spans_many_decades(decades: float, log: bool) -> None:
     count = 10 ** np.linspace(1.0, 1.0 + decades, 12)
-    rows = [f"{minutes},{one:.6g}" for minutes, one in enumerate(count)]
-    Path("counts.csv").write_text("\n".join(["minutes,count", *rows, "12,<10", ""]))
+    rows = [f"{minutes},{one:.6g},2{minutes}.5" for minutes, one in enumerate(count)]
+    Path("counts.csv").write_text("\n".join(["minutes,count,room", *rows, "12,<10,20.0", ""]))
     Path("kill.py").write_text("def survivors(minutes, rate=0.8):\n    return 1e6 * 10**-rate\n")
     assert run("new", "counts.csv", "--function", "kill.py:survivors").exit_code == 0
     found = tomllib.loads(Path("study.toml").read_text())
+    assert found["experiments"]["outcome"] == "count"  # it has a bound, the room has none
     assert found["experiments"].get("transform") == ("log" if log else None)
     spread = np.std(np.log(count) if log else count, ddof=1)
     assert found["noise"]["sd"]["upper"] == pytest.approx(spread, rel=0.5)

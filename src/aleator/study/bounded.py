@@ -39,7 +39,7 @@ def censoring_of(table: Table, outcome: str, columns: Iterable[str]) -> Censorin
     >>> censoring_of(table, "y", ["s"]).right
     ('Run-out',)
     """
-    if any(text.startswith((">", "<", "≥", "≤")) for text in table.texts(outcome)):
+    if shows_bounds(table, outcome):
         return Censoring(signs=True)
     for name in columns:
         if is_upper_end(table, outcome, name):
@@ -47,6 +47,11 @@ def censoring_of(table: Table, outcome: str, columns: Iterable[str]) -> Censorin
         if told := _by_words(table, name):
             return told
     return None
+
+
+def shows_bounds(table: Table, name: str) -> bool:
+    """Whether cells of a column say themselves that they are bounds: "> 20"."""
+    return any(text.startswith((">", "<", "≥", "≤")) for text in table.texts(name))
 
 
 def tells_bounds(table: Table, name: str, among: Sequence[str]) -> bool:

@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from aleator.errors import ExperimentsError
 from aleator.observations.censoring import Censoring
 from aleator.observations.tables import Table
-from aleator.study.bounded import censoring_of
+from aleator.study.bounded import censoring_of, shows_bounds
 from aleator.study.columns import covariates_in, varies_within
 from aleator.study.offers import Given, Offer
 from aleator.study.proposed_laws import Limits, Proposed, laws_for, parameters_of
@@ -97,12 +97,13 @@ def outcome_of(sheet: Sheet, offer: Offer) -> tuple[str | None, tuple[str, ...]]
     """The column that seems to be the outcome, or None, and all that may be.
 
     The only column of numbers that the simulator does not take, or the one that is called as the
-    function or as an output of the FMU.
+    function or as an output of the FMU, or the one with bounds in its cells.
     """
     possible = roles_in(sheet.table, offer.names).outcomes
     named = {each.name for each in offer.returned}
     called = [name for name in possible if name in named]
-    found = called if len(called) == 1 else possible
+    bounded = [name for name in possible if shows_bounds(sheet.table, name)]
+    found = next((one for one in (called, bounded) if len(one) == 1), possible)
     return (found[0] if len(found) == 1 else None), possible
 
 
