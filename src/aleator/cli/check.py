@@ -21,6 +21,7 @@ from aleator.errors import short
 from aleator.plot.first_look import save_check
 from aleator.report import first_look as report
 from aleator.study import load_study
+from aleator.tasks.askable import require_askable
 from aleator.tasks.expected_cost import expected_cost
 from aleator.tasks.first_look import first_look, planned_look
 from aleator.tasks.results import documents
@@ -52,6 +53,7 @@ def check(
     """
     folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed)
+    require_askable(value.experiments, value.inputs, value.noise, value.propagation, value.density)
     documents.make_folder(folder)
     with running(value, options) as runner, shown(options.quiet) as progress:
         plan = planned_look(runner, value.experiments, value.inputs)

@@ -39,8 +39,8 @@ def _simulated(result: Result) -> str:
     return "on the simulator itself" if result["propagation"] == "direct" else "on surfaces of it"
 
 
-def shrinkage(result: Result) -> RenderableType:
-    """How much the observations of single experiments say of their parameters."""
+def shrinkage(result: Result) -> RenderableType | None:
+    """How much the observations of single experiments say of their parameters, if any scatters."""
     columns: Sequence[Column] = (
         ("individual", "left"), ("shrinkage", "right"), ("means from .. to", "right"),
         ("sd of the means", "right"), ("their own sd", "right"),
@@ -59,6 +59,8 @@ def shrinkage(result: Result) -> RenderableType:
                 number(pstdev(means), 3), number(fmean(sds), 3),
             )
         )  # fmt: skip
+    if not rows:
+        return None
     head = (
         "Parameters of the experiments. Shrinkage: 0 % where the observations of an experiment "
         "alone say what its own parameter is, 100 % where only the law does."

@@ -13,7 +13,8 @@ from aleator.study.columns import numbers_of
 
 _RIGHT = re.compile(
     r"run-?outs?|(right-?)?censored|right|suspen(ded|sion)|surviv(ed|or|al)|no-?failure|intact|"
-    r"(not|un)-?(failed|broken)|stopped|alive|above|>.*"
+    r"(not|un)-?(failed|broken)|stopped|(still-)?(running|working|alive)|(on-?going|in-service|"
+    r"withdrawn|removed)|above|>.*"
 )
 _LEFT = re.compile(
     r"left(-?censored)?|below(-?(lod|loq|limit))?|bdl|nd|(not|un)-?detected|lod|loq|<.*"
@@ -21,6 +22,8 @@ _LEFT = re.compile(
 _FLAG = re.compile(r"(right-?)?censored|cens|run-?out|suspended")
 _EVENT = re.compile(r"event|fail(ed|ure)|broken|died")
 _NO, _YES = ("0", "no", "false", "n"), ("1", "yes", "true", "y")
+_LETTERS = ({"f", "s"}, {"f", "c"})
+"""Failed and suspended, failed and censored, as tables of reliability programs have them."""
 _UPPER = re.compile(r"(?:(?P<stem>.+)_)?(upper|upper_end|high|max|to|until|latest)", re.IGNORECASE)
 _LOWER = re.compile(r"(?:(?P<stem>.+)_)?(lower|lower_end|low|min|from|since|earliest)",
                     re.IGNORECASE)  # fmt: skip
@@ -88,6 +91,8 @@ def _by_words(table: Table, name: str) -> Censoring | None:
     for pattern, meant in ((_FLAG, _YES), (_EVENT, _NO)):
         if pattern.fullmatch(called) and set(plain.values()) <= {*_NO, *_YES}:
             right = [word for word in words if plain[word] in meant]
+    if set(plain.values()) in _LETTERS:
+        right = [word for word in words if plain[word] != "f"]
     measured = [word for word in words if word not in (*right, *left)]
     blank = "" in table.texts(name)
     if not (right or left) or not (measured or blank):

@@ -23,8 +23,9 @@ ALIKE = 0.8
 """Similarity from where on a name is taken for a slip of another."""
 SOME, MANY = 2.0, 3.0
 """Decades of an outcome whose logarithm may be the outcome, and whose logarithm is proposed."""
-SMALLEST = 1e-3
-"""The lower limit of the noise, over the standard deviation of all measured values."""
+SMALLEST, LARGEST = 1e-3, 2.0
+"""Limits of the noise over the standard deviation of all measured values: where no parameter
+scatters the noise is all of it, and its interval reaches beyond."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,8 @@ def proposed(
     return Proposal(
         title, file, sheet, tuple(outcomes), id, roles, experiments, offer, parameters, untouched,
         noise, bare, tuple(n for n in outcomes if decades[n] >= SOME), log,
-        _units(sheet.table, roles, outcomes, parameters), _unlike(sheet, offer, roles, outcomes),
+        _units(sheet.table, roles, outcomes, parameters),
+        _unlike(sheet, offer, roles, (*outcomes, id)),
         censored, covariates_in(sheet.table, left, id), within,
         series or bool(offer.arrays & {*within}),
         _returned(offer, outcomes), _time(sheet, offer, outcomes),
@@ -169,14 +171,14 @@ def proposed(
 
 
 def noise_limits(spread: float) -> Limits | None:
-    """Round limits of the noise: from a thousandth of the spread of all measured values to it.
+    """Round limits of the noise: from a thousandth of the spread of all values to twice as much.
 
-    >>> noise_limits(5.73)
-    (0.005, 6.0)
+    >>> noise_limits(3.73)
+    (0.003, 8.0)
     """
     if not (math.isfinite(spread) and spread > 0.0):
         return None
-    return _rounded(SMALLEST * spread, math.floor), _rounded(spread, math.ceil)
+    return _rounded(SMALLEST * spread, math.floor), _rounded(LARGEST * spread, math.ceil)
 
 
 def _rounded(value: float, whole: Callable[[float], int]) -> float:
@@ -192,10 +194,10 @@ def _units(
     return {name: unit for name, unit in {**heads, **own}.items() if unit}
 
 
-def _unlike(sheet: Sheet, offer: Offer, roles: Roles, outcomes: Sequence[str]) -> dict[str, str]:
-    """Columns that would be an argument if they were called as it is, but for a slip."""
+def _unlike(sheet: Sheet, offer: Offer, roles: Roles, used: Sequence[str | None]) -> dict[str, str]:
+    """Columns not used yet that would be an argument if they were called as it is."""
     taken = {name.lower(): name for name in offer.names if name not in roles.conditions}
-    left = [name for name in sheet.names if name not in (*roles.conditions, *outcomes)]
+    left = [name for name in sheet.names if name not in (*roles.conditions, *used)]
     near = {name: get_close_matches(name.lower(), taken, n=1, cutoff=ALIKE) for name in left}
     return {name: taken[found[0]] for name, found in near.items() if found}
 

@@ -21,7 +21,9 @@ MANY = 5
 is rather a supplier or a bench."""
 DELIMITERS = (",", ";", "\t", "|")
 _COMMA = re.compile(r"^[<>≤≥]?=?\s*-?\d+,\d+$")
-_ERROR = re.compile(r"(^|_)(sd|std|sigma|error|uncertainty|noise)($|_)", re.IGNORECASE)
+_ERROR = re.compile(
+    r"(^|_)(sd|std|se|sem|std_?err|sigma|error|uncertainty|noise)($|_)", re.IGNORECASE
+)
 _NAMING = re.compile(
     r"(^|_)(id|no|nr|number|name|experiment|test|run|unit|specimen|sample|part|serial|subject|"
     r"person|patient|batch|tank|device|cell)($|_)",
