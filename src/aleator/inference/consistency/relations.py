@@ -93,10 +93,14 @@ class Relations:
 def apart(means: Array, pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
     """Those of the pairs of which the observations tell both, by individual means (N, s).
 
+    None where there are no such means (s = 0): outcomes without noise tell no single parameter.
+
     >>> means = np.array([[1.0, 0.2, 1.0], [-1.0, -0.2, 1.0], [1.0, 0.2, -1.0], [-1.0, -0.2, -1.0]])
     >>> apart(means, ((0, 1), (0, 2)))
     ((0, 2),)
     """
+    if not means.shape[1]:
+        return ()
     told = 1.0 - np.std(means, axis=0) <= HIDDEN
     return tuple((i, j) for i, j in pairs if told[i] and told[j])
 
