@@ -40,7 +40,7 @@ def new(head: str, rows: list[str], *arguments: str) -> str:
 def test_what_still_runs_is_a_bound(failed: str, runs: str) -> None:
     new(
         "km,status",
-        [f"6700,{failed}", f"6950,{runs}", f"9120,{failed}", f"9660,{runs}"],
+        [f"6000,{failed}", f"7000,{runs}", f"9000,{failed}", f"9500,{runs}"],
         "--parameter=rate=1e3:1e5",
     )
     seen = load_study("study.toml").experiments.observations
@@ -48,10 +48,10 @@ def test_what_still_runs_is_a_bound(failed: str, runs: str) -> None:
 
 
 def test_a_column_of_standard_errors_is_the_noise() -> None:
-    """Vaccine trials (Colditz et al. 1994): the log risk ratio of each with its standard error."""
+    """A study of studies, made up: an effect of each trial with its standard error."""
     new(
         "trial,log_rr,se",
-        ["1,-0.889,0.571", "2,-1.585,0.441", "3,-1.348,0.645", "4,-1.442,0.141"],
+        ["1,-0.9,0.5", "2,-1.6,0.4", "3,-1.3,0.6", "4,-1.4,0.1"],
         "--outcome=log_rr",
         "--parameter=rate=-4:4",
     )
@@ -61,7 +61,7 @@ def test_a_column_of_standard_errors_is_the_noise() -> None:
 def test_the_column_that_names_experiments_is_no_slip_of_a_parameter() -> None:
     told = new(
         "rat,weight",
-        ["1,151", "1,199", "2,145", "2,199"],
+        ["1,150", "1,200", "2,140", "2,190"],
         "--id=rat",
         "--outcome=weight",
         "--parameter=rate=100:400",

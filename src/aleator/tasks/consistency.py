@@ -16,6 +16,7 @@ from aleator.inference.consistency.residuals import points_of, residuals_of
 from aleator.inference.consistency.sentences import told
 from aleator.inference.consistency.value import LEVEL, Consistency, Statistic
 from aleator.inference.fit import Fit
+from aleator.observations.experiments import Experiments
 from aleator.progress import Progress
 from aleator.types import Array
 
@@ -53,7 +54,7 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
     # experiments of which nothing was observed have no say
     experiment = np.unique(table.observations.experiment, return_inverse=True)[1]
     battery = Battery.of(
-        without_order(columns, experiment, observed.normal, observed.means),
+        without_order(columns, experiment, _rising(table, observed.normal), observed.means),
         experiment,
         tuple(fit.hyperparameters[k].name for k in fit.inference.free),
         fit.inference.covariance,
@@ -80,6 +81,18 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
             observed.means, [t for t in found.tests if t.kind in RELATED]
         ),
     )
+
+
+def _rising(table: Experiments, normal: Array) -> Array:
+    """What rises or falls along a table (M,) that was sorted by its outcomes.
+
+    The normal scores of a bound are drawn at random within it. One value an experiment is therefore
+    taken as the table tells it, bounds too.
+    """
+    seen = table.observations
+    if len(seen) > len(table.ids):
+        return normal
+    return np.where(np.isfinite(seen.lower), seen.lower, seen.upper)
 
 
 def _scattering(fit: Fit) -> tuple[tuple[str, ...], tuple[tuple[int, int], ...]]:
