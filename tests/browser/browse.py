@@ -213,7 +213,8 @@ def test_print_is_light_and_has_every_chart_as_a_drawing(page: Page, file: Path)
 def test_the_map_of_the_simulator_is_that_of_the_marked_experiment(page: Page, file: Path) -> None:
     page.open(file)
     of = f"((name) => {SOURCES}.find((m) => m.name === name))"
-    known = page.ask(f"Object.keys({of}('map-way').tags[0])")
+    rows = ("first", "middle", "last")
+    known = page.ask(f"Object.keys({of}('map-way-last').tags[0])")
     assert len(known) > 2
     for id in (known[0], known[-1]):
         page.ask("document.getElementById('clear').click()")
@@ -221,12 +222,15 @@ def test_the_map_of_the_simulator_is_that_of_the_marked_experiment(page: Page, f
             f"(() => {{ const input = document.getElementById('marked'); input.value = {id!r};"
             " input.dispatchEvent(new Event('change')); })()"
         )
-        for name in ("map-way", "level-way"):
+        for name in [f"{kind}-way-{row}" for kind in ("map", "level") for row in rows]:
             assert set(page.ask(f"[...{of}({name!r}).data.id]")) <= {id}, name
-        assert page.ask(f"{PLOT}('map-way').model.title.text") == id
+        for row in rows:
+            assert page.ask(f"{PLOT}('map-way-{row}').model.title.text") == id
         over = f"{of}('over-0-slope')"
-        assert page.ask(f"{over}.selected.indices.map((k) => {over}.data.id[k])") == [id]
-        assert len(page.ask(f"[...{of}('level-way').data.x]")) > 0  # what was measured lies there
+        told = f"{over}.selected.indices.map((k) => [{over}.data.id[k], {over}.data.row[k]])"
+        assert page.ask(told) == [[id, f"{row} row"] for row in rows]
+        for row in rows:  # what was measured lies there
+            assert len(page.ask(f"[...{of}('level-way-{row}').data.x]")) > 0
     assert page.console == []
 
 
