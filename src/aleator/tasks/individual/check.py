@@ -10,7 +10,7 @@ from aleator.likelihood.individual import Direct, Evaluator, GaussHermite
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import IndividualLikelihood, mean_of
 from aleator.simulators import Runner
-from aleator.types import Array, Indices
+from aleator.types import Array, Flags, Indices
 
 RULES = (GaussHermite(1), GaussHermite(5), GaussHermite(3))
 """The nodes of the check, by the number of variates; for more than two as for two."""
@@ -43,9 +43,10 @@ def checked(
 
     log L_simulator - log L_surface = log sum_j w_j exp(l_simulator(x_j)) - the same on surfaces,
     with l(x) = sum_k log p(y_k | eta_k(x)), at the same few nodes: what these nodes miss is missed
-    by both. Of more than `most` nodes the likeliest are taken. The error is as if the ratios at
-    the nodes were a stratified sample: it is rough. Cost: up to twelve runs a unit, which are
-    remembered and stored.
+    by both. Of more than `most` nodes the likeliest are taken. A node whose run failed is left out,
+    as surfaces do, unless all of an experiment are. The error is as if the ratios at the nodes were
+    a stratified sample: it is rough. Cost: up to twelve runs a unit, which are remembered and
+    stored.
     """
     inputs = likelihood.inputs
     few = likelihood
@@ -56,14 +57,26 @@ def checked(
     for block in few.blocks:
         part = block.experiments
         x, log_weight = _likeliest(few, alpha, block, most)
+        eta = simulator.values(block, x)
+        lost = _lost(block, eta)
         by_surface = few.sums_of(alpha, block, few.predictor.values(block, x)) + log_weight
-        by_simulator = few.sums_of(alpha, block, simulator.values(block, x)) + log_weight
+        by_simulator = few.sums_of(alpha, block, eta) + log_weight
+        by_surface, by_simulator = (
+            np.where(lost, -np.inf, of) for of in (by_surface, by_simulator)
+        )
         known, share = mean_of(by_surface)
         change[part] = mean_of(by_simulator)[0] - known
         with np.errstate(all="ignore"):
             ratio = np.exp(by_simulator - by_surface - change[part, None])
-            error[part] = np.sqrt(np.sum(share * (ratio - 1.0) ** 2, axis=1)) / x.shape[1]
+            off = np.where(lost, 0.0, share * (ratio - 1.0) ** 2)
+            error[part] = np.sqrt(np.sum(off, axis=1)) / np.sum(~lost, axis=1)
     return Checked(change, np.nan_to_num(error, nan=np.inf))
+
+
+def _lost(block: Block, eta: Array) -> Flags:
+    """Nodes (B, J) where a run failed, of experiments that have others."""
+    failed = block.summed(np.isnan(eta).astype(float)) > 0.0
+    return np.asarray(failed & ~np.all(failed, axis=1, keepdims=True))
 
 
 @dataclass(frozen=True, eq=False)
