@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aleator.inference.consistency.battery import anderson_darling
 from aleator.inference.consistency.calibration import corrected, effective, probabilities
+from aleator.inference.consistency.measures import anderson_darling
 
 NONE = np.zeros(1, dtype=bool)
 ZERO = np.zeros(1)

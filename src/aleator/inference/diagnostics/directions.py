@@ -9,7 +9,7 @@ import numpy as np
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
-from aleator.types import Array
+from aleator.types import Array, Flags
 
 FLAT = 0.02
 """A curvature below this share of that of each hyperparameter alone marks a weak direction."""
@@ -28,12 +28,29 @@ def weak_directions(
     return [*named(inference, [hyperparameters[k] for k in inference.free])]
 
 
+def tangled(correlation: Array) -> Flags:
+    """Which estimates, of correlations (F, F), can hardly be told from others, (F,).
+
+    >>> tangled(np.array([[1.0, 0.99, 0.1], [0.99, 1.0, 0.1], [0.1, 0.1, 1.0]])).tolist()
+    [True, True, False]
+    """
+    found = np.zeros(len(correlation), dtype=np.bool_)
+    for vector in _weakest(correlation):
+        found[_large(vector)] = True
+    return found
+
+
+def _weakest(correlation: Array) -> Array:
+    """Of these correlations the eigenvectors, as rows, of eigenvalues near zero."""
+    values, vectors = np.linalg.eigh(correlation)
+    return np.asarray(vectors.T[values <= FLAT])
+
+
 def _correlated(inference: Inference, free: Sequence[Hyperparameter]) -> Iterator[Diagnostic]:
     if inference.free.size < 2:
         return
     names = [h.name for h in free]
-    values, vectors = np.linalg.eigh(inference.correlation)
-    for vector in vectors.T[values <= FLAT]:
+    for vector in _weakest(inference.correlation):
         # the small eigenvalue is well determined; what moves along its large parts is not apart
         parts = _large(vector)
         which = [names[i] for i in parts]
