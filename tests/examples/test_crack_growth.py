@@ -8,7 +8,8 @@ import pytest
 from identifications import assert_maximum, errors_of, estimates, of_study
 from scipy import optimize, stats
 
-from aleator import MonteCarlo
+from aleator import MonteCarlo, identify
+from aleator.study import load_study
 from aleator.types import Array
 
 STUDY = Path(__file__).parents[2] / "examples" / "crack_growth"
@@ -70,3 +71,18 @@ def test_the_answer_is_the_exact_maximum_of_the_likelihood(exact) -> None:
     pooled = found.baselines["least_squares"]
     assert isinstance(pooled, dict)
     assert pooled["rmse"] < 0.2
+
+
+@pytest.mark.slow
+def test_the_scatter_within_specimens_is_told_to_differ() -> None:
+    """The lengths are read to 0.01 inch and the specimens were not alike: p = 1e-7."""
+    study = load_study(STUDY / "study.toml")
+    found = identify(
+        study.runner(), study.experiments, study.inputs, noise=study.noise, seed=study.seed,
+        best_law=False,
+    )  # fmt: skip
+    assert found.consistency is not None
+    assert found.consistency.consistent is False
+    told = min(found.consistency.tests, key=lambda test: test.corrected)
+    assert told.kind == "unequal"
+    assert told.corrected < 1e-4

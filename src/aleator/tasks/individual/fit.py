@@ -113,7 +113,7 @@ class IndividualFit:
     def rough(self) -> IndividualFit:
         """The same with few nodes."""
         likelihood = self.likelihood.by(self.few.rough, self.alpha)
-        return replace(self, likelihood=likelihood, arrived=NEAR)
+        return replace(self, likelihood=likelihood, arrived=likelihood.rule.arrived)
 
     def at(self, alpha: Array) -> IndividualFit:
         """The same data at another alpha, nodes adapted to it.
