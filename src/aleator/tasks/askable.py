@@ -6,13 +6,12 @@ from collections.abc import Mapping
 
 from aleator.densities import Density, NodeDensity
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import DEFAULT_SEARCH, require_enough
-from aleator.tasks.individual.identify import asked, wanted
+from aleator.tasks.replicates import job_of
 
 
 def require_askable(
@@ -26,9 +25,5 @@ def require_askable(
 
     Nothing that scatters, several observations without noise, fewer values than hyperparameters.
     """
-    if wanted(table, inputs, noise, propagation, density):
-        question = asked(table, inputs, noise, propagation, DEFAULT_SEARCH)
-        require_enough(table, question.hyperparameters)
-        return
-    assert noise is None or isinstance(noise, Noise)
-    require_enough(table, Model.of(inputs, noise, propagation, density).hyperparameters)
+    job = job_of(table, inputs, noise, propagation, density, DEFAULT_SEARCH)
+    require_enough(table, job.hyperparameters)

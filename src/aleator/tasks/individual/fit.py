@@ -24,7 +24,6 @@ from aleator.likelihood.individual import (
 )
 from aleator.likelihood.individual.importance import standard_points
 from aleator.likelihood.individual.layout import Block
-from aleator.likelihood.individual.modes import ARRIVED, NEAR
 from aleator.likelihood.individual.moments import individual_variates
 from aleator.observations.experiments import Experiments
 from aleator.search.value import LogLikelihood
@@ -47,8 +46,8 @@ TRIES = 20
 class IndividualFit:
     """A `Fit`: the likelihood with nodes adapted to alpha, on surfaces or a fast simulator.
 
-    `few` is the rule with the fewest nodes of which more hardly change the log-likelihood. Modes
-    are found to `arrived` in log-density.
+    `few` is the rule with the fewest nodes of which more hardly change the log-likelihood; the
+    nodes of a `coarse` fit are as few.
     """
 
     likelihood: IndividualLikelihood
@@ -56,7 +55,7 @@ class IndividualFit:
     inference: Inference
     table: Experiments
     few: Rule
-    arrived: float = ARRIVED
+    coarse: bool = False
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -113,7 +112,7 @@ class IndividualFit:
     def rough(self) -> IndividualFit:
         """The same with few nodes."""
         likelihood = self.likelihood.by(self.few.rough, self.alpha)
-        return replace(self, likelihood=likelihood, arrived=likelihood.rule.arrived)
+        return replace(self, likelihood=likelihood, coarse=True)
 
     def at(self, alpha: Array) -> IndividualFit:
         """The same data at another alpha, nodes adapted to it.
@@ -122,15 +121,15 @@ class IndividualFit:
         an experiment nothing else is asked of them.
         """
         one = len(self.table.observations) == self.count
-        if one and self.arrived >= NEAR and self.likelihood.parameters is not None:
+        if one and self.coarse and self.likelihood.parameters is not None:
             return replace(self, alpha=alpha)
-        return replace(self, likelihood=self.likelihood.adapted(alpha, self.arrived), alpha=alpha)
+        return replace(self, likelihood=self.likelihood.adapted(alpha), alpha=alpha)
 
     def seeing(self, table: Experiments) -> IndividualFit:
         """The same experiments with the observations of another table, nodes adapted to these."""
         errors = self.likelihood.errors.of_others(table.observations)
         other = replace(self, likelihood=replace(self.likelihood, errors=errors), table=table)
-        return replace(other, likelihood=other.likelihood.adapted(self.alpha, self.arrived))
+        return replace(other, likelihood=other.likelihood.adapted(self.alpha))
 
     def drawn(self, rng: np.random.Generator) -> IndividualFit:
         """Other observations, with bounds like those of the table (see `censored_alike`).
