@@ -73,7 +73,8 @@ class Runner:
     after the transforms. A run is a case (see `cases`: units under equal conditions are one) and an
     x, every bit of it; the runner remembers it, and makes none twice. With a `store` it takes runs
     from there, and commits every new one as soon as it is known, one that failed with its message.
-    `varying` names conditions that a series gets as arrays even if the table has them constant.
+    `asked` are the conditions that the simulator takes; `varying` names those that a series gets as
+    arrays even if the table has them constant.
 
     Runs are made here, one batch after the other, or by the workers of an `executor` (any
     concurrent.futures.Executor); outcomes do not depend on it. One that fails is tried again
@@ -117,9 +118,9 @@ class Runner:
         self.progress = progress or Silent()
         self.executor, self.retries, self.max_failed = executor, retries, max_failed
         table = experiments.conditions
-        asked = self.simulator.asks([*map(str, table.columns)], self.parameters)
+        self.asked = self.simulator.asks([*map(str, table.columns)], self.parameters)
         self._served = served = Units.of(experiments, getattr(self.simulator, "series", False))
-        columns = served.columns(table, asked, varying)
+        columns = served.columns(table, self.asked, varying)
         self.cases = Cases.of(columns, len(served), served.rows if served.series else None)
         form = Form.of(served, self.cases, self.ids)
         self._bound = bound = Bound(self.simulator, self.cases, self.parameters, form)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from itertools import combinations, islice
 
 import numpy as np
 
 from aleator.inference.consistency.battery import SAME, Battery
 from aleator.inference.consistency.columns import ORDER, RESPONSE, columns_of, without_order
+from aleator.inference.consistency.copies import copies_of
 from aleator.inference.consistency.judged import Judged, judged, replicated
 from aleator.inference.consistency.outliers import outliers_of
 from aleator.inference.consistency.relations import RELATED, apart
@@ -32,12 +33,16 @@ SHOWN = 3
 """Discrepancies that are told."""
 
 
-def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Consistency:
+def consistency_of(
+    fit: Fit, sound: bool, seed: int, progress: Progress, asked: Collection[str] = ()
+) -> Consistency:
     """Whether the experiments look as they do under the fitted model.
 
     Replicates of the experiments are drawn from it, alpha is fitted to each by one step, and the
     same statistics are computed. There are more of them where p is near the decision (Besag and
-    Clifford, 1991). Cost: some hundredths of a second a replicate, 40 to 200 of them; no run.
+    Clifford, 1991). `asked` are the columns that the simulator or a law takes: what orders the
+    experiments as they came out is no condition else. Cost: some hundredths of a second a
+    replicate, 40 to 200 of them; no run.
     """
     if not sound:
         return Consistency.untested("the answer was not computed soundly")
@@ -50,6 +55,8 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
     if np.mean(observed.known) < 1.0 - LOST:
         return Consistency.untested("too many observations have no predicted probability")
     columns = columns_of(table)
+    copies = copies_of(columns, table.observations, asked)
+    columns = tuple(column for column in columns if column not in copies)
     names, pairs = _scattering(fit)
     # experiments of which nothing was observed have no say
     experiment = np.unique(table.observations.experiment, return_inverse=True)[1]
@@ -80,6 +87,7 @@ def consistency_of(fit: Fit, sound: bool, seed: int, progress: Progress) -> Cons
         relations=battery.relations.told(
             observed.means, [t for t in found.tests if t.kind in RELATED]
         ),
+        copies=tuple(name for column in copies for name in (column.name, *column.alike)),
     )
 
 

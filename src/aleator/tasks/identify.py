@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Any
@@ -96,6 +96,7 @@ def identify(
     runner.repeat_some()
     spend(budget, runner, inputs, propagation)
     ledger = Ledger(runner, progress or Silent())
+    taken = (*runner.asked, *inputs.covariates)
     if individual.wanted(table, inputs, noise, propagation, density):
         if density is not None:
             raise InputsError(
@@ -114,7 +115,7 @@ def identify(
             seed,
             ledger,
         )
-        return _judged(replace(found, units=shown), consistency, best_law, ledger)
+        return _judged(replace(found, units=shown), taken, consistency, best_law, ledger)
     assert noise is None or isinstance(noise, Noise)
     model = Model.of(inputs, noise, propagation, density)
     require_enough(table, model.hyperparameters)
@@ -140,16 +141,23 @@ def identify(
         seed=seed, failures=diagnostics.failure_report(runner),
         notes=[*notes, *([diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [])],
     )  # fmt: skip
-    return _judged(replace(found, units=shown), consistency, best_law, ledger)
+    return _judged(replace(found, units=shown), taken, consistency, best_law, ledger)
 
 
 def _judged(
-    found: Identification, consistency: bool, best_law: bool, ledger: Ledger
+    found: Identification,
+    taken: Collection[str],
+    consistency: bool,
+    best_law: bool,
+    ledger: Ledger,
 ) -> Identification:
-    """The identification with its second verdict and the best possible law, where asked for."""
+    """The identification with its second verdict and the best possible law, where asked for.
+
+    `taken` are the columns that the simulator or a law takes.
+    """
     if consistency:
         with ledger.stage("consistency"):
-            second = consistency_of(found.fit, found.sound, found.seed, ledger.progress)
+            second = consistency_of(found.fit, found.sound, found.seed, ledger.progress, taken)
         found = replace(found, consistency=second)
     if best_law and found.sound:
         with ledger.stage("best possible law"):

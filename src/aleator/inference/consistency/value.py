@@ -74,7 +74,7 @@ class Consistency:
     `discrepancies` are the strongest of those that contradict it, `outliers` the observations that
     one in twenty right models would not have. `replicates` under the fitted model say what is
     usual. `relations` are those of the individual parameters of experiments with several
-    observations.
+    observations. `copies` are columns that order the experiments as the outcome does: left out.
     """
 
     consistent: bool | None
@@ -85,6 +85,7 @@ class Consistency:
     tests: tuple[Statistic, ...] = ()
     reason: str = ""
     relations: tuple[Relation, ...] = ()
+    copies: tuple[str, ...] = ()
 
     def table(self) -> pd.DataFrame:
         """A row for each test, the one that says most first.

@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 
 from aleator.report.html.markup import Section, paragraph
-from aleator.tasks.results.printed import number, second_verdict, to_three, verdict
+from aleator.tasks.results.printed import left_out, number, second_verdict, to_three, verdict
 
 Document = Mapping[str, Any]
 
@@ -64,6 +64,8 @@ def _contradicted(document: Document) -> Iterator[str]:
         p = number(row["p"], 1)
         at = f", row {row['row']}" if document.get("observations") else ""
         yield _item("Outlier", f"experiment {row['id']}{at} (p = {p})", "", row["id"])
+    if copies := found.get("copies"):
+        yield _item("Left out of the tests", left_out(copies), "")
 
 
 def _item(head: str, message: str, remedy: str | None, id: str | None = None) -> str:

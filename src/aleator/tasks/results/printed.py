@@ -110,9 +110,10 @@ def second_verdict(document: Document) -> str:
     if document["consistent"] is None:
         return f"Not tested whether consistent with the experiments: {found['reason']}."
     if document["consistent"]:
+        left = f"; {_columns(copies)} left out" if (copies := found.get("copies")) else ""
         return (
             f"Consistent with the experiments: none of {len(found['tests'])} tests contradicts the "
-            f"model (p = {number(found['p'], 2)})."
+            f"model (p = {number(found['p'], 2)}){left}."
         )
     told = [
         f"{place}{row['message']} (p = {number(row['test']['corrected'], 1)})"
@@ -127,7 +128,7 @@ def verdicts(document: Document) -> list[str]:
 
 
 def remedies(document: Document) -> list[str]:
-    """What may mend a model that is not consistent, and the outliers by name."""
+    """What may mend a model that is not consistent, the outliers by name, what was left out."""
     found = document.get("consistency") or {}
     rows = [
         f"  Remedy{place}: {row['remedy']}."
@@ -137,7 +138,28 @@ def remedies(document: Document) -> list[str]:
         f"{row['id']}{_row_of(document, row)} (p = {number(row['p'], 1)})"
         for row in found.get("outliers", ())
     ]
-    return rows + ([f"  Outliers: {', '.join(outliers)}."] if outliers else [])
+    if outliers:
+        rows += [f"  Outliers: {', '.join(outliers)}."]
+    if copies := found.get("copies"):
+        rows += [f"  Left out of the tests: {left_out(copies)}"]
+    return rows
+
+
+def left_out(copies: Sequence[str]) -> str:
+    """Why columns had no say in the second verdict, and what to do if they should.
+
+    >>> left_out(["travel_in"])[:55]
+    '`travel_in`, whose order is that of the outcome itself,'
+    """
+    return (
+        f"{_columns(copies)}, whose order is that of the outcome itself, as of the outcome in "
+        "another unit or of its rank. If it is a condition of the tests, let the simulator or a "
+        "law take it."
+    )
+
+
+def _columns(names: Sequence[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
 
 
 def _counted(form: str, rows: Sequence[Document]) -> Iterator[tuple[str, Document]]:

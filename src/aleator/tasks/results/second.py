@@ -42,6 +42,7 @@ def consistency_in(document: Entry) -> Consistency:
         tuple(map(_test, entry["tests"])),
         entry["reason"],
         tuple(Relation(**row) for row in entry.get("relations", ())),
+        tuple(entry.get("copies", ())),
     )
 
 
