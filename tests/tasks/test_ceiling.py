@@ -115,6 +115,19 @@ def test_the_law_itself_gains_nothing_on_average(best: Ceiling) -> None:
     assert mean == pytest.approx(0.0, abs=0.02)
 
 
+def test_curves_see_experiments_that_say_sharply_what_their_parameter_is() -> None:
+    rng = np.random.default_rng(3)
+    x = rng.normal(1.0, 0.2, 24)
+    frame = pd.DataFrame({"y": x + rng.normal(0.0, 0.004, 24)})
+    found = unjudged(
+        lambda x: x, frame, Inputs({"x": LAW}), outcome="y", vectorized=True, noise=Noise(0.004),
+        verification=MonteCarlo(0),
+    )  # fmt: skip
+    curve = ceiling(found, replicates=1).curves["x"]
+    mean = np.trapezoid(curve["gradient"] * curve["density"], curve["x"])
+    assert mean == pytest.approx(0.0, abs=0.1)
+
+
 def test_the_right_law_is_not_doubted_and_few_replicates_are_drawn(right: Identification) -> None:
     found = ceiling(right)
     assert found.gap > 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,8 @@ Document = Mapping[str, Any]
 BAND, LACKING = "#cfe3f1", "#f6d5c3"
 TALLEST = 10.0
 """The gradient function is cut there: what matters is where it is above zero."""
+NOTHING = -0.99
+"""A gradient below it: no experiment has anything there."""
 LINEAR = 0.2
 """Gradients up to which colors are linear."""
 
@@ -84,10 +86,20 @@ def _gradient(axes: Axes, name: str, result: Document) -> None:
     curve = result["curves"][name]
     x, value = _array(curve["x"]), np.minimum(_array(curve["gradient"]), TALLEST)
     axes.axhline(0.0, color=GRAY, lw=0.8)
-    axes.fill_between(x, value, where=value > 0.0, color=LACKING, lw=0.0)
+    axes.fill_between(x, value, where=value > 0.0, interpolate=True, color=LACKING, lw=0.0)
     axes.plot(x, value, color=VERMILION, lw=1.4)
+    axes.set_xlim(_shown(result["curves"][name], [p[name] for p in result["points"]]))
     axes.set_xlabel(label(result, name))
     axes.locator_params(axis="x", nbins=5)
+
+
+def _shown(curve: Document, points: Sequence[float]) -> tuple[float, float]:
+    """From where to where there is density, gain, or a point, with a margin."""
+    x, density, gradient = (_array(curve[key]) for key in ("x", "density", "gradient"))
+    some = (density > 1e-3 * np.nanmax(density, initial=0.0)) | (gradient > NOTHING)
+    at = np.concatenate([x[some], points])
+    margin = 0.05 * np.ptp(at)
+    return max(x[0], at.min() - margin), min(x[-1], at.max() + margin)
 
 
 def _map(figure: Figure, axes: Axes, names: list[str], result: Document) -> None:

@@ -52,7 +52,9 @@ def check_figure(result: Document) -> Figure:
             for axes in grid.ravel()
             for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)
         }
-        figure.legend(handles.values(), handles.keys(), loc="outside lower left", ncols=3)
+        told = figure.legend(handles.values(), handles.keys(), loc="outside lower left", ncols=3)
+        for line in told.get_lines():
+            line.set_alpha(1.0)
     return figure
 
 

@@ -12,7 +12,7 @@ from aleator.tasks.individual.curves import law_curves
 from aleator.types import Array
 
 LINE, SIDE, ACROSS = 121, 61, 64
-"""Points of a curve, and of a map's side; draws of the other parameters for a curve."""
+"""Half the points of a curve; those of a map's side; draws of the other parameters for a curve."""
 
 
 def gradient_curves(sought: Sought) -> dict[str, pd.DataFrame]:
@@ -25,10 +25,10 @@ def gradient_curves(sought: Sought) -> dict[str, pd.DataFrame]:
     drawn = _draws(sought)
     densities = law_curves(sought.fit.inputs, sought.fit.alpha, 1)
     for s, name in enumerate(sought.names):
-        at = np.linspace(0.0, 1.0, LINE)
-        points = np.tile(drawn, (LINE, 1, 1))
+        at = _places(sought, s)
+        points = np.tile(drawn, (len(at), 1, 1))
         points[:, :, s] = at[:, None]
-        d = _gradient(sought, points.reshape(-1, drawn.shape[1])).reshape(LINE, -1).mean(axis=1)
+        d = _gradient(sought, points.reshape(-1, drawn.shape[1])).reshape(len(at), -1).mean(axis=1)
         low, high = sought.region[s]
         x = low + (high - low) * at
         curve = densities.get(name, {"x": [low], "density": [np.nan]})
@@ -45,6 +45,15 @@ def gradient_map(sought: Sought) -> pd.DataFrame | None:
     z = np.stack(np.meshgrid(side, side, indexing="xy"), axis=-1).reshape(-1, 2)
     first, second = (low + (high - low) * side for low, high in sought.region)
     return pd.DataFrame(_gradient(sought, z).reshape(SIDE, SIDE), index=second, columns=first)
+
+
+def _places(sought: Sought, s: int) -> Array:
+    """Places of the unit interval for a curve: half of them even, half by the law's quantiles."""
+    inputs, alpha = sought.fit.inputs, sought.fit.alpha
+    level = (np.arange(LINE) + 0.5) / LINE
+    probability = np.tile(level[:, None], (1, len(inputs.names)))
+    of_law = sought.z(inputs.marginal(alpha[: inputs.size], probability))[:, s]
+    return np.unique(np.concatenate([np.linspace(0.0, 1.0, LINE), of_law]))
 
 
 def _draws(sought: Sought) -> Array:
