@@ -202,6 +202,10 @@ def test_print_is_light_and_has_every_chart_as_a_drawing(page: Page, file: Path)
     shades += [f"rgb({','.join(str(v) for v in bytes.fromhex(dark[1:]))})" for dark in shades]
     assert not [dark for dark in shades if dark in drawn]
     assert drawn.count("viewBox") == charts
+    widths = page.ask(
+        "[...document.querySelectorAll('.print > svg')].map((e) => e.viewBox.baseVal.width)"
+    )
+    assert max(widths) <= 720  # px between the margins of A4: letters are as large as on screen
     assert pairs[0][0] in drawn
     page.ask("dispatchEvent(new Event('afterprint'))")
     assert page.ask("document.querySelectorAll('.print > svg').length") == 0

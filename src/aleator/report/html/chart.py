@@ -63,6 +63,7 @@ def axes(x: str, y: str, *, height: int = HEIGHT, log_y: bool = False, **more: A
         y_axis_type="log" if log_y else "linear", background_fill_color=colors.PAPER,
         border_fill_color=colors.PAPER, outline_line_color=None, **more,
     )  # fmt: skip
+    plot.min_border_right = 14  # half of the last number under the axis
     plot.toolbar.logo = None
     plot.toolbar.autohide = True
     for axis in plot.axis:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from aleator.report.html.chart import Chart, axes, points
+from aleator.report.html.chart import Chart, axes, models, points
 from aleator.report.html.markup import Section, paragraph, table
 from aleator.report.html.predicted import told
 from aleator.report.html.response import simulated
@@ -93,7 +93,8 @@ def _told(surface: Document, experiments: int) -> str:
 
 def _errors(seen: Measured, source: Any, against: str) -> Chart:
     plot = axes(seen.axes[0].title, "error of the surface")
-    points(plot, source, "x", "error", [*told(seen), ("error", "@error")])
+    plot.yaxis.formatter = models.NumeralTickFormatter(format="0.[0000] %")
+    points(plot, source, "x", "error", [*told(seen), ("error", "@error{0.[0000] %}")])
     return Chart(
         f"rough-{source.name}", f"Where surfaces of {seen.response} are rough",
         f"Root-mean-square error of each surface under the identified law, over {against}.",

@@ -8,8 +8,9 @@ from typing import Any
 from aleator.report.html import colors
 from aleator.report.html.chart import Chart, axes, legend_below, models, points, shared
 from aleator.report.html.individuals import Individuals
-from aleator.report.html.markup import Section, missing, side_by_side
+from aleator.report.html.markup import Section, missing, paragraph, side_by_side
 from aleator.report.html.rows import numbers
+from aleator.tasks.results.printed import number
 from aleator.tasks.results.units import label
 
 Document = Mapping[str, Any]
@@ -33,6 +34,8 @@ def law(document: Document, individuals: Individuals | None, ceiling: Document |
     parts += side_by_side(
         *(_joint(document, pair, individuals) for pair in pictures.get("contours") or ())
     )
+    if known := _best(document, ceiling):
+        parts.append(paragraph(known))
     if ceiling is None:
         parts.append(
             missing(
@@ -42,6 +45,20 @@ def law(document: Document, individuals: Individuals | None, ceiling: Document |
             )
         )
     return Section.of("law", "The law of the parameters", *parts)
+
+
+def _best(document: Document, ceiling: Document | None) -> str:
+    """What a law of any family could reach, and whether that is more than chance."""
+    found = document.get("best_possible") or {}
+    if ceiling is not None:
+        found = {**ceiling.get("log_likelihood", {}), **(ceiling.get("bootstrap") or {})}
+    if "gap" not in found:
+        return ""
+    text = f"A law of any family would have at most {number(found['gap'], 3)} more log-likelihood"
+    if found.get("p_value") is None:
+        return f"{text}."
+    p = number(found["p_value"], 2)
+    return f"{text}. If this law is the true one, chance makes a gap as large with p = {p}."
 
 
 def _density(

@@ -98,8 +98,8 @@ def framed(chart: Chart) -> str:
         f'<div class="plot" id="plot-{name}" role="img" aria-label="{escape(chart.spoken)}"></div>'
         f'<div class="print" id="print-{name}" aria-hidden="true"></div>'
         f"<figcaption>{escape(chart.caption)} "
-        f'<button type="button" data-svg="{name}">SVG</button> '
-        f'<button type="button" data-csv="{name}">CSV</button></figcaption></figure>'
+        f'<span class="saved"><button type="button" data-svg="{name}">SVG</button> '
+        f'<button type="button" data-csv="{name}">CSV</button></span></figcaption></figure>'
     )
 
 

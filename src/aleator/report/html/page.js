@@ -4,6 +4,7 @@
   const root = document.documentElement;
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const byId = (id) => document.getElementById(id);
+  const PAPER = 700;  // px between the margins of A4
   let models = [];
   let views = new Map();
   let marking = false;
@@ -174,8 +175,19 @@
 
   // ------------------------------------------------------------------ print: charts as drawings
 
+  // As wide as it is on paper: its letters are then as large as the text.
+  function printed(name) {
+    const { model } = views.get(name);
+    const row = byId(`figure-${name}`).closest(".row");
+    const share = row === null ? 1 : row.children.length > 1 ? 0.48 : 0.8;
+    const { sizing_mode, width } = model;
+    model.setv({ sizing_mode: "fixed", width: Math.round(share * PAPER) });
+    const drawn = svg(name);
+    model.setv({ sizing_mode, width });
+    return drawn;
+  }
   function toPrint() {
-    for (const name of Object.keys(facts.charts)) byId(`print-${name}`).innerHTML = svg(name);
+    for (const name of Object.keys(facts.charts)) byId(`print-${name}`).innerHTML = printed(name);
   }
   function fromPrint() {
     for (const name of Object.keys(facts.charts)) byId(`print-${name}`).replaceChildren();
