@@ -53,30 +53,55 @@ def inferred(end: Settled, found: SearchResult) -> tuple[Settled, SearchResult, 
 
 
 def _profile(end: Settled, alpha: Array, inference: Inference, rivals: Sequence[Array]) -> Profile:
-    """By few nodes; by those of the answer where these tell another drop at an end.
+    """By few nodes; by those of the answer, or by finer ones, where these tell another drop.
 
-    What more nodes than those of the answer change at an end is what cannot be known. Where the
-    answer has very many, they judge the ends that few have found, and find none.
+    The laws of experiments at an end are others than at the answer, and may need more nodes. What
+    the finest change at an end is what cannot be known.
     """
-    hyperparameters = end.likelihood.hyperparameters
+    likelihood = end.likelihood
     found = profile_intervals(
-        end.coarse.continued, alpha, hyperparameters, inference, rivals=rivals
+        end.coarse.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals
     )
     if found.better is not None:
         return found
-    if end.likelihood.nodes.xi.shape[1] > DEAR:
-        return found.only_known(_off(end.likelihood, alpha, found, UNKNOWN))
-    wrong = _off(end.likelihood, alpha, found, DIFFERS)
-    if np.any(wrong):
-        objective, rows = end.likelihood.continued, np.flatnonzero(np.any(wrong, axis=1))
-        again = profile_intervals(objective, alpha, hyperparameters, inference, rows, rivals)
-        found = found.joined(again, rows)
-    if found.better is not None:
+    if likelihood.nodes.xi.shape[1] > DEAR:
+        return found.only_known(_off(likelihood, alpha, found, UNKNOWN))
+    found = _anew(likelihood, alpha, found, DIFFERS, inference, rivals)
+    finer = _finer(likelihood, alpha)
+    if finer is None or found.better is not None:
         return found
-    rules = end.likelihood.rule.finer(end.likelihood.inputs.scattering)
-    for rule in rules[:1] if end.likelihood.rule.centers == 1 else ():
-        found = found.only_known(_off(replace(end.likelihood, rule=rule), alpha, found, UNKNOWN))
-    return found
+    if finer.nodes.xi.shape[1] > DEAR:
+        return found.only_known(_off(finer, alpha, found, UNKNOWN))
+    again = _anew(finer, alpha, found, UNKNOWN, inference, rivals)
+    finest = _finer(finer, alpha)
+    if again is found or again.better is not None or finest is None:
+        return again
+    return again.only_known(_off(finest, alpha, again, UNKNOWN))
+
+
+def _anew(
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    found: Profile,
+    least: float,
+    inference: Inference,
+    rivals: Sequence[Array],
+) -> Profile:
+    """The same, with the ends sought anew whose drop by these nodes is another one by so much."""
+    rows = np.flatnonzero(np.any(_off(likelihood, alpha, found, least), axis=1))
+    if not rows.size:
+        return found
+    objective, hyperparameters = likelihood.continued, likelihood.hyperparameters
+    again = profile_intervals(objective, alpha, hyperparameters, inference, rows, rivals)
+    return found.joined(again, rows)
+
+
+def _finer(likelihood: IndividualLikelihood, alpha: Array) -> IndividualLikelihood | None:
+    """The likelihood by more nodes about one mode, or by finer panels; None where there is none."""
+    if likelihood.rule.centers > 1:
+        return None
+    rules = likelihood.rule.finer(likelihood.inputs.scattering)
+    return likelihood.by(rules[0], alpha) if rules else None
 
 
 def _off(likelihood: IndividualLikelihood, alpha: Array, profile: Profile, least: float) -> Flags:

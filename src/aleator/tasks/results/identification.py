@@ -286,8 +286,8 @@ def _above(name: str) -> Any:
 
 
 def _estimate(value: Estimate) -> dict[str, Any]:
-    interval = None if value.interval is None else list(value.interval)
-    return {**vars(value), "interval": interval}
+    pairs = {"interval": value.interval, "drops": value.drops}
+    return {**vars(value), **{k: None if v is None else list(v) for k, v in pairs.items()}}
 
 
 def _experiment(report: ExperimentReport | IndividualReport | ObservationReport) -> dict[str, Any]:

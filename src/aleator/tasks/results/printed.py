@@ -78,9 +78,21 @@ def _note(entry: Document) -> str:
     error, sandwich = entry.get("standard_error"), entry.get("sandwich_error")
     if error and sandwich and not 0.7 < sandwich / error < 1.4:
         notes.append(f"sandwich error {number(sandwich, 2)}")
-    if cut := entry.get("cut"):
-        notes.append("interval from limit to limit" if cut == "both" else f"to its {cut} limit")
+    if entry.get("cut"):
+        notes.append(_to_limit(entry["cut"], entry.get("drops")))
     return ", ".join(notes)
+
+
+def _to_limit(cut: str, drops: Sequence[float] | None) -> str:
+    """Which ends of an interval are limits, and how far the profile has dropped there.
+
+    >>> _to_limit("lower", (1.263, 1.92)), _to_limit("both", (0.5, 0.004))
+    ('to its lower limit (drop 1.26)', 'from limit to limit (drops 0.50, 0.00)')
+    """
+    if cut == "both":
+        told = f" (drops {drops[0]:.2f}, {drops[1]:.2f})" if drops else ""
+        return f"from limit to limit{told}"
+    return f"to its {cut} limit" + (f" (drop {drops[cut == 'upper']:.2f})" if drops else "")
 
 
 def verdict(document: Document) -> str:

@@ -225,8 +225,8 @@ def _matrix(row: Entry) -> tuple[tuple[float | None, ...], ...]:
 
 
 def _estimate(row: Entry) -> Estimate:
-    interval = None if row["interval"] is None else tuple(row["interval"])
-    return Estimate(**{**row, "estimate": float(row["estimate"]), "interval": interval})
+    pairs = {k: None if row.get(k) is None else tuple(row[k]) for k in ("interval", "drops")}
+    return Estimate(**{**row, "estimate": float(row["estimate"]), **pairs})
 
 
 def _numbers(row: Entry) -> dict[str, Any]:

@@ -169,7 +169,7 @@ def estimates_of(
     estimates = {}
     for k, h in enumerate(hyperparameters):
         known = bool(np.isfinite(inference.standard_error[k]))
-        low, high = profile.intervals[k]
+        (low, high), (lower, upper) = profile.intervals[k], profile.drops[k]
         # without a maximum there is no drop from it to measure
         sure = bool(np.isfinite(low) and np.isfinite(high)) and inference.positive
         estimates[h.name] = Estimate(
@@ -180,6 +180,7 @@ def estimates_of(
             at_bound=inference.at_bound[k],
             fixed=not h.free,
             cut=CUT[low == h.lower, high == h.upper] if sure else None,
+            drops=(float(lower), float(upper)) if sure else None,
         )
     return estimates
 

@@ -23,7 +23,8 @@ class Estimate:
     `standard_error` from the observed information, `sandwich_error` valid also for a wrong model;
     `at_bound` is "lower" or "upper" where the estimate lies on its limit, and `cut` "lower",
     "upper" or "both" where the interval ends on a limit, at which the profile of the likelihood was
-    evaluated and found within the interval. A fixed hyperparameter has neither error nor interval.
+    evaluated and found within the interval. `drops` say how far the profile has dropped at its
+    ends: 1.92, or less at a limit. A fixed hyperparameter has neither error nor interval.
     """
 
     estimate: float
@@ -33,6 +34,7 @@ class Estimate:
     at_bound: str | None
     fixed: bool
     cut: str | None = None
+    drops: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
