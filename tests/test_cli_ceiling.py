@@ -93,3 +93,20 @@ def test_two_parameters_have_a_map_with_every_point(study: Path) -> None:
     drawn = ceiling_figure(document).axes[-2].collections[-1].get_offsets()
     expected = [[point["softness"], point["creep"]] for point in document["points"]]
     assert np.asarray(drawn) == pytest.approx(np.array(expected))
+
+
+def test_laws_that_follow_a_column_are_refused_before_any_run(study: Path) -> None:
+    law = 'law = "normal"\nmean = {formula = "1 + load", lower = -5, upper = 5}\nsd = 0.2\n'
+    study.write_text(STUDY.replace('law = "truncated_normal"\nbox = [0.5, 1.5]\n', law))
+    study.with_name("model.py").write_text("def length(**_): raise RuntimeError('it was run')\n")
+    result = run("ceiling", study)
+    assert result.exit_code == 2
+    assert "follow load" in result.stderr
+    assert "it was run" not in result.output
+
+
+def test_of_parameters_that_points_cannot_cover_a_lower_bound_is_told() -> None:
+    value = {"ceiling": 6.8, "estimated": -37.2, "verified": None, "error": 0.0, "gap": 44.0}
+    told = {"log_likelihood": value, "bootstrap": None, "covered": False}
+    assert "at least 6.800" in verdict(told)
+    assert "at least" not in verdict({**told, "covered": True})

@@ -22,6 +22,7 @@ from aleator.plot.ceiling import save_ceiling
 from aleator.report import ceiling as report
 from aleator.study import load_study
 from aleator.tasks.ceiling import ceiling as best_possible
+from aleator.tasks.ceiling import require_one_law
 from aleator.tasks.results import documents
 
 
@@ -61,6 +62,7 @@ def ceiling(
     """
     folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, verified=False)
+    require_one_law(value.inputs)
     documents.make_folder(folder)
     with running(value, options) as runner, shown(options.quiet) as progress:
         identification = identified(value, runner, progress, consistency=False)

@@ -53,7 +53,7 @@ def verdict(result: Document) -> str:
     """One sentence: both log-likelihoods, and what the gap means."""
     value, test = result["log_likelihood"], result["bootstrap"]
     text = (
-        f"best possible law: log-likelihood {to_three(value['ceiling'])}, "
+        f"best possible law: log-likelihood {_least(result)}{to_three(value['ceiling'])}, "
         f"this one {to_three(value['estimated'])}"
     )
     return text if test is None else f"{text}, {_p(test)}"
@@ -103,17 +103,20 @@ def _opening(result: Document) -> Text:
 
 def _values(result: Document) -> Rows:
     value, test = result["log_likelihood"], result["bootstrap"]
-    bound = "" if result["covered"] else "at least; "
     error = f"no law has {number(max(value['error'], 1e-4), 1)} more"
     if not result["covered"]:
-        error = "points cannot cover so many parameters"
+        error = "at least: points cannot cover so many parameters, and there may be a better law"
     rows = [
-        ("best possible law", to_three(value["ceiling"]), bound + error),
+        ("best possible law", to_three(value["ceiling"]), error),
         *_on_the_simulator(value),
         ("chosen law", to_three(value["estimated"]), ""),
         ("gap", to_three(value["gap"]), "" if test is None else _drawn(test)),
     ]
     return Rows((("log-likelihood", "left"), ("", "right"), ("", "fold")), rows)
+
+
+def _least(result: Document) -> str:
+    return "" if result["covered"] else "at least "
 
 
 def _on_the_simulator(value: Mapping[str, Any]) -> list[tuple[str, str, str]]:

@@ -63,7 +63,10 @@ class Ceiling:
     @property
     def _head(self) -> str:
         best, chosen = number(self.log_likelihood, 6), number(self.estimated, 6)
-        return f"Log-likelihood of the best of all laws {best}, of the identified one {chosen}"
+        least = "" if self.covered else "at least "
+        return (
+            f"Log-likelihood of the best of all laws {least}{best}, of the identified one {chosen}"
+        )
 
     @property
     def _told(self) -> str:

@@ -11,6 +11,7 @@ from scipy.stats import qmc
 
 from aleator.errors import InputsError
 from aleator.inference.fit import Fit
+from aleator.laws.inputs import Inputs
 from aleator.tasks.individual.population import FAR, around, held_region
 from aleator.tasks.region import within
 from aleator.types import Array
@@ -23,6 +24,22 @@ WIDER = 1.5
 """Half of the points are of the law with variates so many times as far out."""
 EDGE = 1e-3
 """Share of the region's width within which a point is on its edge."""
+
+
+def require_one_law(inputs: Inputs) -> None:
+    """Raise InputsError where there is no one law of all experiments to be better than."""
+    if inputs.regressed:
+        raise InputsError(
+            "the best possible law is one for all experiments, but these laws follow "
+            f"{', '.join(inputs.covariates)}",
+            "ask for it with laws that follow no column; the two verdicts of `aleator identify` "
+            "do not need it",
+        )
+    if not inputs.scattering:
+        raise InputsError(
+            "no parameter scatters: there is no law to compare with the best possible one",
+            "give a parameter a law, such as normal",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,17 +57,7 @@ class Sought:
         Raises InputsError where there is no such law.
         """
         inputs = fit.inputs
-        if inputs.regressed:
-            raise InputsError(
-                "the best possible law is one for all experiments, but these laws follow "
-                f"{', '.join(inputs.covariates)}",
-                "ask for it with laws that follow no column",
-            )
-        if not inputs.scattering:
-            raise InputsError(
-                "no parameter scatters: there is no law to compare with the best possible one",
-                "give a parameter a law, such as normal",
-            )
+        require_one_law(inputs)
         moving = [*inputs.scattered]
         mass = around(held_region(inputs, [fit.alpha], 1, FAR), inputs.box)
         laws = [*inputs.laws.values()]
