@@ -55,6 +55,14 @@ def test_what_is_drawn_is_what_was_found(found: Identification) -> None:
     assert best == pytest.approx(found.values["x.sd"], rel=1e-6)
 
 
+def test_a_profile_is_at_the_ends_of_the_interval_where_it_has_dropped_by_1_92(
+    found: Identification,
+) -> None:
+    _, line, *_ = plot.profile(found, "x.sd").lines
+    ends = found.alpha["x.sd"].interval
+    assert np.interp(ends, *line.get_data()) == pytest.approx([-1.92, -1.92], abs=0.05)
+
+
 def test_the_simulator_and_the_weakest_pair_are_drawn_as_they_are(found: Identification) -> None:
     (line, *_) = plot.response(found, "x").lines
     assert line.get_ydata() == pytest.approx(line.get_xdata(), rel=1e-4)  # it returns x

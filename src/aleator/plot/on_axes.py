@@ -21,6 +21,7 @@ from aleator.plot.identification import (
 )
 from aleator.plot.style import BLUE, GRAY, empty_figure, styled
 from aleator.tasks.pictures import pictured
+from aleator.tasks.pictures.between import finer, profile_line
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.units import label, seen_label
 from aleator.types import Array
@@ -127,7 +128,9 @@ def profile(found: Found, hyperparameter: str, ax: Axes | None = None) -> Axes:
     curve = _of(document, "profiles", hyperparameter)
     axes = _axes(ax)
     axes.axhline(-DROP, color=GRAY, lw=0.8, ls="--")
-    axes.plot(_numbers(curve["at"]), -_numbers(curve["below"]), color=BLUE, marker="o", ms=3.0)
+    at, below = _numbers(curve["at"]), _numbers(curve["below"])
+    axes.plot(*profile_line(at, below), color=BLUE)
+    axes.plot(at, -below, color=BLUE, marker="o", ms=3.0, ls="none")
     axes.set(xlabel=label(document, hyperparameter), ylabel="log-likelihood − maximum")
     return axes
 
@@ -143,7 +146,8 @@ def surface(found: Found, ax: Axes | None = None) -> Axes:
         raise _lacking("surface of the likelihood")
     axes = _axes(ax)
     x, y, below = (np.array([_numbers(r) for r in drawn[k]]) for k in ("first", "second", "below"))
-    axes.contour(x, y, np.ma.masked_invalid(below), levels=LEVELS, colors=BLUE)
+    fine = finer(x), finer(y), np.ma.masked_invalid(finer(below))
+    axes.contour(*fine, levels=LEVELS, colors=BLUE)
     best = np.unravel_index(np.nanargmin(below), below.shape)
     axes.plot(x[best], y[best], "+", color=GRAY)
     first, second = (label(document, name) for name in drawn["between"])

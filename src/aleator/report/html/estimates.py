@@ -7,21 +7,16 @@ from typing import Any
 
 import numpy as np
 from scipy import stats
-from scipy.interpolate import PchipInterpolator, RectBivariateSpline, RegularGridInterpolator
 
 from aleator.report.html import colors
 from aleator.report.html.chart import Chart, axes, points, shared, straight
 from aleator.report.html.markup import Section, folded, missing, paragraph, side_by_side, table
 from aleator.report.html.rows import numbers
+from aleator.tasks.pictures.between import STEPS, finer, profile_line
 from aleator.tasks.results.printed import COLUMNS, alpha_rows, number, with_error
 from aleator.tasks.results.units import label
-from aleator.types import Array
 
 Document = Mapping[str, Any]
-CURVE = 80
-"""Points of the line of a profile."""
-STEPS = 5
-"""Steps between two points of a surface."""
 DROP = float(stats.chi2.ppf(0.95, 1)) / 2.0
 """How far the profile drops at the ends of an interval (Wilks, 1938)."""
 LEVELS = (0.0, *(float(stats.chi2.ppf(p, 2)) / 2.0 for p in (0.5, 0.8, 0.95)))
@@ -77,7 +72,7 @@ def _profile(name: str, head: str, curve: Document, entry: Document) -> Chart:
     plot = axes(head, "log-likelihood below its maximum", height=250)
     at, below = numbers(curve["at"]), numbers(curve["below"])
     source = shared({"at": at, "below": -below}, f"profile-{name}")
-    plot.line(*_smooth(at, below, entry["estimate"]), color=colors.BLUE, line_width=2.0)
+    plot.line(*profile_line(at, below), color=colors.BLUE, line_width=2.0)
     plot.scatter("at", "below", source=source, color=colors.BLUE, size=4.0)
     straight(plot, "width", -DROP)
     for end in entry.get("interval") or ():
@@ -92,26 +87,6 @@ def _profile(name: str, head: str, curve: Document, entry: Document) -> Chart:
     )  # fmt: skip
 
 
-def _smooth(at: Array, below: Array, estimate: float) -> tuple[Array, Array]:
-    """A curve through the points of a profile: its signed root is nearly a straight line."""
-    known = np.isfinite(below) & (np.diff(at, prepend=-np.inf) > 0.0)
-    root = np.sign(at - estimate) * np.sqrt(2.0 * np.maximum(below, 0.0))
-    if known.sum() < 2:
-        return at[known], -below[known]
-    x = np.linspace(at[known][0], at[known][-1], CURVE)
-    return x, -0.5 * PchipInterpolator(at[known], root[known])(x) ** 2
-
-
-def _finer(grid: Array) -> Array:
-    """A square grid with steps between its points: smooth, or straight where some are unknown."""
-    at = np.arange(float(len(grid)))
-    fine = np.linspace(0.0, at[-1], STEPS * (len(grid) - 1) + 1)
-    if np.all(np.isfinite(grid)):
-        return np.asarray(RectBivariateSpline(at, at, grid)(fine, fine))
-    between = np.meshgrid(fine, fine, indexing="ij")
-    return np.asarray(RegularGridInterpolator((at, at), grid)(tuple(between)))
-
-
 def _known(surface: Document) -> bool:
     """Whether there is more than a line of points."""
     below = np.isfinite([numbers(row) for row in surface["below"]])
@@ -122,7 +97,7 @@ def _surface(document: Document, surface: Document, alpha: Document) -> Chart:
     first, second = surface["between"]
     plot = axes(label(document, first), label(document, second), height=380)
     x, y, below = (np.array([numbers(r) for r in surface[k]]) for k in ("first", "second", "below"))
-    x, y, below = _finer(x), _finer(y), _finer(below)
+    x, y, below = finer(x), finer(y), finer(below)
     tall = max(float(np.nanmax(below)), LEVELS[-1] + 1.0)
     plot.contour(
         x, y, below, [*LEVELS, tall], fill_color=list(colors.HEIGHTS), line_color=colors.BLUE,
