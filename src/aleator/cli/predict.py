@@ -13,6 +13,7 @@ import pandas as pd
 from rich.console import Console
 
 from aleator.cli.deciding import Asked, asks
+from aleator.cli.predict_notes import expected_runs, held, made_runs, untested
 from aleator.cli.running import FILE, RESULT, RunOptions, makes_runs, running, units_in
 from aleator.cli.showing import shown
 from aleator.errors import AleatorError, short
@@ -22,7 +23,6 @@ from aleator.report import terminal
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.decide.beyond import compared
 from aleator.tasks.decide.known import estimated
 from aleator.tasks.individual.session import OWN, session_of
 from aleator.tasks.results import documents
@@ -31,9 +31,6 @@ from aleator.tasks.results.session import OutcomeSession, Session
 from aleator.tasks.results.units import label
 from aleator.tasks.results.values import QUANTILES, in_order
 from aleator.types import Indices
-
-TOLD = 5
-"""Rows beyond the tested conditions that are named."""
 
 
 @click.command()
@@ -114,6 +111,9 @@ def predict(
     ):
         session = _session(value, document, table, runner, measured, of)
         draws = _draws(document, identification, session, no_uncertainty)
+        for note in expected_runs(document, runner):
+            options.say(note)
+        runner.progress = progress
         who = OWN if of is not None and of == value.table.id else of
         if asked.distribution:
             found = session.predict(
@@ -122,7 +122,7 @@ def predict(
         else:
             ground = session.ground(table, draws.estimate, table.transform, who, not no_noise)
             found = asked.table(ground, draws, progress)
-    for note in (*_held(draws, session), *_untested(value, table)):
+    for note in (*made_runs(runner), *held(draws, session), *untested(value, table)):
         options.say(note)
     if output is not None:
         row = found["row"].to_numpy() - 1 if "row" in found else _rows_of(found, table)
@@ -164,31 +164,6 @@ def _write(found: pd.DataFrame, document: Mapping[str, Any], output: Path) -> No
         documents.write_json({"title": title, "study": study, "rows": rows}, output)
     else:
         documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
-
-
-def _held(draws: AlphaDraws, session: Session) -> list[str]:
-    """A note where of the uncertainty of some hyperparameters nothing is known."""
-    names = [session.hyperparameters[k].name for k in draws.held.tolist()]
-    if not names:
-        return []
-    return [
-        f"note: the identification tells no uncertainty of {', '.join(names)}, taken as estimated"
-    ]
-
-
-def _untested(value: Study, table: Conditions) -> list[str]:
-    """A note for each row of new conditions that is beyond the tested ones."""
-    tested, new = value.experiments.table, table.table
-    asked = [*table.conditions, *value.inputs.covariates]
-    names = [name for name in dict.fromkeys(asked) if name in tested and name in new]
-    found = compared(tested[names], new[names])
-    every = [
-        f"note: beyond the tested conditions: {place}: {why}"
-        for place, why in zip(table.places, found.why, strict=True)
-        if why
-    ]
-    rest = len(every) - TOLD
-    return every if rest <= 0 else [*every[:TOLD], f"note: and {rest} more rows"]
 
 
 def _session(
