@@ -98,10 +98,13 @@ def _on_limit(h: Hyperparameter, side: str) -> Diagnostic:
             "take a constant in place of a law that does not scatter, or leave it and say so",
             (h.name,),
         )
+    scatter = side == "lower" and h.log and not h.name.startswith("noise.")
+    constant = '; if its parameter is the same in all experiments, take law = "constant"'
     return Diagnostic(
         "bounds",
         f"{h.name} ends on its {side} limit {h.lower if side == 'lower' else h.upper:.6g}; "
         "it has no standard error, and those of the others hold with it fixed there",
-        "widen the limit if it is not physical, or fix the hyperparameter",
+        "widen the limit if it is not physical, or fix the hyperparameter"
+        + (constant if scatter else ""),
         (h.name,),
     )
