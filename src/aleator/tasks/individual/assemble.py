@@ -49,6 +49,9 @@ from aleator.tasks.results.summary import (
 from aleator.tasks.results.values import IndividualReport, LogLikelihoodReport
 from aleator.types import Array, Flags, Indices
 
+LEAST = 5e-4
+"""An error is told to be no less than this: half of the last digit that is shown."""
+
 
 def assembled(
     question: Question,
@@ -74,7 +77,7 @@ def assembled(
     return Identification(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
         log_likelihood=replace(
-            _log_likelihood(at.likelihood, check), log_prior=prior_of(at, hyperparameters)
+            _log_likelihood(at.likelihood, end.gap, check), log_prior=prior_of(at, hyperparameters)
         ),
         density="individual_integral",
         propagation=DIRECT if answer.surfaces is None else "response_surface",
@@ -167,10 +170,12 @@ def _held(inputs: Inputs, alpha: Array) -> Mapping[str, Indices]:
     return {} if model is None else model.held(alpha)
 
 
-def _log_likelihood(total: float, check: Checked | None) -> LogLikelihoodReport:
+def _log_likelihood(total: float, gap: float, check: Checked | None) -> LogLikelihoodReport:
+    """Its error is that of the check and what more nodes change, which the check does not see."""
     if check is None:
         return LogLikelihoodReport(total, None, None)
-    return LogLikelihoodReport(total, total + check.total, check.standard_error)
+    error = max(float(np.hypot(check.standard_error, gap)), LEAST)
+    return LogLikelihoodReport(total, total + check.total, error)
 
 
 def _individuals(
