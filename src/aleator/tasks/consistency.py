@@ -8,7 +8,13 @@ from itertools import combinations, islice
 import numpy as np
 
 from aleator.inference.consistency.battery import SAME, Battery
-from aleator.inference.consistency.columns import ORDER, RESPONSE, columns_of, without_order
+from aleator.inference.consistency.columns import (
+    LEVELS,
+    ORDER,
+    RESPONSE,
+    columns_of,
+    without_order,
+)
 from aleator.inference.consistency.copies import copies_of
 from aleator.inference.consistency.judged import Judged, judged, replicated
 from aleator.inference.consistency.outliers import outliers_of
@@ -77,11 +83,13 @@ def consistency_of(
         return Consistency.untested("too many replicates of the experiments have no statistics")
     against = sorted((t for t in found.tests if t.corrected < LEVEL), key=lambda t: t.corrected)
     within = {column.name for column in columns if not column.own} - {RESPONSE, ORDER}
+    # of many values, which neither the simulator nor a law takes
+    measured = {column.name for column in columns if column.count > LEVELS} - {ORDER, *asked}
     return Consistency(
         found.together >= LEVEL,
         found.together,
         found.replicates,
-        tuple(told(test, battery.several, within) for test in _distinct(against)),
+        tuple(told(test, battery.several, within, measured) for test in _distinct(against)),
         outliers_of(observed, table),
         found.tests,
         relations=battery.relations.told(

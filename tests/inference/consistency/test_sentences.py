@@ -17,3 +17,9 @@ def test_each_tail_has_its_remedy() -> None:
     )
     assert "student_t" in heavy.remedy
     assert "mixture" in light.remedy
+
+
+def test_a_column_that_may_be_a_result_has_the_remedy_to_take_it_out() -> None:
+    test = Statistic("contrast", "outcomes", "peak", None, 4.0, 1e-4, 1e-3)
+    assert "take it out of the table" in told(test, False, (), {"peak"}).remedy
+    assert "take it out" not in told(test, False, ()).remedy

@@ -12,16 +12,20 @@ LIGHT = "fewer outcomes lie in the middle and far out than the law says: it may 
 HEAVY = "more outcomes lie far out, and more in the middle, than the law says"
 
 
-def told(test: Statistic, several: bool, within: Collection[str]) -> Discrepancy:
+def told(
+    test: Statistic, several: bool, within: Collection[str], measured: Collection[str] = ()
+) -> Discrepancy:
     """A test as a sentence with a remedy.
 
     `several`: experiments have several observations; `within` are the columns that differ within
-    an experiment, which no law can follow.
+    an experiment, which no law can follow; `measured` those that may be results themselves.
     """
     if test.kind == "contrast":
-        mended = _curved if test.column in within else _mended
-        return Discrepancy(test, _contrast(test), mended(test))
-    message, remedy = _OTHERS[test.kind](test, several)
+        message, remedy = _contrast(test), (_curved if test.column in within else _mended)(test)
+    else:
+        message, remedy = _OTHERS[test.kind](test, several)
+    if test.column in measured and test.kind in ("contrast", "relation"):
+        remedy += f"; or, if {test.column} is a result of the experiments, take it out of the table"
     return Discrepancy(test, message, remedy)
 
 
