@@ -17,7 +17,7 @@ from aleator.inference.information import Inference
 from aleator.inference.profile_end import Trace
 from aleator.laws import Hyperparameter
 from aleator.search import Objective
-from aleator.search.interface import objective_of
+from aleator.search.interface import Scored, objective_of
 from aleator.search.newton import positive
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Flags, Indices
@@ -81,7 +81,7 @@ class _Remembering:
 
 
 def profile_intervals(
-    objective: Objective,
+    objective: Objective | Scored,
     alpha: Array,
     hyperparameters: Sequence[Hyperparameter],
     inference: Inference,

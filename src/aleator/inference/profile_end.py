@@ -88,7 +88,7 @@ class Trace:
             if value == doubted:
                 guesses, information, most = guesses[1:2], self.information, np.inf
             summit = self._summit(guesses, information, most)
-            if _root(self._drop(summit)) > TARGET - CLOSE:
+            if value == doubted or abs(_root(self._drop(summit)) - TARGET) < CLOSE:
                 summit = self._above(summit, value)
             drop = self._drop(summit)
             if abs(_root(drop) - TARGET) < CLOSE or (drop < 0.5 * TARGET**2 and value == limit):

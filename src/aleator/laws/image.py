@@ -43,7 +43,7 @@ def from_tails(theta: Array, below: Tail, above: Tail, *shapes: Array) -> Array:
 class Tabulated:
     """A smooth function of a standard normal variate by its values and slopes (K,) at the knots.
 
-    Cubic Hermite interpolation: its error is h^4/384 times the fourth derivative, h = 1/40.
+    Cubic Hermite interpolation: its error is h^4/384 times the fourth derivative, h = 19/(K - 1).
 
     >>> theta = Tabulated.knots()
     >>> table = Tabulated(np.exp(0.3 * theta), 0.3 * np.exp(0.3 * theta))
@@ -55,9 +55,9 @@ class Tabulated:
     slope: Array
 
     @staticmethod
-    def knots() -> Array:
+    def knots(count: int = KNOTS) -> Array:
         """(K,) the variates at which a function is tabulated."""
-        return np.linspace(-FARTHEST, FARTHEST, KNOTS)
+        return np.linspace(-FARTHEST, FARTHEST, count)
 
     @property
     def finite(self) -> bool:
@@ -66,9 +66,10 @@ class Tabulated:
 
     def __call__(self, theta: Array) -> Array:
         """Values at theta of any shape, none farther out than the last knot."""
-        width = 2.0 * FARTHEST / (KNOTS - 1)
+        gaps = self.value.size - 1
+        width = 2.0 * FARTHEST / gaps
         place = (theta + FARTHEST) / width
-        left = np.clip(place.astype(np.intp), 0, KNOTS - 2)
+        left = np.clip(place.astype(np.intp), 0, gaps - 1)
         t = place - left
         a, b = self.value[left], self.value[left + 1]
         rise, da, db = b - a, width * self.slope[left], width * self.slope[left + 1]

@@ -9,6 +9,7 @@ import numpy as np
 
 from aleator.laws.law import Law, Standard
 from aleator.laws.mixture import Mixture
+from aleator.laws.tabulated import image_at
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
@@ -122,6 +123,26 @@ class Individual:
                 each += np.einsum("bc,ckb->bk", of_class, whole)
             found.append(each)
         return np.concatenate(found, axis=1)
+
+
+def parameters_at(
+    inputs: Inputs, alpha: Array, xi: Array, experiments: slice, *, often: bool
+) -> tuple[Array, Array]:
+    """`x` and `log_weight` of `Individual.of`, in less time: no derivatives.
+
+    `often` is whether the same laws are asked for at many other variates too.
+    """
+    if inputs.covariate_model is not None or len(inputs.classes) > 1:
+        found = Individual.of(inputs, alpha, xi, experiments)
+        return found.x, found.log_weight
+    theta = xi @ _mixing(inputs, alpha)[0].T if inputs.correlation.members else xi
+    values = inputs.values(alpha, experiments)
+    x = np.empty((*xi.shape[:2], len(values)))
+    place = {i: s for s, i in enumerate(inputs.scattered)}
+    for i, own in enumerate(values):
+        at = theta[..., place[i]] if i in place else np.zeros(1)
+        x[..., i] = image_at(inputs, i, own, at, often=often and i in place)
+    return x, _log_weights(inputs, values)
 
 
 def drawn(inputs: Inputs, alpha: Array, count: int, rng: np.random.Generator) -> Array:

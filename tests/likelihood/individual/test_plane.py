@@ -8,7 +8,10 @@ from scipy import stats
 
 from aleator import Free, Inputs, Normal
 from aleator.likelihood.individual import GaussHermite, PlanePanels
-from aleator.tasks.individual.settle import settled
+from aleator.search import Optimum, SearchResult
+from aleator.tasks.individual.infer import inferred
+from aleator.tasks.individual.profiled import UNKNOWN
+from aleator.tasks.individual.settle import Settled, settled
 
 TWO = Inputs(
     {
@@ -110,3 +113,37 @@ def test_an_answer_at_a_kink_is_the_exact_one() -> None:
 def test_a_smooth_outcome_keeps_few_nodes() -> None:
     end = settled(likelihood_of(line, drawn(line, 0.05), TWO), ALPHA)
     assert isinstance(end.likelihood.rule, GaussHermite)
+
+
+def search_of(end: Settled) -> SearchResult:
+    return SearchResult(end.alpha, end.value, (), (Optimum(end.alpha, end.value, 1),))
+
+
+def test_at_the_ends_of_intervals_the_exact_likelihood_has_dropped_as_told() -> None:
+    frame = drawn(front, 0.05, 12)
+    time, y = frame["time"].to_numpy(), frame["y"].to_numpy()
+    end = settled(likelihood_of(front, frame, TWO), ALPHA)
+    assert isinstance(end.likelihood.rule, PlanePanels)
+    end, _, _, profile = inferred(end, search_of(end))
+    top, told = exact(front, time, y, end.alpha).sum(), np.argwhere(profile.drops > 0.0)
+    assert len(told) >= 5
+    for k, side in told:
+        point, drop = profile.points[k, side], profile.drops[k, side]
+        assert point[k] == profile.intervals[k, side]
+        assert top - exact(front, time, y, point).sum() == pytest.approx(drop, abs=UNKNOWN)
+
+
+def test_a_saddle_is_left_for_the_maximum_beside_it() -> None:
+    """The sign of a cannot be told from its square: between the two maxima there is a saddle."""
+    rng = np.random.default_rng(6)
+    one = Inputs({"a": Normal(Free(-3.0, 3.0), Free(0.01, 3.0))})
+    y = (1.0 + 0.2 * rng.standard_normal(40)) ** 2 + 0.05 * rng.standard_normal(40)
+    frame = pd.DataFrame({"id": range(40), "time": 0.0, "y": y})
+    saddle = settled(
+        likelihood_of(lambda time, x: x[0] ** 2 + 0.0 * time, frame, one),
+        np.array([0.0, 1.0, 0.05]),
+    )
+    end, _, inference, _ = inferred(saddle, search_of(saddle))
+    assert inference.positive
+    assert abs(end.alpha[0]) == pytest.approx(1.0, abs=0.15)
+    assert end.value > saddle.value - 1e-6

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from aleator.densities import Status
 from aleator.laws.hyperparameter import Hyperparameter
-from aleator.laws.individual import Individual, variates_of
+from aleator.laws.individual import Individual, parameters_at, variates_of
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual.gauss_hermite import GaussHermite
 from aleator.likelihood.individual.layout import Block, Layout
@@ -26,7 +26,7 @@ from aleator.likelihood.individual.modes import (
 from aleator.likelihood.individual.nodes import Nodes, joined
 from aleator.likelihood.individual.parameters import Parameters, densities, holds
 from aleator.likelihood.individual.predictor import Predictor
-from aleator.likelihood.individual.rule import Rule
+from aleator.likelihood.individual.rule import AsManyAsNeeded, Rule
 from aleator.likelihood.individual.toward import toward
 from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.value import LogLikelihood
@@ -184,9 +184,9 @@ class IndividualLikelihood:
 
     def sums(self, alpha: Array, block: Block, xi: Array) -> Array:
         """log P(class) + sum_k log p(y_k | eta_k) (B, J) at variates xi (B, J, s)."""
-        individual = self._individual(alpha, block, xi)
-        eta = self.predictor.values(block, individual.x)
-        return individual.log_weight + self.sums_of(alpha, block, eta)
+        own, often = alpha[: self.inputs.size], isinstance(self.rule, AsManyAsNeeded)
+        x, log_weight = parameters_at(self.inputs, own, xi, block.experiments, often=often)
+        return log_weight + self.sums_of(alpha, block, self.predictor.values(block, x))
 
     def sums_of(self, alpha: Array, block: Block, eta: Array) -> Array:
         """sum_k log p(y_k | eta_k) (B, J) of simulated values eta (m, J) that are known."""

@@ -15,7 +15,7 @@ POINTS, ENOUGH = 4, 3e-4
 """Gauss-Legendre nodes of half a panel, and the share that halving it may change."""
 FINER, FINER_ENOUGH = 6, 3e-5
 """The same of those that tell how exact these are."""
-ROUGH_ENOUGH = 1e-3
+ROUGH_ENOUGH = 1e-2
 """Where statistics of many replicates are wanted."""
 ALONG = 0.1
 """... of lines: errors of these must not look like roughness across them."""
@@ -50,7 +50,7 @@ class PlanePanels(AsManyAsNeeded):
 
     @property
     def rough(self) -> PlanePanels:
-        """The same, exact to a thousandth."""
+        """The same, exact to a hundredth."""
         return PlanePanels(POINTS, max(self.enough, ROUGH_ENOUGH))
 
     def size(self, dimensions: int) -> int:  # noqa: ARG002  one interface for all rules

@@ -15,23 +15,28 @@ SLOW = 2e-3
 """Seconds of a run from where on a simulator is not cheap, however few runs are needed."""
 AGAIN = 0.5
 """Seconds of a first run below which it is made again: it may have loaded what others use."""
-LONGEST = 20.0
+LONGEST = 6.0
 """Seconds that the simulator may take in an identification without surfaces."""
 EVALUATIONS = 400
 """Evaluations of the likelihood that an identification takes, about."""
 NODES = 9
 """Nodes a variate that an identification comes to, about; of more than three variates fewer."""
 SAMPLE = 8
+"""Runs of every unit by which a run is timed, at least."""
+MANY, BRIEF = 2000, 0.1
+"""Runs of all units, at least, and seconds that they may take by what the first run took: of few
+runs at once the time is that of a call."""
 TIMES = 3
 """Times that a simulator which seems not to be cheap is timed."""
 
 
 def cheap(runner: Runner, inputs: Inputs, x: Array, region: Array) -> bool:
-    """Whether all evaluations on the simulator itself would take less than 20 seconds.
+    """Whether all evaluations on the simulator itself would take less than six seconds.
 
     `region` (n, 2) is where its laws may be. Judged by a run of the first unit at x (n,), and
-    where that is fast by eight runs of every unit at once. The least of three times decides: what
-    else the machine does makes single ones longer. A study near the border may go either way.
+    where that is fast by eight or more runs of every unit at once. The least of three times
+    decides: what else the machine does makes single ones longer. A study near the border may go
+    either way.
     """
     first = np.zeros(1, dtype=np.intp)
     seconds = _timed(runner, first, x)
@@ -40,9 +45,11 @@ def cheap(runner: Runner, inputs: Inputs, x: Array, region: Array) -> bool:
     if seconds > SLOW:
         return False
     runner.takes_arrays(region)
-    every = np.repeat(np.arange(runner.units), SAMPLE)
+    together = min(MANY, BRIEF / max(seconds, 1e-9))
+    sample = max(SAMPLE, int(together / runner.units))
+    every = np.repeat(np.arange(runner.units), sample)
     evaluations = runs_each(inputs)
-    return any(_timed(runner, every, x) / SAMPLE * evaluations < LONGEST for _ in range(TIMES))
+    return any(_timed(runner, every, x) / sample * evaluations < LONGEST for _ in range(TIMES))
 
 
 def runs_each(inputs: Inputs) -> int:

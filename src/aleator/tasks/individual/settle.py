@@ -47,6 +47,8 @@ SMOOTH = 1e-4
 """A change with more nodes about one mode that they would not be rid of at a kink."""
 SOME = 150
 """Nodes about one mode up to which it is seen whether they are rid of it."""
+COARSE = 1e-3
+"""Share of an integral that panels of two variates may miss while surfaces are still coarse."""
 LOOKED = 40
 """Experiments on which panels of two variates are tried."""
 TRIED = (600, 1200)
@@ -91,7 +93,7 @@ def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOU
         return end
     if variates == 2:
         rough = enough >= ROUGHLY
-        panels = PlanePanels().rough if rough else PlanePanels()
+        panels = PlanePanels(enough=COARSE) if rough else PlanePanels()
         if _told_by_panels(end, panels, LITTLE if rough else HARDLY):
             return end
         return _refined(replace(end.likelihood, rule=panels), end.alpha, enough)
