@@ -107,7 +107,10 @@ def _by_held(
         off = np.zeros(found.drops.shape)
         ends = {}
         for k in rows:
-            ends[k] = [likelihood.adapted(point) for point in found.points[k]]
+            ends[k] = [
+                likelihood.adapted(point) if drop > 0.0 else likelihood
+                for point, drop in zip(found.points[k], found.drops[k], strict=True)
+            ]
             value = [e.evaluate(p).total for e, p in zip(ends[k], found.points[k], strict=True)]
             drop = np.subtract(top, value)
             off[k] = np.abs(drop - np.where(found.drops[k] > 0.0, found.drops[k], drop))
