@@ -15,7 +15,7 @@ SLOW = 2e-3
 """Seconds of a run from where on a simulator is not cheap, however few runs are needed."""
 AGAIN = 0.5
 """Seconds of a first run below which it is made again: it may have loaded what others use."""
-LONGEST = 6.0
+LONGEST = 4.0
 """Seconds that the simulator may take in an identification without surfaces."""
 EVALUATIONS = 400
 """Evaluations of the likelihood that an identification takes, about."""
@@ -31,7 +31,7 @@ TIMES = 3
 
 
 def cheap(runner: Runner, inputs: Inputs, x: Array, region: Array) -> bool:
-    """Whether all evaluations on the simulator itself would take less than six seconds.
+    """Whether all evaluations on the simulator itself would take less than four seconds.
 
     `region` (n, 2) is where its laws may be. Judged by a run of the first unit at x (n,), and
     where that is fast by eight or more runs of every unit at once. The least of three times
