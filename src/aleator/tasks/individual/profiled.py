@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile, profile_intervals
+from aleator.inference.profile_end import BETTER
 from aleator.likelihood.individual import IndividualLikelihood
+from aleator.search.interface import Scored
 from aleator.search.value import LogLikelihood
 from aleator.tasks.individual.settle import Settled
 from aleator.types import Array, Flags
@@ -98,31 +100,56 @@ def _by_held(
     Those of the answer mostly serve as far as an interval reaches. Where they do not, an end is
     sought again with nodes that are adapted to it, until these tell its drop.
     """
-    hyperparameters = likelihood.hyperparameters
-    found = profile_intervals(likelihood.__call__, alpha, hyperparameters, inference, rivals=rivals)
     top, rows = likelihood.evaluate(alpha).total, inference.identified
-    for left in reversed(range(ADAPTED)):
-        if found.better is not None:
-            break
-        off = np.zeros(found.drops.shape)
-        ends = {}
-        for k in rows:
-            ends[k] = [
+    nothing = np.full((alpha.size, 2), np.nan)
+    found = Profile(nothing, nothing, np.tile(alpha, (alpha.size, 2, 1)), None)
+    objectives: dict[int, Scored] = dict.fromkeys(rows.tolist(), likelihood.__call__)
+    for _ in range(ADAPTED):
+        for k, objective in objectives.items():
+            found = _with_row(objective, likelihood, alpha, inference, rivals, found, k)
+            if found.better is not None:
+                return found
+        off, wrong = np.zeros(found.drops.shape), dict[int, Scored]()
+        for k in objectives:
+            ends = [
                 likelihood.adapted(point) if drop > 0.0 else likelihood
                 for point, drop in zip(found.points[k], found.drops[k], strict=True)
             ]
-            value = [e.evaluate(p).total for e, p in zip(ends[k], found.points[k], strict=True)]
+            value = [e.evaluate(p).total for e, p in zip(ends, found.points[k], strict=True)]
             drop = np.subtract(top, value)
-            off[k] = np.abs(drop - np.where(found.drops[k] > 0.0, found.drops[k], drop))
-        if not left:
-            return found.only_known(off > UNKNOWN)
-        rows = np.flatnonzero(np.any(off > DIFFERS, axis=1))
-        for k in rows:
-            values = np.array([alpha[k], *found.points[k, :, k]])
-            objective, only = _Nearest(int(k), values, [likelihood, *ends[k]]), rows[rows == k]
-            again = profile_intervals(objective, alpha, hyperparameters, inference, only, rivals)
-            found = found.joined(again, only)
-    return found
+            off[k] = np.where(found.drops[k] > 0.0, np.abs(drop - found.drops[k]), 0.0)
+            if np.min(drop) < -BETTER:
+                # too far for the nodes of the answer, which did not see how high it is there
+                return replace(found, better=found.points[k, int(np.argmin(drop))])
+            if np.any(off[k] > DIFFERS):
+                values = np.array([alpha[k], *found.points[k, :, k]])
+                wrong[k] = _Nearest(k, values, [likelihood, *ends])
+        objectives = wrong
+    return found.only_known(off > UNKNOWN)
+
+
+def _with_row(
+    objective: Scored,
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    inference: Inference,
+    rivals: Sequence[Array],
+    found: Profile,
+    k: int,
+) -> Profile:
+    """The same with the interval of hyperparameter k by this objective.
+
+    A better maximum is one only if nodes that are adapted to it say so: a law that has become much
+    narrower than its nodes lie apart may look likelier than it is. Then no end is known there.
+    """
+    only = np.array([k])
+    again = profile_intervals(objective, alpha, likelihood.hyperparameters, inference, only, rivals)
+    if again.better is not None:
+        here, there = (likelihood.adapted(a).evaluate(a).total for a in (alpha, again.better))
+        if there > here + BETTER:
+            return replace(found, better=again.better)
+    points = np.where(np.isnan(again.points), alpha, again.points)
+    return found.joined(replace(again, points=points, better=None), only)
 
 
 @dataclass(frozen=True, eq=False)
