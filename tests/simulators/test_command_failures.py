@@ -388,6 +388,7 @@ def test_ctrl_c_ends_the_program_and_passes_on(tmp_path: Path) -> None:
         if pid.exists() and pid.read_text().strip():
             break
         time.sleep(0.01)
+    time.sleep(0.1)  # the caller takes note of what it started
     os.kill(caller.pid, signal.SIGINT)
     _, told = caller.communicate(timeout=20)
     assert told.endswith(b"KeyboardInterrupt\n")
