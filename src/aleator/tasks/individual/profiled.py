@@ -145,8 +145,8 @@ def _with_row(
     only = np.array([k])
     again = profile_intervals(objective, alpha, likelihood.hyperparameters, inference, only, rivals)
     if again.better is not None:
-        here, there = (likelihood.adapted(a).evaluate(a).total for a in (alpha, again.better))
-        if there > here + BETTER:
+        there = likelihood.adapted(again.better).evaluate(again.better).total
+        if there > likelihood.evaluate(alpha).total + BETTER:
             return replace(found, better=again.better)
     points = np.where(np.isnan(again.points), alpha, again.points)
     return found.joined(replace(again, points=points, better=None), only)
