@@ -36,7 +36,7 @@ from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.baselines import linear_gaussian, start_point
 from aleator.tasks.identify import identify
-from aleator.tasks.region import law_region
+from aleator.laws.region import law_region
 from aleator.types import Array
 from benchmarks.identifications import CLUTCH
 

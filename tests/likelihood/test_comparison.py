@@ -15,7 +15,7 @@ from aleator.likelihood.problem import prepare
 from aleator.likelihood.propagation import ExpandedPropagation
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner, as_simulator
-from aleator.tasks.region import law_region
+from aleator.laws.region import law_region
 from aleator.types import Array
 
 

@@ -8,7 +8,8 @@ from aleator.densities import Convolution, Density, MaximumEntropy, NodeDensity
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.propagation import Collocation
+from aleator.likelihood.level_sets import traceable
+from aleator.likelihood.propagation import GRID, Collocation
 from aleator.observations.noise import Noise
 from aleator.quadrature import GermGrid
 from aleator.surrogates import ResponseSurface
@@ -105,14 +106,29 @@ class Model:
 
         A number of nodes a dimension is one of such a lattice; other nodes carry none.
         """
-        if self.surfaces is None or not 1 <= self.inputs.scattering <= MOST_ON_LATTICE:
+        if not 1 <= self.inputs.scattering <= MOST_ON_LATTICE:
             return False
-        nodes = self.surfaces.nodes
+        if self.collocation is not None:
+            return isinstance(self.collocation.nodes, GermGrid)
+        nodes = self.propagation.nodes
         return nodes is None or isinstance(nodes, int | GermGrid)
 
     def exactly(self) -> Model:
         """The same with the density of the outcome itself, which may still give way to moments."""
         return replace(self, density=Convolution(), open=True)
+
+    @property
+    def traced(self) -> bool:
+        """Whether the likelihood is that of level sets: exact, of a fast simulator's own runs."""
+        fast = self.collocation is not None and self.collocation.fast
+        return fast and self.exact and self.noise is None and traceable(self.inputs)
+
+    def directly(self) -> Model:
+        """The same on a fast simulator itself, at the nodes of a lattice."""
+        nodes = GermGrid(GRID[self.inputs.scattering])
+        return replace(
+            self, propagation=Collocation(nodes, fast=True), density=Convolution(), open=False
+        )
 
     def by_moments(self) -> Model:
         """The same with four moments, for good."""
@@ -126,8 +142,9 @@ class Model:
     def _check(self) -> None:
         if isinstance(self.density, Convolution) and self.noise is None and not self.lattice:
             raise InputsError(
-                'without noise the density "convolution" works only with response surfaces, at '
-                "most three scattering parameters, and `nodes` left out or given as a number",
+                'without noise the density "convolution" takes at most three scattering '
+                "parameters, and response surfaces with `nodes` left out or given as a number, or "
+                "nodes that are a GermGrid",
                 "add noise ([noise] sd, or noise=Noise(...)), or take MaximumEntropy or LogSpline",
             )
         if self.noise is not None and not self.noise.normal:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.likelihood.level_sets import CELLS, LevelLikelihood
 from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.model import Model
 from aleator.likelihood.nodes import propagated
@@ -19,7 +20,9 @@ from aleator.surrogates.responses import (
     DirectResponse,
     Response,
     attempts,
+    by_calls,
     moving_parameters,
+    straight,
 )
 from aleator.types import Array, Indices
 
@@ -63,19 +66,34 @@ class Forward:
 
 @dataclass(frozen=True)
 class Problem(Forward):
-    """The inverse problem: the forward problem and the measured outcomes (N,)."""
+    """The inverse problem: the forward problem and the measured outcomes (N,).
+
+    With `levels` the likelihood is that of the level sets, and the densities serve for what is
+    asked of outcomes that were not measured.
+    """
 
     outcomes: Array
+    levels: LevelLikelihood | None = None
 
     @property
-    def likelihood(self) -> Likelihood:
-        """The honest likelihood."""
+    def by_densities(self) -> Likelihood:
+        """The honest likelihood by the densities."""
         return Likelihood(self.predictive, self.outcomes)
 
     @property
-    def objective(self) -> Continued:
+    def likelihood(self) -> Likelihood | LevelLikelihood:
+        """The honest likelihood: by the densities, or by level sets of the simulator itself."""
+        return self.levels or self.by_densities
+
+    @property
+    def objective(self) -> Continued | LevelLikelihood:
         """What a search climbs: the likelihood, continued where there is none."""
         return self.likelihood.continued
+
+    def given(self, outcomes: Array) -> Problem:
+        """The same with other outcomes (N,)."""
+        levels = self.levels and self.levels.given(outcomes)
+        return replace(self, outcomes=outcomes, levels=levels)
 
 
 def forward(
@@ -111,7 +129,8 @@ def forward(
     else:
         assert model.collocation is not None
         step = model.collocation.difference_step
-        response = DirectResponse(lambda index, x: runner(first[index], x), count, inputs.box, step)
+        run = straight(runner) if model.collocation.fast else by_calls(runner)
+        response = DirectResponse(run, count, inputs.box, step)
         lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
     distribution = predictive(
         propagated(model, response, region), model.density, condition, lower[condition],
@@ -129,7 +148,14 @@ def prepare(
     surface: Surface | None = None,
 ) -> Problem:
     """The inverse problem of outcomes (N,), as `forward` builds it."""
-    return forward(runner, model, region, progress, surface).given(outcomes)
+    ready = forward(runner, model, region, progress, surface)
+    if not model.traced:
+        return ready.given(outcomes)
+    inputs = model.inputs
+    levels = LevelLikelihood(
+        inputs, straight(runner), ready.condition, outcomes, CELLS[inputs.scattering]
+    )
+    return replace(ready.given(outcomes), levels=levels)
 
 
 def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> None:

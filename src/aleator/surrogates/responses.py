@@ -130,6 +130,18 @@ class Confined:
         return np.clip(x, self.region[:, 0], self.region[:, 1])
 
 
+def by_calls(runner: Runner) -> Run:
+    """`run(index (R,), x (R, n)) -> (R,)` of the distinct conditions; a run that fails raises."""
+    first = runner.cases.first
+    return lambda index, x: runner(first[index], x)
+
+
+def straight(runner: Runner) -> Run:
+    """The same, neither remembered nor stored; NaN where a run fails."""
+    first = runner.cases.first
+    return lambda index, x: runner.straight(first[index], x)[:, 0]
+
+
 def attempts(runner: Runner, region: Array) -> Run:
     """`run(index (R,), x (R, moving)) -> (R,)` of the distinct conditions, NaN where it fails.
 

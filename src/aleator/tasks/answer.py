@@ -23,7 +23,7 @@ from aleator.surrogates import AdaptiveSurfaces
 from aleator.tasks.baselines import baselines_of
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.many import of_many
-from aleator.tasks.refinement import SEARCH, Refined, Refinement, refinement_of
+from aleator.tasks.refinement import SEARCH, Fast, Refined, Refinement, refinement_of
 from aleator.types import Array
 
 WIDER = 3
@@ -32,9 +32,17 @@ CLIMBS = 3
 """Times that a profile may meet a better maximum."""
 
 
+def never() -> bool:
+    """The simulator itself is not to be asked."""
+    return False
+
+
 @dataclass(frozen=True)
 class Question:
-    """Outcomes (N,) of the runner's experiments, and the choices by which they are explained."""
+    """Outcomes (N,) of the runner's experiments, and the choices by which they are explained.
+
+    `fast` tells whether the simulator itself may take the place of surfaces.
+    """
 
     runner: Runner
     outcomes: Array
@@ -42,6 +50,11 @@ class Question:
     model: Model
     search: Search
     seed: int
+    fast: Fast = never
+
+    def directly(self) -> Question:
+        """The same on the simulator itself."""
+        return replace(self, model=self.model.directly())
 
 
 @dataclass(frozen=True)
@@ -64,11 +77,14 @@ def answered(question: Question, ledger: Ledger) -> Answer:
     """Search until no other density does better at the answer, then see how sure it is.
 
     A density that is open gives way at most twice: moments to the exact one, and that to moments.
+    Surfaces that take too many runs give way to the simulator itself where it is fast.
     """
     search, tried = question.search, [question.model]
     while True:
         way = _way(question, tried[-1], _Search(search, question.seed, ledger), ledger)
         refined = way.search(question.seed)
+        if way.outgrown(refined):
+            return answered(question.directly(), ledger)
         better = better_model(refined.problem, refined.found.alpha)
         if better is None:
             break
@@ -126,7 +142,7 @@ class _Search:
 def _way(question: Question, model: Model, search: _Search, ledger: Ledger) -> Refinement:
     return refinement_of(
         question.runner, question.outcomes, model, search, ledger.stage, ledger.progress,
-        question.ids,
+        question.ids, question.fast,
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from aleator.inference import diagnostics
 from aleator.inference.verification import MonteCarlo, SurfaceEmulator, Verification, verify
 from aleator.inference.verification.kernel import NORMAL
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.level_sets import traceable
 from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Experiments
@@ -25,12 +27,13 @@ from aleator.search import Search
 from aleator.simulators import Budget, Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks import individual
-from aleator.tasks.answer import Answer, Question, answered
+from aleator.tasks.answer import Answer, Question, answered, never
 from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH, require_enough
 from aleator.tasks.baselines import baselines_of, start_point
 from aleator.tasks.budget import affordable, spend
 from aleator.tasks.ceiling.quick import best_possible
 from aleator.tasks.consistency import consistency_of
+from aleator.tasks.individual.cost import cheap
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.results import summary
 from aleator.tasks.results.identification import Identification
@@ -119,29 +122,48 @@ def identify(
     assert noise is None or isinstance(noise, Noise)
     model = Model.of(inputs, noise, propagation, density)
     require_enough(table, model.hyperparameters)
-    question = Question(runner, table.outcomes, table.ids, model, search, seed)
+    fast = partial(_fast, runner, model) if density is None else never
+    question = Question(runner, table.outcomes, table.ids, model, search, seed, cache(fast))
     with diagnostics.boxes_proposed(runner, inputs):
         with ledger.stage("repeated run"):
             runner.require_repeatable(np.clip(start_point(inputs), *inputs.box.T))
-        answer = answered(question, ledger)
-        with ledger.stage("baselines"):
-            baselines = baselines_of(answer.problem, search, seed)
-        checked = None
-        notes = diagnostics.budget_warnings(runner.account, answer.surfaces)
-        if verification.wanted:
-            most = affordable(runner, verification.near)
-            if most == 0:
-                notes.append(diagnostics.UNCHECKED)
-            else:
-                with ledger.stage("verification"):
-                    checked = _verified(answer, runner, verification, seed, most, ledger.progress)
-    found = summary.assemble(
+        found = _found(question, table, verification, ledger)
+        if not found.sound and found.surface is not None and question.fast():
+            found = _found(question.directly(), table, verification, ledger)
+    return _judged(replace(found, units=shown), taken, consistency, best_law, ledger)
+
+
+def _found(
+    question: Question, table: Experiments, verification: MonteCarlo, ledger: Ledger
+) -> Identification:
+    """The answer to a question, checked on the simulator where it rests on something else."""
+    runner, seed = question.runner, question.seed
+    answer = answered(question, ledger)
+    with ledger.stage("baselines"):
+        baselines = baselines_of(answer.problem, question.search, seed)
+    checked = None
+    notes = diagnostics.budget_warnings(runner.account, answer.surfaces)
+    if verification.wanted and answer.problem.levels is None:
+        most = affordable(runner, verification.near)
+        if most == 0:
+            notes.append(diagnostics.UNCHECKED)
+        else:
+            with ledger.stage("verification"):
+                checked = _verified(answer, runner, verification, seed, most, ledger.progress)
+    return summary.assemble(
         table, answer.problem, answer.found, answer.inference, answer.profile, checked,
         baselines, runner.simulator, seconds=ledger.seconds, runs_by_stage=ledger.runs,
         seed=seed, failures=diagnostics.failure_report(runner),
         notes=[*notes, *([diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [])],
     )  # fmt: skip
-    return _judged(replace(found, units=shown), taken, consistency, best_law, ledger)
+
+
+def _fast(runner: Runner, model: Model) -> bool:
+    """Whether a simulator without noise may be asked itself, at very many points."""
+    if model.noise is not None or not model.follows or not traceable(model.inputs):
+        return False
+    start, box = start_point(model.inputs), model.inputs.box
+    return runner.account.budget.runs is None and cheap(runner, model.inputs, start, box)
 
 
 def _judged(

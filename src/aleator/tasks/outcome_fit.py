@@ -16,6 +16,7 @@ from aleator.inference.fit import SPAN
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.likelihood.likelihood import Continued
 from aleator.likelihood.located import Located
 from aleator.likelihood.policy import quadrature_gap
@@ -75,7 +76,10 @@ class OutcomeFit:
 
     def objective(self) -> Callable[[Array], LogLikelihood]:
         """The continued log-likelihood."""
-        return Continued(self.problem.likelihood, self._here)
+        likelihood = self.problem.likelihood
+        if isinstance(likelihood, LevelLikelihood):
+            return likelihood
+        return Continued(likelihood, self._here)
 
     def honest(self) -> Callable[[Array], LogLikelihood]:
         """The log-likelihood itself."""
@@ -90,8 +94,11 @@ class OutcomeFit:
         return self._here.fitted.cdf(self.problem.outcomes)
 
     def rough(self) -> OutcomeFit:
-        """The same: its nodes are those of the law."""
-        return self
+        """The same, with level sets on coarser grids; other nodes are those of the law."""
+        levels = self.problem.levels
+        if levels is None:
+            return self
+        return replace(self, problem=replace(self.problem, levels=levels.coarse()))
 
     def at(self, alpha: Array) -> OutcomeFit:
         """The same outcomes at another alpha."""

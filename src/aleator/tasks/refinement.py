@@ -33,6 +33,8 @@ from aleator.tasks.region import first_region, interval_region, next_region, own
 from aleator.types import Array, Flags, Indices
 
 Search = Callable[[Problem, list[Array]], SearchResult]
+Fast = Callable[[], bool]
+"""Whether the simulator itself may take the place of surfaces; found out at the first call."""
 
 SURFACE, SEARCH = "response surface", "search"
 """What the rounds and searches are called in the account of runs and seconds."""
@@ -45,6 +47,8 @@ CHANGE = 0.2
 """A change of the log-likelihood that is none; a thousandth an experiment if that is more."""
 ROUNDS = 24
 """Rounds after which the answer is taken as it is."""
+ENOUGH = 150
+"""Runs an experiment after which a fast simulator is asked itself."""
 REGIONS = 6
 """Regions that an identification with a tolerance may try before it takes what it has."""
 
@@ -66,7 +70,8 @@ class Refined:
 class Refinement(ABC):
     """How an identification goes on from one answer to a better one.
 
-    `full` is the user's search from guesses; `stage` accounts for runs and seconds.
+    `full` is the user's search from guesses; `stage` accounts for runs and seconds; of a `fast`
+    simulator surfaces end where runs no longer make them exact.
     """
 
     runner: Runner
@@ -76,10 +81,17 @@ class Refinement(ABC):
     stage: Callable[[str], AbstractContextManager[None]]
     progress: Progress
     ids: Sequence[str]
+    fast: Fast
 
     @abstractmethod
     def search(self, seed: int) -> Refined:
         """The answer that further runs do not move."""
+
+    def outgrown(self, refined: Refined) -> bool:
+        """Whether the simulator itself serves better than surfaces of so many runs."""
+        surfaces = refined.surfaces
+        many = surfaces is not None and surfaces.total_runs > ENOUGH * surfaces.good.size
+        return many and self.fast()
 
     @abstractmethod
     def hold(self, refined: Refined, inference: Inference, intervals: Array) -> Refined | None:
@@ -95,14 +107,14 @@ class Refinement(ABC):
             if not self.model.follows:
                 surfaces.refine(None, surfaces.level, told(self.progress))
             problem = self._prepared(region, surfaces.surface())
-            lost = diagnostics.unreachable(problem.likelihood)
+            lost = diagnostics.unreachable(problem.by_densities)
             if not lost.size:
                 return problem
             if not np.array_equal(region, box):
                 region = widened(region, box)
                 surfaces.move(moving(region))
             elif not self._sharpened(surfaces, problem.condition[lost]):
-                diagnostics.refuse_unreachable(problem.likelihood, self.ids)
+                diagnostics.refuse_unreachable(problem.by_densities, self.ids)
 
     def _sharpened(self, surfaces: AdaptiveSurfaces, lost: Indices) -> bool:
         """Whether some of the conditions `lost` have more runs now, all over the region."""
@@ -131,10 +143,16 @@ class Collocated(Refinement):
     """The simulator runs where the law is in each evaluation: there is nothing to refine."""
 
     def search(self, _seed: int) -> Refined:
-        """The answer of one search."""
+        """The answer of one search; of level sets on coarse grids, and a climb on fine ones."""
         with self.stage("preparation"):
             problem = self._prepared(self.model.inputs.box, None)
-        return Refined(problem, self.full(problem, []), None)
+        if problem.levels is None:
+            return Refined(problem, self.full(problem, []), None)
+        rough = replace(problem, levels=problem.levels.coarse())
+        found = self.full(rough, [])
+        with self.stage(SEARCH):
+            inference = infer(rough.objective, found.alpha, self.model.hyperparameters)
+            return Refined(problem, _climbed(problem, found, inference), None)
 
     def hold(self, _refined: Refined, _inference: Inference, _intervals: Array) -> None:
         """There is no region that could be too narrow."""
@@ -212,6 +230,8 @@ class UnderLaw(Refinement):
         """
         level, calm = surfaces.level, False
         for _ in range(ROUNDS):
+            if self.outgrown(refined):
+                break
             inference = self._look(refined, surfaces)
             finished = calm and level < surfaces.level
             if not finished:
@@ -293,12 +313,13 @@ def refinement_of(
     stage: Callable[[str], AbstractContextManager[None]],
     progress: Progress,
     ids: Sequence[str],
+    fast: Fast,
 ) -> Refinement:
     """The way that goes with the user's choice of the propagation."""
     if model.surfaces is None:
-        return Collocated(runner, outcomes, model, full, stage, progress, ids)
+        return Collocated(runner, outcomes, model, full, stage, progress, ids, fast)
     kind = UnderLaw if model.follows else OnRegion
-    return kind(runner, outcomes, model, full, stage, progress, ids)
+    return kind(runner, outcomes, model, full, stage, progress, ids, fast)
 
 
 def under_law(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from aleator.inference.information import infer
 from aleator.laws.inputs import Inputs
+from aleator.laws.region import TAIL, law_region
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem
 from aleator.search import GradientMultistart
@@ -22,8 +23,6 @@ from aleator.surrogates.responses import DirectResponse
 from aleator.tasks.baselines import least_squares, linear_gaussian, start_point
 from aleator.types import Array
 
-TAIL = 1e-7
-"""Probability left out at either end of a law's region: 5.2 standard deviations of a normal."""
 OPEN_TAIL = 1e-3
 """The same of laws that are only possible."""
 SURE = 3.0
@@ -40,19 +39,6 @@ SLIGHT = 0.8
 """The same where the runs inside serve the new region."""
 PILOT = 60
 """Experiments that the pilot looks at."""
-
-
-def law_region(inputs: Inputs, alphas: list[Array], tail: float = TAIL) -> Array:
-    """The smallest region (n, 2) that holds each parameter's law but for its tails, for all alphas.
-
-    >>> from aleator.laws import Constant, Normal
-    >>> inputs = Inputs({"v": Normal(0.0, 1.0), "b": Constant(2.0)})
-    >>> law_region(inputs, [np.array([0.0, 1.0, 2.0])]).round(2).tolist()
-    [[-5.2, 5.2], [2.0, 2.0]]
-    """
-    ends = np.array([[tail] * len(inputs.names), [1.0 - tail] * len(inputs.names)])
-    x = np.concatenate([inputs.marginal(alpha, ends) for alpha in alphas])
-    return np.stack([x.min(axis=0), x.max(axis=0)], axis=1)
 
 
 def first_region(runner: Runner, model: Model, outcomes: Array, seed: int) -> Array:

@@ -64,17 +64,8 @@ class Parameters:
         return np.where(np.isnan(found), -np.inf, found)
 
     def scores(self, alpha: Array, block: Block, share: Array) -> Array:
-        """sum_j share_j d log p(x_j | alpha)/d alpha (B, K), by central differences."""
-        x = self.x[block.experiments]
-        found = np.zeros((len(x), self.inputs.size))
-        for k, h in enumerate(self.inputs.hyperparameters):
-            if h.free:
-                step = STEP * max(abs(alpha[k]), LEAST * (h.upper - h.lower))
-                ends = [densities(self.inputs, _moved(alpha, k, by), x, k) for by in (step, -step)]
-                with np.errstate(invalid="ignore"):
-                    slope = (ends[0] - ends[1]) / (2.0 * step)
-                found[:, k] = np.sum(share * np.where(share > 0.0, slope, 0.0), axis=1)
-        return found
+        """sum_j share_j d log p(x_j | alpha)/d alpha (B, K) of a block."""
+        return law_scores(self.inputs, alpha, self.x[block.experiments], share)
 
 
 def holds(inputs: Inputs, values: int) -> bool:
@@ -119,6 +110,19 @@ def densities(inputs: Inputs, alpha: Array, x: Array, only: int | None = None) -
     """log p(x | alpha) (B, J), of parameters that scatter; or its part that alpha_k changes."""
     flat = x.reshape(-1, x.shape[2])
     return inputs.scattered_log_density(alpha, flat, only).reshape(x.shape[:2])
+
+
+def law_scores(inputs: Inputs, alpha: Array, x: Array, share: Array) -> Array:
+    """sum_j share_j d log p(x_j | alpha)/d alpha (B, K) at x (B, J, n), by central differences."""
+    found = np.zeros((len(x), inputs.size))
+    for k, h in enumerate(inputs.hyperparameters):
+        if h.free:
+            step = STEP * max(abs(alpha[k]), LEAST * (h.upper - h.lower))
+            ends = [densities(inputs, _moved(alpha, k, by), x, k) for by in (step, -step)]
+            with np.errstate(invalid="ignore"):
+                slope = (ends[0] - ends[1]) / (2.0 * step)
+            found[:, k] = np.sum(share * np.where(share > 0.0, slope, 0.0), axis=1)
+    return found
 
 
 def _quartiles(inputs: Inputs, alpha: Array) -> Array:

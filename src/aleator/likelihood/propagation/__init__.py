@@ -7,6 +7,7 @@ or exactly from an expansion.
 """
 
 from aleator.likelihood.propagation.choice import (
+    GRID,
     Collocation,
     as_cubature,
     check_nodes,
@@ -19,6 +20,7 @@ from aleator.likelihood.propagation.projected import ProjectedPropagation
 from aleator.likelihood.propagation.quadrature import QuadraturePropagation
 
 __all__ = [
+    "GRID",
     "Collocation",
     "ExpandedPropagation",
     "NodePropagation",

@@ -36,6 +36,7 @@ class Collocation:
 
     `difference_step` is the step of the central differences that give the derivative by the
     parameters, relative to the spread of the nodes; a gradient costs 2 n times the runs more.
+    Runs of a `fast` simulator are neither remembered nor stored: that would take longer.
     Raises InputsError for values out of range or choices that do not go together.
 
     >>> Collocation(nodes=5, moments="expansion", degree=4).degree
@@ -47,6 +48,7 @@ class Collocation:
     degree: int | None = None
     difference_step: float = 1e-4
     fit: Fit | None = None
+    fast: bool = False
 
     def __post_init__(self) -> None:
         """Check at once, so that the mistake is reported where it was made."""

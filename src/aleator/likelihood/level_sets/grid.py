@@ -1,0 +1,140 @@
+"""Where a simulator without noise gives just what was measured: points of a grid's cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from aleator.surrogates.responses import Run
+from aleator.types import Array, Indices
+
+FINE = 32.0
+"""Cells that the region of a law, ten standard deviations, must have for a grid to serve."""
+MOST = 4_000_000
+"""Simulated values of the grid that are looked at together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A grid of `cells` a parameter on a region (n, 2), on which level sets are looked for.
+
+    `run(index (R,), x (R, n)) -> (R,)` runs the distinct conditions, of which `condition` (N,) are
+    those of the experiments. Only the parameters `scattered` (s,), one or two, move.
+    """
+
+    run: Run
+    condition: Indices
+    scattered: Indices
+    region: Array
+    cells: int
+
+    def serves(self, wanted: Array) -> bool:
+        """Whether laws with their mass in the region `wanted` (n, 2) are resolved on this one."""
+        own, other = self.region[self.scattered], wanted[self.scattered]
+        inside = np.all((own[:, 0] <= other[:, 0]) & (other[:, 1] <= own[:, 1]))
+        fine = np.ptp(other, axis=1) / np.ptp(own, axis=1) * self.cells >= FINE
+        return bool(inside and np.all(fine))
+
+    def traced(self, y: Array) -> tuple[Array, Array]:
+        """Points (N, K, n) and log weights (N, K) of the sets {x: eta_l(x) = y_l}, y (N,).
+
+        int p(x) delta(eta_l(x) - y_l) dx = sum_k w_lk p(x_lk). The outcome is linear between the
+        corners of an interval or a triangle, where a set is then a point or a straight line: an
+        error of second order in the size of the cells, and of first order in those that a kink or
+        a jump crosses. Cost: as many runs of each condition as the grid has points.
+        """
+        grid, simplices, volume = _grid(self.scattered.size, self.cells)
+        width = np.ptp(self.region[self.scattered], axis=1)
+        points = np.tile(self.region.mean(axis=1), (len(grid), 1))
+        points[:, self.scattered] = self.region[self.scattered, 0] + grid * width
+        volume *= float(np.prod(width))
+        found = [
+            _crossed(rows, y[rows], eta, points, simplices, volume)
+            for rows, eta in self._simulated(points)
+        ]
+        owner, x, weight = (np.concatenate(part) for part in zip(*found, strict=True))
+        return _in_rows(y.size, owner, x, weight)
+
+    def _simulated(self, points: Array) -> Iterator[tuple[Indices, Array]]:
+        """Experiments (B,) with their outcomes (B, P) at the points, so many as fit together."""
+        count = int(self.condition.max()) + 1
+        block = max(1, MOST // len(points))
+        for first in range(0, count, block):
+            own = np.arange(first, min(first + block, count))
+            index = np.repeat(own, len(points))
+            eta = self.run(index, np.tile(points, (own.size, 1))).reshape(own.size, len(points))
+            rows = np.flatnonzero((first <= self.condition) & (self.condition < first + block))
+            for part in np.array_split(rows, max(1, -(-rows.size // block))):
+                yield part, eta[self.condition[part] - first]
+
+
+@lru_cache
+def _grid(dimensions: int, cells: int) -> tuple[Array, Indices, float]:
+    """Points (P, s) of the unit cube, the simplices (C, s + 1) between them, and their volume."""
+    side = np.linspace(0.0, 1.0, cells + 1)
+    number = np.arange((cells + 1) ** dimensions).reshape((cells + 1,) * dimensions)
+    if dimensions == 1:
+        return side[:, None], np.stack([number[:-1], number[1:]], axis=1), 1.0 / cells
+    points = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+    low, high = number[:-1, :-1].ravel(), number[1:, 1:].ravel()
+    ends = [np.stack([low, other.ravel(), high], axis=1)
+            for other in (number[1:, :-1], number[:-1, 1:])]  # fmt: skip
+    return points, np.concatenate(ends), 0.5 / cells**2
+
+
+def _crossed(
+    rows: Indices, y: Array, eta: Array, points: Array, simplices: Indices, volume: float
+) -> tuple[Indices, Array, Array]:
+    """Whose set (H,) goes through which simplex: its middle there x (H, n), and its weight (H,)."""
+    low, high = np.full((2, len(y), len(simplices)), eta[:, simplices[:, 0]])
+    for corner in simplices.T[1:]:
+        np.minimum(low, eta[:, corner], out=low)
+        np.maximum(high, eta[:, corner], out=high)
+    whose, where = np.nonzero((low <= y[:, None]) & (y[:, None] < high))
+    corners = simplices[where]
+    v, x = eta[whose[:, None], corners], points[corners]
+    order = np.argsort(v, axis=1)
+    v, x = np.take_along_axis(v, order, axis=1), np.take_along_axis(x, order[:, :, None], axis=1)
+    inside = _on_line if corners.shape[1] == 2 else _in_triangle
+    middle, density = inside(y[whose, None], v, x)
+    return rows[whose], middle, volume * density
+
+
+def _on_line(y: Array, v: Array, x: Array) -> tuple[Array, Array]:
+    """Where the outcome is y (H, 1) between corners x (H, 2, n) with sorted outcomes v (H, 2).
+
+    And the density of the outcome at a point that is anywhere with the same probability.
+    """
+    length = v[:, 1:] - v[:, :1]
+    return x[:, 0] + (y - v[:, :1]) / length * (x[:, 1] - x[:, 0]), 1.0 / length[:, 0]
+
+
+def _in_triangle(y: Array, v: Array, x: Array) -> tuple[Array, Array]:
+    """The same in triangles, corners x (H, 3, n): the middle of the line."""
+    first, second, third = v[:, :1], v[:, 1:2], v[:, 2:]
+    below = y < second
+    whole = third - first
+    one = x[:, 0] + (y - first) / whole * (x[:, 2] - x[:, 0])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        left, right = (y - first) / (second - first), (third - y) / (third - second)
+    share = np.where(below, left, right)
+    corner = np.where(below, x[:, 0], x[:, 2])
+    other = corner + share * (x[:, 1] - corner)
+    return 0.5 * (one + other), (2.0 * share / whole)[:, 0]
+
+
+def _in_rows(count: int, owner: Indices, x: Array, weight: Array) -> tuple[Array, Array]:
+    """Points (N, K, n) and log weights (N, K) of each experiment; weights of zero fill the rows."""
+    order = np.argsort(owner, kind="stable")
+    owner, x, weight = owner[order], x[order], weight[order]
+    many = np.bincount(owner, minlength=count)
+    place = np.arange(owner.size) - np.repeat(np.cumsum(many) - many, many)
+    filled = np.broadcast_to(x[:1] if len(x) else 0.0, (count, max(many.max(), 1), x.shape[1]))
+    points, log_weight = filled.copy(), np.full(filled.shape[:2], -np.inf)
+    points[owner, place] = x
+    with np.errstate(divide="ignore"):
+        log_weight[owner, place] = np.log(weight)
+    return points, log_weight

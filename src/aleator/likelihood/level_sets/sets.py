@@ -1,0 +1,92 @@
+"""The likelihood without noise from points where the simulator gives just what was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.densities import Status
+from aleator.densities.interface import DEGENERATE_VALUE
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual.parameters import densities, law_scores
+from aleator.search.value import LogLikelihood
+from aleator.types import Array, Flags, Indices
+
+
+@dataclass(frozen=True, eq=False)
+class LevelSets:
+    """Points x (N, K, n) of the sets {x: eta_l(x) = y_l}, with log weights (N, K).
+
+    Without noise f_l(y_l | alpha) = int p(x | alpha) delta(eta_l(x) - y_l) dx, which by the coarea
+    formula (Federer, 1969, 3.2.12) is the integral of p/|grad eta_l| over the set. The set does not
+    know alpha: it is found once, and f_l = sum_k w_lk p(x_lk | alpha) is smooth in alpha whatever
+    the simulator does. Cost of a value with its score: 2 K + 1 densities of the law at all points.
+
+    >>> from aleator.laws import Free, Normal
+    >>> inputs = Inputs({"a": Normal(Free(-2.0, 2.0), Free(0.1, 2.0))})
+    >>> sets = LevelSets(inputs, np.array([[[0.5]]]), np.log([[1.0 / 2.0]]))  # 2 a = 1
+    >>> round(float(sets.evaluate(np.array([0.0, 1.0])).likelihood), 6)  # Normal(0, 2^2) at 1
+    -1.737086
+    """
+
+    inputs: Inputs
+    x: Array
+    log_weight: Array
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        """Log-densities (N,) with scores (N, K); where there is none it is DEGENERATE_VALUE."""
+        total, share = _summed(self._terms(alpha))
+        return self._found(alpha, total, law_scores(self.inputs, alpha, self.x, share))
+
+    def evaluate(self, alpha: Array) -> LogLikelihood:
+        """The same without scores."""
+        return self._found(alpha, _summed(self._terms(alpha))[0], None)
+
+    def take(self, rows: Indices) -> LevelSets:
+        """Those of some experiments."""
+        return LevelSets(self.inputs, self.x[rows], self.log_weight[rows])
+
+    def filled(self, other: LevelSets) -> LevelSets:
+        """With the sets of the other where there is none here."""
+        count = max(self.x.shape[1], other.x.shape[1])
+        own, others = self._wide(count), other._wide(count)
+        empty = self.empty
+        return LevelSets(
+            self.inputs,
+            np.where(empty[:, None, None], others.x, own.x),
+            np.where(empty[:, None], others.log_weight, own.log_weight),
+        )
+
+    @property
+    def empty(self) -> Flags:
+        """(N,) whose outcome is not reached."""
+        nothing: Flags = np.all(np.isinf(self.log_weight), axis=1)
+        return nothing
+
+    def _wide(self, count: int) -> LevelSets:
+        """With points of no weight, so that each has `count`."""
+        more = count - self.x.shape[1]
+        x = np.concatenate([self.x, np.repeat(self.x[:, :1], more, axis=1)], axis=1)
+        log_weight = np.pad(self.log_weight, ((0, 0), (0, more)), constant_values=-np.inf)
+        return LevelSets(self.inputs, x, log_weight)
+
+    def _terms(self, alpha: Array) -> Array:
+        return self.log_weight + densities(self.inputs, alpha, self.x)
+
+    def _found(self, alpha: Array, total: Array, scores: Array | None) -> LogLikelihood:
+        none = np.isinf(total)
+        status = np.where(none, int(Status.DEGENERATE), int(Status.SOLVED))
+        found = LogLikelihood(np.where(none, DEGENERATE_VALUE, total), scores, status)
+        return found.believed(self.inputs.hyperparameters, alpha)
+
+
+def _summed(terms: Array) -> tuple[Array, Array]:
+    """log sum exp (N,) of terms (N, K), and the share of each of them."""
+    highest = terms.max(axis=1, keepdims=True)
+    highest = np.where(np.isfinite(highest), highest, 0.0)
+    each = np.exp(terms - highest)
+    total = each.sum(axis=1, keepdims=True)
+    with np.errstate(divide="ignore"):
+        found = (np.log(total) + highest)[:, 0]
+    return found, each / np.where(total > 0.0, total, 1.0)
