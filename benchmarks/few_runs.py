@@ -25,6 +25,7 @@ from aleator.densities import MaximumEntropy
 from aleator.errors import AleatorError
 from aleator.inference.information import infer
 from aleator.inference.verification import MonteCarlo
+from aleator.laws.region import law_region
 from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.problem import prepare
 from aleator.likelihood.propagation import Collocation
@@ -36,7 +37,6 @@ from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.baselines import linear_gaussian, start_point
 from aleator.tasks.identify import identify
-from aleator.laws.region import law_region
 from aleator.types import Array
 from benchmarks.identifications import CLUTCH
 

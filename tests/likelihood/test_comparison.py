@@ -8,6 +8,7 @@ from scipy import integrate, stats
 
 from aleator import Inputs, MaximumEntropy, Noise, Normal, ResponseSurface
 from aleator.densities import Convolution
+from aleator.laws.region import law_region
 from aleator.likelihood.comparison import density_distances, exact_movement
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem as Prepared
@@ -15,7 +16,6 @@ from aleator.likelihood.problem import prepare
 from aleator.likelihood.propagation import ExpandedPropagation
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner, as_simulator
-from aleator.laws.region import law_region
 from aleator.types import Array
 
 

@@ -120,4 +120,4 @@ def _exact(problem: Problem) -> Likelihood | None:
         return None
     cubature = default_cubature(inputs, Convolution(), runs=False)
     grid = QuadraturePropagation(inputs, problem.response, cubature)
-    return replace(problem.likelihood, predictive=problem.predictive.by(Convolution(), grid))
+    return replace(problem.by_densities, predictive=problem.predictive.by(Convolution(), grid))

@@ -90,7 +90,7 @@ def _moments_serve(problem: Problem, alpha: Array) -> bool:
     By its status, or because more nodes change it; without noise four moments have to be nearer to
     what more nodes give.
     """
-    predictive, likelihood = problem.predictive, problem.likelihood
+    predictive, likelihood = problem.predictive, problem.by_densities
     if np.any(predictive.fitted(alpha).status == Status.TOO_COARSE):
         return True
     gap = quadrature_gap(problem, alpha)

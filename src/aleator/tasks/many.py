@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.likelihood.likelihood import Continued
 from aleator.likelihood.problem import Problem
 from aleator.search import Ascent, Optimum, SearchResult, ascend
@@ -20,7 +21,9 @@ BEST = 2
 """Optima of the sample that are climbed from."""
 
 
-def of_many(problem: Problem, search: Callable[[Continued], SearchResult]) -> SearchResult:
+def of_many(
+    problem: Problem, search: Callable[[Continued | LevelLikelihood], SearchResult]
+) -> SearchResult:
     """What a search of all experiments would find; of up to MANY it is just that.
 
     An optimum of the sample lies within its standard errors of one of all, some sqrt(N/SAMPLE) of

@@ -112,10 +112,12 @@ class OutcomeFit:
     def drawn(self, rng: np.random.Generator) -> OutcomeFit:
         """Other outcomes under the law and the noise of alpha.
 
-        With surfaces they are values of these; with collocation, quantiles of the densities, and
-        where a density failed the outcome stays as it is.
+        With surfaces they are values of these, and with level sets of the simulator; with
+        collocation, quantiles of the densities, and where one failed the outcome stays as it is.
         """
         problem = self.problem
+        if problem.levels is not None:
+            return self._with(problem.levels.drawn(self.alpha, rng))
         if problem.surface is None:
             return self._with(self._from_densities(rng))
         eta = self._simulated

@@ -56,13 +56,8 @@ class LevelLikelihood:
 
     @property
     def continued(self) -> LevelLikelihood:
-        """What a search climbs: the same, where the simulator reaches every outcome."""
+        """What a search climbs: the same."""
         return self
-
-    @property
-    def reached(self) -> bool:
-        """Whether the simulator reaches every outcome in the inputs' box."""
-        return not bool(self._known[0][1].empty.any())
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood with its score."""
@@ -88,6 +83,11 @@ class LevelLikelihood:
     def given(self, outcomes: Array) -> LevelLikelihood:
         """The same experiments with other outcomes (N,)."""
         return LevelLikelihood(self.inputs, self.run, self.condition, outcomes, self.cells)
+
+    def drawn(self, alpha: Array, rng: np.random.Generator) -> Array:
+        """Outcomes (N,) of the same experiments under the law alpha: a run of each."""
+        x = self.inputs.sample(alpha, rng.random((self.condition.size, len(self.inputs.names))))
+        return self.run(self.condition, x)
 
     def coarse(self) -> LevelLikelihood:
         """The same on grids of fewer cells: for a search, and for experiments that are drawn."""

@@ -95,6 +95,8 @@ class Collocation:
     @property
     def name(self) -> str:
         """How the result names this choice."""
+        if self.fast:
+            return "direct"
         if self.fit is not None:
             return f"collocation({type(self.fit).__name__.lower()})"
         return f"collocation({self.moments})"

@@ -188,8 +188,6 @@ def _reasons(document: Document) -> str:
     if not document.get("observations"):
         return f"the search converged, every density was solved{_checked(document)}"
     what = "the search converged, and more nodes do not change the answer"
-    if document["propagation"] == "direct":
-        return f"{what}; the simulator itself was integrated over"
     return f"{what}{_checked(document)}"
 
 
@@ -201,6 +199,8 @@ def _checked(document: Document) -> str:
             f", and the simulator itself agrees for {part['experiments']} of {count} experiments; "
             "the others lie too far out to be verified"
         )
+    if document["propagation"] == "direct":
+        return "; the simulator itself was integrated over"
     agrees = found.get("verified") is not None
     return ", and the simulator itself agrees" if agrees else "; not verified on the simulator"
 
