@@ -103,7 +103,7 @@ def reference_of(study: Study) -> Reference:
             for one in np.eye(alpha.size) for sign in (-1.0, 1.0)
         ]  # fmt: skip
         region = law_region(study.inputs, [alpha, *moved])
-    return Reference(problem.likelihood, alpha, error, runner.fresh / len(runner.ids))
+    return Reference(problem.by_densities, alpha, error, runner.fresh / len(runner.ids))
 
 
 def by_surfaces(way: str, study: Study, choice: ResponseSurface) -> Point:
@@ -140,7 +140,10 @@ def by_runs(way: str, study: Study, choice: Collocation) -> list[Point]:
     runner = study.runner()
     model = replace(study.model, density=DENSITY, propagation=choice)
     problem = prepare(runner, study.experiments.outcomes, model, study.inputs.box)
-    followed, free = Followed(way, problem.objective, runner, []), model.hyperparameters
+    followed, free = (
+        Followed(way, problem.by_densities.continued, runner, []),
+        model.hyperparameters,
+    )
     search = GradientMultistart(1, EVALUATIONS)
     guess = linear_gaussian(
         problem.response, model, start_point(study.inputs), problem.condition,

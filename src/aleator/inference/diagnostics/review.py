@@ -18,6 +18,7 @@ from aleator.inference.diagnostics.estimates import (
     count_warnings,
     search_refusals,
 )
+from aleator.inference.diagnostics.levels import level_refusals, level_warnings
 from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.diagnostics.surfaces import surface_refusals, surface_warnings
 from aleator.inference.information import Inference
@@ -64,6 +65,7 @@ def review(
         *search_refusals(inference, hyperparameters),
         *check.refusals(honest, checked, ids),
         *surface_refusals(problem, found.alpha, checked, surface_error, ids),
+        *level_refusals(problem, found.alpha, ids),
     ]
     notes = [
         *count_warnings(len(ids), inference),
@@ -71,6 +73,7 @@ def review(
         *weak_directions(inference, hyperparameters),
         *centering_warnings(problem, found.alpha, inference, conditions),
         *surface_warnings(problem, surface_error, ids),
+        *level_warnings(problem, found.alpha),
         *_quadrature_warnings(quadrature_gap(problem, found.alpha), problem),
         *check.notes(honest, checked, inference, problem, found.alpha, ids, told=not refusals),
     ]

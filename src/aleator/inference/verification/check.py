@@ -155,6 +155,9 @@ class _Bench:
         kernel: Kernel = Noise(self.y, self.noise_sd)
         if self.noise_sd == 0.0:
             kernel = Window(self.y, *self.ends, candidates.bandwidth(self.y))
+        if not np.all(kernel.scale > 0.0):
+            # an emulator that is flat does not tell which runs are near
+            return self.by_samples(emulator)
         runs = choice.near
         if choice.samples is None and expected is not None:
             runs = enough(expected / kernel.scale, runs)

@@ -1,4 +1,4 @@
-"""The log-likelihood of outcomes without noise by the simulator itself, on grids as fine as laws."""
+"""The log-likelihood without noise by the simulator itself, on grids as fine as the laws."""
 
 from __future__ import annotations
 

@@ -1,0 +1,62 @@
+"""Whether the grids of level sets are fine enough, and outcomes that the simulator jumps over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.inference.diagnostics.naming import chosen, named
+from aleator.likelihood.problem import Problem
+from aleator.types import Array
+
+JUMPED = 1.0
+"""Loss of a log-density from coarse cells to those of a fourth of their size that says that the
+outcome is nowhere reached: it is log 4 where a set is only the cells that a jump crosses."""
+COARSE = 0.1
+"""Estimated error of the log-likelihood by the size of the cells that is worth a warning."""
+
+
+def level_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> list[Diagnostic]:
+    """Experiments whose outcome lies between the values on either side of a jump."""
+    if problem.levels is None:
+        return []
+    lost = _by_finer_cells(problem, alpha)
+    rows = np.flatnonzero(lost < -JUMPED)
+    if not rows.size:
+        return []
+    return [
+        Diagnostic(
+            "jump",
+            f"{named(rows, ids)}: the simulator jumps over the measured outcome, which it reaches "
+            "for no parameters, so that no law explains it",
+            "add measurement noise ([noise] sd), check these rows, or see why the simulator jumps",
+            chosen(rows, ids),
+        )
+    ]
+
+
+def level_warnings(problem: Problem, alpha: Array) -> list[Diagnostic]:
+    """Cells that are too coarse for the answer."""
+    if problem.levels is None:
+        return []
+    # cells of a fourth of the size: an error of first order is four times as large in the others
+    error = float(np.sum(_by_finer_cells(problem, alpha))) / 3.0
+    if abs(error) < COARSE:
+        return []
+    return [
+        Diagnostic(
+            "quadrature",
+            f"the cells in which the simulator is looked at may change the log-likelihood by "
+            f"{abs(error):.2g}: they are too coarse",
+            "narrow the box of the parameters around the law",
+        )
+    ]
+
+
+def _by_finer_cells(problem: Problem, alpha: Array) -> Array:
+    """What cells of a fourth of the size changed in each log-density (N,)."""
+    assert problem.levels is not None
+    fine, coarse = problem.levels, problem.levels.coarse()
+    return np.asarray(fine.evaluate(alpha).each - coarse.evaluate(alpha).each)

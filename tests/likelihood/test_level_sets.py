@@ -1,0 +1,160 @@
+"""Likelihoods by level sets against closed forms: lines, kinks, jumps, two roots, correlation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+
+from aleator import Free, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
+from aleator.likelihood.level_sets import LevelLikelihood, traceable
+from aleator.likelihood.level_sets.grid import Grid
+
+Array = NDArray[np.float64]
+LOADS = np.array([0.5, 1.0, 1.5, 2.0])
+ONE = Inputs({"a": Normal(Free(-1.0, 3.0), Free(0.01, 1.0))})
+TWO = Inputs(
+    {"a": Normal(Free(-1.0, 3.0), Free(0.01, 1.0)), "b": Normal(Free(-1.0, 3.0), Free(0.01, 1.0))}
+)
+TIED = Inputs(TWO.laws, {("a", "b"): Free(-0.9, 0.9)})
+
+
+def likelihood(
+    inputs: Inputs, outcome: Callable[..., Array], y: Array, cells: int, each: Array | None = None
+) -> LevelLikelihood:
+    condition = np.arange(len(y)) if each is None else each
+    return LevelLikelihood(
+        inputs, lambda index, x: outcome(LOADS[index], *x.T), condition, y, cells
+    )
+
+
+def test_one_parameter_with_a_jump_has_the_density_of_both_branches() -> None:
+    """y = c a below 1 and c a + 1 above it."""
+    y = np.array([0.4, 2.3, 2.9, 1.2])
+    alpha = np.array([1.1, 0.3])
+    found = likelihood(ONE, lambda c, a: c * a + (a > 1.0), y, 8192)(alpha)
+    low, high = y / LOADS, (y - 1.0) / LOADS
+    density = stats.norm.pdf(low, *alpha) * (low < 1.0) + stats.norm.pdf(high, *alpha) * (high > 1)
+    np.testing.assert_allclose(found.each, np.log(density / LOADS), atol=1e-3)
+    scores = np.where(low < 1.0, low, high)
+    np.testing.assert_allclose(found.scores[:, 0], (scores - 1.1) / 0.09, atol=0.02)
+
+
+def test_one_parameter_with_two_roots_adds_them() -> None:
+    y = np.array([0.3, 0.1, 0.7, 0.2])
+    found = likelihood(ONE, lambda c, a: np.abs(a - c), y, 8192).evaluate(np.array([1.0, 0.4]))
+    both = stats.norm.pdf(LOADS + y, 1.0, 0.4) + stats.norm.pdf(LOADS - y, 1.0, 0.4)
+    np.testing.assert_allclose(found.each, np.log(both), atol=1e-5)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6])
+def test_two_parameters_that_enter_linearly_are_normal(rho: float) -> None:
+    y = np.array([1.0, 2.2, 2.6, 2.9])
+    inputs, alpha = (TIED, np.array([1.0, 0.3, 0.8, 0.2, rho])) if rho else (TWO, None)
+    alpha = np.array([1.0, 0.3, 0.8, 0.2]) if alpha is None else alpha
+    found = likelihood(inputs, lambda c, a, b: c * a + b, y, 256).evaluate(alpha)
+    sd = np.sqrt((LOADS * 0.3) ** 2 + 0.2**2 + 2.0 * rho * LOADS * 0.3 * 0.2)
+    exact = stats.norm.logpdf(y, LOADS + 0.8, sd)
+    np.testing.assert_allclose(found.each, exact, atol=2e-3)
+
+
+def test_two_parameters_with_a_kink_against_an_integral_over_the_other() -> None:
+    """y = |a - c| + b c: b = (y - |a - c|)/c, integrated over a on its own grid."""
+    y, (mean, sd, middle, width) = np.array([0.6, 1.2, 1.7, 2.3]), (1.0, 0.25, 1.0, 0.1)
+    alpha = np.array([mean, sd, middle, width])
+    found = likelihood(TWO, lambda c, a, b: np.abs(a - c) + b * c, y, 256).evaluate(alpha)
+    a = np.linspace(mean - 8.0 * sd, mean + 8.0 * sd, 200_001)[:, None]
+    b = (y - np.abs(a - LOADS)) / LOADS
+    inner = stats.norm.pdf(a, mean, sd) * stats.norm.pdf(b, middle, width) / LOADS
+    exact = np.log(np.trapezoid(inner, a[:, 0], axis=0))
+    np.testing.assert_allclose(found.each, exact, atol=5e-3)
+
+
+def test_the_error_falls_with_the_square_of_the_cells() -> None:
+    y = np.array([1.1, 2.7, 3.4, 6.0])
+    alpha = np.array([1.0, 0.4, 0.8, 0.3])
+    own = [
+        likelihood(TWO, lambda c, a, b: a * np.exp(b * c), y, cells).evaluate(alpha).likelihood
+        for cells in (32, 64, 128, 1024)
+    ]
+    errors = np.abs(np.array(own[:3]) - own[3])
+    order = np.log2(errors[:-1] / errors[1:])
+    assert np.all((order > 1.6) & (order < 2.4))
+
+
+def test_scores_are_derivatives_of_the_values() -> None:
+    y, alpha = np.array([0.6, 1.2, 1.7, 2.3]), np.array([1.0, 0.25, 1.0, 0.1, 0.3])
+    of = likelihood(TIED, lambda c, a, b: np.abs(a - c) + b * c, y, 128)
+    scores = of(alpha).scores
+    for k in range(alpha.size):
+        step = 1e-4 * np.eye(alpha.size)[k]
+        slope = (of.evaluate(alpha + step).each - of.evaluate(alpha - step).each) / 2e-4
+        np.testing.assert_allclose(scores[:, k], slope, rtol=1e-4, atol=1e-5)
+
+
+def test_a_narrow_law_has_a_grid_of_its_own() -> None:
+    """sd = 0.01 on a box of 4: a hundredth of a cell's accuracy would be lost on the first grid."""
+    y = LOADS * 1.003
+    of = likelihood(ONE, lambda c, a: c * a, y, 64)
+    exact = stats.norm.logpdf(y, LOADS, 0.01 * LOADS).sum()
+    assert of.evaluate(np.array([1.0, 0.01])).likelihood == pytest.approx(exact, abs=1e-6)
+    two = likelihood(TWO, lambda c, a, b: c * a + b, np.array([1.5, 2.0, 2.5, 3.0]) + 0.01, 128)
+    narrow = np.array([1.0, 0.01, 1.0, 0.02])
+    sd = np.hypot(0.01 * LOADS, 0.02)
+    exact = stats.norm.logpdf(0.01, 0.0, sd).sum()
+    assert two.evaluate(narrow).likelihood == pytest.approx(exact, abs=0.02)
+
+
+def test_equal_conditions_share_runs_and_parts_are_parts() -> None:
+    calls: list[int] = []
+
+    def counted(c: Array, a: Array) -> Array:
+        calls.append(a.size)
+        return c * a
+
+    each, y = np.array([0, 0, 2, 2, 3]), np.array([0.4, 0.6, 1.4, 1.7, 2.2])
+    of = likelihood(ONE, counted, y, 1024, each)
+    assert sum(calls) == 4 * 1025
+    alpha = np.array([1.0, 0.3])
+    rows = np.array([1, 3, 4])
+    np.testing.assert_allclose(of.take(rows)(alpha).each, of(alpha).each[rows])
+    np.testing.assert_allclose(of.given(y + 0.1)(alpha).each, likelihood(
+        ONE, lambda c, a: c * a, y + 0.1, 1024, each)(alpha).each)  # fmt: skip
+
+
+def test_an_outcome_that_is_never_reached_has_no_density() -> None:
+    of = likelihood(ONE, lambda c, a: np.abs(c * a), np.array([0.4, -0.1, 1.0, 2.0]), 1024)
+    found = of(np.array([1.0, 0.3]))
+    assert found.status.tolist() == [0, 4, 0, 0]
+    assert np.isfinite(found.total)
+    assert np.all(found.scores[1] == 0.0)
+
+
+def test_runs_that_fail_are_cells_without_a_set() -> None:
+    def failing(c: Array, a: Array) -> Array:
+        return np.where(a > 2.0, np.nan, c * a)
+
+    y, alpha = LOADS * 1.0, np.array([1.0, 0.3])
+    sound = likelihood(ONE, lambda c, a: c * a, y, 1024).evaluate(alpha)
+    np.testing.assert_allclose(likelihood(ONE, failing, y, 1024).evaluate(alpha).each, sound.each)
+
+
+def test_a_grid_serves_laws_inside_it_that_are_not_narrow() -> None:
+    grid = Grid(lambda _, x: x[:, 0], np.zeros(1, np.intp), np.zeros(1, np.intp),
+                np.array([[0.0, 8.0]]), 64)  # fmt: skip
+    assert grid.serves(np.array([[1.0, 5.0]]))
+    assert not grid.serves(np.array([[1.0, 4.9]]))
+    assert not grid.serves(np.array([[5.0, 9.0]]))
+
+
+def test_what_laws_can_be_traced() -> None:
+    assert traceable(ONE)
+    assert traceable(TIED)
+    assert traceable(Inputs({"a": LogNormal(Free(0.1, 2.0), 0.2), "b": TruncatedNormal(
+        (0.0, 1.0), Free(0.1, 0.9), 0.1)}))  # fmt: skip
+    # the support of a uniform law moves; three parameters have no grid here
+    assert not traceable(Inputs({"a": Uniform(Free(0.0, 1.0), Free(0.1, 0.2))}))
+    assert not traceable(Inputs({**TWO.laws, "c": Normal(0.0, 1.0)}))
