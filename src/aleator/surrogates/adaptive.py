@@ -23,8 +23,9 @@ from aleator.surrogates.own import OwnSurfaces
 from aleator.surrogates.responses import Run, attempts, moving_parameters
 from aleator.surrogates.samples import Samples
 from aleator.surrogates.shared import SharedSurface
+from aleator.surrogates.steps import Step, steps
 from aleator.surrogates.surface import Surface
-from aleator.types import Array, Flags
+from aleator.types import Array, Flags, Indices
 
 Progress = Callable[[int, int, int], None]
 
@@ -40,6 +41,8 @@ PATIENCE = 6
 """Rounds of its own after which an experiment is given up whose error falls by less than a fifth:
 its runs have then grown fivefold, so that what is left is the simulator's own noise, or a jump."""
 STALL = 0.8
+MANY = 150
+"""Runs of its own after which an experiment is given up whose outcome has a step (`steps`)."""
 WORTH = 0.3
 """Estimated error of the first shared surface, over the outcome's scatter on the box, that nine
 experiments of ten must meet; with more each has its own surface."""
@@ -164,7 +167,14 @@ class AdaptiveSurfaces:
         lost = np.isinf(self.emulator.error)
         stalled = self.relative > STALL * self.past[0]
         rough = self.emulator.rough(level, self.choice.accuracy)
-        return np.asarray(rough & ~lost & ~stalled & ~self._spent)
+        rough = np.asarray(rough & ~lost & ~stalled & ~self._spent)
+        for step in self.steps(np.flatnonzero(rough & (self.emulator.runs >= MANY))):
+            rough[step.surface] = False
+        return rough
+
+    def steps(self, members: Indices) -> tuple[Step, ...]:
+        """Where the outcomes of the experiments `members` (A,) have a step, if they do."""
+        return steps(self.emulator.samples, self.box, members) if members.size else ()
 
     @property
     def _spent(self) -> Flags:

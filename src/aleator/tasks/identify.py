@@ -150,12 +150,16 @@ def _found(
         else:
             with ledger.stage("verification"):
                 checked = _verified(answer, runner, verification, seed, most, ledger.progress)
-    return summary.assemble(
+    found = summary.assemble(
         table, answer.problem, answer.found, answer.inference, answer.profile, checked,
         baselines, runner.simulator, seconds=ledger.seconds, runs_by_stage=ledger.runs,
         seed=seed, failures=diagnostics.failure_report(runner),
         notes=[*notes, *([diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [])],
     )  # fmt: skip
+    if found.sound:
+        return found
+    jumps = diagnostics.step_warnings(answer.surfaces, question.model.inputs)
+    return replace(found, warnings=(*found.warnings, *jumps))
 
 
 def _fast(runner: Runner, model: Model) -> bool:

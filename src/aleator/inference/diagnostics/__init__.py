@@ -5,6 +5,7 @@ from aleator.inference.diagnostics.check import score_steps
 from aleator.inference.diagnostics.failures import boxes_proposed, failure_report, failure_warnings
 from aleator.inference.diagnostics.reach import refuse_unreachable, unreachable
 from aleator.inference.diagnostics.review import MOMENTS_STAND_IN, review, statuses
+from aleator.inference.diagnostics.steps import step_warnings
 from aleator.inference.diagnostics.surfaces import surface_errors, surface_report
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "review",
     "score_steps",
     "statuses",
+    "step_warnings",
     "surface_errors",
     "surface_report",
     "unreachable",

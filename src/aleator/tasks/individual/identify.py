@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -101,7 +101,11 @@ def identified(
                     check = checked(
                         answer.settled.likelihood, answer.settled.alpha, runner, most or POINTS
                     )
-    return assembled(question, answer, check, ledger, notes)
+    found = assembled(question, answer, check, ledger, notes)
+    if found.sound:
+        return found
+    jumps = diagnostics.step_warnings(answer.surfaces, inputs)
+    return replace(found, warnings=(*found.warnings, *jumps))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,39 @@
+"""Outcomes that jump as a parameter changes, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.laws.inputs import Inputs
+from aleator.surrogates import AdaptiveSurfaces
+from aleator.surrogates.responses import moving_parameters
+from aleator.types import Array
+
+
+def step_warnings(surfaces: AdaptiveSurfaces | None, inputs: Inputs) -> list[Diagnostic]:
+    """Outcomes with a step: why an answer on surfaces is not sound, if it is not."""
+    if surfaces is None:
+        return []
+    found = surfaces.steps(np.arange(surfaces.good.size))
+    if not found:
+        return []
+    names = [inputs.names[i] for i in moving_parameters(inputs.box)]
+    sharpest = min(found, key=lambda step: float(np.linalg.norm(step.there - step.here)))
+    return [
+        Diagnostic(
+            "jump",
+            f"the outcome jumps, or is as steep as a jump, in {len(found)} of "
+            f"{surfaces.good.size} surfaces, which more runs hardly make exact: in one of them by "
+            f"{sharpest.size:.3g} from {_place(names, sharpest.here)} to "
+            f"{_place(names, sharpest.there)}",
+            "narrow the box to one side of the jump; or make the simulator fast and let it take "
+            "arrays: one of some microseconds a run is asked itself, without surfaces",
+        )
+    ]
+
+
+def _place(names: Sequence[str], x: Array) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in zip(names, x, strict=True))
