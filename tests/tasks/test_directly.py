@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 
 import numpy as np
@@ -118,3 +119,17 @@ def test_a_smooth_simulator_is_not_asked_more_than_its_surfaces_need() -> None:
     rows, _ = table()
     found = found_of(rows.assign(y=rows["c"] * 1.1), lambda c, a: c * np.exp(0.2 * a))
     assert found.runs < 40 * 30
+
+
+def test_a_slow_simulator_that_jumps_is_given_up_and_told_where() -> None:
+    def slow(c: Array, a: Array) -> Array:
+        time.sleep(0.003)
+        return jump(c, a)
+
+    rows, _ = table(10)
+    found = found_of(rows, slow, consistency=False)
+    assert not found.sound
+    (told,) = [w for w in found.warnings if w.about == "jump"]
+    places = [float(part) for part in re.findall(r"a = ([0-9.]+)", told.message)]
+    assert places[0] <= 1.0 <= places[1] < places[0] + 0.1
+    assert found.runs_by_stage["response surface"] < 10 * 450

@@ -11,9 +11,9 @@ from aleator.surrogates.points import in_unit_box
 from aleator.surrogates.samples import Samples
 from aleator.types import Array, Indices
 
-NEAR = 0.02
+NEAR = 0.03
 """Distance of two runs, over the widths of the region, between which a smooth outcome is steady."""
-STEEP, LARGE = 25.0, 0.05
+STEEP, LARGE = 15.0, 0.05
 """Slope between them, in ranges of that experiment's outcomes over the width of the region, and
 difference over that range, which make a step."""
 
