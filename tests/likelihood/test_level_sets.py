@@ -143,11 +143,25 @@ def test_runs_that_fail_are_cells_without_a_set() -> None:
 
 
 def test_a_grid_serves_laws_inside_it_that_are_not_narrow() -> None:
-    grid = Grid(lambda _, x: x[:, 0], np.zeros(1, np.intp), np.zeros(1, np.intp),
-                np.array([[0.0, 8.0]]), 64)  # fmt: skip
-    assert grid.serves(np.array([[1.0, 5.0]]))
-    assert not grid.serves(np.array([[1.0, 4.9]]))
-    assert not grid.serves(np.array([[5.0, 9.0]]))
+    sides = (np.linspace(0.0, 10.0, 101),)
+    grid = Grid(lambda _, x: x[:, 0], np.zeros(1, np.intp), (0,), sides, np.zeros(1))
+    marks = np.array([[-5.0, -3.0, -1.0, 1.0, 3.0, 5.0]])
+    assert grid.serves(5.0 + 0.5 * marks)
+    assert not grid.serves(5.0 + 0.4 * marks)
+    assert not grid.serves(5.0 + 1.01 * marks)
+    # a law that ends between two marks needs no cells beyond
+    assert grid.serves(np.minimum(3.0 + 0.55 * marks, 4.65 + 1e-6 * marks))
+
+
+def test_a_skewed_law_has_its_grid_where_its_mass_is() -> None:
+    """A lognormal law whose standard deviation is its mean has a long tail."""
+    inputs = Inputs({"a": LogNormal(Free(0.3, 4.0), Free(0.01, 4.0))})
+    y, alpha = LOADS * 1.3, np.array([1.2, 1.2])
+    log_sd = np.sqrt(np.log(2.0))
+    exact = stats.lognorm.logpdf(1.3, log_sd, scale=1.2 / np.sqrt(2.0)) - np.log(LOADS)
+    for cells in (128, 4096):
+        found = likelihood(inputs, lambda c, a: c * a, y, cells).evaluate(alpha)
+        np.testing.assert_allclose(found.each, exact, atol=1e-6)
 
 
 def test_what_laws_can_be_traced() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,32 +12,42 @@ import numpy as np
 from aleator.surrogates.responses import Run
 from aleator.types import Array, Indices
 
-FINE = 32.0
-"""Cells that the region of a law, ten standard deviations, must have for a grid to serve."""
+SHARE = 0.09
+"""Share of a grid's cells that each part of a law must have for the grid to serve; see `serves`."""
+NARROW = 1e-3
+"""Share of the width of a law below which a part of it needs no cells: it ends there."""
 MOST = 4_000_000
 """Simulated values of the grid that are looked at together."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A grid of `cells` a parameter on a region (n, 2), on which level sets are looked for.
+    """A grid on which level sets are looked for.
 
     `run(index (R,), x (R, n)) -> (R,)` runs the distinct conditions, of which `condition` (N,) are
-    those of the experiments. Only the parameters `scattered` (s,), one or two, move.
+    those of the experiments. `sides` are rising values (C + 1,) of each of the parameters
+    `scattered`, one or two; the others stay at their values in `x` (n,).
     """
 
     run: Run
     condition: Indices
-    scattered: Indices
-    region: Array
-    cells: int
+    scattered: tuple[int, ...]
+    sides: tuple[Array, ...]
+    x: Array
 
-    def serves(self, wanted: Array) -> bool:
-        """Whether laws with their mass in the region `wanted` (n, 2) are resolved on this one."""
-        own, other = self.region[self.scattered], wanted[self.scattered]
-        inside = np.all((own[:, 0] <= other[:, 0]) & (other[:, 1] <= own[:, 1]))
-        fine = np.ptp(other, axis=1) / np.ptp(own, axis=1) * self.cells >= FINE
-        return bool(inside and np.all(fine))
+    def serves(self, marks: Array) -> bool:
+        """Whether a law is resolved on this grid, of which `marks` (s, Q) are rising quantiles.
+
+        It lies inside, and between two marks there are so many cells as its shape asks for.
+        """
+        for side, own in zip(self.sides, marks, strict=True):
+            if own[0] < side[0] or side[-1] < own[-1]:
+                return False
+            wide = np.diff(own) > NARROW * (own[-1] - own[0])
+            cells = np.diff(np.searchsorted(side, own))
+            if np.any(cells[wide] < SHARE * (side.size - 1)):
+                return False
+        return True
 
     def traced(self, y: Array) -> tuple[Array, Array]:
         """Points (N, K, n) and log weights (N, K) of the sets {x: eta_l(x) = y_l}, y (N,).
@@ -46,11 +57,11 @@ class Grid:
         error of second order in the size of the cells, and of first order in those that a kink or
         a jump crosses. Cost: as many runs of each condition as the grid has points.
         """
-        grid, simplices, volume = _grid(self.scattered.size, self.cells)
-        width = np.ptp(self.region[self.scattered], axis=1)
-        points = np.tile(self.region.mean(axis=1), (len(grid), 1))
-        points[:, self.scattered] = self.region[self.scattered, 0] + grid * width
-        volume *= float(np.prod(width))
+        corners = np.meshgrid(*self.sides, indexing="ij")
+        points = np.tile(self.x, (corners[0].size, 1))
+        points[:, [*self.scattered]] = np.stack([part.ravel() for part in corners], axis=1)
+        simplices = _simplices(*(side.size for side in self.sides))
+        volume = _volumes(points[:, [*self.scattered]], simplices)
         found = [
             _crossed(rows, y[rows], eta, points, simplices, volume)
             for rows, eta in self._simulated(points)
@@ -72,21 +83,26 @@ class Grid:
 
 
 @lru_cache
-def _grid(dimensions: int, cells: int) -> tuple[Array, Indices, float]:
-    """Points (P, s) of the unit cube, the simplices (C, s + 1) between them, and their volume."""
-    side = np.linspace(0.0, 1.0, cells + 1)
-    number = np.arange((cells + 1) ** dimensions).reshape((cells + 1,) * dimensions)
-    if dimensions == 1:
-        return side[:, None], np.stack([number[:-1], number[1:]], axis=1), 1.0 / cells
-    points = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+def _simplices(*points: int) -> Indices:
+    """The corners (C, s + 1) of the intervals, or of the two triangles of each rectangle."""
+    number = np.arange(math.prod(points)).reshape(points)
+    if number.ndim == 1:
+        return np.stack([number[:-1], number[1:]], axis=1)
     low, high = number[:-1, :-1].ravel(), number[1:, 1:].ravel()
     ends = [np.stack([low, other.ravel(), high], axis=1)
             for other in (number[1:, :-1], number[:-1, 1:])]  # fmt: skip
-    return points, np.concatenate(ends), 0.5 / cells**2
+    return np.concatenate(ends)
+
+
+def _volumes(points: Array, simplices: Indices) -> Array:
+    """(C,) of simplices with corners in points (P, s): two of their sides are along the axes."""
+    corners = points[simplices]
+    width = np.ptp(corners, axis=1)
+    return np.asarray(width.prod(axis=1) / math.factorial(points.shape[1]))
 
 
 def _crossed(
-    rows: Indices, y: Array, eta: Array, points: Array, simplices: Indices, volume: float
+    rows: Indices, y: Array, eta: Array, points: Array, simplices: Indices, volume: Array
 ) -> tuple[Indices, Array, Array]:
     """Whose set (H,) goes through which simplex: its middle there x (H, n), and its weight (H,)."""
     low, high = np.full((2, len(y), len(simplices)), eta[:, simplices[:, 0]])
@@ -100,7 +116,7 @@ def _crossed(
     v, x = np.take_along_axis(v, order, axis=1), np.take_along_axis(x, order[:, :, None], axis=1)
     inside = _on_line if corners.shape[1] == 2 else _in_triangle
     middle, density = inside(y[whose, None], v, x)
-    return rows[whose], middle, volume * density
+    return rows[whose], middle, volume[where] * density
 
 
 def _on_line(y: Array, v: Array, x: Array) -> tuple[Array, Array]:
