@@ -47,7 +47,7 @@ CHANGE = 0.2
 """A change of the log-likelihood that is none; a thousandth an experiment if that is more."""
 ROUNDS = 24
 """Rounds after which the answer is taken as it is."""
-ENOUGH = 150
+ENOUGH = 300
 """Runs an experiment after which a fast simulator is asked itself."""
 REGIONS = 6
 """Regions that an identification with a tolerance may try before it takes what it has."""
