@@ -11,7 +11,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
-from aleator import Budget, Free, Identification, Inputs, Normal, ResponseSurface, identify
+from aleator import (
+    Budget,
+    Free,
+    Identification,
+    Inputs,
+    LogNormal,
+    Normal,
+    ResponseSurface,
+    identify,
+)
 from aleator.search import GradientMultistart
 
 Array = NDArray[np.float64]
@@ -133,3 +142,18 @@ def test_a_slow_simulator_that_jumps_is_given_up_and_told_where() -> None:
     places = [float(part) for part in re.findall(r"a = ([0-9.]+)", told.message)]
     assert places[0] <= 1.0 <= places[1] < places[0] + 0.1
     assert found.runs_by_stage["response surface"] < 10 * 450
+
+
+def test_a_pole_far_from_the_law_is_no_jump() -> None:
+    rng = np.random.default_rng(2)
+    c, a = rng.uniform(1.0, 5.0, 30), rng.lognormal(0.4, 0.2, 30)
+    law = Inputs({"a": LogNormal(Free(0.3, 4.0), Free(0.01, 2.0))})
+    found = identify(
+        lambda c, a: c / a, pd.DataFrame({"c": c, "y": c / a}), law, outcome="y", vectorized=True,
+        search=GradientMultistart(4), consistency=False, best_law=False,
+    )  # fmt: skip
+    assert found.sound
+    assert found.propagation == "response_surface"
+    fitted = np.log(a).std()
+    mean = np.exp(np.log(a).mean() + 0.5 * fitted**2)
+    assert found.alpha["a.mean"].estimate == pytest.approx(mean, rel=1e-3)

@@ -41,6 +41,8 @@ PATIENCE = 6
 """Rounds of its own after which an experiment is given up whose error falls by less than a fifth:
 its runs have then grown fivefold, so that what is left is the simulator's own noise, or a jump."""
 STALL = 0.8
+BULK = [0.005, 0.995]
+"""Probabilities between which a law is looked at for steps."""
 MANY = 150
 """Runs of its own after which an experiment is given up whose outcome has a step (`steps`)."""
 WORTH = 0.3
@@ -173,8 +175,14 @@ class AdaptiveSurfaces:
         return rough
 
     def steps(self, members: Indices) -> tuple[Step, ...]:
-        """Where the outcomes of the experiments `members` (A,) have a step, if they do."""
-        return steps(self.emulator.samples, self.box, members) if members.size else ()
+        """Where the outcomes of the experiments `members` (A,) have a step, if they do.
+
+        Of the law at whose points the errors were judged last: what is far out is not wanted.
+        """
+        if not members.size:
+            return ()
+        law = None if self.where is None else np.quantile(self.where, BULK, axis=0).T
+        return steps(self.emulator.samples, self.box if law is None else law, members)
 
     @property
     def _spent(self) -> Flags:

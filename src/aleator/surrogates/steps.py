@@ -11,11 +11,13 @@ from aleator.surrogates.points import in_unit_box
 from aleator.surrogates.samples import Samples
 from aleator.types import Array, Indices
 
-NEAR = 0.03
-"""Distance of two runs, over the widths of the region, between which a smooth outcome is steady."""
-STEEP, LARGE = 15.0, 0.05
-"""Slope between them, in ranges of that experiment's outcomes over the width of the region, and
-difference over that range, which make a step."""
+NEAR = 0.06
+"""Distance of two runs, over the widths of the region, to which an outcome is looked at."""
+LARGE = 0.05
+"""Difference of two outcomes, over the range of all of that experiment, that may be a step."""
+CLOSE, WIDE, AS_MUCH = 0.4, 0.8, 1.5
+"""Shares of NEAR within which runs are close, and beyond which they are wide apart; and how many
+times as much a smooth outcome differs over the wider distance, at least."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +33,9 @@ class Step:
 def steps(samples: Samples, box: Array, members: Indices) -> tuple[Step, ...]:
     """The step of each surface among `members` (A,) that has one, by its runs in the box (n, 2).
 
-    An outcome that is so STEEP between points so NEAR each other jumps, or is a front that no
-    polynomial follows. Cost: all pairs of near points, for each member.
+    Between runs that are close a smooth outcome differs by less than between those wide apart. One
+    that jumps differs as much; so does a front as steep as that. Cost: all pairs of near points,
+    for each member.
 
     >>> x = np.linspace(0.0, 1.0, 201)[:, None]
     >>> made = Samples(x, np.stack([x[:, 0] > 0.5, x[:, 0]]).astype(float), np.ones((2, 201), bool))
@@ -43,18 +46,29 @@ def steps(samples: Samples, box: Array, members: Indices) -> tuple[Step, ...]:
     inside = samples.inside(box)
     z = in_unit_box(box, inside.x)
     pairs = KDTree(z).query_pairs(NEAR, output_type="ndarray")
-    if not len(pairs):
-        return ()
     distance = np.linalg.norm(z[pairs[:, 0]] - z[pairs[:, 1]], axis=1)
-    found = []
-    for member in members:
-        y = inside.outcome[member]
-        size = np.abs(y[pairs[:, 0]] - y[pairs[:, 1]])
-        all_of_it = np.nanmax(y) - np.nanmin(y)
-        large = np.flatnonzero((size > LARGE * all_of_it) & (size > STEEP * distance * all_of_it))
-        if large.size:
-            nearest = pairs[large[np.argmin(distance[large])]]
-            low, high = sorted(nearest, key=lambda i: tuple(inside.x[i]))
-            gap = abs(float(y[high] - y[low]))
-            found.append(Step(int(member), gap, inside.x[low], inside.x[high]))
-    return tuple(found)
+    order = np.argsort(distance)
+    pairs, distance = pairs[order], distance[order]
+    close, wide = pairs[distance < CLOSE * NEAR], pairs[distance > WIDE * NEAR]
+    found = (_step(int(member), inside, close, wide) for member in members)
+    return tuple(step for step in found if step is not None)
+
+
+def _step(member: int, samples: Samples, close: Indices, wide: Indices) -> Step | None:
+    """That of one surface between close points, pairs (P, 2) with the closest first."""
+    y = samples.outcome[member]
+    known = np.isfinite(y)
+    if not known.any():
+        return None
+    most = np.zeros(y.size)
+    apart = np.nan_to_num(np.abs(y[wide[:, 0]] - y[wide[:, 1]]))
+    for end in wide.T:
+        np.maximum.at(most, end, apart)
+    size = np.abs(y[close[:, 0]] - y[close[:, 1]])
+    beyond = np.maximum(most[close[:, 0]], most[close[:, 1]])
+    large = size > LARGE * np.ptp(y[known])
+    rows = np.flatnonzero(large & (beyond > 0.0) & (beyond < AS_MUCH * size))
+    if not rows.size:
+        return None
+    low, high = sorted(close[rows[0]], key=lambda i: tuple(samples.x[i]))
+    return Step(member, abs(float(y[high] - y[low])), samples.x[low], samples.x[high])
