@@ -40,7 +40,7 @@ def test_steep_fronts_kinks_and_exponentials_are_no_steps(count: int) -> None:
     x = points(count)
     front = np.tanh((x[:, 0] - 1.0) / 0.1)
     kink = np.abs(x[:, 0] - 1.0) + x[:, 1]
-    growth, ratio = np.exp(6.0 * x[:, 0]), 1.0 / (x[:, 0] + 0.05)
+    growth, ratio = np.exp(6.0 * x[:, 0]), 1.0 / (x[:, 0] + 0.3)
     made = samples(front, kink, growth, ratio, x=x)
     assert steps(made, BOX, np.arange(4)) == ()
 

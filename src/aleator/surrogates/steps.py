@@ -11,7 +11,7 @@ from aleator.surrogates.points import in_unit_box
 from aleator.surrogates.samples import Samples
 from aleator.types import Array, Indices
 
-NEAR = 0.06
+NEAR = 0.1
 """Distance of two runs, over the widths of the region, to which an outcome is looked at."""
 LARGE = 0.05
 """Difference of two outcomes, over the range of all of that experiment, that may be a step."""
