@@ -12,6 +12,7 @@ from scipy import stats
 from aleator import Free, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
 from aleator.likelihood.level_sets import LevelLikelihood, traceable
 from aleator.likelihood.level_sets.grid import Grid
+from aleator.surrogates.responses import DirectResponse
 
 Array = NDArray[np.float64]
 LOADS = np.array([0.5, 1.0, 1.5, 2.0])
@@ -26,9 +27,10 @@ def likelihood(
     inputs: Inputs, outcome: Callable[..., Array], y: Array, cells: int, each: Array | None = None
 ) -> LevelLikelihood:
     condition = np.arange(len(y)) if each is None else each
-    return LevelLikelihood(
-        inputs, lambda index, x: outcome(LOADS[index], *x.T), condition, y, cells
+    response = DirectResponse(
+        lambda index, x: outcome(LOADS[index], *x.T), int(condition.max()) + 1, inputs.box
     )
+    return LevelLikelihood(inputs, response, inputs.box, condition, y, cells)
 
 
 def test_one_parameter_with_a_jump_has_the_density_of_both_branches() -> None:
@@ -144,7 +146,8 @@ def test_runs_that_fail_are_cells_without_a_set() -> None:
 
 def test_a_grid_serves_laws_inside_it_that_are_not_narrow() -> None:
     sides = (np.linspace(0.0, 10.0, 101),)
-    grid = Grid(lambda _, x: x[:, 0], np.zeros(1, np.intp), (0,), sides, np.zeros(1))
+    response = DirectResponse(lambda _, x: x[:, 0], 1, np.array([[0.0, 10.0]]))
+    grid = Grid(response, np.zeros(1, np.intp), (0,), sides, np.zeros(1))
     marks = np.array([[-5.0, -3.0, -1.0, 1.0, 3.0, 5.0]])
     assert grid.serves(5.0 + 0.5 * marks)
     assert not grid.serves(5.0 + 0.4 * marks)

@@ -119,9 +119,10 @@ class Model:
 
     @property
     def traced(self) -> bool:
-        """Whether the likelihood is that of level sets: exact, of a fast simulator's own runs."""
+        """Whether the likelihood is that of level sets: without noise, and nobody says how."""
         fast = self.collocation is not None and self.collocation.fast
-        return fast and self.exact and self.noise is None and traceable(self.inputs)
+        chosen = self.exact and (fast or (self.open and self.follows))
+        return chosen and self.noise is None and traceable(self.inputs)
 
     def directly(self) -> Model:
         """The same on a fast simulator itself, at the nodes of a lattice."""

@@ -29,6 +29,8 @@ def better_model(problem: Problem, alpha: Array) -> Model | None:
     model = problem.model
     if not model.open:
         return None
+    if problem.levels is not None:
+        return None
     if model.exact:
         return model.by_moments() if _moments_serve(problem, alpha) else None
     return model.exactly() if exact_movement(problem, alpha) > MOVES else None
@@ -37,10 +39,10 @@ def better_model(problem: Problem, alpha: Array) -> Model | None:
 def quadrature_gap(problem: Problem, alpha: Array) -> float:
     """Change of the log-likelihood when every parameter gets half as many nodes again.
 
-    Zero for collocation, where nodes cost runs.
+    Zero for collocation, where nodes cost runs, and for level sets, which have none.
     """
     way = _more_nodes(problem)
-    if way is None:
+    if way is None or problem.levels is not None:
         return 0.0
     more = replace(problem, predictive=replace(problem.predictive, propagation=way))
     found = problem.likelihood.evaluate(alpha).likelihood

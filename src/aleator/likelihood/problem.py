@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aleator.likelihood.level_sets import CELLS, LevelLikelihood
+from aleator.likelihood.level_sets import FEW, LevelLikelihood
 from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.model import Model
 from aleator.likelihood.nodes import propagated
@@ -18,6 +18,7 @@ from aleator.surrogates import Surface, build_surface
 from aleator.surrogates.responses import (
     Confined,
     DirectResponse,
+    Divisible,
     Response,
     attempts,
     by_calls,
@@ -148,14 +149,18 @@ def prepare(
     surface: Surface | None = None,
 ) -> Problem:
     """The inverse problem of outcomes (N,), as `forward` builds it."""
-    ready = forward(runner, model, region, progress, surface)
-    if not model.traced:
-        return ready.given(outcomes)
-    inputs = model.inputs
-    levels = LevelLikelihood(
-        inputs, straight(runner), ready.condition, outcomes, CELLS[inputs.scattering]
-    )
-    return replace(ready.given(outcomes), levels=levels)
+    problem = forward(runner, model, region, progress, surface).given(outcomes)
+    return replace(problem, levels=_levels(problem)) if model.traced else problem
+
+
+def _levels(problem: Problem) -> LevelLikelihood | None:
+    """Level sets for a search, where they reach every outcome."""
+    inputs, response = problem.model.inputs, problem.response
+    assert isinstance(response, Divisible)
+    region = inputs.box if problem.surface is None else problem.region
+    few = FEW[inputs.scattering]
+    found = LevelLikelihood(inputs, response, region, problem.condition, problem.outcomes, few)
+    return found if found.reached else None
 
 
 def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> None:

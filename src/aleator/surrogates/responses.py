@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
@@ -48,6 +48,11 @@ class DirectResponse:
     experiments: int
     box: Array
     difference_step: float = 1e-4
+
+    def take(self, rows: Indices) -> DirectResponse:
+        """The simulator of the experiments `rows`."""
+        run = self.run
+        return replace(self, run=lambda index, x: run(rows[index], x), experiments=rows.size)
 
     def evaluate(self, x: Array) -> Array:
         """Outcomes (N, J) of N J runs."""

@@ -23,7 +23,7 @@ from aleator.surrogates import AdaptiveSurfaces
 from aleator.tasks.baselines import baselines_of
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.many import of_many
-from aleator.tasks.refinement import SEARCH, Fast, Refined, Refinement, refinement_of
+from aleator.tasks.refinement import SEARCH, Fast, Refined, Refinement, climbed, refinement_of
 from aleator.types import Array
 
 WIDER = 3
@@ -147,7 +147,7 @@ def _way(question: Question, model: Model, search: _Search, ledger: Ledger) -> R
 
 
 def _sure(way: Refinement, refined: Refined, ledger: Ledger) -> tuple[Refined, Inference, Profile]:
-    """Inference on surfaces that hold the laws at the ends of the intervals."""
+    """Inference on surfaces that hold the laws at the ends of the intervals, and on fine grids."""
     for widened in range(WIDER + 1):
         with ledger.stage("inference"):
             found, inference, profile = infer_at(refined.problem, refined.found)
@@ -156,4 +156,10 @@ def _sure(way: Refinement, refined: Refined, ledger: Ledger) -> tuple[Refined, I
         if held is None:
             break
         refined = held
-    return refined, inference, profile
+    if refined.problem.levels is None:
+        return refined, inference, profile
+    with ledger.stage("inference"):
+        problem = replace(refined.problem, levels=refined.problem.levels.fine())
+        found = climbed(problem, refined.found, inference)
+        found, inference, profile = infer_at(problem, found)
+    return replace(refined, problem=problem, found=found), inference, profile

@@ -143,7 +143,7 @@ def _found(
         baselines = baselines_of(answer.problem, question.search, seed)
     checked = None
     notes = diagnostics.budget_warnings(runner.account, answer.surfaces)
-    if verification.wanted and answer.problem.levels is None:
+    if verification.wanted and not (answer.problem.levels and answer.problem.surface is None):
         most = affordable(runner, verification.near)
         if most == 0:
             notes.append(diagnostics.UNCHECKED)

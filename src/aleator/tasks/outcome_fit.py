@@ -25,6 +25,7 @@ from aleator.likelihood.propagation import NodePropagation
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Observations
 from aleator.search.value import LogLikelihood
+from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array
 
 POINTS, FEWEST, MOST = 8192, 512, 20_000_000
@@ -116,8 +117,9 @@ class OutcomeFit:
         collocation, quantiles of the densities, and where one failed the outcome stays as it is.
         """
         problem = self.problem
-        if problem.levels is not None:
-            return self._with(problem.levels.drawn(self.alpha, rng))
+        if problem.levels is not None and isinstance(problem.response, DirectResponse):
+            x = self.inputs.sample(self.alpha, rng.random((self.count, len(self.inputs.names))))
+            return self._with(problem.response.run(problem.condition, x))
         if problem.surface is None:
             return self._with(self._from_densities(rng))
         eta = self._simulated

@@ -143,16 +143,10 @@ class Collocated(Refinement):
     """The simulator runs where the law is in each evaluation: there is nothing to refine."""
 
     def search(self, _seed: int) -> Refined:
-        """The answer of one search; of level sets on coarse grids, and a climb on fine ones."""
+        """The answer of one search."""
         with self.stage("preparation"):
             problem = self._prepared(self.model.inputs.box, None)
-        if problem.levels is None:
-            return Refined(problem, self.full(problem, []), None)
-        rough = replace(problem, levels=problem.levels.coarse())
-        found = self.full(rough, [])
-        with self.stage(SEARCH):
-            inference = infer(rough.objective, found.alpha, self.model.hyperparameters)
-            return Refined(problem, _climbed(problem, found, inference), None)
+        return Refined(problem, self.full(problem, []), None)
 
     def hold(self, _refined: Refined, _inference: Inference, _intervals: Array) -> None:
         """There is no region that could be too narrow."""
@@ -219,7 +213,7 @@ class UnderLaw(Refinement):
                 surfaces.sharpen(members, np.concatenate(draws))
             surfaces.judge(draws[0], noise_sd)
             problem = self._problem(surfaces, region)
-            found = _climbed(problem, refined.found, inference)
+            found = climbed(problem, refined.found, inference)
         held = refined.held or wider is not None
         return self._settled(Refined(problem, found, surfaces, held), surfaces, -1)
 
@@ -295,7 +289,7 @@ class UnderLaw(Refinement):
         if tell:
             tell(surfaces.total_runs, int(surfaces.good.sum()), surfaces.good.size)
         problem = self._problem(surfaces, region)
-        return replace(refined, problem=problem, found=_climbed(problem, refined.found, inference))
+        return replace(refined, problem=problem, found=climbed(problem, refined.found, inference))
 
     def _calm(self, before: SearchResult, after: SearchResult, inference: Inference) -> bool:
         """Whether neither alpha nor the log-likelihood has moved."""
@@ -355,7 +349,7 @@ def _wanted_level(surfaces: AdaptiveSurfaces, level: float) -> float:
     return level
 
 
-def _climbed(problem: Problem, found: SearchResult, inference: Inference) -> SearchResult:
+def climbed(problem: Problem, found: SearchResult, inference: Inference) -> SearchResult:
     """The nearest maximum, from the one that was found on other surfaces."""
     alpha, value = ascend(
         problem.objective, found.alpha, problem.model.hyperparameters,

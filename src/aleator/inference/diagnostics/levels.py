@@ -11,9 +11,9 @@ from aleator.inference.diagnostics.naming import chosen, named
 from aleator.likelihood.problem import Problem
 from aleator.types import Array
 
-JUMPED = 1.0
-"""Loss of a log-density from coarse cells to those of a fourth of their size that says that the
-outcome is nowhere reached: it is log 4 where a set is only the cells that a jump crosses."""
+JUMPED = 0.5
+"""Loss of a log-density from coarse cells to those of half their size that says that the outcome is
+nowhere reached: it is log 2 where a set is only the cells that a jump crosses."""
 COARSE = 0.1
 """Estimated error of the log-likelihood by the size of the cells that is worth a warning."""
 
@@ -41,8 +41,8 @@ def level_warnings(problem: Problem, alpha: Array) -> list[Diagnostic]:
     """Cells that are too coarse for the answer."""
     if problem.levels is None:
         return []
-    # cells of a fourth of the size: an error of first order is four times as large in the others
-    error = float(np.sum(_by_finer_cells(problem, alpha))) / 3.0
+    # what is left is as much at most, if the error is of first order
+    error = float(np.sum(_by_finer_cells(problem, alpha)))
     if abs(error) < COARSE:
         return []
     return [
@@ -56,7 +56,7 @@ def level_warnings(problem: Problem, alpha: Array) -> list[Diagnostic]:
 
 
 def _by_finer_cells(problem: Problem, alpha: Array) -> Array:
-    """What cells of a fourth of the size changed in each log-density (N,)."""
+    """What cells of half the size changed in each log-density (N,)."""
     assert problem.levels is not None
     fine, coarse = problem.levels, problem.levels.coarse()
     return np.asarray(fine.evaluate(alpha).each - coarse.evaluate(alpha).each)

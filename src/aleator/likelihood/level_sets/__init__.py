@@ -1,5 +1,5 @@
 """Without noise, on the simulator itself: the likelihood from where it gives what was measured."""
 
-from aleator.likelihood.level_sets.likelihood import CELLS, LevelLikelihood, traceable
+from aleator.likelihood.level_sets.likelihood import FEW, LevelLikelihood, traceable
 
-__all__ = ["CELLS", "LevelLikelihood", "traceable"]
+__all__ = ["FEW", "LevelLikelihood", "traceable"]

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from aleator.surrogates.responses import Run
+from aleator.surrogates.responses import Divisible
 from aleator.types import Array, Indices
 
 SHARE = 0.09
@@ -24,12 +24,12 @@ MOST = 4_000_000
 class Grid:
     """A grid on which level sets are looked for.
 
-    `run(index (R,), x (R, n)) -> (R,)` runs the distinct conditions, of which `condition` (N,) are
+    `response` is that of the distinct conditions, the simulator or surfaces; `condition` (N,) are
     those of the experiments. `sides` are rising values (C + 1,) of each of the parameters
     `scattered`, one or two; the others stay at their values in `x` (n,).
     """
 
-    run: Run
+    response: Divisible
     condition: Indices
     scattered: tuple[int, ...]
     sides: tuple[Array, ...]
@@ -55,7 +55,7 @@ class Grid:
         int p(x) delta(eta_l(x) - y_l) dx = sum_k w_lk p(x_lk). The outcome is linear between the
         corners of an interval or a triangle, where a set is then a point or a straight line: an
         error of second order in the size of the cells, and of first order in those that a kink or
-        a jump crosses. Cost: as many runs of each condition as the grid has points.
+        a jump crosses. Cost: the response of each condition at all points.
         """
         corners = np.meshgrid(*self.sides, indexing="ij")
         points = np.tile(self.x, (corners[0].size, 1))
@@ -75,8 +75,7 @@ class Grid:
         block = max(1, MOST // len(points))
         for first in range(0, count, block):
             own = np.arange(first, min(first + block, count))
-            index = np.repeat(own, len(points))
-            eta = self.run(index, np.tile(points, (own.size, 1))).reshape(own.size, len(points))
+            eta = self.response.take(own).evaluate(points)
             rows = np.flatnonzero((first <= self.condition) & (self.condition < first + block))
             for part in np.array_split(rows, max(1, -(-rows.size // block))):
                 yield part, eta[self.condition[part] - first]

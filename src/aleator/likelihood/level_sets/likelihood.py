@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from aleator.laws import Hyperparameter
@@ -11,14 +13,14 @@ from aleator.likelihood.individual.parameters import holds
 from aleator.likelihood.level_sets.grid import Grid
 from aleator.likelihood.level_sets.sets import LevelSets
 from aleator.search.value import LogLikelihood
-from aleator.surrogates.responses import Run
+from aleator.surrogates.responses import Divisible
 from aleator.types import Array, Indices
 
-CELLS, FEW = {1: 16384, 2: 256}, {1: 4096, 2: 64}
+CELLS, FEW = {1: 16384, 2: 128}, {1: 8192, 2: 64}
 """Cells of a grid for an answer and for a search, by how many parameters scatter.
 
-In two parameters the first cost half a second for 60 experiments, the second 20 ms, and were off
-by 0.003 and 0.05 in the log-likelihood of a front of half a standard deviation.
+In two parameters they were off by 0.012 and 0.05 in the log-likelihood of 60 experiments with a
+front of half a standard deviation, and take 90 and 20 ms.
 """
 REACH = 7.0
 """Standard normal variates to which the grid of a law goes, even steps apart."""
@@ -36,20 +38,26 @@ def traceable(inputs: Inputs) -> bool:
 class LevelLikelihood:
     """The log-likelihood of N outcomes y (N,) as a function of alpha (K,); see `LevelSets`.
 
-    The first grid is even and all of the inputs' box. A law that it does not resolve has a grid of
+    The first grid is even and all of the region. A law that it does not resolve has a grid of
     its own quantiles; an outcome that is not reached on that one has the set of the first.
     The grids are all that is remembered: a value depends on them by their fineness only.
-    `run(index (R,), x (R, n))` runs the distinct conditions, of which `condition` (N,) are those of
-    the experiments.
+    `response` is that of the distinct conditions on a `region` (n, 2), and `condition` (N,) are
+    those of the experiments.
     """
 
     def __init__(
-        self, inputs: Inputs, run: Run, condition: Indices, outcomes: Array, cells: int
+        self,
+        inputs: Inputs,
+        response: Divisible,
+        region: Array,
+        condition: Indices,
+        outcomes: Array,
+        cells: int,
     ) -> None:
-        self.inputs, self.run, self.condition = inputs, run, condition
-        self.outcomes, self.cells = outcomes, cells
-        box = inputs.box[[*inputs.scattered]]
-        whole = self._grid(np.linspace(box[:, 0], box[:, 1], cells + 1, axis=1))
+        self.inputs, self.response, self.region = inputs, response, region
+        self.condition, self.outcomes, self.cells = condition, outcomes, cells
+        own = region[[*inputs.scattered]]
+        whole = self._grid(np.linspace(own[:, 0], own[:, 1], cells + 1, axis=1))
         self._known = [(whole, self._traced(whole))]
 
     @property
@@ -77,25 +85,34 @@ class LevelLikelihood:
     def take(self, rows: Indices) -> LevelLikelihood:
         """That of some of the experiments."""
         own, condition = np.unique(self.condition[rows], return_inverse=True)
-        run = self.run
-        return LevelLikelihood(
-            self.inputs, lambda index, x: run(own[index], x), condition, self.outcomes[rows],
-            self.cells,
-        )  # fmt: skip
+        return self._with(self.response.take(own), condition, self.outcomes[rows], self.cells)
 
     def given(self, outcomes: Array) -> LevelLikelihood:
         """The same experiments with other outcomes (N,)."""
-        return LevelLikelihood(self.inputs, self.run, self.condition, outcomes, self.cells)
-
-    def drawn(self, alpha: Array, rng: np.random.Generator) -> Array:
-        """Outcomes (N,) of the same experiments under the law alpha: a run of each."""
-        x = self.inputs.sample(alpha, rng.random((self.condition.size, len(self.inputs.names))))
-        return self.run(self.condition, x)
+        return self._with(self.response, self.condition, outcomes, self.cells)
 
     def coarse(self) -> LevelLikelihood:
         """The same on grids of fewer cells: for a search, and for experiments that are drawn."""
-        few = FEW[self.inputs.scattering]
-        return LevelLikelihood(self.inputs, self.run, self.condition, self.outcomes, few)
+        return self._of(FEW)
+
+    def fine(self) -> LevelLikelihood:
+        """The same on grids of more cells: for an answer."""
+        return self._of(CELLS)
+
+    @property
+    def reached(self) -> bool:
+        """Whether every outcome is one of the response in the region."""
+        return not bool(self._known[0][1].empty.any())
+
+    def _of(self, cells: Mapping[int, int]) -> LevelLikelihood:
+        return self._with(
+            self.response, self.condition, self.outcomes, cells[self.inputs.scattering]
+        )
+
+    def _with(
+        self, response: Divisible, condition: Indices, outcomes: Array, cells: int
+    ) -> LevelLikelihood:
+        return LevelLikelihood(self.inputs, response, self.region, condition, outcomes, cells)
 
     def _sets(self, alpha: Array) -> LevelSets:
         marks = self._values(alpha, MARKS)
@@ -116,9 +133,9 @@ class LevelLikelihood:
         ])  # fmt: skip
 
     def _grid(self, sides: Array) -> Grid:
-        known = self.inputs.box[:, 0]
+        known = self.region[:, 0]
         each = tuple(np.unique(side) for side in sides)
-        return Grid(self.run, self.condition, self.inputs.scattered, each, known)
+        return Grid(self.response, self.condition, self.inputs.scattered, each, known)
 
     def _traced(self, grid: Grid) -> LevelSets:
         return LevelSets(self.inputs, *grid.traced(self.outcomes))
