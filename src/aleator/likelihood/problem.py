@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aleator.likelihood.level_sets import FEW, LevelLikelihood
+from aleator.likelihood.level_sets import LevelLikelihood, cells_of
 from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.model import Model
 from aleator.likelihood.nodes import propagated
@@ -158,7 +158,7 @@ def _levels(problem: Problem) -> LevelLikelihood | None:
     inputs, response = problem.model.inputs, problem.response
     assert isinstance(response, Divisible)
     region = inputs.box if problem.surface is None else problem.region
-    few = FEW[inputs.scattering]
+    few = cells_of(inputs.scattering, int(problem.condition.max()) + 1) // 2
     found = LevelLikelihood(inputs, response, region, problem.condition, problem.outcomes, few)
     return found if found.reached else None
 

@@ -92,7 +92,13 @@ def ascended(
     doubted = another
     for _ in range(STEPS):
         score = here.score[moving]
-        step = _newton_step(matrix, score, ~held(point, score, lower, upper))
+        free = ~held(point, score, lower, upper)
+        step = _newton_step(matrix, score, free)
+        if score @ step < 0.0:
+            # a matrix that is not positive definite leads downhill
+            assert here.scores is not None
+            matrix = outer(here.scores[:, moving])
+            step = _newton_step(matrix, score, free)
         gain = 0.5 * float(score @ step)
         if gain < arrived:
             break

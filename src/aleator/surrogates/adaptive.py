@@ -170,9 +170,18 @@ class AdaptiveSurfaces:
         stalled = self.relative > STALL * self.past[0]
         rough = self.emulator.rough(level, self.choice.accuracy)
         rough = np.asarray(rough & ~lost & ~stalled & ~self._spent)
-        for step in self.steps(np.flatnonzero(rough & (self.emulator.runs >= MANY))):
+        for step in self._lasting(rough):
             rough[step.surface] = False
         return rough
+
+    @property
+    def broken(self) -> bool:
+        """Whether experiments are given up because their outcome has a step."""
+        return bool(self._lasting(~self.good))
+
+    def _lasting(self, members: Flags) -> tuple[Step, ...]:
+        """Steps that many runs have left in the surfaces of members (N,)."""
+        return self.steps(np.flatnonzero(members & (self.emulator.runs >= MANY)))
 
     def steps(self, members: Indices) -> tuple[Step, ...]:
         """Where the outcomes of the experiments `members` (A,) have a step, if they do.

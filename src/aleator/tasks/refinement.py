@@ -88,10 +88,12 @@ class Refinement(ABC):
         """The answer that further runs do not move."""
 
     def outgrown(self, refined: Refined) -> bool:
-        """Whether the simulator itself serves better than surfaces of so many runs."""
+        """Whether the simulator itself serves better than surfaces: of many runs, or of steps."""
         surfaces = refined.surfaces
-        many = surfaces is not None and surfaces.total_runs > ENOUGH * surfaces.good.size
-        return many and self.fast()
+        if surfaces is None:
+            return False
+        many = surfaces.total_runs > ENOUGH * surfaces.good.size
+        return (many or surfaces.broken) and self.fast()
 
     @abstractmethod
     def hold(self, refined: Refined, inference: Inference, intervals: Array) -> Refined | None:

@@ -88,6 +88,33 @@ def refusals(
     ]
 
 
+def total_refusals(
+    honest: LogLikelihood,
+    checked: Verification | None,
+    inference: Inference,
+    problem: Problem,
+    alpha: Array,
+) -> list[Diagnostic]:
+    """A difference in the total that moves an estimate, where only the surfaces can have made it.
+
+    The likelihood is exact but for them, where it is that of level sets.
+    """
+    if checked is None or problem.levels is None:
+        return []
+    return _total(honest, checked, _step(checked, inference, problem, alpha), problem)
+
+
+def _step(
+    checked: Verification, inference: Inference, problem: Problem, alpha: Array
+) -> Movement | None:
+    if checked.score is None:
+        return None
+    prior = prior_score(problem.model.hyperparameters, alpha)
+    return movement(
+        checked.score, inference.free, inference.standard_error, prior, inference.covariance
+    )
+
+
 def notes(
     honest: LogLikelihood,
     checked: Verification | None,
@@ -104,15 +131,11 @@ def notes(
     """
     if checked is None:
         return []
-    step = None
-    if told and checked.score is not None:
-        prior = prior_score(problem.model.hyperparameters, alpha)
-        step = movement(
-            checked.score, inference.free, inference.standard_error, prior, inference.covariance
-        )
+    step = _step(checked, inference, problem, alpha) if told else None
+    total = [] if problem.levels is not None else _total(honest, checked, step, problem)
     return [
         *_unseen(checked, inference, problem, alpha, ids),
-        *_total(honest, checked, step, problem),
+        *total,
         *_moves(step, inference, problem),
     ]
 

@@ -64,6 +64,7 @@ def review(
         *_density_warnings(honest, ids),
         *search_refusals(inference, hyperparameters),
         *check.refusals(honest, checked, ids),
+        *check.total_refusals(honest, checked, inference, problem, found.alpha),
         *surface_refusals(problem, found.alpha, checked, surface_error, ids),
         *level_refusals(problem, found.alpha, ids),
     ]

@@ -1,5 +1,5 @@
-"""Without noise, on the simulator itself: the likelihood from where it gives what was measured."""
+"""Without noise: the likelihood from where a response gives just what was measured."""
 
-from aleator.likelihood.level_sets.likelihood import FEW, LevelLikelihood, traceable
+from aleator.likelihood.level_sets.likelihood import LevelLikelihood, cells_of, traceable
 
-__all__ = ["FEW", "LevelLikelihood", "traceable"]
+__all__ = ["LevelLikelihood", "cells_of", "traceable"]
