@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -26,6 +27,7 @@ from aleator.simulators.command import (
     RegexOutput,
     Template,
 )
+from aleator.simulators.command.janitor import watched
 
 
 def script(folder: Path, text: str, name: str = "program") -> str:
@@ -388,8 +390,39 @@ def test_ctrl_c_ends_the_program_and_passes_on(tmp_path: Path) -> None:
         if pid.exists() and pid.read_text().strip():
             break
         time.sleep(0.01)
-    time.sleep(0.1)  # the caller takes note of what it started
     os.kill(caller.pid, signal.SIGINT)
     _, told = caller.communicate(timeout=20)
     assert told.endswith(b"KeyboardInterrupt\n")
     assert gone(int(pid.read_text()))
+
+
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_the_instant_of_a_start_ends_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signum: signal.Signals
+) -> None:
+    simulator = CommandSimulator([script(tmp_path, "echo 1.0; exec sleep 60")], base=tmp_path)
+    started: list[int] = []
+
+    class Interrupted(subprocess.Popen[bytes]):
+        def __init__(self, *args: Any, **kwargs: Any) -> None:
+            super().__init__(*args, **kwargs)
+            started.append(self.pid)
+            signal.raise_signal(signum)
+
+    watched().rmdir()  # a janitor is there, whose start is not the one in question
+    monkeypatch.setattr(subprocess, "Popen", Interrupted)
+    before = signal.signal(signum, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            simulator.run_one({}, {})
+        assert signal.getsignal(signum) is signal.default_int_handler
+    finally:
+        signal.signal(signum, before)
+    (pid,) = started
+    assert gone(pid)
+
+
+def test_a_program_hears_the_signals_that_its_caller_holds(tmp_path: Path) -> None:
+    program = script(tmp_path, "kill -s TERM $$; sleep 60")
+    with pytest.raises(RunFailed, match="ended by SIGTERM"):
+        CommandSimulator([program], base=tmp_path, keep=Keep.NONE).run_one({}, {})

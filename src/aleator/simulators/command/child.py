@@ -8,12 +8,13 @@ import os
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from aleator.errors import SimulatorError, SurroundingsError
 from aleator.simulators.command.janitor import leads
+from aleator.simulators.command.signals import signals_held
 from aleator.simulators.failure import RunFailed
 from aleator.simulators.surroundings import (
     NEARLY_FULL,
@@ -77,32 +78,38 @@ def run(
         source.open("rb") as read,
         (folder / STDOUT).open("wb") as out,
         (folder / STDERR).open("wb") as err,
+        ExitStack() as ends,
     ):
+        with signals_held():
+            try:
+                process = subprocess.Popen(
+                    arguments,
+                    cwd=folder,
+                    env={**os.environ, **environment},
+                    stdin=read,
+                    stdout=out,
+                    stderr=err,
+                    start_new_session=True,
+                )
+            except (OSError, ValueError) as error:
+                raise _not_started(arguments[0], error) from error
+            ends.callback(_end, process)
+            ends.enter_context(leads(folder, process.pid))
         try:
-            process = subprocess.Popen(
-                arguments,
-                cwd=folder,
-                env={**os.environ, **environment},
-                stdin=read,
-                stdout=out,
-                stderr=err,
-                start_new_session=True,
-            )
-        except (OSError, ValueError) as error:
-            if isinstance(error, ValueError) or error.errno == errno.E2BIG:
-                reason = getattr(error, "strerror", None) or str(error)
-                raise RunFailed(f"'{arguments[0]}' cannot be started: {reason}") from None
-            raise prevented(error, f"'{arguments[0]}' cannot be started") from error
-        try:
-            with leads(folder, process.pid):
-                code = process.wait(limits.timeout)
+            code = process.wait(limits.timeout)
         except subprocess.TimeoutExpired:
             _ask_to_end(process)
             raise RunFailed(f"it was stopped after its {limits.timeout:g} s", log(folder)) from None
-        finally:
-            _end(process)
     if code not in limits.success_codes:
         raise RunFailed(f"it {_how(code)}", log(folder))
+
+
+def _not_started(program: str, error: OSError | ValueError) -> RunFailed | SurroundingsError:
+    """What a program that did not start is: a failed run, or one that the system refused."""
+    if isinstance(error, ValueError) or error.errno == errno.E2BIG:
+        reason = getattr(error, "strerror", None) or str(error)
+        return RunFailed(f"'{program}' cannot be started: {reason}")
+    return prevented(error, f"'{program}' cannot be started")
 
 
 def _ask_to_end(process: subprocess.Popen[bytes]) -> None:
