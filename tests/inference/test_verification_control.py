@@ -42,10 +42,9 @@ class Wrong:
             5.0 * x.sum(axis=1) + self.phase * index
         )
 
-    def evaluate(self, x: Array) -> Array:
-        index = np.arange(self.problem.z.size)
-        flat = self.at(np.repeat(index, len(x)), np.tile(x, (index.size, 1)))
-        return flat.reshape(index.size, len(x))
+    def evaluate(self, x: Array, rows: NDArray[np.intp]) -> Array:
+        flat = self.at(np.repeat(rows, len(x)), np.tile(x, (rows.size, 1)))
+        return flat.reshape(rows.size, len(x))
 
 
 @dataclass(frozen=True)
@@ -58,10 +57,9 @@ class Shifted:
     def at(self, index: NDArray[np.intp], x: Array) -> Array:
         return self.problem.run(index, x) + self.shift[index]
 
-    def evaluate(self, x: Array) -> Array:
-        index = np.arange(self.problem.z.size)
-        flat = self.problem.run(np.repeat(index, len(x)), np.tile(x, (index.size, 1)))
-        return flat.reshape(index.size, len(x)) + self.shift[:, None]
+    def evaluate(self, x: Array, rows: NDArray[np.intp]) -> Array:
+        flat = self.problem.run(np.repeat(rows, len(x)), np.tile(x, (rows.size, 1)))
+        return flat.reshape(rows.size, len(x)) + self.shift[rows, None]
 
 
 def checked(

@@ -70,7 +70,25 @@ def test_what_is_not_an_identification_is_told(
     assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize("alpha", [{"x": 1.0}, {"x": {"estimate": None}}, [1.0]])
+@pytest.mark.parametrize(
+    "alpha",
+    [
+        {"x": 1.0},
+        {"x": {"estimate": None}},
+        {"x": {"estimate": 1.0, "interval": [0.5]}},
+        {"x": {"estimate": 1.0, "interval": []}},
+        [1.0],
+    ],
+)
 def test_estimates_that_are_missing_are_told(alpha: object) -> None:
     with pytest.raises(AleatorError, match="'alpha' does not hold an estimate"):
         documents.estimates({"alpha": alpha}, "identification.json")
+
+
+@pytest.mark.parametrize(
+    "surface",
+    [None, [100, 8], {}, {"runs": 100}, {"runs": "100", "experiments": 8},
+     {"runs": 100, "experiments": 0}, {"runs": 10**400, "experiments": 8}],
+)  # fmt: skip
+def test_runs_of_a_surface_that_are_not_told_are_none(surface: object) -> None:
+    assert documents.runs_each({"surface": surface}) is None

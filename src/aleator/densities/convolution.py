@@ -25,6 +25,7 @@ from aleator.densities.linearized import Linearized
 from aleator.densities.normal_sum import NormalSum
 from aleator.densities.outcomes import Outcomes
 from aleator.densities.stand_in import NodeNormal
+from aleator.densities.windows import shares, windowed
 from aleator.errors import InputsError
 from aleator.types import Array, Flags
 
@@ -128,8 +129,9 @@ class Convolution:
             coarse = ripple(y, outcomes.weights, sd) > LARGEST_RIPPLE
             return FittedConvolution(y, outcomes.weights, sd, coarse, ~usable)
         # the squares of their differences have to be finite
-        usable &= np.abs(np.where(usable[:, None], outcomes.y, 0.0)).max(axis=1) < _LARGEST_OUTCOME
-        y = np.where(usable[:, None], outcomes.y, 0.0)
+        low, high = outcomes.y.min(axis=1), outcomes.y.max(axis=1)
+        usable &= (low > -_LARGEST_OUTCOME) & (high < _LARGEST_OUTCOME)
+        y = outcomes.y if usable.all() else np.where(usable[:, None], outcomes.y, 0.0)
         sd = noise_sd if noise_sd > SMALLEST_SD else 0.0
         around = Linearized(y, outcomes.weights, outcomes.lattice, sd)
         usable &= ~around.points.all(axis=1)
@@ -279,21 +281,33 @@ class FittedConvolution:
         if self.around is None:
             return self._of_nodes(outcome)
         around = self.around
-        sd = np.sqrt(around.variance)
-        each, z = _log_normal(outcome, around.mean, sd)
-        value, share = _shares(each + around.log_core)
-        by_mean = share * z / sd
-        d_y, d_noise = around.chain(share, by_mean, 0.5 * share * (z**2 - 1.0) / around.variance)
-        return value, d_y, np.zeros_like(d_y), d_noise
+        if not around.line or self.noise_sd > 0.0:
+            value, d_y, d_noise = _of_lattice(outcome, around)
+            return value, d_y, np.zeros_like(d_y), d_noise
+        inside, value, d_y = windowed(outcome, around)
+        rest = ~inside
+        if rest.any():
+            value[rest], d_y[rest] = _of_lattice(outcome[rest], around.take(rest))[:2]
+        return value, d_y, np.broadcast_to(0.0, d_y.shape), np.zeros(outcome.size)
 
     def _of_nodes(self, outcome: Array) -> tuple[Array, Array, Array, Array]:
         sd = self.noise_sd
         each, z = _log_normal(outcome, self.y, sd)
         with np.errstate(divide="ignore"):
-            value, share = _shares(each + np.log(self.weights))
+            value, share = shares(each + np.log(self.weights))
         by_weight = np.exp(np.minimum(each - value[:, None], _LARGEST_EXPONENT))
         d_noise = (share * (z**2 - 1.0)).sum(axis=1) / sd
         return value, share * z / sd, by_weight, d_noise
+
+
+def _of_lattice(outcome: Array, around: Linearized) -> tuple[Array, Array, Array]:
+    """Value (N,), and partials by y (N, J) and noise_sd (N,), of a sum over all nodes."""
+    sd = np.sqrt(around.variance)
+    each, z = _log_normal(outcome, around.mean, sd)
+    value, share = shares(each + around.log_core)
+    by_mean = share * z / sd
+    by_variance = 0.5 * share * (z**2 - 1.0) / around.variance
+    return value, *around.chain(share, by_mean, by_variance)
 
 
 def _log_normal(y: Array, centers: Array, sds: Array | float) -> tuple[Array, Array]:
@@ -301,11 +315,3 @@ def _log_normal(y: Array, centers: Array, sds: Array | float) -> tuple[Array, Ar
     with np.errstate(over="ignore"):
         z = np.clip((y[:, None] - centers) / sds, -FARTHEST, FARTHEST)
     return -0.5 * z**2 - np.log(sds) - 0.5 * np.log(2.0 * np.pi), z
-
-
-def _shares(exponent: Array) -> tuple[Array, Array]:
-    """Logarithm (N,) of the sum of exp(exponent) (N, J), and the share of each in it."""
-    top = exponent.max(axis=1, keepdims=True)
-    share = np.exp(exponent - top)
-    total = share.sum(axis=1, keepdims=True)
-    return (top + np.log(total))[:, 0], share / total

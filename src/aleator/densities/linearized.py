@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -47,6 +47,10 @@ class Linearized:
     lattice: Lattice
     noise_sd: float
 
+    def take(self, rows: Flags) -> Linearized:
+        """Of some of the experiments."""
+        return replace(self, y=self.y[rows])
+
     @cached_property
     def mean(self) -> Array:
         """(N, J)"""
@@ -68,14 +72,20 @@ class Linearized:
     @cached_property
     def log_core(self) -> Array:
         """Logarithms (N, J) of the components' weights."""
-        core = 1.0 - self._square[:, None]
+        if not self.points.any():
+            return np.broadcast_to(self.log_core_all, self.y.shape)
+        # without any scatter there is no density, and nothing to take away
+        scattered = ~self.points.all(axis=1, keepdims=True)
+        return np.where(self.points & scattered, -np.inf, self.log_core_all)
+
+    @cached_property
+    def log_core_all(self) -> Array:
+        """The same of point masses too; without noise one for all experiments, (1, J)."""
+        core = 1.0 - self._square[: 1 if self.noise_sd == 0.0 else None, None]
         away = 0.5 * self.lattice.distance2 * (1.0 - 1.0 / core)
         with np.errstate(divide="ignore"):
             log_weights = np.log(self.weights)
-        log_core = log_weights + away - 0.5 * len(self._slopes) * np.log(core)
-        # without any scatter there is no density, and nothing to take away
-        scattered = ~self.points.all(axis=1, keepdims=True)
-        return np.where(self.points & scattered, -np.inf, log_core)
+        return np.asarray(log_weights + away - 0.5 * len(self.slopes) * np.log(core))
 
     @cached_property
     def bend(self) -> Array:
@@ -89,7 +99,7 @@ class Linearized:
         `share` (N, J) are the partials by `log_core`.
         """
         core = 1.0 - self._square[:, None]
-        by_core = 0.5 * (len(self._slopes) / core - self.lattice.distance2 / core**2)
+        by_core = 0.5 * (len(self.slopes) / core - self.lattice.distance2 / core**2)
         by_spread = self._steepness + self._square[:, None] * self._curvature
         by_square = (share * by_core + 0.5 * by_mean * self._trace + by_variance * by_spread).sum(1)
         by_ratio = -self._square * by_square
@@ -106,9 +116,9 @@ class Linearized:
         by_bend = square**2 * by_variance
         by_steepness = 2.0 * (square * by_variance + by_slope[:, None] * self.weights)
         total = by_mean.copy()
-        for second, bend in zip(lattice.second, self._bends, strict=True):
+        for second, bend in zip(lattice.second, self.bends, strict=True):
             total += (0.5 * square * by_mean + by_bend * bend) @ second
-        for k, slope in enumerate(self._slopes):
+        for k, slope in enumerate(self.slopes):
             partial = by_steepness * slope
             for i in range(k):
                 partial += (2.0 * by_bend * self._twists[i, k]) @ lattice.first[i]
@@ -134,17 +144,17 @@ class Linearized:
 
     @cached_property
     def _steepness(self) -> Array:
-        return np.asarray(sum(slope**2 for slope in self._slopes))
+        return reduce(np.add, (slope**2 for slope in self.slopes))
 
     @cached_property
     def _trace(self) -> Array:
-        return np.asarray(sum(self._bends))
+        return reduce(np.add, self.bends)
 
     @cached_property
     def _curvature(self) -> Array:
         """sum_ik H_ik^2"""
-        squares = sum(bend**2 for bend in self._bends)
-        return np.asarray(squares + 2.0 * sum(twist**2 for twist in self._twists.values()))
+        twice = (2.0 * twist**2 for twist in self._twists.values())
+        return reduce(np.add, (*(bend**2 for bend in self.bends), *twice))
 
     @cached_property
     def _spread(self) -> Array:
@@ -155,18 +165,32 @@ class Linearized:
         return 0.5 * self._square[:, None] ** 2 * self._curvature
 
     @cached_property
-    def _slopes(self) -> tuple[Array, ...]:
+    def slopes(self) -> tuple[Array, ...]:
+        """First differences (N, J) along each axis."""
+        if self.line:
+            return (np.gradient(self.y, self.lattice.step, axis=1),)
         return tuple(np.asarray(self.y @ first.T) for first in self.lattice.first)
 
     @cached_property
-    def _bends(self) -> tuple[Array, ...]:
+    def bends(self) -> tuple[Array, ...]:
+        """Second differences (N, J) along each axis, zero at the border."""
+        if self.line:
+            bend, slope = np.zeros(self.y.shape), np.diff(self.y, axis=1)
+            np.subtract(slope[:, 1:], slope[:, :-1], out=bend[:, 1:-1])
+            bend /= self.lattice.step**2
+            return (bend,)
         return tuple(np.asarray(self.y @ second.T) for second in self.lattice.second)
+
+    @property
+    def line(self) -> bool:
+        """Whether one parameter scatters, so that neighbors are next to each other."""
+        return len(self.lattice.first) == 1
 
     @cached_property
     def _twists(self) -> dict[tuple[int, int], Array]:
         """H_ik for i < k, the differences one after the other."""
         return {
             (i, k): np.asarray(slope @ self.lattice.first[i].T)
-            for k, slope in enumerate(self._slopes)
+            for k, slope in enumerate(self.slopes)
             for i in range(k)
         }

@@ -14,6 +14,9 @@ BEYOND = 40.0
 """Logarithm by which the continuation lies under a density: the last node of a grid of variates
 has a density e^-33 or more, so that only where there are no nodes the continuation is above."""
 
+NOTHING = 1e-17
+"""Share of the continuation below which it changes no digit of a derivative."""
+
 
 @dataclass(frozen=True)
 class NodeNormal:
@@ -71,6 +74,12 @@ class NodeNormal:
         far, u = (found[:, 0] for found in self.beyond(outcome[:, None]))
         total = np.logaddexp(value, far)
         share = np.exp(far - total)
-        by_mean, by_sd = share * u / (9.0 * self.sd), share * (u**2 / 9.0 - 1.0) / self.sd
-        own = np.exp(value - total)[:, None] * d_y
-        return total, own + self.chain(by_mean, by_sd)[0]
+        seen = np.flatnonzero(share > NOTHING)
+        if not seen.size:
+            return total, d_y
+        few = NodeNormal(self.y[seen], self.weights, self.noise_sd)
+        by_mean = share * u / (9.0 * self.sd)
+        by_sd = share * (u**2 / 9.0 - 1.0) / self.sd
+        moved = few.chain(by_mean[seen], by_sd[seen])[0]
+        d_y[seen] = np.exp(value - total)[seen, None] * d_y[seen] + moved
+        return total, d_y

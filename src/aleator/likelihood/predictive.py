@@ -23,8 +23,8 @@ from aleator.likelihood.propagation import NodePropagation, Propagation, Quadrat
 from aleator.observations.noise import Noise
 from aleator.types import Array, Indices
 
-LARGEST = 250_000
-"""Outcomes at nodes that are summed at once: some ten arrays of them fit a core's cache."""
+LARGEST = 64_000
+"""Outcomes at nodes that are summed at once: some of the arrays of them fit a core's cache."""
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ def _grid(per_dimension: int, dimensions: int) -> tuple[Array, Array, Lattice | 
     if width < WIDEST:
         pairs = _neighbors(kept.reshape((per_dimension,) * dimensions))
         first, second = zip(*(_differences(*pair, step) for pair in pairs), strict=True)
-        lattice = Lattice(square, width, first, second)
+        lattice = Lattice(square, width, float(step), first, second)
     for array in (variates, square, weights):
         array.setflags(write=False)
     return variates, weights, lattice

@@ -21,11 +21,12 @@ class Lattice:
     `distance2` (J,) is their squared distance from the origin. `width`, below one, is the standard
     deviation of the smoothing that leaves no spikes of a sum over the nodes. `first` and `second`
     hold for each axis of the grid the matrix (J, J) of central differences, first and second; at
-    the border of the grid one-sided ones, and no curvature.
+    the border of the grid one-sided ones, and no curvature. `step` is that of the grid.
     """
 
     distance2: Array
     width: float
+    step: float
     first: tuple[sparse.csr_array, ...]
     second: tuple[sparse.csr_array, ...]
 

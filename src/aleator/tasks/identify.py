@@ -208,8 +208,10 @@ def _verified(
     """The log-likelihood by Monte Carlo on the simulator itself, surfaces as control variate."""
     problem, alpha = answer.problem, answer.found.alpha
     model, surface = problem.model, problem.surface
-    emulator = surface and SurfaceEmulator(surface, problem.region, problem.condition)
-    expected = None if surface is None else surface.error[problem.condition]
+    emulator = expected = None
+    if surface is not None:
+        emulator = SurfaceEmulator(surface, problem.region, problem.condition)
+        expected = surface.error[problem.condition]
     return verify(
         runner.attempt, model.inputs, alpha, model.noise_sd(alpha), problem.outcomes, choice,
         seed=seed, lower=problem.predictive.lower, upper=problem.predictive.upper,

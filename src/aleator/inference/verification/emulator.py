@@ -18,8 +18,8 @@ class Emulator(Protocol):
     def at(self, index: Indices, x: Array) -> Array:
         """Outcomes (R,) of experiments `index` (R,) at points x (R, n)."""
 
-    def evaluate(self, x: Array) -> Array:
-        """Outcomes (N, J) of all experiments at the same points x (J, n)."""
+    def evaluate(self, x: Array, rows: Indices) -> Array:
+        """Outcomes (N', J) of experiments `rows` (N',) at the same points x (J, n)."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,10 @@ class SurfaceEmulator:
         """Outcomes (R,) at points moved into the region."""
         return self.surface.at(self.condition[index], self._inside(x))
 
-    def evaluate(self, x: Array) -> Array:
-        """Outcomes (N, J) at points moved into the region."""
-        return self.surface.evaluate(self._inside(x))[self.condition]
+    def evaluate(self, x: Array, rows: Indices) -> Array:
+        """Outcomes (N', J) at points moved into the region."""
+        asked, of = np.unique(self.condition[rows], return_inverse=True)
+        return self.surface.take(asked).evaluate(self._inside(x))[of]
 
     def _inside(self, x: Array) -> Array:
         inside = np.clip(x, self.region[:, 0], self.region[:, 1])

@@ -33,6 +33,8 @@ Coarse ones are for derivatives, whose error matters less and is told too.
 """
 NARROW = 0.3
 """A segment below this many standard deviations of noise is one point to the noise."""
+LARGEST = 500_000
+"""Outcomes on lines that are looked at once."""
 
 
 @dataclass(frozen=True)
@@ -92,13 +94,13 @@ def densities(
 
     `x` (C, J, n) are the points of the lines, moved or not.
     """
-    return np.stack(
-        [
-            _averaged(emulator.evaluate(copy)[rows], mass, y, sd)
-            for copy, mass in zip(x, lines.mass, strict=True)
-        ],
-        axis=1,
-    )
+    size = max(1, LARGEST // x.shape[1])
+    found = np.empty((rows.size, x.shape[0]))
+    for first in range(0, rows.size, size):
+        part = slice(first, first + size)
+        for c, (copy, mass) in enumerate(zip(x, lines.mass, strict=True)):
+            found[part, c] = _averaged(emulator.evaluate(copy, rows[part]), mass, y[part], sd)
+    return found
 
 
 def _probability(t: Array) -> Array:
@@ -123,18 +125,32 @@ def _crossed(a: Array, b: Array, mass: Array, y: Array) -> Array:
     Linear between the middles of neighboring segments, so that it moves smoothly with them, and
     constant from the middle of a segment to an end of a line or to a turn of the outcome.
     """
-    width = np.abs(b - a)
-    density = np.where(width > 0.0, mass / np.where(width > 0.0, width, 1.0), 0.0)
-    middle, rising = 0.5 * (a + b), b > a
-    first, second = density[..., :-1], density[..., 1:]
+    middle = 0.5 * (a + b)
     before, after, node = middle[..., :-1], middle[..., 1:], b[..., :-1]
-    along = (rising[..., :-1] == rising[..., 1:]) & (after != before)
-    share = (y - before) / np.where(along, after - before, 1.0)
-    straight = np.where(_between(before, after, y), first + share * (second - first), 0.0)
-    turned = first * _between(before, node, y) + second * _between(node, after, y)
-    ends = density[..., 0] * _between(a[..., 0], middle[..., 0], y[..., 0])
-    ends += density[..., -1] * _between(middle[..., -1], b[..., -1], y[..., 0])
-    return np.asarray(np.where(along, straight, turned).sum(axis=(1, 2)) + ends.sum(axis=1))
+    low, high = np.minimum(before, after), np.maximum(before, after)
+    at = np.nonzero((np.minimum(low, node) <= y) & (y <= np.maximum(high, node)))
+    of, line, here = at
+    there = of, line, here + 1
+    first, second = (_density(a[i], b[i], mass[i[1:]]) for i in (at, there))
+    level, before, after, node = y[of, 0, 0], before[at], after[at], node[at]
+    along = ((b[at] > a[at]) == (b[there] > a[there])) & (after != before)
+    share = (level - before) / np.where(along, after - before, 1.0)
+    straight = np.where(_between(before, after, level), first + share * (second - first), 0.0)
+    turned = first * _between(before, node, level) + second * _between(node, after, level)
+    crossed = np.bincount(of, np.where(along, straight, turned), minlength=a.shape[0])
+    ends = _density(a[..., 0], b[..., 0], mass[:, 0]) * _between(
+        a[..., 0], middle[..., 0], y[..., 0]
+    )
+    ends += _density(a[..., -1], b[..., -1], mass[:, -1]) * _between(
+        middle[..., -1], b[..., -1], y[..., 0]
+    )
+    return np.asarray(crossed + ends.sum(axis=1))
+
+
+def _density(a: Array, b: Array, mass: Array) -> Array:
+    """That of segments from a to b with this mass; zero where they have no width."""
+    width = np.abs(b - a)
+    return np.asarray(np.where(width > 0.0, mass / np.where(width > 0.0, width, 1.0), 0.0))
 
 
 def _between(a: Array, b: Array, y: Array) -> NDArray[np.bool_]:

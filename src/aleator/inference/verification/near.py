@@ -127,7 +127,9 @@ def tried(
     wider = np.exp(np.minimum(square * (1.0 - WIDE**-2), 600.0)) / WIDE**d
     weight = 1.0 / (0.5 + 0.5 * wider)
     x = inputs.image(alpha, variate)[0]
-    return Candidates(variate, x, weight / weight.mean(), emulator.evaluate(x))
+    return Candidates(
+        variate, x, weight / weight.mean(), emulator.evaluate(x, np.arange(sizes.size))
+    )
 
 
 def closeness(candidates: Candidates, kernel: Kernel) -> Array:

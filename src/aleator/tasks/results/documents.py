@@ -215,14 +215,28 @@ def correlation(
     return names, matrix
 
 
+def runs_each(document: Mapping[str, Any]) -> int | None:
+    """How many runs the surface of an experiment took, where the document tells.
+
+    >>> runs_each({"surface": {"runs": 100, "experiments": 8}}), runs_each({"surface": [100, 8]})
+    (12, None)
+    """
+    try:
+        runs, experiments = (_finite(document["surface"][key]) for key in ("runs", "experiments"))
+        return max(round(runs / experiments), 1) if runs else None
+    except (KeyError, OverflowError, TypeError, ValueError, ZeroDivisionError):
+        return None
+
+
 def _estimate(entry: Mapping[str, Any]) -> Estimate:
     """An estimate, of which only the value must be there."""
     error, interval = entry.get("standard_error"), entry.get("interval")
+    low, high = (None, None) if interval is None else interval
     return Estimate(
         _finite(entry["estimate"]),
         None if error is None else _finite(error),
         None,
-        None if interval is None else (_finite(interval[0]), _finite(interval[1])),
+        None if interval is None else (_finite(low), _finite(high)),
         None,
         bool(entry.get("fixed", False)),
     )
