@@ -141,6 +141,14 @@ def head_of(fit: Fit, kind: str, seed: int) -> dict[str, Any]:
 def _alike(found: Mapping[str, Any], head: Mapping[str, Any]) -> bool:
     numbers = ("alpha", "log_likelihood")
     exact = all(found.get(key) == value for key, value in head.items() if key not in numbers)
-    return exact and all(
-        np.allclose(found.get(key, np.nan), head[key], rtol=SAME, atol=1e-12) for key in numbers
-    )
+    return exact and all(_near(found.get(key), head[key]) for key in numbers)
+
+
+def _near(found: Any, wanted: Any) -> bool:
+    """Whether these are the numbers that are wanted, but for rounding."""
+    try:
+        numbers = np.array(found, dtype=float)
+    except (OverflowError, TypeError, ValueError):  # damaged
+        return False
+    same = numbers.shape == np.shape(wanted)
+    return same and bool(np.allclose(numbers, wanted, rtol=SAME, atol=1e-12))
