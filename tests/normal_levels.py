@@ -107,7 +107,7 @@ class Levels:
             mean, variance = mean + gain * (y - mean), variance * (1.0 - gain)
         return np.asarray(special.ndtr(w).ravel())
 
-    def rough(self) -> Levels:
+    def for_replicates(self) -> Levels:
         """The same: it has no nodes."""
         return self
 

@@ -80,7 +80,10 @@ class Fit(Protocol):
         """
 
     def rough(self) -> Self:
-        """The same with the fewest nodes that serve: for statistics of many replicates."""
+        """The same with the fewest nodes that serve."""
+
+    def for_replicates(self) -> Self:
+        """The same with nodes that many data sets in turn are quickly judged by."""
 
     def at(self, alpha: Array) -> Self:
         """The same data at another alpha."""
@@ -110,7 +113,7 @@ class Fit(Protocol):
         """Means (N, s) and mean products (N, s, s) of the variates of the scattering parameters.
 
         Given the observations of their experiment; under the law they are standard normal. None
-        where there is no noise.
+        where there is no noise, or one observation an experiment, which tells no parameter alone.
         """
 
     def given(self, x: Array) -> Array:

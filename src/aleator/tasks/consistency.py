@@ -52,7 +52,7 @@ def consistency_of(
     """
     if not sound:
         return Consistency.untested("the answer was not computed soundly")
-    fit = fit.rough()
+    fit = fit.for_replicates()
     table, count = fit.table, len(fit.table.observations)
     if count < FEWEST:
         return Consistency.untested(f"there are only {count} observations")

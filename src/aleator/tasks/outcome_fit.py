@@ -101,6 +101,10 @@ class OutcomeFit:
             return self
         return replace(self, problem=replace(self.problem, levels=levels.coarse()))
 
+    def for_replicates(self) -> OutcomeFit:
+        """The same."""
+        return self
+
     def at(self, alpha: Array) -> OutcomeFit:
         """The same outcomes at another alpha."""
         return replace(self, alpha=alpha, known=self._here)

@@ -2,8 +2,9 @@
 
 from aleator.likelihood.individual.gauss_hermite import GaussHermite
 from aleator.likelihood.individual.importance import ImportancePoints
+from aleator.likelihood.individual.law_points import LawPoints
 from aleator.likelihood.individual.layout import Layout
-from aleator.likelihood.individual.likelihood import IndividualLikelihood
+from aleator.likelihood.individual.likelihood import Following, IndividualLikelihood
 from aleator.likelihood.individual.moments import (
     IndividualParameters,
     individual_parameters,
@@ -18,10 +19,12 @@ from aleator.likelihood.individual.rule import Rule
 __all__ = [
     "Direct",
     "Evaluator",
+    "Following",
     "GaussHermite",
     "ImportancePoints",
     "IndividualLikelihood",
     "IndividualParameters",
+    "LawPoints",
     "Layout",
     "OnSurfaces",
     "Panels",

@@ -104,7 +104,7 @@ def proposed(
     experiments, classes, centers, s = modes.shape
     each = _each(count, centers)
     half = each * centers
-    t, own = _shifted(half, s, shift)[:, None], _shifted(each, s, shift)[:, None]
+    t, own = shifted_points(half, s, shift)[:, None], shifted_points(each, s, shift)[:, None]
     root = WIDER * np.linalg.cholesky(np.linalg.inv(information))
     near = modes[:, :, None] + np.einsum("ncmst,ncjt->ncjms", root, own)
     law = np.broadcast_to(t, (experiments, classes, half, s))
@@ -136,7 +136,7 @@ def _uniform(count: int, dimensions: int) -> Array:
     return np.asarray(points + 0.5 / count)
 
 
-def _shifted(count: int, dimensions: int, shift: Indices | None) -> Array:
+def shifted_points(count: int, dimensions: int, shift: Indices | None) -> Array:
     """Standard normal points (B, count, s), or the same for all (1, count, s)."""
     if shift is None:
         return standard_points(count, dimensions)[None]

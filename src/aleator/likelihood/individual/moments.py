@@ -78,9 +78,8 @@ def individual_variates(likelihood: IndividualLikelihood, alpha: Array) -> tuple
     means, products = np.empty((likelihood.count, s)), np.empty((likelihood.count, s, s))
     for block in likelihood.blocks:
         part = block.experiments
-        found = likelihood.at(alpha, block, likelihood.nodes.xi[part])
-        share = mean_of(found.sums + likelihood.nodes.log_weight[part])[1]
-        theta = found.individual.normal_scores
+        _, share, individual, _ = likelihood.weighed(alpha, block)
+        theta = individual.normal_scores
         means[part] = np.einsum("lj,ljs->ls", share, theta)
         products[part] = np.einsum("lj,ljs,ljt->lst", share, theta, theta)
     return means, products

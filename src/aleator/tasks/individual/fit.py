@@ -18,6 +18,7 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import (
     Direct,
     IndividualLikelihood,
+    LawPoints,
     OnSurfaces,
     Rule,
     individual_points,
@@ -25,6 +26,7 @@ from aleator.likelihood.individual import (
 from aleator.likelihood.individual.importance import standard_points
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.moments import individual_variates
+from aleator.likelihood.individual.rule import AsManyAsNeeded
 from aleator.observations.experiments import Experiments
 from aleator.search.value import LogLikelihood
 from aleator.simulators import Runner
@@ -38,6 +40,8 @@ MARGINAL = 2048
 """Points of the law at which an observation is measured anew, for its quantiles."""
 POINTS = 256
 """Points of each experiment of which one is drawn."""
+VALUES, LAW_POINTS = 120_000, (1000, 4000)
+"""Simulated values by which each replicate is judged, and the points of an experiment for that."""
 TRIES = 20
 """Draws of an experiment's parameters until a run of it works."""
 
@@ -46,8 +50,8 @@ TRIES = 20
 class IndividualFit:
     """A `Fit`: the likelihood with nodes adapted to alpha, on surfaces or a fast simulator.
 
-    `few` is the rule with the fewest nodes of which more hardly change the log-likelihood; the
-    nodes of a `coarse` fit are as few.
+    `few` is the rule with the fewest nodes of which more hardly change the log-likelihood. The
+    nodes of a `held` fit serve for other observations and the alpha of these.
     """
 
     likelihood: IndividualLikelihood
@@ -55,7 +59,7 @@ class IndividualFit:
     inference: Inference
     table: Experiments
     few: Rule
-    coarse: bool = False
+    held: bool = False
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -111,25 +115,28 @@ class IndividualFit:
 
     def rough(self) -> IndividualFit:
         """The same with few nodes."""
-        likelihood = self.likelihood.by(self.few.rough, self.alpha)
-        return replace(self, likelihood=likelihood, coarse=True)
+        return replace(self, likelihood=self.likelihood.by(self.few.rough, self.alpha))
+
+    def for_replicates(self) -> IndividualFit:
+        """By points of the law where panels would have to be sought for each data set.
+
+        One observation leaves enough of these points near; several may not.
+        """
+        if not (self._alone and isinstance(self.few, AsManyAsNeeded)):
+            return self.rough()
+        points = LawPoints(int(np.clip(VALUES // self.count, *LAW_POINTS)))
+        likelihood = self.likelihood.by(points, self.alpha)
+        return replace(self, likelihood=likelihood, held=likelihood.parameters is not None)
 
     def at(self, alpha: Array) -> IndividualFit:
-        """The same data at another alpha, nodes adapted to it.
-
-        Rough nodes that are held as parameters do for the steps of replicates. With one observation
-        an experiment nothing else is asked of them.
-        """
-        one = len(self.table.observations) == self.count
-        if one and self.coarse and self.likelihood.parameters is not None:
-            return replace(self, alpha=alpha)
-        return replace(self, likelihood=self.likelihood.adapted(alpha), alpha=alpha)
+        """The same data at another alpha, nodes adapted to it."""
+        return replace(self, likelihood=self._adapted(self.likelihood, alpha), alpha=alpha)
 
     def seeing(self, table: Experiments) -> IndividualFit:
         """The same experiments with the observations of another table, nodes adapted to these."""
         errors = self.likelihood.errors.of_others(table.observations)
-        other = replace(self, likelihood=replace(self.likelihood, errors=errors), table=table)
-        return replace(other, likelihood=other.likelihood.adapted(self.alpha))
+        likelihood = self._adapted(replace(self.likelihood, errors=errors), self.alpha)
+        return replace(self, likelihood=likelihood, table=table)
 
     def drawn(self, rng: np.random.Generator) -> IndividualFit:
         """Other observations, with bounds like those of the table (see `censored_alike`).
@@ -196,8 +203,10 @@ class IndividualFit:
             found[block.experiments] = x[np.arange(len(block)), chosen]
         return found
 
-    def variates(self) -> tuple[Array, Array]:
+    def variates(self) -> tuple[Array, Array] | None:
         """Means (N, s) and mean products (N, s, s) by the nodes."""
+        if self._alone:
+            return None
         return individual_variates(self.likelihood, self.alpha)
 
     def given(self, x: Array) -> Array:
@@ -237,6 +246,14 @@ class IndividualFit:
         known = np.zeros(0, dtype=np.intp)
         simulator = Direct(Remembered(runner), known, self.inputs.box)
         return replace(self, likelihood=replace(self.likelihood, predictor=simulator))
+
+    @property
+    def _alone(self) -> bool:
+        """Whether each experiment has one observation."""
+        return len(self.table.observations) == self.count
+
+    def _adapted(self, likelihood: IndividualLikelihood, alpha: Array) -> IndividualLikelihood:
+        return likelihood if self.held else likelihood.adapted(alpha)
 
     def _simulated(self, rng: np.random.Generator) -> Array:
         """Values (M, 1) of runs at parameters drawn from the law of each experiment."""
