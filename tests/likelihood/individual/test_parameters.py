@@ -49,6 +49,43 @@ def test_the_score_counts_what_moves_across_a_jump() -> None:
         assert found.score == pytest.approx(np.array(wanted), rel=2e-3, abs=2e-3)
 
 
+@pytest.mark.parametrize(
+    "there",
+    [
+        (0.3 + 0.92, 0.7, 0.05),
+        (0.3 - 0.92, 0.7, 0.05),
+        (0.3, 0.41 * 0.7, 0.05),
+        (0.3, 1.98 * 0.7, 0.05),
+        (0.3, 0.7, 0.41 * 0.05),
+        (0.3, 0.7, 1.98 * 0.05),
+    ],
+)
+def test_nodes_serve_up_to_a_distance_of_one(there) -> None:
+    rng = np.random.default_rng(2)
+    time = rng.uniform(0.0, 1.0, 12)
+    y = jump(time, 0.3 + 0.7 * rng.standard_normal((1, 12))) + 0.05 * rng.standard_normal(12)
+    frame = pd.DataFrame({"id": range(12), "time": time, "y": y})
+    likelihood, alpha = likelihood_of(jump, frame, ONE).by(Panels(), AT), np.array(there)
+    assert likelihood.distance(AT) == 0.0
+    assert 0.0 < likelihood.distance(alpha) <= 1.0
+    assert likelihood.distance(AT + 1.1 * (alpha - AT)) > 1.0
+    assert likelihood.evaluate(alpha).total == pytest.approx(exact(frame, alpha), abs=2e-3)
+
+
+def test_an_objective_takes_the_nodes_that_are_nearest() -> None:
+    rng = np.random.default_rng(2)
+    y = jump(0.5, 0.3 + 0.7 * rng.standard_normal((1, 12))) + 0.05 * rng.standard_normal(12)
+    frame = pd.DataFrame({"id": range(12), "time": 0.5, "y": y})
+    here = likelihood_of(jump, frame, ONE).by(Panels(), AT)
+    objective, beside, narrow = here.continued, AT * [1.0, 0.8, 1.0], AT * [1.0, 0.04, 1.0]
+    assert objective(beside).total == here(beside).total
+    assert objective(narrow).total == pytest.approx(exact(frame, narrow), abs=2e-3)
+    assert abs(here(narrow).total - exact(frame, narrow)) > 0.1
+    own = here.adapted(beside)
+    objective.remember(own)
+    assert objective(beside).total == own(beside).total
+
+
 def test_scores_of_correlated_parameters_are_slopes_of_the_value() -> None:
     likelihood = likelihood_of(decay, table(decay)).by(ImportancePoints(600), ALPHA)
     there = np.add(ALPHA, [0.05, 0.03, -0.04, 0.02, 0.05, 0.01])

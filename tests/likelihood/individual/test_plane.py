@@ -6,12 +6,13 @@ import pytest
 from individual_cases import likelihood_of
 from scipy import stats
 
-from aleator import Free, Inputs, Normal
-from aleator.likelihood.individual import GaussHermite, PlanePanels
+from aleator import Experiments, Free, Inputs, Normal
+from aleator.likelihood.individual import GaussHermite, LawPoints, PlanePanels
 from aleator.search import Optimum, SearchResult
+from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.infer import inferred
 from aleator.tasks.individual.profiled import UNKNOWN
-from aleator.tasks.individual.settle import Settled, settled
+from aleator.tasks.individual.settle import Settled, climbed, settled
 
 TWO = Inputs(
     {
@@ -66,8 +67,8 @@ def exact(model, time, y, alpha) -> np.ndarray:
     return np.log(stats.norm.pdf(a[:, 0], m, s) @ given * (a[1, 0] - a[0, 0]))
 
 
-def drawn(model, noise: float, count: int = 20) -> pd.DataFrame:
-    rng = np.random.default_rng(3)
+def drawn(model, noise: float, count: int = 20, seed: int = 3) -> pd.DataFrame:
+    rng = np.random.default_rng(seed)
     time = rng.uniform(0.2, 1.8, count)
     a, b = (m + s * rng.standard_normal(count) for m, s in (ALPHA[:2], ALPHA[2:4]))
     y = model(time, (a, b)) + noise * rng.standard_normal(count)
@@ -89,6 +90,50 @@ def test_panels_integrate_what_is_not_smooth(model, noise: float) -> None:
     each = likelihood_of(model, frame, TWO).by(PlanePanels(), alpha).evaluate(alpha).each
     truth = exact(model, frame["time"].to_numpy(), frame["y"].to_numpy(), alpha)
     assert each == pytest.approx(truth, abs=1e-3)
+
+
+@pytest.mark.parametrize("model", [line, kink, jump, bend, front])
+def test_coarse_panels_miss_less_than_an_interval_is_found_to(model) -> None:
+    frame = drawn(model, 0.02)
+    likelihood = likelihood_of(model, frame, TWO).by(PlanePanels.coarse(), ALPHA)
+    truth = exact(model, frame["time"].to_numpy(), frame["y"].to_numpy(), ALPHA)
+    assert likelihood.evaluate(ALPHA).total == pytest.approx(truth.sum(), abs=5e-3)
+
+
+def test_coarse_panels_give_way_where_the_others_tell_something_else() -> None:
+    coarse = PlanePanels.coarse()
+    assert coarse.finer(2) == (PlanePanels(),)
+    assert coarse.refined([-0.02], 2e-3, 2) == PlanePanels()
+    assert coarse.refined([-5e-3], 2e-3, 2) is None
+    assert PlanePanels().refined([-0.02], 2e-3, 2) is None
+
+
+def test_points_of_the_law_serve_for_whatever_is_observed() -> None:
+    frame, other = (
+        drawn(front, 0.05),
+        drawn(front, 0.05, seed=4).assign(time=drawn(front, 0.05)["time"]),
+    )
+    here = likelihood_of(front, frame, TWO).by(PlanePanels(), ALPHA)
+    table = Experiments.from_frame(frame, outcome="y", id="id")
+    fit = IndividualFit(here, ALPHA, None, table, here.rule).for_replicates()
+    assert fit.likelihood.rule == LawPoints(4000)
+    another = fit.seeing(Experiments.from_frame(other, outcome="y", id="id"))
+    assert another.likelihood.nodes is fit.likelihood.nodes
+    for seen, rows in ((fit, frame), (another, other)):
+        truth = exact(front, rows["time"].to_numpy(), rows["y"].to_numpy(), ALPHA)
+        assert seen.scored().each == pytest.approx(truth, abs=0.1)
+
+
+def test_a_climb_along_a_ridge_arrives() -> None:
+    """At one time only the sum of the variances is told: nodes must follow what becomes narrow."""
+    y = 0.9 + 0.4 * np.random.default_rng(5).standard_normal(12)
+    frame = pd.DataFrame({"id": range(12), "time": 1.0, "y": y})
+    likelihood = likelihood_of(line, frame, TWO).by(PlanePanels.coarse(), ALPHA)
+    start = np.array([0.6, 0.9, 0.3, 0.9, 0.9])
+    held, alpha = climbed(likelihood, start)
+    best = stats.norm.logpdf(y, y.mean(), y.std()).sum()
+    assert exact(line, 1.0, y, alpha).sum() == pytest.approx(best, abs=5e-3)
+    assert held.evaluate(alpha).total == pytest.approx(best, abs=5e-3)
 
 
 @pytest.mark.parametrize("model", [kink, jump])

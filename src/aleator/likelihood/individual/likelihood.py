@@ -24,7 +24,7 @@ from aleator.likelihood.individual.modes import (
     modes,
 )
 from aleator.likelihood.individual.nodes import Nodes, joined
-from aleator.likelihood.individual.parameters import Parameters, densities, holds
+from aleator.likelihood.individual.parameters import Parameters, holds
 from aleator.likelihood.individual.predictor import Predictor
 from aleator.likelihood.individual.rule import AsManyAsNeeded, Rule
 from aleator.likelihood.individual.toward import toward
@@ -34,6 +34,8 @@ from aleator.types import Array
 
 VALUE = 0.01
 """Error of a log-likelihood over what its modes are found to."""
+REMEMBERED = 8_000_000
+"""Nodes, held as parameters, that an objective remembers."""
 AROUND = (-2.0, -1.0, 1.0, 2.0)
 """Where modes are sought along each variate, besides about the last one."""
 
@@ -108,12 +110,11 @@ class IndividualLikelihood:
         for block in self.blocks:
             part = block.experiments
             if held is not None:
-                sums = held.change(alpha[: self.inputs.size], block) + self.sums_of(
-                    alpha, block, held.eta[block.rows]
-                )
+                sums = self.sums_of(alpha, block, held.eta[block.rows])
+                total = sums + held.log_weights(alpha[: self.inputs.size], block)
             else:
-                sums = self.sums(alpha, block, self.nodes.xi[part])
-            each[part] = mean_of(sums + self.nodes.log_weight[part])[0]
+                total = self.sums(alpha, block, self.nodes.xi[part]) + self.nodes.log_weight[part]
+            each[part] = mean_of(total)[0]
         value = LogLikelihood(each, None, _status(each))
         return value.believed(self.hyperparameters, alpha)
 
@@ -144,8 +145,12 @@ class IndividualLikelihood:
         nodes = Nodes(xi, log_weight, peaks, information, x)
         parameters = None
         if self.rule.holds_parameters and holds(self.inputs, self.layout.size * xi.shape[1]):
-            parameters = self._at_parameters(alpha, nodes.xi)
+            parameters = self._at_parameters(alpha, nodes)
         return replace(self, nodes=nodes, parameters=parameters)
+
+    def distance(self, alpha: Array) -> float:
+        """How far alpha is from where the nodes serve, up to one; others than parameters do not."""
+        return np.inf if self._held is None else self._held.distance(alpha)
 
     def weighed(self, alpha: Array, block: Block) -> tuple[Array, Array, Individual, Terms]:
         """log L_l (B,), the share (B, J) of each node in it, and the parameters and terms there."""
@@ -203,24 +208,24 @@ class IndividualLikelihood:
         known = held and held.inputs is self.inputs and held.predictor is self.predictor
         return held if known else None
 
-    def _at_parameters(self, alpha: Array, xi: Array) -> Parameters:
-        """What the simulator says at the nodes xi (N, J, s) under alpha."""
-        x = np.zeros((*xi.shape[:2], len(self.inputs.names)))
-        eta = np.zeros((self.layout.size, xi.shape[1]))
-        log_density = np.zeros(xi.shape[:2])
-        for block in self.layout.blocks(xi.shape[1]):
+    def _at_parameters(self, alpha: Array, nodes: Nodes) -> Parameters:
+        """What the simulator says at the nodes under alpha."""
+        inputs, (count, most) = self.inputs, nodes.log_weight.shape
+        x, eta = np.zeros((count, most, len(inputs.names))), np.zeros((self.layout.size, most))
+        for block in self.layout.blocks(most):
             part = block.experiments
-            x[part] = self._individual(alpha, block, xi[part]).x
+            x[part] = self._individual(alpha, block, nodes.xi[part]).x
             eta[block.rows] = self.predictor.values(block, x[part])
-            log_density[part] = densities(self.inputs, alpha[: self.inputs.size], x[part])
-        return Parameters(self.inputs, self.predictor, alpha, x, eta, log_density)
+        there = np.isfinite(nodes.log_weight)
+        density = inputs.scattered_log_density(alpha[: inputs.size], x[there])
+        log_weight = np.where(np.isfinite(density), nodes.log_weight[there] - density, -np.inf)
+        return Parameters(inputs, self.predictor, alpha, there, x[there], log_weight, eta)
 
     def _by_density(self, held: Parameters, alpha: Array, block: Block) -> tuple[Array, Array]:
         """log L_l (B,) and scores (B, K) with the parameters at the nodes held."""
         terms = self._terms(alpha, block, held.eta[block.rows])
         of_laws = alpha[: self.inputs.size]
-        sums = held.change(of_laws, block) + block.summed(terms.value)
-        each, share = mean_of(sums + self.nodes.log_weight[block.experiments])
+        each, share = mean_of(held.log_weights(of_laws, block) + block.summed(terms.value))
         laws = held.scores(of_laws, block, share)
         return each, np.concatenate([laws, scores_of_errors(terms, block, share)], axis=1)
 
@@ -283,14 +288,14 @@ class IndividualLikelihood:
 class Following:
     """An objective whose nodes are adapted to every alpha that is asked for.
 
-    Its score is exact but for the error of the quadrature. Modes are sought from the last ones,
-    which is the only thing that it remembers: where an experiment has one mode, the value is a
-    function of alpha alone. Nodes that are held as parameters stay while the laws hardly move.
-    Modes are found to `arrived` in log-density.
+    Its score is exact but for the error of the quadrature. Modes are sought from the last ones, and
+    nodes that are held as parameters serve until the laws have moved far: the nearest are taken of
+    some that it remembers, and that is all it does. Where an experiment has one mode, the value is
+    a function of alpha alone. Modes are found to `arrived` in log-density.
     """
 
     def __init__(self, likelihood: IndividualLikelihood, arrived: float) -> None:
-        self._last, self._arrived = likelihood, arrived
+        self._known, self._arrived = [likelihood], arrived
         self.resolution = VALUE * arrived
 
     def __call__(self, alpha: Array) -> LogLikelihood:
@@ -305,13 +310,20 @@ class Following:
         """log L at alpha, and where it may be larger (see `toward`)."""
         return toward(self._adapted(alpha), alpha)
 
+    def remember(self, adapted: IndividualLikelihood) -> None:
+        """Take these nodes where they are the nearest."""
+        known = [*self._known, adapted] if adapted.parameters is not None else [adapted]
+        while len(known) > 1 and sum(k.nodes.log_weight.size for k in known) > REMEMBERED:
+            known = known[1:]
+        self._known = known
+
     def _adapted(self, alpha: Array) -> IndividualLikelihood:
-        held = self._last.parameters
-        if held is not None and held.near(alpha):
-            return self._last
-        found = self._last.adapted(alpha, self._arrived)
+        nearest = min(self._known, key=lambda known: known.distance(alpha))
+        if nearest.distance(alpha) <= 1.0:
+            return nearest
+        found = nearest.adapted(alpha, self._arrived)
         if np.all(np.isfinite(found.nodes.mode)):
-            self._last = found
+            self.remember(found)
         return found
 
 

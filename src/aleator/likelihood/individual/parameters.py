@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from aleator.likelihood.individual.layout import Block
-from aleator.types import Array
+from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     from aleator.laws.inputs import Inputs
@@ -19,53 +19,78 @@ STEP = 1e-5
 """Step of differences over a hyperparameter, or over a thousandth of its range if that is more."""
 LEAST = 1e-3
 QUARTERS = np.array([0.25, 0.5, 0.75])
-NEAR = 0.2
-"""Laws that move by less than this share of their width, and noise by less of itself, are near."""
+SHIFTED = 1.0
+"""Distance between quartiles by which a law may have moved for nodes to serve."""
+NARROWER, WIDER = 0.4, 2.0
+"""Share of its width that it, or the noise, may have become: nodes end where a law did."""
+TIED = 0.2
+"""What a correlation may have changed by."""
 POINTS, BIASED = 100, 0.2
 """Points by which the mean of a score is seen, and its share of their size that is too much."""
+COUNTED = 1e-8
+"""Share of an integral that a node has at least, to count in its score."""
 MOST = 4_000_000
 """Simulated values that are kept."""
 
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """Parameters x (N, J, n) at the nodes, simulated values eta (M, J) there, and log densities.
+    """Parameters x (T, n) at the nodes that have a weight, and simulated values eta (M, J) there.
 
     int p(y | eta(x)) p(x | alpha) dx = sum_j w_j p(y | eta_j) p(x_j | alpha)/p(x_j | alpha0), where
     w_j are the weights of nodes that were adapted to alpha0. It is smooth in alpha whatever the
     simulator is: with a kink or a jump, the same nodes held as variates are not, and their scores
-    leave out what moves across it. `alpha` is alpha0, and `log_density` (N, J) is that of x under
-    it. It holds for `inputs` and `predictor` only, and for laws whose support does not move.
+    leave out what moves across it. `alpha` is alpha0, `there` (N, J) tells which nodes have a
+    weight, and `log_weight` (T,) is log w_j/p(x_j | alpha0) of these, experiment by experiment.
+    It holds for `inputs` and `predictor` only, and for laws whose support does not move.
     """
 
     inputs: Inputs
     predictor: Predictor
     alpha: Array
+    there: Flags
     x: Array
+    log_weight: Array
     eta: Array
-    log_density: Array
 
-    def near(self, alpha: Array) -> bool:
-        """Whether nodes that are adapted to `self.alpha` serve at another alpha."""
+    def distance(self, alpha: Array) -> float:
+        """How far alpha is from that of the nodes: up to one, they serve there."""
         size = self.inputs.size
-        here, there = (_quartiles(self.inputs, values[:size]) for values in (self.alpha, alpha))
-        width = here[:, 2] - here[:, 0]
-        laws = bool(np.all(np.abs(there - here) <= NEAR * width[:, None]))
-        ties = np.abs(alpha - self.alpha)[self.inputs.partials]
-        errors = np.abs(alpha - self.alpha)[size:] <= NEAR * np.abs(self.alpha[size:])
-        return laws and bool(np.all(ties <= NEAR) and np.all(errors))
+        here, there = (
+            _quartiles(self.inputs, tuple(values[:size].tolist())) for values in (self.alpha, alpha)
+        )
+        width, wider = here[:, 2] - here[:, 0], there[:, 2] - there[:, 0]
+        shifted = np.abs(there[:, 1] - here[:, 1]) / (SHIFTED * width)
+        ties = np.abs(alpha - self.alpha)[self.inputs.partials] / TIED
+        grown = [_grown(width, wider), _grown(self.alpha[size:], alpha[size:])]
+        return float(np.max(np.concatenate([shifted, ties, *grown]), initial=0.0))
 
-    def change(self, alpha: Array, block: Block) -> Array:
-        """log p(x | alpha)/p(x | alpha0) (B, J) of a block."""
-        part = block.experiments
-        density = densities(self.inputs, alpha, self.x[part])
+    def log_weights(self, alpha: Array, block: Block) -> Array:
+        """log w_j p(x_j | alpha)/p(x_j | alpha0) (B, J) of a block; -inf where there is no node."""
+        there, own = self._of(block)
+        found = np.full(there.shape, -np.inf)
         with np.errstate(invalid="ignore"):
-            found = density - self.log_density[part]
-        return np.where(np.isnan(found), -np.inf, found)
+            known = self.log_weight[own] + self.inputs.scattered_log_density(alpha, self.x[own])
+        found[there] = np.where(np.isnan(known), -np.inf, known)
+        return found
 
     def scores(self, alpha: Array, block: Block, share: Array) -> Array:
         """sum_j share_j d log p(x_j | alpha)/d alpha (B, K) of a block."""
-        return law_scores(self.inputs, alpha, self.x[block.experiments], share)
+        there, own = self._of(block)
+        counted = share[there] > COUNTED
+        owner = np.nonzero(there)[0][counted]
+        x, shares = self.x[own][counted], share[there][counted]
+        return _scores_of(self.inputs, alpha, x, shares, owner, len(there))
+
+    def _of(self, block: Block) -> tuple[Flags, slice]:
+        """Which nodes (B, J) of a block there are, and where they stand among all (T,)."""
+        part, ends = block.experiments, self._ends
+        return self.there[part], slice(int(ends[part.start]), int(ends[part.stop]))
+
+    @cached_property
+    def _ends(self) -> Indices:
+        """How many nodes (N + 1,) come before each experiment."""
+        return np.concatenate([[0], np.cumsum(self.there.sum(axis=1))])
 
 
 def holds(inputs: Inputs, values: int) -> bool:
@@ -106,30 +131,48 @@ def regular(inputs: Inputs) -> bool:
     return True
 
 
-def densities(inputs: Inputs, alpha: Array, x: Array, only: int | None = None) -> Array:
-    """log p(x | alpha) (B, J), of parameters that scatter; or its part that alpha_k changes."""
+def densities(inputs: Inputs, alpha: Array, x: Array) -> Array:
+    """log p(x | alpha) (B, J) at x (B, J, n), of parameters that scatter."""
     flat = x.reshape(-1, x.shape[2])
-    return inputs.scattered_log_density(alpha, flat, only).reshape(x.shape[:2])
+    return inputs.scattered_log_density(alpha, flat).reshape(x.shape[:2])
 
 
 def law_scores(inputs: Inputs, alpha: Array, x: Array, share: Array) -> Array:
-    """sum_j share_j d log p(x_j | alpha)/d alpha (B, K) at x (B, J, n), by central differences."""
-    found = np.zeros((len(x), inputs.size))
+    """sum_j share_j d log p(x_j | alpha)/d alpha (B, K) at x (B, J, n)."""
+    there = share > 0.0
+    return _scores_of(inputs, alpha, x[there], share[there], np.nonzero(there)[0], len(x))
+
+
+def _scores_of(
+    inputs: Inputs, alpha: Array, x: Array, share: Array, owner: Indices, count: int
+) -> Array:
+    """The same (B, K) by central differences at x (T, n), whose owners (T,) count B."""
+    found = np.zeros((count, inputs.size))
     for k, h in enumerate(inputs.hyperparameters):
         if h.free:
             step = STEP * max(abs(alpha[k]), LEAST * (h.upper - h.lower))
-            ends = [densities(inputs, _moved(alpha, k, by), x, k) for by in (step, -step)]
-            with np.errstate(invalid="ignore"):
-                slope = (ends[0] - ends[1]) / (2.0 * step)
-            found[:, k] = np.sum(share * np.where(share > 0.0, slope, 0.0), axis=1)
+            up, down = (
+                inputs.scattered_log_density(_moved(alpha, k, by), x, k) for by in (step, -step)
+            )
+            slope = (up - down) / (2.0 * step)
+            found[:, k] = np.bincount(owner, share * slope, minlength=count)
     return found
 
 
-def _quartiles(inputs: Inputs, alpha: Array) -> Array:
+@lru_cache(maxsize=64)
+def _quartiles(inputs: Inputs, alpha: tuple[float, ...]) -> Array:
     """Quartiles and median (s, 3) of each law that scatters."""
-    laws = list(inputs.laws.values())
-    own = [laws[i].quantile(alpha[inputs.slices[i]], QUARTERS) for i in inputs.scattered]
+    laws, values = list(inputs.laws.values()), np.array(alpha)
+    own = [laws[i].quantile(values[inputs.slices[i]], QUARTERS) for i in inputs.scattered]
     return np.array(own)
+
+
+def _grown(before: Array, after: Array) -> Array:
+    """How far widths have changed; values that are not positive only serve themselves."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.log(after / before)
+        scaled = np.where(ratio > 0.0, ratio / np.log(WIDER), ratio / np.log(NARROWER))
+    return np.where(before == after, 0.0, np.nan_to_num(scaled, nan=np.inf))
 
 
 def _moved(alpha: Array, k: int, by: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,9 @@ from aleator.types import Array, Flags, Indices
 
 POINTS, ENOUGH = 4, 3e-4
 """Gauss-Legendre nodes of half a panel, and the share that halving it may change."""
+COARSE, MISSED = 3e-3, 0.01
+"""That share where panels begin, and the change of the log-likelihood with more of them from where
+on these are not enough."""
 FINER, FINER_ENOUGH = 6, 3e-5
 """The same of those that tell how exact these are."""
 ROUGH_ENOUGH = 1e-2
@@ -25,7 +29,7 @@ TOLD = 2.0
 """Information of a variate, of which the law's part is one, that an outcome has told something."""
 SIZE = 16_000
 """Nodes of an experiment for which there must be memory while they are sought."""
-LEFT = 1e-7
+LEFT = 1e-9
 """Share of an integral that is left out with its smallest parts."""
 
 
@@ -57,9 +61,26 @@ class PlanePanels(AsManyAsNeeded):
         """Nodes that an experiment takes while they are sought, about."""
         return SIZE
 
+    @classmethod
+    def coarse(cls) -> PlanePanels:
+        """Half the nodes, which mostly do."""
+        return cls(enough=COARSE)
+
     def finer(self, dimensions: int) -> tuple[PlanePanels, ...]:  # noqa: ARG002
-        """The rule that tells how exact this one is; none tells it of that."""
+        """The rule that tells how exact this one is; none tells it of the finest."""
+        if self.enough > ENOUGH:
+            return (PlanePanels(),)
         return (PlanePanels(FINER, FINER_ENOUGH),) if self.points < FINER else ()
+
+    def refined(
+        self,
+        gaps: Sequence[float],
+        enough: float,
+        dimensions: int,  # noqa: ARG002
+    ) -> PlanePanels | None:
+        """Those that are not coarse, where they are needed."""
+        needed = self.enough > ENOUGH and abs(sum(gaps)) > max(enough, MISSED)
+        return PlanePanels() if needed else None
 
     def about(
         self,

@@ -71,9 +71,14 @@ class AsManyAsNeeded:
         """One mode is known; the panels look for others themselves."""
         return 1
 
-    def refined(self, gaps: Sequence[float], enough: float, dimensions: int) -> None:  # noqa: ARG002
+    def refined(
+        self,
+        gaps: Sequence[float],  # noqa: ARG002
+        enough: float,  # noqa: ARG002
+        dimensions: int,  # noqa: ARG002
+    ) -> Rule | None:
         """None: panels are as many as are needed."""
-        return
+        return None
 
     def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
         """What more nodes in each panel change."""

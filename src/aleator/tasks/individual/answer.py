@@ -194,9 +194,9 @@ class _Searched:
 def _told(found: SearchResult, end: Settled) -> SearchResult:
     """The settled answer as the best optimum, the next ones with as many nodes as it has."""
     first, *others = found.optima
-    again = []
+    again, objective = [], end.likelihood.continued
     for optimum in others[:TOLD]:
-        value = end.likelihood.adapted(optimum.alpha).evaluate(optimum.alpha).total
+        value = objective(optimum.alpha).total
         again.append(replace(optimum, log_likelihood=min(value, end.value)))
     again.sort(key=lambda optimum: -optimum.log_likelihood)
     optima = (Optimum(end.alpha, end.value, first.starts), *again, *others[TOLD:])

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile, profile_intervals
 from aleator.inference.profile_end import BETTER
-from aleator.likelihood.individual import IndividualLikelihood
-from aleator.search.interface import Scored
-from aleator.search.value import LogLikelihood
+from aleator.likelihood.individual import Following, IndividualLikelihood
 from aleator.tasks.individual.settle import Settled
-from aleator.types import Array, Flags
+from aleator.types import Array, Flags, Indices
 
 DIFFERS = 0.04
 """A drop of the profile by other nodes that is another one: twice what an end is found to."""
@@ -23,7 +21,7 @@ DEAR = 400
 UNKNOWN = 0.2
 """A drop that more nodes change by so much is not known."""
 ADAPTED = 4
-"""Times that ends are looked at with nodes that are adapted to them."""
+"""Times that an interval is sought with nodes that were adapted to its ends."""
 
 
 def profiled(end: Settled, alpha: Array, inference: Inference, rivals: Sequence[Array]) -> Profile:
@@ -33,9 +31,11 @@ def profiled(end: Settled, alpha: Array, inference: Inference, rivals: Sequence[
     the finest change at an end is what cannot be known.
     """
     likelihood = end.likelihood
+    if likelihood.parameters is not None:
+        same = end.coarse.rule == likelihood.rule
+        few = likelihood if same else likelihood.by(end.coarse.rule, alpha)
+        return _by_held(few, alpha, inference, rivals)
     many = likelihood.nodes.xi.shape[1] > DEAR
-    if many and likelihood.parameters is not None:
-        return _by_held(likelihood, alpha, inference, rivals)
     found = profile_intervals(
         end.coarse.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals
     )
@@ -97,71 +97,47 @@ def _by_held(
 ) -> Profile:
     """By nodes that are held as parameters, which take longer to find than a profile by them.
 
-    Those of the answer mostly serve as far as an interval reaches. Where they do not, an end is
-    sought again with nodes that are adapted to it, until these tell its drop.
+    Those that are nearest in law serve. Nodes that are adapted to an end tell whether its drop is
+    right; where it is not, it is sought again with these too.
     """
-    top, rows = likelihood.evaluate(alpha).total, inference.identified
-    nothing = np.full((alpha.size, 2), np.nan)
-    found = Profile(nothing, nothing, np.tile(alpha, (alpha.size, 2, 1)), None)
-    objectives: dict[int, Scored] = dict.fromkeys(rows.tolist(), likelihood.__call__)
-    for _ in range(ADAPTED):
-        for k, objective in objectives.items():
-            found = _with_row(objective, likelihood, alpha, inference, rivals, found, k)
-            if found.better is not None:
-                return found
-        off, wrong = np.zeros(found.drops.shape), dict[int, Scored]()
-        for k in objectives:
-            ends = [
-                likelihood.adapted(point) if drop > 0.0 else likelihood
-                for point, drop in zip(found.points[k], found.drops[k], strict=True)
-            ]
-            value = [e.evaluate(p).total for e, p in zip(ends, found.points[k], strict=True)]
-            drop = np.subtract(top, value)
-            off[k] = np.where(found.drops[k] > 0.0, np.abs(drop - found.drops[k]), 0.0)
-            if np.min(drop) < -BETTER:
-                # too far for the nodes of the answer, which did not see how high it is there
-                return replace(found, better=found.points[k, int(np.argmin(drop))])
-            if np.any(off[k] > DIFFERS):
-                values = np.array([alpha[k], *found.points[k, :, k]])
-                wrong[k] = _Nearest(k, values, [likelihood, *ends])
-        objectives = wrong
-    return found.only_known(off > UNKNOWN)
+    objective, nothing = likelihood.continued, np.full((alpha.size, 2), np.nan)
+    found = Profile(nothing, nothing, np.full((alpha.size, 2, alpha.size), np.nan), None)
+    for k in inference.identified:
+        row = _row_by_held(objective, likelihood, alpha, inference, rivals, np.array([k]))
+        found = found.joined(row, np.array([k]))
+        if found.better is not None:
+            break
+    return found
 
 
-def _with_row(
-    objective: Scored,
+def _row_by_held(
+    objective: Following,
     likelihood: IndividualLikelihood,
     alpha: Array,
     inference: Inference,
     rivals: Sequence[Array],
-    found: Profile,
-    k: int,
+    only: Indices,
 ) -> Profile:
-    """The same with the interval of hyperparameter k by this objective.
+    """The interval of one hyperparameter; a better maximum is one if nodes adapted to it say so."""
+    hyperparameters, top = likelihood.hyperparameters, likelihood.evaluate(alpha).total
+    off = np.full((alpha.size, 2), np.inf)
+    for _ in range(ADAPTED):
+        found = profile_intervals(objective, alpha, hyperparameters, inference, only, rivals)
+        if found.better is not None:
+            if top - _with_own(objective, likelihood, found.better) < -BETTER:
+                return found
+            continue
+        off = np.zeros((alpha.size, 2))
+        for k, side in np.argwhere(found.drops > 0.0):
+            drop = top - _with_own(objective, likelihood, found.points[k, side])
+            off[k, side] = abs(drop - found.drops[k, side])
+        if np.max(off) < DIFFERS:
+            break
+    return replace(found, better=None).only_known(off > UNKNOWN)
 
-    A better maximum is one only if nodes that are adapted to it say so: a law that has become much
-    narrower than its nodes lie apart may look likelier than it is. Then no end is known there.
-    """
-    only = np.array([k])
-    again = profile_intervals(objective, alpha, likelihood.hyperparameters, inference, only, rivals)
-    if again.better is not None:
-        there = likelihood.adapted(again.better).evaluate(again.better).total
-        if there > likelihood.evaluate(alpha).total + BETTER:
-            return replace(found, better=again.better)
-    points = np.where(np.isnan(again.points), alpha, again.points)
-    return found.joined(replace(again, points=points, better=None), only)
 
-
-@dataclass(frozen=True, eq=False)
-class _Nearest:
-    """The log-likelihood with the nodes, held, that were adapted to the nearest value of one of it.
-
-    `values` (A,) of hyperparameter k, of the answer and at the ends of its interval so far.
-    """
-
-    k: int
-    values: Array
-    held: Sequence[IndividualLikelihood]
-
-    def __call__(self, alpha: Array) -> LogLikelihood:
-        return self.held[int(np.argmin(np.abs(self.values - alpha[self.k])))](alpha)
+def _with_own(objective: Following, likelihood: IndividualLikelihood, point: Array) -> float:
+    """The log-likelihood at a point (K,) with nodes of its own, which the objective remembers."""
+    own = likelihood.adapted(point)
+    objective.remember(own)
+    return own.evaluate(point).total

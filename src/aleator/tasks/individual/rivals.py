@@ -33,10 +33,9 @@ def rivals(end: Settled, inference: Inference, found: SearchResult) -> tuple[Riv
         return ()
     known: list[Array] = [end.alpha]
     kept = []
-    rule = end.likelihood.rule
+    likelihood, rule = end.likelihood, end.likelihood.rule
     if isinstance(rule, GaussHermite):
-        rule = GaussHermite(min(rule.first, NODES))
-    likelihood = end.likelihood.by(rule, end.alpha)
+        likelihood = likelihood.by(GaussHermite(min(rule.first, NODES)), end.alpha)
     arrived = [a.alpha for a in found.ascents if a.converged]
     for optimum in found.optima[1:]:
         if len(known) > TRIED:

@@ -47,8 +47,6 @@ SMOOTH = 1e-4
 """A change with more nodes about one mode that they would not be rid of at a kink."""
 SOME = 150
 """Nodes about one mode up to which it is seen whether they are rid of it."""
-COARSE = 1e-3
-"""Share of an integral that panels of two variates may miss while surfaces are still coarse."""
 LOOKED = 40
 """Experiments on which panels of two variates are tried."""
 TRIED = (600, 1200)
@@ -93,10 +91,9 @@ def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOU
         return end
     if variates == 2:
         rough = enough >= ROUGHLY
-        panels = PlanePanels(enough=COARSE) if rough else PlanePanels()
-        if _told_by_panels(end, panels, LITTLE if rough else HARDLY):
+        if _told_by_panels(end, LITTLE if rough else HARDLY):
             return end
-        return _refined(replace(end.likelihood, rule=panels), end.alpha, enough)
+        return _refined(replace(end.likelihood, rule=PlanePanels.coarse()), end.alpha, enough)
     if abs(end.gap) < HARDLY and not _misses_modes(end):
         return end
     again = _refined(replace(likelihood, rule=ImportancePoints()), end.alpha, enough)
@@ -113,7 +110,7 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     return replace(likelihood, rule=likelihood.rule.at_least(SCORING))
 
 
-def _told_by_panels(end: Settled, panels: PlanePanels, most: float) -> bool:
+def _told_by_panels(end: Settled, most: float) -> bool:
     """Whether nodes about one mode of two variates tell what panels do, who leave nothing out.
 
     They do where the two differ by less than `most`.
@@ -124,7 +121,7 @@ def _told_by_panels(end: Settled, panels: PlanePanels, most: float) -> bool:
     if _smooth(end) and not several_modes(likelihood, end.alpha):
         return True
     tried = likelihood.sampled(LOOKED) if likelihood.count > 2 * LOOKED else likelihood
-    return abs(_change(tried, panels, end.alpha, large=False)) < most
+    return abs(_change(tried, PlanePanels.coarse(), end.alpha, large=False)) < most
 
 
 def _smooth(end: Settled) -> bool:
@@ -230,15 +227,18 @@ def climbed(likelihood: IndividualLikelihood, alpha: Array) -> tuple[IndividualL
     if not free.size:
         return held, alpha
     information = _outer(held(alpha).scores, free, hyperparameters)
-    near = ascended(held.continued, alpha, hyperparameters, free, information, ROUGHLY)
+    following = held.continued
+    near = ascended(following, alpha, hyperparameters, free, information, ROUGHLY)
     alpha, information = near.alpha, near.information
     held = held.adapted(alpha)
     if held.rule.centers > 1:
         return _climbed_with_points(held, alpha, information, free)
     for _ in range(ROUNDS):
         before = held.evaluate(alpha).total
-        # as a plain function: a search would let the nodes follow
-        end = ascended(held.__call__, alpha, hyperparameters, free, information)
+        following.remember(held)
+        # variates as a plain function: a search would let the nodes follow
+        objective = held.__call__ if held.parameters is None else following
+        end = ascended(objective, alpha, hyperparameters, free, information)
         again = held.adapted(end.alpha)
         gain = again.evaluate(end.alpha).total - before
         if gain < 0.0 and end.value > before:
