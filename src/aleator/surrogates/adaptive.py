@@ -48,6 +48,9 @@ MANY = 150
 WORTH = 0.3
 """Estimated error of the first shared surface, over the outcome's scatter on the box, that nine
 experiments of ten must meet; with more each has its own surface."""
+ALIKE = 0.01
+"""The same of few runs, that no experiment may be above if these are to be enough: one feature that
+so few runs miss is met by those of another experiment."""
 POINTS = 512
 """Points of a region at which errors are judged before there is a law."""
 
@@ -82,6 +85,7 @@ class AdaptiveSurfaces:
         self.scale: Array | None = None
         self.past = np.full((PATIENCE, experiments), np.inf)
         self.emulator = _first_emulator(run, box, experiments, choice, conditions)
+        self._begin()
         self._complete()
 
     @property
@@ -197,6 +201,14 @@ class AdaptiveSurfaces:
     def _spent(self) -> Flags:
         return np.asarray(self.emulator.runs >= self.choice.max_runs)
 
+    def _begin(self) -> None:
+        """The other first runs, unless few were enough for all experiments."""
+        surfaces = self.emulator
+        if isinstance(surfaces, OwnSurfaces) and surfaces.begun < surfaces.first:
+            self._judge_again()
+            if surfaces.rough(ALIKE, self.choice.accuracy).any():
+                surfaces.begin(surfaces.first)
+
     def _complete(self) -> None:
         """Enough runs for a surface of every experiment, where two rounds suffice for that."""
         self._judge_again()
@@ -268,7 +280,7 @@ def build_surface(
 
 
 def first_runs(n: int, choice: ResponseSurface) -> int:
-    """Runs of an experiment in n parameters before its error is judged.
+    """Runs of an experiment in n parameters before its error is judged, unless few are enough.
 
     Twice the terms of total degree two up to four parameters where the surfaces are to be exact
     all over the box: quadratics then are so at once. Fewer where they will follow a law.
@@ -277,6 +289,15 @@ def first_runs(n: int, choice: ResponseSurface) -> int:
     (12, 20)
     """
     return 5 * n + 10 if choice.tolerance else 3 * n + 6
+
+
+def few_runs(n: int, choice: ResponseSurface) -> int:
+    """Runs that are enough where every outcome is linear: two more than such a surface has terms.
+
+    >>> few_runs(2, ResponseSurface()), few_runs(2, ResponseSurface(tolerance=0.01))
+    (5, 20)
+    """
+    return first_runs(n, choice) if choice.tolerance else n + 3
 
 
 def _first_emulator(
@@ -298,7 +319,7 @@ def _first_emulator(
             f"response surface: max_runs {choice.max_runs} for {n} parameters",
             f"allow at least {first} runs an experiment",
         )
-    return OwnSurfaces(run, box, Samples.none(experiments, n), first)
+    return OwnSurfaces(run, box, Samples.none(experiments, n), first, few_runs(n, choice))
 
 
 def _own_instead(shared: SharedSurface) -> OwnSurfaces:

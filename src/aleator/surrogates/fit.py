@@ -37,9 +37,10 @@ SWEEPS = 2
 class Prior(NamedTuple):
     """What is assumed of the coefficients: w_nu = (1 + size(nu)^2)^(-smoothness/2).
 
-    `scale` and `norm` define the size of an index (see `ball`). The first `trend` M indices, at
-    least the constant, are free: polynomials in their span are reproduced exactly. `noise` is the
-    standard deviation g of the runs, on the scale of w at index zero.
+    `scale` and `norm` define the size of an index (see `ball`). With a `trend` its first `trend` M
+    indices and the linear ones are free, else the constant: polynomials in their span are
+    reproduced exactly. `noise` is the standard deviation g of the runs, on the scale of w at index
+    zero.
     """
 
     scale: tuple[float, ...]
@@ -79,11 +80,12 @@ def _beside(values: tuple[float, ...], one: float) -> tuple[float, ...]:
 
 
 def weights(prior: Prior, runs: int) -> tuple[Indices, Array]:
-    """Return indices (P, n) and weights w (P,), the heaviest first, for a number of runs."""
+    """Return indices (P, n) and weights w (P,) for a number of runs."""
     indices, size = ball(prior.scale, prior.norm, TERMS * runs + 10)
     weight = (1.0 + size**2) ** (-0.5 * prior.smoothness)
-    weight[: max(1, int(prior.trend * runs))] *= FREE
-    return indices, weight
+    free = indices.sum(axis=1) <= (prior.trend > 0.0)
+    free[: int(prior.trend * runs)] = True
+    return indices, np.where(free, FREE * weight, weight)
 
 
 def _scaled(prior: Prior, z: Array) -> tuple[Indices, Array, Array]:

@@ -9,6 +9,7 @@ from aleator.surrogates.basis import products
 from aleator.surrogates.emulator import Emulator, pairs
 from aleator.surrogates.fit import Judged, Prior, first_priors, fitted, judged, search
 from aleator.surrogates.points import (
+    asymmetric,
     continued,
     evenly,
     from_unit_box,
@@ -35,22 +36,39 @@ DOUBT = 0.5
 class OwnSurfaces(Emulator):
     """A polynomial for each experiment, made exact where it is judged (see `Emulator`).
 
-    `first` points are run to begin with. `samples` are runs that were made before, each at a point
-    of its own. Over the box an error is no less than the misfit of the surface of the round before
-    to the runs that it had not seen (`floor`), nor than half of its `estimate`.
+    `first` points are run to begin with, or at first only `few` of them: `begin` runs the others.
+    `samples` are runs that were made before, each at a point of its own. Over the box an error is
+    no less than the misfit of the surface of the round before to the runs that it had not seen
+    (`floor`), nor than half of its `estimate`.
     """
 
-    def __init__(self, run: Run, box: Array, samples: Samples, first: int) -> None:
+    def __init__(
+        self, run: Run, box: Array, samples: Samples, first: int, few: int | None = None
+    ) -> None:
         super().__init__(run, box, samples)
         experiments, n = len(samples.outcome), len(box)
-        self.earlier, self.first = samples.x, first
+        self.earlier, self.first, self.begun = samples.x, first, 0
         self.pool = first_priors(n)
         self.prior = [self.pool[0]] * experiments
         self.stale = np.ones(experiments, dtype=np.bool_)
         self.estimate = np.full(experiments, np.inf)
         self.floor = np.full(experiments, np.inf)
-        everyone, place = pairs(np.arange(experiments), first)
-        self._ask(from_unit_box(box, spread(first, n)), everyone, place)
+        z = spread(first, n)
+        self.start = from_unit_box(box, z if few is None else asymmetric(z, few))
+        self.begin(few or first)
+
+    @property
+    def least(self) -> int:
+        """Runs that must work before there is a surface: twice a linear one's, or all of few."""
+        return min(2 * len(self.box) + 2, self.begun)
+
+    def begin(self, count: int) -> None:
+        """Run everyone at the points up to `count` of those that are to begin with."""
+        fresh = self.start[self.begun : count]
+        everyone, place = pairs(np.arange(len(self.prior)), len(fresh))
+        self._ask(fresh, everyone, place)
+        self.begun, self.pool = count, first_priors(len(self.box))
+        self.stale[:] = True
 
     def move(self, box: Array) -> None:
         """Take the surfaces to another box, with the runs that lie inside."""
@@ -87,7 +105,7 @@ class OwnSurfaces(Emulator):
         samples = self.samples.inside(self.box)
         z, values = in_unit_box(self.box, samples.x), samples.outcome
         at = None if where is None else in_unit_box(self.box, where)
-        enough = samples.worked.sum(axis=1) >= least_runs(len(self.box))
+        enough = samples.worked.sum(axis=1) >= self.least
         self._choose_priors(np.flatnonzero(self.stale & enough), z, values)
         self.error = np.full(len(values), np.inf)
         for prior, members, runs in self._groups(np.flatnonzero(enough), samples.worked):
@@ -107,14 +125,16 @@ class OwnSurfaces(Emulator):
     def surface(self, converged: Flags) -> Surface:
         """The surfaces as they are, with the errors that were judged last."""
         samples = self.samples.inside(self.box)
-        pieces = fitted_pieces(in_unit_box(self.box, samples.x), samples.outcome, self.prior)
+        z = in_unit_box(self.box, samples.x)
+        pieces = fitted_pieces(z, samples.outcome, self.prior, self.least)
         return self._surface(pieces, self.error, converged, samples.outcome)
 
     def _guess(self, members: Indices, samples: Samples, z: Array) -> Array:
         """Outcomes (A, Q) at points z (Q, n) by the surfaces of members (A,) through `samples`."""
         known, out = in_unit_box(self.box, samples.x), np.empty((len(members), len(z)))
         priors = [self.prior[row] for row in members]
-        for rows, indices, coefficients in fitted_pieces(known, samples.outcome[members], priors):
+        pieces = fitted_pieces(known, samples.outcome[members], priors, self.least)
+        for rows, indices, coefficients in pieces:
             out[rows] = coefficients.T @ products(indices, z)
         return out
 
@@ -135,11 +155,6 @@ class OwnSurfaces(Emulator):
             (prior, np.array(rows, dtype=np.intp), np.flatnonzero(worked[rows[0]]))
             for (prior, _), rows in alike.items()
         ]
-
-
-def least_runs(n: int) -> int:
-    """Runs that must work before there is a surface in n parameters: twice a linear one's."""
-    return 2 * n + 2
 
 
 def patterns(worked: Flags) -> list[tuple[Indices, Indices]]:
@@ -173,12 +188,15 @@ def chosen_priors(
     return out, [*found] or pool
 
 
-def fitted_pieces(z: Array, values: Array, prior: list[Prior]) -> list[Piece]:
-    """Return the surfaces of all experiments, each with its prior, through the runs it has."""
+def fitted_pieces(z: Array, values: Array, prior: list[Prior], least: int) -> list[Piece]:
+    """Return the surfaces of all experiments, each with its prior, through the runs it has.
+
+    Where these are fewer than `least` it is a constant.
+    """
     n = z.shape[1]
     pieces: list[Piece] = []
     for rows, runs in patterns(np.isfinite(values)):
-        if len(runs) < least_runs(n):
+        if len(runs) < least:
             pieces.append(_constants(rows, values[np.ix_(rows, runs)], n))
             continue
         shared: dict[Prior, list[int]] = {}

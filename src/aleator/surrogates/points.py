@@ -72,6 +72,21 @@ def _greedy(count: int, n: int) -> Array:
     return clustered(t[chosen])
 
 
+def asymmetric(z: Array, few: int) -> Array:
+    """Return points z (M, n) in another order: the last of `few` is neither mid nor at a face.
+
+    The first ones of `spread` are nearly all: at these a cube is as good as a line.
+
+    >>> asymmetric(np.array([[0.0], [1.0], [-1.0], [0.6]]), 3).ravel().tolist()
+    [0.0, 1.0, 0.6, -1.0]
+    """
+    away = np.minimum(np.abs(z), 1.0 - np.abs(z)).min(axis=1)
+    order = np.arange(len(z))
+    last = few - 1 + int(np.argmax(away[few - 1 :]))
+    order = np.concatenate([order[: few - 1], [last], np.delete(order, last)[few - 1 :]])
+    return np.asarray(z[order])
+
+
 def evenly(z: Array, count: int) -> Array:
     """Return `count` more points (count, n) in [-1, 1]^n than z (M, n), evenly spread.
 

@@ -13,7 +13,7 @@ from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
-from aleator.surrogates.adaptive import first_runs
+from aleator.surrogates.adaptive import few_runs, first_runs
 from aleator.tasks.baselines import start_point
 from aleator.tasks.first_look import Plan
 from aleator.tasks.individual.cost import cheap, runs_each
@@ -65,12 +65,13 @@ def expected_cost(
     if alone and cheap(runner, inputs, at, plan.region):
         each = runs_each(inputs)
         return Cost(each * runner.units, each * runner.units, True)
-    first = first_runs(len(plan.moving), propagation)
+    moving = len(plan.moving)
+    begun = few_runs(moving, propagation), first_runs(moving, propagation)
     given = verification.samples
     check = CHECK[alone] if given is None else (given, given)
     found = 0 if alone or inputs.bounded else PROBED
     least, most = (
         plan.count * (min(int(growth * first), propagation.max_runs) + found) + runs * len(table)
-        for growth, runs in zip(GROWTH, check, strict=True)
+        for growth, first, runs in zip(GROWTH, begun, check, strict=True)
     )
     return Cost(least, most, False)

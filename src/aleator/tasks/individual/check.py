@@ -10,12 +10,15 @@ from aleator.likelihood.individual import Direct, Evaluator, GaussHermite
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import IndividualLikelihood, mean_of
 from aleator.simulators import Runner
+from aleator.surrogates import AdaptiveSurfaces
 from aleator.types import Array, Flags, Indices
 
 RULES = (GaussHermite(1), GaussHermite(5), GaussHermite(3))
 """The nodes of the check, by the number of variates; for more than two as for two."""
-POINTS = 12
-"""Runs of each unit, at most."""
+POINTS, FEW = 12, 2
+"""Runs of each unit, at most, and where surfaces expect hardly an error."""
+EXACT = 1e-3
+"""Estimated error of a surface over the noise, below which it can hardly matter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +37,11 @@ class Checked:
     def standard_error(self) -> float:
         """The standard error of the total."""
         return float(np.sqrt(np.sum(self.error**2)))
+
+
+def points(surfaces: AdaptiveSurfaces) -> int:
+    """Runs of each unit, at most, that check surfaces with the errors that these expect."""
+    return FEW if surfaces.relative.max() < EXACT else POINTS
 
 
 def checked(

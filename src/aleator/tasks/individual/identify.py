@@ -26,7 +26,7 @@ from aleator.tasks.baselines import start_point
 from aleator.tasks.budget import affordable
 from aleator.tasks.individual.answer import Question, answered
 from aleator.tasks.individual.assemble import assembled
-from aleator.tasks.individual.check import POINTS, checked
+from aleator.tasks.individual.check import checked, points
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.results.identification import Identification
 
@@ -93,13 +93,17 @@ def identified(
             diagnostics.budget_warnings(runner.account, answer.surfaces, "the noise"),
         )
         if verified and answer.surfaces is not None:
-            most = affordable(runner, POINTS)
+            wanted_points = points(answer.surfaces)
+            most = affordable(runner, wanted_points)
             if most == 0:
                 notes.append(diagnostics.UNCHECKED)
             else:
                 with ledger.stage("verification"):
                     check = checked(
-                        answer.settled.likelihood, answer.settled.alpha, runner, most or POINTS
+                        answer.settled.likelihood,
+                        answer.settled.alpha,
+                        runner,
+                        most or wanted_points,
                     )
     found = assembled(question, answer, check, ledger, notes)
     if found.sound:

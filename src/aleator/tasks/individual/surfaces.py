@@ -195,18 +195,21 @@ class ByResponseSurfaces:
     def _sharpened(self, surfaced: Surfaced, inference: Inference, level: float) -> Surfaced:
         """Runs for all sites whose error is above `level` of the noise, where the laws lie."""
         likelihood, alpha = surfaced.settled.likelihood, surfaced.settled.alpha
-        inputs, surfaces = likelihood.inputs, surfaced.surfaces
+        inputs, surfaces, region = likelihood.inputs, surfaced.surfaces, surfaced.region
         likely = likely_alphas(alpha, inference, likelihood.hyperparameters)
-        region = surfaced.region
-        if not self.runner.account.refused:
-            region = _next_region(surfaced, likely)
-        moving = moving_parameters(region)
-        if region is not surfaced.region:
-            surfaces.move(region[moving])
-        where = np.clip(draws(inputs, [alpha], likelihood.count), *region.T)[:, moving]
-        fresh = np.clip(draws(inputs, [*likely], likelihood.count, WIDER), *region.T)[:, moving]
+
+        def inside(alphas: Sequence[Array], wide: float = 1.0) -> Array:
+            x = np.clip(draws(inputs, alphas, likelihood.count, wide), *region.T)
+            return x[:, moving_parameters(region)]
+
         surfaces.against(_noise(surfaced))
-        surfaces.judge(where)
+        surfaces.judge(inside([alpha]))
+        if not self.runner.account.refused:
+            region = _next_region(surfaced, likely, narrower=bool(surfaces.wanting(level).any()))
+        if region is not surfaced.region:
+            surfaces.move(region[moving_parameters(region)])
+            surfaces.judge(inside([alpha]))
+        fresh = inside([*likely], WIDER)
         for _ in range(ROUNDS):
             members = surfaced.sites.together(surfaces.wanting(level))
             if not members.any():
@@ -215,8 +218,11 @@ class ByResponseSurfaces:
         return replace(surfaced, region=region)
 
 
-def _next_region(surfaced: Surfaced, likely: Array) -> Array:
-    """One that holds the laws of all that alpha may be, if that is better than the present one."""
+def _next_region(surfaced: Surfaced, likely: Array, *, narrower: bool) -> Array:
+    """One that holds the laws of all that alpha may be, if that is better than the present one.
+
+    A narrower one only where surfaces would be better there.
+    """
     likelihood, alpha = surfaced.settled.likelihood, surfaced.settled.alpha
     inputs, region = likelihood.inputs, surfaced.region
     certain = held_region(inputs, [alpha], likelihood.count, FAR)
@@ -231,7 +237,7 @@ def _next_region(surfaced: Surfaced, likely: Array) -> Array:
         reach = np.diff(region, axis=1) * np.array([-1.0, 1.0])
         return np.clip(wanted, region[:, :1] + reach[:, :1], region[:, 1:] + reach[:, 1:])
     share = np.prod(np.diff(wanted, axis=1)[moving, 0] / width)
-    return wanted if share < SHRINK else region
+    return wanted if narrower and share < SHRINK else region
 
 
 def _at_ends(region: Array, box: Array, certain: Array) -> Flags:
