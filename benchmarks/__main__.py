@@ -16,6 +16,7 @@ from rich.console import Console
 from benchmarks.closed import print_closed
 from benchmarks.coverage import print_coverage
 from benchmarks.densities import density_rows, failure_table
+from benchmarks.economy import print_economy
 from benchmarks.expansions import expansion_rows
 from benchmarks.few_runs import print_few_runs
 from benchmarks.growth import growth_rows
@@ -46,6 +47,7 @@ TABLES: dict[str, Callable[[Console], None]] = {
     "failures": failure_table,
     "searches": print_searches,
     "few-runs": print_few_runs,
+    "economy": print_economy,
     "runs": lambda _: print_runs(),
     "next": print_next,
 }
