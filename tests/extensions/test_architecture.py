@@ -79,7 +79,7 @@ def test_one_alpha_passes_the_files_of_the_first_walk(monkeypatch: pytest.Monkey
     monkeypatch.setattr(Continued, "__call__", noted)
     identify(
         lambda z, x: z * x, table, inputs, outcome="y", vectorized=True,
-        verification=MonteCarlo(0),
+        verification=MonteCarlo(0), density=Convolution(),
     )  # fmt: skip
     densities = [objective.likelihood.predictive.density for objective, _ in asked]
     last = max(k for k, density in enumerate(densities) if isinstance(density, Convolution))

@@ -68,7 +68,7 @@ class Identification(Decided):
     2 hyperparameters identified from 4 experiments, ... runs of the simulator
     alpha   estimate  std. error   95 % interval  note
     x.mean     1.031       0.062  0.873 .. 1.189
-    x.sd       0.124       0.044  0.071 .. 0.303  sandwich error 0.017
+    x.sd       0.124       0.044  0.071 .. 0.303  sandwich error 0.018
     log-likelihood -0.511
     ...
     Computed soundly: the search converged, every density was solved; not verified on
