@@ -51,6 +51,8 @@ experiments of ten must meet; with more each has its own surface."""
 ALIKE = 0.01
 """The same of few runs, that no experiment may be above if these are to be enough: one feature that
 so few runs miss is met by those of another experiment."""
+CONFIRMED = 5
+"""Experiments that confirm each other's few runs, at least."""
 POINTS = 512
 """Points of a region at which errors are judged before there is a law."""
 
@@ -291,13 +293,18 @@ def first_runs(n: int, choice: ResponseSurface) -> int:
     return 5 * n + 10 if choice.tolerance else 3 * n + 6
 
 
-def few_runs(n: int, choice: ResponseSurface) -> int:
+def few_runs(n: int, choice: ResponseSurface, experiments: int) -> int:
     """Runs that are enough where every outcome is linear: two more than such a surface has terms.
 
-    >>> few_runs(2, ResponseSurface()), few_runs(2, ResponseSurface(tolerance=0.01))
+    With few experiments nothing confirms that.
+
+    >>> few_runs(2, ResponseSurface(), 20), few_runs(2, ResponseSurface(tolerance=0.01), 20)
     (5, 20)
+    >>> few_runs(2, ResponseSurface(), 1)
+    12
     """
-    return first_runs(n, choice) if choice.tolerance else n + 3
+    alone = experiments < CONFIRMED or choice.tolerance
+    return first_runs(n, choice) if alone else n + 3
 
 
 def _first_emulator(
@@ -319,7 +326,9 @@ def _first_emulator(
             f"response surface: max_runs {choice.max_runs} for {n} parameters",
             f"allow at least {first} runs an experiment",
         )
-    return OwnSurfaces(run, box, Samples.none(experiments, n), first, few_runs(n, choice))
+    return OwnSurfaces(
+        run, box, Samples.none(experiments, n), first, few_runs(n, choice, experiments)
+    )
 
 
 def _own_instead(shared: SharedSurface) -> OwnSurfaces:

@@ -66,7 +66,8 @@ def expected_cost(
         each = runs_each(inputs)
         return Cost(each * runner.units, each * runner.units, True)
     moving = len(plan.moving)
-    begun = few_runs(moving, propagation), first_runs(moving, propagation)
+    few = few_runs(moving, propagation, plan.count)
+    begun = few, first_runs(moving, propagation)
     given = verification.samples
     check = CHECK[alone] if given is None else (given, given)
     found = 0 if alone or inputs.bounded else PROBED
