@@ -18,12 +18,17 @@ COARSE = 0.1
 """Estimated error of the log-likelihood by the size of the cells that is worth a warning."""
 
 
-def level_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> list[Diagnostic]:
-    """Experiments whose outcome lies between the values on either side of a jump."""
+def by_finer_cells(problem: Problem, alpha: Array) -> Array:
+    """What cells of half the size changed in each log-density (N,); nothing without level sets."""
     if problem.levels is None:
-        return []
-    lost = _by_finer_cells(problem, alpha)
-    rows = np.flatnonzero(lost < -JUMPED)
+        return np.zeros(problem.outcomes.size)
+    fine, coarse = problem.levels, problem.levels.coarse()
+    return np.asarray(fine.evaluate(alpha).each - coarse.evaluate(alpha).each)
+
+
+def level_refusals(changed: Array, ids: Sequence[str]) -> list[Diagnostic]:
+    """Experiments whose outcome lies between the values on either side of a jump."""
+    rows = np.flatnonzero(changed < -JUMPED)
     if not rows.size:
         return []
     return [
@@ -37,12 +42,10 @@ def level_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> list[D
     ]
 
 
-def level_warnings(problem: Problem, alpha: Array) -> list[Diagnostic]:
+def level_warnings(changed: Array) -> list[Diagnostic]:
     """Cells that are too coarse for the answer."""
-    if problem.levels is None:
-        return []
     # what is left is as much at most, if the error is of first order
-    error = float(np.sum(_by_finer_cells(problem, alpha)))
+    error = float(np.sum(changed))
     if abs(error) < COARSE:
         return []
     return [
@@ -53,10 +56,3 @@ def level_warnings(problem: Problem, alpha: Array) -> list[Diagnostic]:
             "narrow the box of the parameters around the law",
         )
     ]
-
-
-def _by_finer_cells(problem: Problem, alpha: Array) -> Array:
-    """What cells of half the size changed in each log-density (N,)."""
-    assert problem.levels is not None
-    fine, coarse = problem.levels, problem.levels.coarse()
-    return np.asarray(fine.evaluate(alpha).each - coarse.evaluate(alpha).each)

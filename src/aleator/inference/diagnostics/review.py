@@ -18,7 +18,7 @@ from aleator.inference.diagnostics.estimates import (
     count_warnings,
     search_refusals,
 )
-from aleator.inference.diagnostics.levels import level_refusals, level_warnings
+from aleator.inference.diagnostics.levels import by_finer_cells, level_refusals, level_warnings
 from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.diagnostics.surfaces import surface_refusals, surface_warnings
 from aleator.inference.information import Inference
@@ -60,13 +60,14 @@ def review(
 ) -> tuple[tuple[Diagnostic, ...], bool]:
     """All warnings, and whether the answer is sound; `conditions` has a row an experiment."""
     hyperparameters = problem.model.hyperparameters
+    changed = by_finer_cells(problem, found.alpha)
     refusals = [
         *_density_warnings(honest, ids),
         *search_refusals(inference, hyperparameters),
         *check.refusals(honest, checked, ids),
         *check.total_refusals(honest, checked, inference, problem, found.alpha),
         *surface_refusals(problem, found.alpha, checked, surface_error, ids),
-        *level_refusals(problem, found.alpha, ids),
+        *level_refusals(changed, ids),
     ]
     notes = [
         *count_warnings(len(ids), inference),
@@ -74,7 +75,7 @@ def review(
         *weak_directions(inference, hyperparameters),
         *centering_warnings(problem, found.alpha, inference, conditions),
         *surface_warnings(problem, surface_error, ids),
-        *level_warnings(problem, found.alpha),
+        *level_warnings(changed),
         *_quadrature_warnings(quadrature_gap(problem, found.alpha), problem),
         *check.notes(honest, checked, inference, problem, found.alpha, ids, told=not refusals),
     ]

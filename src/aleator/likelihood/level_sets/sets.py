@@ -9,6 +9,7 @@ import numpy as np
 from aleator.densities import Status
 from aleator.densities.interface import DEGENERATE_VALUE
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual.likelihood import mean_of
 from aleator.likelihood.individual.parameters import densities, law_scores
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Flags, Indices
@@ -36,12 +37,12 @@ class LevelSets:
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """Log-densities (N,) with scores (N, K); where there is none it is DEGENERATE_VALUE."""
-        total, share = _summed(self._terms(alpha))
+        total, share = mean_of(self._terms(alpha))
         return self._found(alpha, total, law_scores(self.inputs, alpha, self.x, share))
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The same without scores."""
-        return self._found(alpha, _summed(self._terms(alpha))[0], None)
+        return self._found(alpha, mean_of(self._terms(alpha))[0], None)
 
     def take(self, rows: Indices) -> LevelSets:
         """Those of some experiments."""
@@ -79,14 +80,3 @@ class LevelSets:
         status = np.where(none, int(Status.DEGENERATE), int(Status.SOLVED))
         found = LogLikelihood(np.where(none, DEGENERATE_VALUE, total), scores, status)
         return found.believed(self.inputs.hyperparameters, alpha)
-
-
-def _summed(terms: Array) -> tuple[Array, Array]:
-    """log sum exp (N,) of terms (N, K), and the share of each of them."""
-    highest = terms.max(axis=1, keepdims=True)
-    highest = np.where(np.isfinite(highest), highest, 0.0)
-    each = np.exp(terms - highest)
-    total = each.sum(axis=1, keepdims=True)
-    with np.errstate(divide="ignore"):
-        found = (np.log(total) + highest)[:, 0]
-    return found, each / np.where(total > 0.0, total, 1.0)
