@@ -80,7 +80,7 @@ def test_the_error_falls_with_the_square_of_the_cells() -> None:
     alpha = np.array([1.0, 0.4, 0.8, 0.3])
     own = [
         likelihood(TWO, lambda c, a, b: a * np.exp(b * c), y, cells).evaluate(alpha).likelihood
-        for cells in (32, 64, 128, 1024)
+        for cells in (64, 128, 256, 1024)
     ]
     errors = np.abs(np.array(own[:3]) - own[3])
     order = np.log2(errors[:-1] / errors[1:])
@@ -108,6 +108,31 @@ def test_a_narrow_law_has_a_grid_of_its_own() -> None:
     sd = np.hypot(0.01 * LOADS, 0.02)
     exact = stats.norm.logpdf(0.01, 0.0, sd).sum()
     assert two.evaluate(narrow).likelihood == pytest.approx(exact, abs=0.02)
+
+
+def test_the_information_is_exact_where_one_law_is_very_narrow() -> None:
+    """y = c exp(a) + b: a = log((y - b)/c), integrated over b by the nodes of its own law."""
+    alpha, width = np.array([1.0, 0.08, 0.7, 0.002]), np.array([0.08, 0.08, 0.002, 0.002])
+    y = LOADS * np.exp([1.05, 0.93, 1.08, 0.98]) + 0.7
+    z, weight = np.polynomial.hermite_e.hermegauss(60)
+
+    def exact(alpha: Array) -> float:
+        rest = y[:, None] - (alpha[2] + alpha[3] * z)
+        inner = stats.norm.pdf(np.log(rest / LOADS[:, None]), alpha[0], alpha[1]) / rest
+        return float(np.log(inner @ weight / np.sqrt(2.0 * np.pi)).sum())
+
+    of = likelihood(TWO, lambda c, a, b: c * np.exp(a) + b, y, 64)
+    assert of.evaluate(alpha).likelihood == pytest.approx(exact(alpha), abs=1e-3)
+    steps = 1e-2 * np.diag(width)
+    for k, step in enumerate(steps):
+        slope = (of(alpha + step).score - of(alpha - step).score) / (2.0 * step[k])
+        for i, other in enumerate(steps):
+            ends = [exact(alpha + a * step + b * other) for a in (1, -1) for b in (1, -1)]
+            second = (ends[0] - ends[1] - ends[2] + ends[3]) / (4.0 * step[k] * other[i])
+            # in the metric of the two laws' widths
+            assert slope[i] * width[k] * width[i] == pytest.approx(
+                second * width[k] * width[i], abs=0.003
+            )
 
 
 def test_equal_conditions_share_runs_and_parts_are_parts() -> None:

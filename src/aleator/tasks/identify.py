@@ -156,7 +156,7 @@ def _found(
         seed=seed, failures=diagnostics.failure_report(runner),
         notes=[*notes, *([diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [])],
     )  # fmt: skip
-    if found.sound:
+    if found.sound and not (answer.surfaces and answer.surfaces.broken):
         return found
     jumps = diagnostics.step_warnings(answer.surfaces, question.model.inputs)
     return replace(found, warnings=(*found.warnings, *jumps))

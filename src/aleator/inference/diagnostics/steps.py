@@ -14,7 +14,7 @@ from aleator.types import Array
 
 
 def step_warnings(surfaces: AdaptiveSurfaces | None, inputs: Inputs) -> list[Diagnostic]:
-    """Outcomes with a step: why an answer on surfaces is not sound, if it is not."""
+    """Outcomes with a step, which surfaces do not follow."""
     if surfaces is None:
         return []
     found = surfaces.steps(np.arange(surfaces.good.size))
