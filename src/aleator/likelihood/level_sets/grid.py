@@ -165,7 +165,8 @@ def _chord(v: Array, x: Array) -> Array:
         return np.asarray(rise / side[:, 0])
     (a, b), (c, d) = np.moveaxis(side, 0, -1)
     first, second = rise.T
-    return np.stack([first * d - second * b, second * a - first * c], 1) / (a * d - b * c)[:, None]
+    slope = np.stack([first * d - second * b, second * a - first * c], axis=1)
+    return np.asarray(slope / (a * d - b * c)[:, None])
 
 
 def _smooth(chord: Array, slope: Array) -> Array:
