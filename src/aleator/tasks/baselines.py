@@ -66,34 +66,40 @@ def least_squares(
     outcomes: Array,
     box: Array,
     start: Array,
+    tolerance: float = 1e-8,
 ) -> LeastSquares:
     """Fit one point of the box, from `start` (n,), by a bounded trust-region method.
 
-    Parameters whose box has no width stay at their value. Cost: some tens of evaluations of
-    the response with its gradient at one point. A local method: it may end in a local minimum.
+    Parameters whose box has no width stay at their value. It ends where a step lowers the sum of
+    squares by less than a share `tolerance`. Cost: up to some tens of evaluations of the response
+    at one point, each second one with its gradient. A local method: it may end in a local minimum.
     """
     moving = moving_parameters(box)
     width = box[moving, 1] - box[moving, 0]
 
-    def at(u: Array) -> tuple[Array, Array]:
+    def at(u: Array) -> Array:
         x = start.copy()
         x[moving] = np.clip(box[moving, 0] + u * width, box[moving, 0], box[moving, 1])
+        return x
+
+    def residual(u: Array) -> Array:
         # limits many orders too wide let a simulator overflow; the fit must only move away
         with np.errstate(all="ignore"):
-            value, slope = response.evaluate_with_gradient(x[None, :])
-            residual = value[condition, 0] - outcomes
-            slopes = slope[condition, 0][:, moving] * width
-        return np.clip(np.nan_to_num(residual, nan=HUGE), -HUGE, HUGE), np.clip(
-            np.nan_to_num(slopes), -HUGE, HUGE
-        )
+            off = response.evaluate(at(u)[None, :])[condition, 0] - outcomes
+        return np.clip(np.nan_to_num(off, nan=HUGE), -HUGE, HUGE)
+
+    def slopes(u: Array) -> Array:
+        with np.errstate(all="ignore"):
+            slope = response.evaluate_with_gradient(at(u)[None, :])[1]
+            scaled = slope[condition, 0][:, moving] * width
+        return np.clip(np.nan_to_num(scaled), -HUGE, HUGE)
 
     u0 = np.clip((start[moving] - box[moving, 0]) / width, 0.01, 0.99)
     fit = optimize.least_squares(
-        lambda u: at(u)[0], u0, jac=lambda u: at(u)[1], bounds=(0.0, 1.0), x_scale="jac"
+        residual, u0, jac=slopes, bounds=(0.0, 1.0), x_scale="jac", ftol=tolerance
     )
-    x = start.copy()
-    x[moving] = box[moving, 0] + fit.x * width
-    variance = float(np.mean(at(fit.x)[0] ** 2))
+    x = at(fit.x)
+    variance = float(np.mean(residual(fit.x) ** 2))
     count = outcomes.size
     value = -0.5 * count * (np.log(2.0 * np.pi * max(variance, 1e-300)) + 1.0)
     return LeastSquares(x, variance**0.5, float(value))

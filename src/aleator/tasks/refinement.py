@@ -87,6 +87,10 @@ class Refinement(ABC):
     def search(self, seed: int) -> Refined:
         """The answer that further runs do not move."""
 
+    @abstractmethod
+    def resumed(self, refined: Refined) -> Refined:
+        """The same from the surfaces of an answer by another density."""
+
     def outgrown(self, refined: Refined) -> bool:
         """Whether the simulator itself serves better than surfaces: of many runs, or of steps."""
         surfaces = refined.surfaces
@@ -150,6 +154,10 @@ class Collocated(Refinement):
             problem = self._prepared(self.model.inputs.box, None)
         return Refined(problem, self.full(problem, []), None)
 
+    def resumed(self, _refined: Refined) -> Refined:
+        """The answer of one search: no run is kept in surfaces."""
+        return self.search(0)
+
     def hold(self, _refined: Refined, _inference: Inference, _intervals: Array) -> None:
         """There is no region that could be too narrow."""
 
@@ -162,13 +170,14 @@ class OnRegion(Refinement):
         """The answer on a region that fits it."""
         with self.stage(SURFACE):
             surfaces, problem = self._first(seed)
-        refined = Refined(problem, self.full(problem, []), surfaces)
-        for _ in range(REGIONS - 1):
-            region = next_region(refined.problem, refined.found.alpha)
-            if region is None:
-                break
-            refined = self._moved(refined, surfaces, region)
-        return refined
+        return self._followed(Refined(problem, self.full(problem, []), surfaces), surfaces)
+
+    def resumed(self, refined: Refined) -> Refined:
+        """The answer on a region that fits it, first on that of the other."""
+        surfaces = refined.surfaces
+        assert surfaces is not None
+        again = self._moved(refined, surfaces, refined.problem.region)
+        return self._followed(again, surfaces)
 
     def hold(self, refined: Refined, _: Inference, intervals: Array) -> Refined | None:
         """The answer on a region that holds the laws at the ends of the intervals."""
@@ -176,6 +185,14 @@ class OnRegion(Refinement):
         if region is None or refined.surfaces is None:
             return None
         return self._moved(refined, refined.surfaces, region)
+
+    def _followed(self, refined: Refined, surfaces: AdaptiveSurfaces) -> Refined:
+        for _ in range(REGIONS - 1):
+            region = next_region(refined.problem, refined.found.alpha)
+            if region is None:
+                break
+            refined = self._moved(refined, surfaces, region)
+        return refined
 
     def _moved(self, refined: Refined, surfaces: AdaptiveSurfaces, region: Array) -> Refined:
         with self.stage(SURFACE):
@@ -194,6 +211,15 @@ class UnderLaw(Refinement):
             surfaces, problem = self._first(seed)
         runs = surfaces.total_runs
         return self._settled(Refined(problem, self.full(problem, []), surfaces), surfaces, runs)
+
+    def resumed(self, refined: Refined) -> Refined:
+        """The answer that further runs do not move, from the surfaces of the other."""
+        surfaces = refined.surfaces
+        assert surfaces is not None
+        with self.stage(SURFACE):
+            problem = self._problem(surfaces, refined.problem.region)
+        runs, found = surfaces.total_runs, self.full(problem, [refined.found.alpha])
+        return self._settled(replace(refined, problem=problem, found=found), surfaces, runs)
 
     def hold(self, refined: Refined, inference: Inference, intervals: Array) -> Refined | None:
         """The answer on surfaces exact enough for the laws at the ends of the intervals too."""

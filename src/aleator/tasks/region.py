@@ -39,13 +39,15 @@ SLIGHT = 0.8
 """The same where the runs inside serve the new region."""
 PILOT = 60
 """Experiments that the pilot looks at."""
+NEAR = 0.03
+"""Share of its sum of squares by which a step of the pilot has to lower it to go on."""
 
 
 def first_region(runner: Runner, model: Model, outcomes: Array, seed: int) -> Array:
     """The inputs' box where every law states one, or none is needed; else a region from a pilot.
 
     The pilot fits one point to at most 60 experiments by least squares on the simulator itself,
-    and a linear-Gaussian law at that point; some tens of runs for each of these experiments.
+    and a linear-Gaussian law at that point; some ten or twenty runs for each of these experiments.
     Those of which a run fails are left out, up to half of them; then the failure is raised.
     """
     inputs = model.inputs
@@ -75,7 +77,7 @@ def _pilot_region(
         lambda index, x: runner(first[chosen[index]], x), chosen.size, inputs.box
     )
     start = np.clip(start_point(inputs), *inputs.box.T)
-    fit = least_squares(response, local, outcomes[rows], inputs.box, start)
+    fit = least_squares(response, local, outcomes[rows], inputs.box, start, NEAR)
     linear = linear_gaussian(
         response, model, fit.x, local, outcomes[rows], GradientMultistart(3), seed=seed
     )
