@@ -86,13 +86,13 @@ def least_squares(
         # limits many orders too wide let a simulator overflow; the fit must only move away
         with np.errstate(all="ignore"):
             off = response.evaluate(at(u)[None, :])[condition, 0] - outcomes
-        return np.clip(np.nan_to_num(off, nan=HUGE), -HUGE, HUGE)
+        return np.asarray(np.clip(np.nan_to_num(off, nan=HUGE), -HUGE, HUGE))
 
     def slopes(u: Array) -> Array:
         with np.errstate(all="ignore"):
             slope = response.evaluate_with_gradient(at(u)[None, :])[1]
             scaled = slope[condition, 0][:, moving] * width
-        return np.clip(np.nan_to_num(scaled), -HUGE, HUGE)
+        return np.asarray(np.clip(np.nan_to_num(scaled), -HUGE, HUGE))
 
     u0 = np.clip((start[moving] - box[moving, 0]) / width, 0.01, 0.99)
     fit = optimize.least_squares(
