@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aleator.surrogates.responses import Divisible
 from aleator.types import Array, Indices
@@ -16,8 +17,10 @@ SHARE = 0.09
 """Share of a grid's cells that each part of a law must have for the grid to serve; see `serves`."""
 NARROW = 1e-3
 """Share of the width of a law below which a part of it needs no cells: it ends there."""
-MOST = 4_000_000
+MOST = 1_000_000
 """Simulated values of the grid that are looked at together."""
+BELOW, ABOVE, NONE = np.array([1, 2, 4], dtype=np.uint8)
+"""Where an outcome of the grid lies: not above what was measured, above it, or nowhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +63,11 @@ class Grid:
         corners = np.meshgrid(*self.sides, indexing="ij")
         points = np.tile(self.x, (corners[0].size, 1))
         points[:, [*self.scattered]] = np.stack([part.ravel() for part in corners], axis=1)
-        simplices = _simplices(*(side.size for side in self.sides))
+        shape = corners[0].shape
+        simplices = _simplices(*shape)
         volume = _volumes(points[:, [*self.scattered]], simplices)
         found = [
-            _crossed(rows, y[rows], eta, points, simplices, volume)
+            _crossed(rows, y[rows], eta, points, simplices, volume, shape)
             for rows, eta in self._simulated(points)
         ]
         owner, x, weight = (np.concatenate(part) for part in zip(*found, strict=True))
@@ -101,14 +105,19 @@ def _volumes(points: Array, simplices: Indices) -> Array:
 
 
 def _crossed(
-    rows: Indices, y: Array, eta: Array, points: Array, simplices: Indices, volume: Array
+    rows: Indices,
+    y: Array,
+    eta: Array,
+    points: Array,
+    simplices: Indices,
+    volume: Array,
+    shape: tuple[int, ...],
 ) -> tuple[Indices, Array, Array]:
     """Whose set (H,) goes through which simplex: its middle there x (H, n), and its weight (H,)."""
-    low, high = np.full((2, len(y), len(simplices)), eta[:, simplices[:, 0]])
-    for corner in simplices.T[1:]:
-        np.minimum(low, eta[:, corner], out=low)
-        np.maximum(high, eta[:, corner], out=high)
-    whose, where = np.nonzero((low <= y[:, None]) & (y[:, None] < high))
+    below, above = (found.view(np.uint8) for found in (eta <= y[:, None], eta > y[:, None]))
+    side = NONE - (NONE - BELOW) * below - (NONE - ABOVE) * above
+    crossed = _sides(side.reshape(len(y), *shape)) == BELOW | ABOVE
+    whose, where = np.divmod(np.flatnonzero(crossed), len(simplices))
     corners = simplices[where]
     v, x = eta[whose[:, None], corners], points[corners]
     order = np.argsort(v, axis=1)
@@ -116,6 +125,15 @@ def _crossed(
     inside = _on_line if corners.shape[1] == 2 else _in_triangle
     middle, density = inside(y[whose, None], v, x)
     return rows[whose], middle, volume[where] * density
+
+
+def _sides(corners: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Where the corners (B, ...) of each simplex (B, C) lie, all together; see `_simplices`."""
+    if corners.ndim == 2:
+        return corners[:, :-1] | corners[:, 1:]
+    both = corners[:, :-1, :-1] | corners[:, 1:, 1:]
+    found = [both | other for other in (corners[:, 1:, :-1], corners[:, :-1, 1:])]
+    return np.stack(found, axis=1).reshape(len(corners), -1)
 
 
 def _on_line(y: Array, v: Array, x: Array) -> tuple[Array, Array]:
