@@ -17,7 +17,7 @@ SHARE = 0.09
 """Share of a grid's cells that each part of a law must have for the grid to serve; see `serves`."""
 NARROW = 1e-3
 """Share of the width of a law below which a part of it needs no cells: it ends there."""
-MOST = 1_000_000
+MOST = 250_000
 """Simulated values of the grid that are looked at together."""
 BELOW, ABOVE, NONE = np.array([1, 2, 4], dtype=np.uint8)
 """Where an outcome of the grid lies: not above what was measured, above it, or nowhere."""
