@@ -80,7 +80,7 @@ def print_growth(console: Console) -> None:
             f"{found.seconds:.1f}", f"{study.seconds:g}" if study.seconds else "",
             f"{found.memory:.0f}", f"{study.memory:g}" if study.memory else "", found.longest,
         )  # fmt: skip
-        console.print("  ".join(part for part in row if part))
+        console.print("  ".join(part for part in row if part), soft_wrap=True)
         table.add_row(*row)
     console.print(table)
 
