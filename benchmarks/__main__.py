@@ -19,7 +19,7 @@ from benchmarks.densities import density_rows, failure_table
 from benchmarks.economy import print_economy
 from benchmarks.expansions import expansion_rows
 from benchmarks.few_runs import print_few_runs
-from benchmarks.growth import growth_rows
+from benchmarks.growth import print_growth
 from benchmarks.identifications import identification_rows
 from benchmarks.individual import individual_rows
 from benchmarks.likelihood import likelihood_rows
@@ -41,7 +41,6 @@ ROWS: dict[str, Callable[[], list[Row]]] = {
     "moments": moment_rows,
     "densities": density_rows,
     "expansions": expansion_rows,
-    "growth": growth_rows,
 }
 TABLES: dict[str, Callable[[Console], None]] = {
     "failures": failure_table,
@@ -50,6 +49,7 @@ TABLES: dict[str, Callable[[Console], None]] = {
     "economy": print_economy,
     "runs": lambda _: print_runs(),
     "next": print_next,
+    "growth": print_growth,
 }
 COVERAGE, CLOSED = "coverage", "closed"
 PARTS = (*ROWS, *TABLES, COVERAGE, CLOSED)

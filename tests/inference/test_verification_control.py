@@ -22,7 +22,7 @@ from problems import (
 from scipy import optimize
 
 from aleator import MonteCarlo
-from aleator.inference.verification import Verification, movement, verify
+from aleator.inference.verification import Verification, movement, near, verify
 from aleator.types import Array
 
 
@@ -244,3 +244,11 @@ def test_no_score_is_told_without_steps_or_without_a_density() -> None:
     assert checked(BINDING, y, 0.0).score is None
     y[2] = 2.0 * BINDING.z[2]
     assert checked(BINDING, y, 0.0, steps=np.full(2, 0.01)).score is None
+
+
+def test_candidates_are_looked_at_in_parts_that_change_nothing(monkeypatch) -> None:
+    whole = checked(GROWTH, GROWTH.draw(3), 1e-3)
+    monkeypatch.setattr(near, "TOGETHER", 5_000)
+    parts = checked(GROWTH, GROWTH.draw(3), 1e-3)
+    np.testing.assert_allclose(parts.each, whole.each, rtol=1e-12)
+    np.testing.assert_allclose(parts.each_error, whole.each_error, rtol=1e-9)

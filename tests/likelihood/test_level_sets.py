@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from aleator import Free, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
-from aleator.likelihood.level_sets import LevelLikelihood, traceable
+from aleator.likelihood.level_sets import LevelLikelihood, sets, traceable
 from aleator.likelihood.level_sets.grid import Grid
 from aleator.surrogates.responses import DirectResponse
 
@@ -144,6 +144,7 @@ def test_equal_conditions_share_runs_and_parts_are_parts() -> None:
 
     each, y = np.array([0, 0, 2, 2, 3]), np.array([0.4, 0.6, 1.4, 1.7, 2.2])
     of = likelihood(ONE, counted, y, 1024, each)
+    assert of.reached
     assert sum(calls) == 4 * 1025
     alpha = np.array([1.0, 0.3])
     rows = np.array([1, 3, 4])
@@ -200,3 +201,13 @@ def test_what_laws_can_be_traced() -> None:
     # the support of a uniform law moves; three parameters have no grid here
     assert not traceable(Inputs({"a": Uniform(Free(0.0, 1.0), Free(0.1, 0.2))}))
     assert not traceable(Inputs({**TWO.laws, "c": Normal(0.0, 1.0)}))
+
+
+def test_sets_are_looked_at_in_parts_that_change_nothing(monkeypatch) -> None:
+    y, alpha = np.array([1.0, 2.2, 2.6, 2.9]), np.array([1.0, 0.3, 0.8, 0.2])
+    of = likelihood(TWO, lambda c, a, b: c * a + b, y, 64)
+    whole, alone = of(alpha), of.evaluate(alpha).each
+    monkeypatch.setattr(sets, "LARGEST", 200)
+    np.testing.assert_array_equal(of(alpha).each, whole.each)
+    np.testing.assert_array_equal(of(alpha).scores, whole.scores)
+    np.testing.assert_array_equal(of.evaluate(alpha).each, alone)

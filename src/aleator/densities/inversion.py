@@ -20,8 +20,9 @@ def invert(
     p: Array,
     low: Array,
     high: Array,
+    start: Array | None = None,
 ) -> Array:
-    """y (N, P) with cdf(y) = p (N, P), known to lie in [low, high] (N, P).
+    """y (N, P) with cdf(y) = p (N, P), known to lie in [low, high] (N, P); sought from `start`.
 
     Newton's method kept in a bracket that shrinks at every pass, with a bisection where it would
     leave the bracket. `cdf` and `pdf` take and return (N, P). Cost: six passes for a smooth law,
@@ -35,7 +36,7 @@ def invert(
     """
     low, high = low.astype(float), high.astype(float)
     scale = np.maximum(np.abs(low), np.abs(high))
-    y = 0.5 * (low + high)
+    y = 0.5 * (low + high) if start is None else start
     for _ in range(_PASSES):
         excess = cdf(y) - p
         low, high = np.where(excess <= 0.0, y, low), np.where(excess >= 0.0, y, high)

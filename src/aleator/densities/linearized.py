@@ -128,6 +128,8 @@ class Linearized:
     @cached_property
     def _ratio(self) -> Array:
         """t (N,), cut where exp(-t) is nothing."""
+        if self.noise_sd == 0.0:
+            return np.zeros(len(self.y))
         slope = np.maximum(self._slope, _LEAST_SLOPE)
         ratio = 0.5 * (self.noise_sd / self.lattice.width) ** 2 / slope
         return np.minimum(ratio, _FARTHEST_RATIO)

@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from aleator.threads import single_threaded
 from aleator.types import Array
 
+LARGEST = 64_000
+"""Outcomes whose powers are taken at once: they fit a core's cache."""
+
 
 @dataclass(frozen=True)
 class Moments:
@@ -75,6 +78,13 @@ def weighted_moments(y: Array, weights: Array, order: int) -> Moments:
     >>> m.mean.tolist(), m.sd.tolist(), m.standardized.tolist()
     ([2.0], [1.0], [[1.0, 0.0, 1.0, 0.0, 1.0]])
     """
+    size = max(1, LARGEST // y.shape[1])
+    parts = [_moments_of(y[first : first + size], weights, order)
+             for first in range(0, max(len(y), 1), size)]  # fmt: skip
+    return parts[0] if len(parts) == 1 else joined(parts)
+
+
+def _moments_of(y: Array, weights: Array, order: int) -> Moments:
     mean, sd, z = _standardize(y, weights)
     return Moments(mean, sd, _powers(z, weights, order))
 

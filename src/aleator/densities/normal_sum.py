@@ -14,6 +14,9 @@ from aleator.types import Array
 
 _LOG_SQRT_2PI = 0.5 * np.log(2.0 * np.pi)
 
+NONE, ALL = -38.6, 8.3
+"""Standard deviations at which a normal probability is none, and all but rounding."""
+
 _LARGEST_BATCH = 2_000_000
 """Exponentials evaluated at once."""
 
@@ -34,9 +37,7 @@ class NormalSum:
         return self._parts(y[:, None])[:, 0]
 
     def _parts(self, y: Array) -> Array:
-        with np.errstate(over="ignore"):
-            z = (y[:, :, None] - self.centers[:, None]) / self.sds[:, None]
-        z = np.clip(z, -FARTHEST, FARTHEST)
+        z = np.clip(self._standardized(y), -FARTHEST, FARTHEST)
         return np.asarray(-0.5 * z**2 - np.log(self.sds)[:, None] - _LOG_SQRT_2PI)
 
     def log_pdf(self, y: Array) -> Array:
@@ -51,13 +52,26 @@ class NormalSum:
         return value
 
     def cdf(self, y: Array) -> Array:
-        """Probability of an outcome not above y."""
+        """Probability of an outcome not above y; that of normals far from it is one or none."""
         value = np.empty(y.shape)
         for part in self._columns(y.shape[1]):
-            with np.errstate(over="ignore"):
-                z = (y[:, part, None] - self.centers[:, None]) / self.sds[:, None]
-            value[:, part] = np.einsum("ngj,nj->ng", ndtr(z), self.weights)
+            z = self._standardized(y[:, part])
+            near = ~((z <= NONE) | (z >= ALL))
+            below = (z >= ALL).astype(float)
+            below[near] = ndtr(z[near])
+            value[:, part] = np.einsum("ngj,nj->ng", below, self.weights)
         return np.clip(value, 0.0, 1.0)
+
+    def pdf(self, y: Array) -> Array:
+        """The density; that of normals far from y is none."""
+        value, scaled = np.empty(y.shape), self.weights / self.sds / np.sqrt(2.0 * np.pi)
+        for part in self._columns(y.shape[1]):
+            z = self._standardized(y[:, part])
+            near = ~(np.abs(z) >= -NONE)
+            density = np.zeros(z.shape)
+            density[near] = np.exp(-0.5 * z[near] ** 2)
+            value[:, part] = np.einsum("ngj,nj->ng", density, scaled)
+        return value
 
     def quantile(self, p: Array) -> Array:
         """Outcomes (N, P) for p (P,): between the least and the largest quantile of the normals."""
@@ -69,8 +83,22 @@ class NormalSum:
             carries = (self.weights > 0.0)[:, None]
             low[:, part] = np.where(carries, own, np.inf).min(axis=2)
             high[:, part] = np.where(carries, own, -np.inf).max(axis=2)
-        y = invert(self.cdf, lambda y: np.exp(self.log_pdf(y)), inner, low, high)
+        start = np.clip(self._central(inner[:1]), low, high)
+        y = invert(self.cdf, self.pdf, inner, low, high, start)
         return np.where(every <= 0.0, -np.inf, np.where(every >= 1.0, np.inf, y))
+
+    def _central(self, p: Array) -> Array:
+        """Those (N, P) of the centers alone, for p (1, P)."""
+        order = np.argsort(self.centers, axis=1)
+        below = np.cumsum(np.take_along_axis(self.weights, order, axis=1), axis=1)
+        place = [np.sum(below < level, axis=1) for level in p[0]]
+        at = np.minimum(np.stack(place, axis=1), order.shape[1] - 1)
+        return np.take_along_axis(self.centers, np.take_along_axis(order, at, axis=1), axis=1)
+
+    def _standardized(self, y: Array) -> Array:
+        """(N, G, J)"""
+        with np.errstate(over="ignore"):
+            return np.asarray((y[:, :, None] - self.centers[:, None]) / self.sds[:, None])
 
     def _columns(self, columns: int) -> Iterator[slice]:
         """Columns of y that fit the memory of one batch."""

@@ -16,11 +16,13 @@ import numpy as np
 from aleator.densities import Density, FittedDensity, NodeDensity
 from aleator.densities.interface import NearbyDensity
 from aleator.densities.moments import Moments, add_noise, joined
+from aleator.densities.outcomes import Outcomes
 from aleator.laws import Hyperparameter
 from aleator.likelihood.located import Located, OfMoments, OfNodes
 from aleator.likelihood.parts import FittedInParts, InParts
 from aleator.likelihood.propagation import NodePropagation, Propagation, QuadraturePropagation
 from aleator.observations.noise import Noise
+from aleator.quadrature.nodes import Nodes
 from aleator.types import Array, Indices
 
 LARGEST = 64_000
@@ -158,17 +160,14 @@ class FromNodes(Predictive):
     def fitted(self, alpha: Array) -> FittedDensity:
         """The N densities around the nodes' outcomes."""
         if self._rows:
-            return self._fitted_in_parts(alpha)
+            return self._in_parts(alpha).fitted
         return self._at(alpha, gradient=False).fitted
 
     def at(self, alpha: Array, known: Located | None = None) -> Located:
         """What is known nearby is of no use."""
         if known is not None and np.array_equal(known.alpha, alpha):
             return known
-        if self._rows:
-            parts = tuple(partial(part.at, alpha) for part in self._parts)
-            return InParts(alpha.copy(), self._rows, parts, self._fitted_in_parts(alpha))
-        return self._at(alpha, gradient=True)
+        return self._in_parts(alpha) if self._rows else self._at(alpha, gradient=True)
 
     def continued(self, alphas: Array, y: Array) -> Array:
         """One alpha after the other: their nodes are many."""
@@ -181,19 +180,34 @@ class FromNodes(Predictive):
         if not isinstance(way, QuadraturePropagation) or not way.divisible:
             return ()
         start = np.array([h.start for h in self.hyperparameters])
-        size = max(1, LARGEST // way.points(self.law(start)))
+        size = max(1, LARGEST // way.nodes(self.law(start)).weights.size)
         firsts = range(0, count if count > size else 0, size)
         return tuple(slice(first, min(first + size, count)) for first in firsts)
 
     @cached_property
-    def _parts(self) -> tuple[Predictive, ...]:
-        return tuple(self.take(np.arange(rows.start, rows.stop)) for rows in self._rows)
+    def _parts(self) -> tuple[FromNodes, ...]:
+        parts = (self.take(np.arange(rows.start, rows.stop)) for rows in self._rows)
+        return tuple(part for part in parts if isinstance(part, FromNodes))
 
-    def _fitted_in_parts(self, alpha: Array) -> FittedInParts:
-        return FittedInParts(self._rows, tuple(partial(one.fitted, alpha) for one in self._parts))
+    def _in_parts(self, alpha: Array) -> InParts:
+        """The nodes are found once for all parts."""
+        assert isinstance(self.propagation, QuadraturePropagation)
+        nodes = self.propagation.nodes(self.law(alpha))
+        located = tuple(partial(part._of, alpha, nodes, gradient=True) for part in self._parts)
+        fitted = tuple(partial(part._fitted_of, alpha, nodes) for part in self._parts)
+        return InParts(alpha.copy(), self._rows, located, FittedInParts(self._rows, fitted))
+
+    def _fitted_of(self, alpha: Array, nodes: Nodes) -> FittedDensity:
+        return self._of(alpha, nodes, gradient=False).fitted
+
+    def _of(self, alpha: Array, nodes: Nodes, *, gradient: bool) -> OfNodes:
+        assert isinstance(self.propagation, QuadraturePropagation)
+        return self._around(alpha, self.propagation.outcomes_at(nodes, gradient=gradient))
 
     def _at(self, alpha: Array, *, gradient: bool) -> OfNodes:
-        outcomes = self.propagation.outcomes(self.law(alpha), gradient=gradient)
+        return self._around(alpha, self.propagation.outcomes(self.law(alpha), gradient=gradient))
+
+    def _around(self, alpha: Array, outcomes: Outcomes) -> OfNodes:
         outcomes = outcomes.take(self.condition)
         fitted = self.density.fit_nodes(outcomes, self.noise_sd(alpha), self.lower, self.upper)
         return OfNodes(alpha.copy(), fitted, outcomes, self.noise)

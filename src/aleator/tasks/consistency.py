@@ -33,6 +33,8 @@ STAGES = ((40, 0.001, 0.3), (100, 0.01, 0.12), (200, 0.0, 0.0))
 """So many replicates are enough where p is then below the one or above the other."""
 VALUES, LEAST = 25_000_000, 20
 """Simulated values of all replicates at most, and replicates at least."""
+MANY, FEW = 3000, 40
+"""Observations above which no more replicates than so few are made."""
 LOST = 0.2
 """Share of probabilities or replicates that may be missing."""
 SHOWN = 3
@@ -77,7 +79,7 @@ def consistency_of(
     with np.errstate(all="ignore"):
         statistics = battery.values(observed)
         source = replicated(fit, battery, points, np.random.default_rng([seed, 11]))
-        most = max(LEAST, VALUES // (count * points))
+        most = min(max(LEAST, VALUES // (count * points)), FEW if count > MANY else VALUES)
         found = _enough(battery, statistics, source, most, progress)
     if found is None:
         return Consistency.untested("too many replicates of the experiments have no statistics")

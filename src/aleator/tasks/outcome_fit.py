@@ -12,14 +12,14 @@ from scipy.stats import qmc
 
 from aleator.errors import InputsError
 from aleator.inference.diagnostics.surfaces import relative_errors
-from aleator.inference.fit import SPAN
+from aleator.inference.fit import SPAN, stepped
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.likelihood.likelihood import Continued
 from aleator.likelihood.located import Located
-from aleator.likelihood.policy import quadrature_gap
+from aleator.likelihood.policy import quadrature_gap, with_fewer_nodes
 from aleator.likelihood.problem import Problem
 from aleator.likelihood.propagation import NodePropagation
 from aleator.observations.experiments import Experiments
@@ -30,6 +30,8 @@ from aleator.types import Array
 
 POINTS, FEWEST, MOST = 8192, 512, 20_000_000
 """Points of the law that outcomes are drawn from: most, fewest, and simulated values in all."""
+MANY = 1000
+"""Experiments above which replicates are drawn one by one, and judged more coarsely."""
 SEED = 7
 FARTHEST = 6.0
 """Quantiles are tabulated to so many standard deviations of a normal law."""
@@ -102,8 +104,11 @@ class OutcomeFit:
         return replace(self, problem=replace(self.problem, levels=levels.coarse()))
 
     def for_replicates(self) -> OutcomeFit:
-        """The same."""
-        return self
+        """Of very many experiments on coarser grids and fewer nodes, alpha fitted by these."""
+        if self.problem.levels is None or self.count <= MANY:
+            return self
+        fit = self.rough()
+        return stepped(replace(fit, problem=with_fewer_nodes(fit.problem, self.alpha), known=None))
 
     def at(self, alpha: Array) -> OutcomeFit:
         """The same outcomes at another alpha."""
@@ -126,8 +131,7 @@ class OutcomeFit:
             return self._with(problem.response.run(problem.condition, x))
         if problem.surface is None:
             return self._with(self._from_densities(rng))
-        eta = self._simulated
-        y = eta[problem.condition, rng.integers(eta.shape[1], size=self.count)]
+        y = self._from_surfaces(rng)
         if problem.model.noise is not None:
             scale = np.array(problem.model.noise_sd(self.alpha))
             y = problem.model.noise.kind.quantile(rng.random(self.count), y, scale)
@@ -202,6 +206,21 @@ class OutcomeFit:
         (response,) = self.table.observations.responses
         seen = Observations.exact(y, response.name, response.transform)
         return self.seeing(self.table.with_observations(seen))
+
+    def _from_surfaces(self, rng: np.random.Generator) -> Array:
+        """Simulated outcomes (N,): of very many each at a point of its own, which may be far out.
+
+        Of few each at one of the points that they share: the farthest of these is far enough.
+        """
+        problem = self.problem
+        if self.count <= MANY:
+            eta = self._simulated
+            return np.asarray(eta[problem.condition, rng.integers(eta.shape[1], size=self.count)])
+        assert problem.surface is not None
+        law = self.alpha[: self.inputs.size]
+        x = self.inputs.sample(law, rng.random((self.count, len(self.inputs.names))))
+        inside = np.clip(x, *problem.region.T)
+        return problem.surface.at(problem.condition, inside[:, problem.moving])
 
     def _from_densities(self, rng: np.random.Generator) -> Array:
         """Outcomes (N,) by interpolation between the quantiles of the densities."""

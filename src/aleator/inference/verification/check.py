@@ -19,7 +19,6 @@ from aleator.inference.verification.control_variate import (
 from aleator.inference.verification.emulator import Emulator
 from aleator.inference.verification.kernel import NORMAL, Kernel, Noise, Window, error_of
 from aleator.inference.verification.near import (
-    closeness,
     drawn,
     effective,
     enough,
@@ -164,14 +163,13 @@ class _Bench:
         if most is not None:
             runs = min(runs, most - most % 2)
         sizes = sizes_of(condition, runs if inputs.scattering else 2)
-        near_to = closeness(candidates, kernel)
         sample = [
             Made(near, made(sampler.run, near.first, candidates.x[near.chosen], sampler.progress))
-            for near in drawn(candidates, near_to, condition, sizes, sampler.rng)
+            for near in drawn(candidates, kernel, condition, sizes, sampler.rng)
         ]
         control = Control(emulator, inputs, sampler.alpha, self.y, candidates.steepest, self.seed)
         by = corrected(candidates, sample, kernel)
-        found = self._controlled(control, by, effective(near_to))
+        found = self._controlled(control, by, effective(candidates, kernel))
         doubtful = np.flatnonzero(~found.reached & within(self.y, self.ends, self.noise_sd))
         told = found.effective >= FEW_SAMPLES
         again = doubtful[np.argsort(found.effective[doubtful])][: max(2, self.y.size // ONE_IN)]

@@ -35,6 +35,8 @@ REACH = 1.5
 """Widths of the kernel about an outcome in which the other runs are drawn."""
 FEWEST_RUNS = 40
 """Runs of all experiments together, at least."""
+TOGETHER = 1_000_000
+"""Outcomes of candidates that are looked at together."""
 SHARED = 8
 """Experiments of equal conditions have the runs of so many, at most, in common."""
 
@@ -59,8 +61,15 @@ class Candidates:
     @cached_property
     def scatter(self) -> Array:
         """(N,) their standard deviation."""
-        away = self.outcomes - self.mean[:, None]
-        return np.asarray(np.sqrt(away**2 @ self.weight / self.weight.sum()))
+        square = [(self.outcomes[rows] - self.mean[rows, None]) ** 2 @ self.weight
+                  for rows in self.blocks]  # fmt: skip
+        return np.asarray(np.sqrt(np.concatenate(square) / self.weight.sum()))
+
+    @property
+    def blocks(self) -> Iterator[slice]:
+        """Experiments whose outcomes are looked at together."""
+        size = max(1, TOGETHER // self.weight.size)
+        return (slice(first, first + size) for first in range(0, len(self.outcomes), size))
 
     def bandwidth(self, y: Array) -> Array:
         """(N,) that of the kernel about outcomes y (N,): narrower where the density falls fast."""
@@ -72,25 +81,27 @@ class Candidates:
     @property
     def _spread(self) -> Array:
         """(N,) the scatter, or the scaled quartile range if smaller: that of one of two modes."""
-        order = np.argsort(self.outcomes, axis=1)
+        quartile = np.concatenate([self._quartiles(self.outcomes[rows]) for rows in self.blocks])
+        return np.where(quartile > 0.0, np.minimum(self.scatter, quartile), self.scatter)
+
+    def _quartiles(self, outcomes: Array) -> Array:
+        """(B,) the scaled quartile range of some of the experiments."""
+        order = np.argsort(outcomes, axis=1)
         below = np.cumsum(self.weight[order], axis=1) / self.weight.sum()
         rows = np.arange(len(order))
         low, high = (
-            self.outcomes[rows, order[rows, np.argmax(below >= share, axis=1)]]
-            for share in (0.25, 0.75)
+            outcomes[rows, order[rows, np.argmax(below >= share, axis=1)]] for share in (0.25, 0.75)
         )
-        scatter = self.scatter
-        quartile = (high - low) / 1.349
-        return np.where(quartile > 0.0, np.minimum(scatter, quartile), scatter)
+        return np.asarray((high - low) / 1.349)
 
     @property
     def steepest(self) -> Indices:
         """The variate (N,) with which each outcome is correlated most; 0 without any."""
         if self.variate.shape[1] == 0:
             return np.zeros(len(self.outcomes), dtype=np.intp)
-        away = self.outcomes - self.mean[:, None]
-        slope = (away * self.weight) @ self.variate
-        return np.asarray(np.argmax(np.abs(slope), axis=1))
+        slope = [((self.outcomes[rows] - self.mean[rows, None]) * self.weight) @ self.variate
+                 for rows in self.blocks]  # fmt: skip
+        return np.asarray(np.argmax(np.abs(np.concatenate(slope)), axis=1))
 
 
 @dataclass(frozen=True)
@@ -132,16 +143,21 @@ def tried(
     )
 
 
-def closeness(candidates: Candidates, kernel: Kernel) -> Array:
-    """Weights (N, J) of candidates by how near their outcomes are."""
-    away = (kernel.y[:, None] - candidates.outcomes) / (REACH * kernel.scale[:, None])
+def closeness(candidates: Candidates, kernel: Kernel, rows: Indices | slice) -> Array:
+    """Weights (B, J) of candidates by how near their outcomes are, for some experiments."""
+    away = kernel.y[rows, None] - candidates.outcomes[rows]
+    away /= REACH * kernel.scale[rows, None]
     return np.asarray(np.exp(-0.5 * away**2) * candidates.weight)
 
 
-def effective(told: Array) -> Array:
+def effective(candidates: Candidates, kernel: Kernel) -> Array:
     """(N,) how many candidates explain each outcome, by their closeness: (sum t)^2 / sum t^2."""
-    squares = np.sum(told**2, axis=1)
-    return np.asarray(np.sum(told, axis=1) ** 2 / np.where(squares > 0.0, squares, 1.0))
+    found = []
+    for rows in candidates.blocks:
+        told = closeness(candidates, kernel, rows)
+        squares = np.sum(told**2, axis=1)
+        found.append(np.sum(told, axis=1) ** 2 / np.where(squares > 0.0, squares, 1.0))
+    return np.concatenate(found)
 
 
 def enough(relative: Array, most: int) -> int:
@@ -170,32 +186,40 @@ def sizes_of(condition: Indices, runs: int) -> Indices:
 
 def drawn(
     candidates: Candidates,
-    told: Array,
+    kernel: Kernel,
     condition: Indices,
     sizes: Indices,
     rng: np.random.Generator,
 ) -> Iterator[Near]:
-    """Runs of all conditions (N,), as many as `sizes` says; those with equally many together.
-
-    `told` (N, J) is the closeness of the candidates to each outcome.
-    """
-    total = told.sum(axis=1, keepdims=True)
-    told = np.divide(told, total, out=np.zeros_like(told), where=total > 0.0)
-    groups, first, group, count = np.unique(
-        condition, return_index=True, return_inverse=True, return_counts=True
-    )
-    mean = np.zeros((groups.size, told.shape[1]))
-    np.add.at(mean, group, told)
-    mean /= count[:, None]
-    law = 1.0 - (1.0 - LAW) * mean.sum(axis=1, keepdims=True)
-    chance = (1.0 - LAW) * mean + law * candidates.weight / candidates.weight.sum()
+    """Runs of all conditions (N,), as many as `sizes` says; those with equally many together."""
+    first, group = np.unique(condition, return_index=True, return_inverse=True)[1:]
     for size in np.unique(sizes):
         some = np.flatnonzero(sizes[first] == size)
         index = np.flatnonzero(np.isin(group, some))
-        chosen = _stratified(candidates.outcomes[first[some]], chance[some], int(size), rng)
-        picked = np.take_along_axis(chance[some], chosen, axis=1)
-        weight = candidates.weight[chosen] / (chance.shape[1] * picked)
-        yield Near(index, np.searchsorted(some, group[index]), first[some], chosen, weight)
+        own = np.searchsorted(some, group[index])
+        parts = max(1, index.size * candidates.weight.size // TOGETHER)
+        found = []
+        for part in np.array_split(np.arange(some.size), min(parts, some.size)):
+            inside = (part[0] <= own) & (own <= part[-1])
+            chance = _chances(candidates, kernel, index[inside], own[inside] - part[0])
+            outcomes = candidates.outcomes[first[some[part]]]
+            chosen = _stratified(outcomes, chance, int(size), rng)
+            found.append((chosen, np.take_along_axis(chance, chosen, axis=1)))
+        chosen, picked = (np.concatenate(both) for both in zip(*found, strict=True))
+        weight = candidates.weight[chosen] / (candidates.weight.size * picked)
+        yield Near(index, own, first[some], chosen, weight)
+
+
+def _chances(candidates: Candidates, kernel: Kernel, index: Indices, group: Indices) -> Array:
+    """Of each candidate (G, J) to be drawn, for experiments (m,) whose conditions count G."""
+    told = closeness(candidates, kernel, index)
+    total = told.sum(axis=1, keepdims=True)
+    told = np.divide(told, total, out=np.zeros_like(told), where=total > 0.0)
+    mean = np.zeros((int(group.max()) + 1, told.shape[1]))
+    np.add.at(mean, group, told)
+    mean /= np.bincount(group)[:, None]
+    law = 1.0 - (1.0 - LAW) * mean.sum(axis=1, keepdims=True)
+    return np.asarray((1.0 - LAW) * mean + law * candidates.weight / candidates.weight.sum())
 
 
 def _stratified(outcomes: Array, chance: Array, size: int, rng: np.random.Generator) -> Indices:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cached_property
 
 import numpy as np
 
@@ -73,8 +74,8 @@ class LevelLikelihood:
         self.inputs, self.response, self.region = inputs, response, region
         self.condition, self.outcomes, self.cells = condition, outcomes, cells
         own = region[[*inputs.scattered]]
-        whole = self._grid(np.linspace(own[:, 0], own[:, 1], cells + 1, axis=1))
-        self._known = [(whole, self._traced(whole))]
+        self._whole = self._grid(np.linspace(own[:, 0], own[:, 1], cells + 1, axis=1))
+        self._known: list[tuple[Grid, LevelSets]] = []
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -118,7 +119,12 @@ class LevelLikelihood:
     @property
     def reached(self) -> bool:
         """Whether every outcome is one of the response in the region."""
-        return not bool(self._known[0][1].empty.any())
+        return not bool(self._everywhere.empty.any())
+
+    @cached_property
+    def _everywhere(self) -> LevelSets:
+        """The sets on the first grid."""
+        return self._traced(self._whole)
 
     @property
     def _answers(self) -> int:
@@ -131,13 +137,16 @@ class LevelLikelihood:
 
     def _sets(self, alpha: Array) -> LevelSets:
         marks = self._values(alpha, MARKS)
+        if self._whole.serves(marks):
+            return self._everywhere
         for grid, sets in self._known:
             if grid.serves(marks):
                 return sets
         grid = self._grid(self._values(alpha, np.linspace(-REACH, REACH, self.cells + 1)))
-        first, *others = self._known
-        sets = self._traced(grid).filled(first[1])
-        self._known = [first, *others[2 - KNOWN :], (grid, sets)]
+        sets = self._traced(grid)
+        if sets.empty.any():
+            sets = sets.filled(self._everywhere)
+        self._known = [*self._known[1 - KNOWN :], (grid, sets)]
         return sets
 
     def _values(self, alpha: Array, theta: Array) -> Array:

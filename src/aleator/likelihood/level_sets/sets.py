@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,9 @@ from aleator.likelihood.individual.likelihood import mean_of
 from aleator.likelihood.individual.parameters import densities, law_scores
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Flags, Indices
+
+LARGEST = 64_000
+"""Points of the sets that are looked at together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +41,16 @@ class LevelSets:
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """Log-densities (N,) with scores (N, K); where there is none it is DEGENERATE_VALUE."""
-        total, share = mean_of(self._terms(alpha))
-        return self._found(alpha, total, law_scores(self.inputs, alpha, self.x, share))
+        found = [self.take(rows)._scored(alpha) for rows in self._blocks]
+        total, scores = (np.concatenate(part) for part in zip(*found, strict=True))
+        return self._found(alpha, total, scores)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The same without scores."""
-        return self._found(alpha, mean_of(self._terms(alpha))[0], None)
+        found = [mean_of(self.take(rows)._terms(alpha))[0] for rows in self._blocks]
+        return self._found(alpha, np.concatenate(found), None)
 
-    def take(self, rows: Indices) -> LevelSets:
+    def take(self, rows: Indices | slice) -> LevelSets:
         """Those of some experiments."""
         return LevelSets(self.inputs, self.x[rows], self.log_weight[rows])
 
@@ -64,6 +70,17 @@ class LevelSets:
         """(N,) whose outcome is not reached."""
         nothing: Flags = np.all(np.isinf(self.log_weight), axis=1)
         return nothing
+
+    @property
+    def _blocks(self) -> Iterator[slice]:
+        """Experiments whose points fit a core's cache."""
+        count, points = self.log_weight.shape
+        size = max(1, LARGEST // points)
+        return (slice(first, first + size) for first in range(0, count, size))
+
+    def _scored(self, alpha: Array) -> tuple[Array, Array]:
+        total, share = mean_of(self._terms(alpha))
+        return total, law_scores(self.inputs, alpha, self.x, share)
 
     def _wide(self, count: int) -> LevelSets:
         """With points of no weight, so that each has `count`."""

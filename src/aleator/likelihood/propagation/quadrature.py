@@ -10,6 +10,7 @@ from aleator.densities.moments import Moments
 from aleator.densities.outcomes import Outcomes
 from aleator.laws import Inputs
 from aleator.quadrature import Cubature
+from aleator.quadrature.nodes import Nodes
 from aleator.surrogates.responses import Divisible, Response
 from aleator.types import Array, Indices
 
@@ -38,11 +39,11 @@ class QuadraturePropagation:
 
     def at(self, alpha: Array) -> Array:
         """The nodes of the law (J, n)."""
-        return self.cubature.nodes(self.inputs, alpha).x
+        return self.nodes(alpha).x
 
-    def points(self, alpha: Array) -> int:
-        """J."""
-        return self.cubature.nodes(self.inputs, alpha).weights.size
+    def nodes(self, alpha: Array) -> Nodes:
+        """The nodes of the law with their weights."""
+        return self.cubature.nodes(self.inputs, alpha)
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
         """Moments of the N outcomes, with the derivatives of just what is computed."""
@@ -50,7 +51,10 @@ class QuadraturePropagation:
 
     def outcomes(self, alpha: Array, *, gradient: bool) -> Outcomes:
         """The outcomes of the response at the nodes."""
-        nodes = self.cubature.nodes(self.inputs, alpha)
+        return self.outcomes_at(self.nodes(alpha), gradient=gradient)
+
+    def outcomes_at(self, nodes: Nodes, *, gradient: bool) -> Outcomes:
+        """The same at nodes that are known."""
         if not gradient:
             outcome = self.response.evaluate(nodes.x)
             return Outcomes(outcome, nodes.weights, lattice=nodes.lattice)
