@@ -168,3 +168,22 @@ def test_an_interval_goes_over_the_hill_of_another_maximum() -> None:
     np.testing.assert_allclose(found, expected, atol=0.02)
     alone = profile_intervals(objective, top, hyperparameters, inference).intervals
     assert alone[0, 1] == pytest.approx(np.sqrt(2.0 * DROP), abs=0.02)
+
+
+def test_what_is_on_a_limit_stays_there_though_the_likelihood_bends_upward() -> None:
+    """-2 a^2 - a b/2 + b^2/2 - 1.4 b with b in (0, 2.5): b = 0 for all a above -2.8.
+
+    The likelihood of a standard deviation bends up at its lower limit. Far away, on the other
+    limit of b, it is a hill of its own, 0.375 lower, that no profile is to be led to.
+    """
+
+    def each(alpha: Array) -> Array:
+        a, b = alpha
+        return np.array([-2.0 * a**2 - 0.5 * a * b + 0.5 * b**2 - 1.4 * b])
+
+    objective, hyperparameters = ByDifferences(each), free((-10.0, 10.0), (0.0, 2.5))
+    inference = infer(objective, np.zeros(2), hyperparameters)
+    found = profile_intervals(objective, np.zeros(2), hyperparameters, inference)
+    end = np.sqrt(DROP / 2.0)
+    np.testing.assert_allclose(found.intervals[0], [-end, end], atol=0.01)
+    np.testing.assert_allclose(found.points[0], [[-end, 0.0], [end, 0.0]], atol=0.01)

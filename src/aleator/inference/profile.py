@@ -17,7 +17,7 @@ from aleator.inference.information import Inference
 from aleator.inference.profile_end import Trace
 from aleator.laws import Hyperparameter
 from aleator.search import Objective
-from aleator.search.interface import Scored, objective_of
+from aleator.search.interface import Reaching, Scored, objective_of
 from aleator.search.newton import positive
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Flags, Indices
@@ -71,6 +71,11 @@ class _Remembering:
         self._objective = objective
         self._last: dict[bytes, LogLikelihood] = {}
 
+    def reach(self, alpha: Array, ahead: Array) -> float:
+        """The share of the way to another alpha that a step may go; all, if that is not known."""
+        known = self._objective
+        return known.reach(alpha, ahead) if isinstance(known, Reaching) else 1.0
+
     def __call__(self, alpha: Array) -> LogLikelihood:
         key = alpha.tobytes()
         if key not in self._last:
@@ -115,8 +120,8 @@ def profile_intervals(
             continue
         others = np.delete(np.arange(inference.identified.size), row)
         moving = inference.identified[others]
-        information = positive(inference.information[np.ix_(others, others)])
-        coupling = inference.information[others, row]
+        tied = _tied(inference)
+        information, coupling = positive(tied[np.ix_(others, others)]), tied[others, row]
         # along the profile the others follow the one by -I_oo^-1 I_ok
         follow = -np.linalg.pinv(information, hermitian=True) @ coupling
         trace = Trace(
@@ -130,3 +135,14 @@ def profile_intervals(
             found.intervals[k, side], found.drops[k, side] = end.value, end.drop
             found.points[k, side] = end.point
     return found
+
+
+def _tied(inference: Inference) -> Array:
+    """The information (G, G) by which others follow: what is on a limit stays there.
+
+    Where a standard deviation is on its lower limit the likelihood need not bend down, and the
+    inverse would lead all others far away.
+    """
+    free = np.array([inference.at_bound[k] is None for k in inference.identified], dtype=np.bool_)
+    alone = np.diag(np.abs(np.diag(inference.information)))
+    return np.asarray(np.where(np.outer(free, free), inference.information, alone))

@@ -45,6 +45,14 @@ class Guiding(Protocol):
         """The total at alpha (K,) and the next alpha, which need not keep limits; None for none."""
 
 
+@runtime_checkable
+class Reaching(Protocol):
+    """A log-likelihood that knows how far a step may go, beyond which it costs much."""
+
+    def reach(self, alpha: Array, ahead: Array) -> float:
+        """The share of the way from alpha (K,) to another alpha, up to one."""
+
+
 @dataclass(frozen=True)
 class _Looped:
     """A plain function as an Objective."""

@@ -16,6 +16,8 @@ from aleator.types import Array, Flags, Indices
 ARRIVED = 1e-5
 """Stop when this close to the maximum, in log-likelihood (0.5 g' H^-1 g)."""
 STEPS = 40
+BELIEVED = 1.0
+"""A gain that is believed however far the step goes; a longer one is as long as is known."""
 TRIES, DOUBTED = 12, 4
 """Lengths of a step that are tried, and by a matrix that there is another for."""
 MANY = 5
@@ -81,10 +83,13 @@ def ascended(
     matrix, point = information.copy(), alpha[moving]
     counted = CountedObjective(objective)
 
-    def at(x: Array) -> LogLikelihood:
+    def whole(x: Array) -> Array:
         full = alpha.copy()
         full[moving] = x
-        return counted(full)
+        return full
+
+    def at(x: Array) -> LogLikelihood:
+        return counted(whole(x))
 
     here, gain = at(point), 0.0
     # of few experiments the outer products tell little: then there is no other matrix
@@ -102,8 +107,10 @@ def ascended(
         gain = 0.5 * float(score @ step)
         if gain < arrived:
             break
-        tries = DOUBTED if doubted else TRIES
-        moved = _line_search(at, point, here.total, 2.0 * gain, step, lower, upper, tries)
+        if gain > BELIEVED:
+            step *= counted.reach(whole(point), whole(np.clip(point + step, lower, upper)))
+        tries, rise = DOUBTED if doubted else TRIES, float(score @ step)
+        moved = _line_search(at, point, here.total, rise, step, lower, upper, tries)
         if moved is None:
             if not doubted:
                 break
@@ -113,10 +120,8 @@ def ascended(
         new_point, there = moved
         matrix = _updated(matrix, new_point - point, score - there.score[moving])
         point, here, doubted = new_point, there, another
-    end = alpha.copy()
-    end[moving] = point
     assert here.scores is not None
-    return Summit(end, here.total, here.scores, matrix, gain)
+    return Summit(whole(point), here.total, here.scores, matrix, gain)
 
 
 def positive(matrix: Array) -> Array:

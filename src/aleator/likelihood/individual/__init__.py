@@ -1,10 +1,11 @@
 """The likelihood as an integral over each experiment's own parameters, at nodes adapted to it."""
 
+from aleator.likelihood.individual.following import Following
 from aleator.likelihood.individual.gauss_hermite import GaussHermite
 from aleator.likelihood.individual.importance import ImportancePoints
 from aleator.likelihood.individual.law_points import LawPoints
 from aleator.likelihood.individual.layout import Layout
-from aleator.likelihood.individual.likelihood import Following, IndividualLikelihood
+from aleator.likelihood.individual.likelihood import IndividualLikelihood
 from aleator.likelihood.individual.moments import (
     IndividualParameters,
     individual_parameters,

@@ -12,6 +12,7 @@ from aleator.densities import Status
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.individual import Individual, parameters_at, variates_of
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual.following import Following
 from aleator.likelihood.individual.gauss_hermite import GaussHermite
 from aleator.likelihood.individual.layout import Block, Layout
 from aleator.likelihood.individual.modes import (
@@ -27,15 +28,10 @@ from aleator.likelihood.individual.nodes import Nodes, joined
 from aleator.likelihood.individual.parameters import Parameters, holds
 from aleator.likelihood.individual.predictor import Predictor
 from aleator.likelihood.individual.rule import AsManyAsNeeded, Rule
-from aleator.likelihood.individual.toward import toward
 from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
-VALUE = 0.01
-"""Error of a log-likelihood over what its modes are found to."""
-REMEMBERED = 8_000_000
-"""Nodes, held as parameters, that an objective remembers."""
 AROUND = (-2.0, -1.0, 1.0, 2.0)
 """Where modes are sought along each variate, besides about the last one."""
 
@@ -162,7 +158,11 @@ class IndividualLikelihood:
 
     def by(self, rule: Rule, alpha: Array) -> IndividualLikelihood:
         """The same with other nodes, adapted to alpha."""
-        return replace(self, rule=rule).adapted(alpha)
+        return self.ruled(rule).adapted(alpha)
+
+    def ruled(self, rule: Rule) -> IndividualLikelihood:
+        """The same with a rule by which nodes are not yet adapted."""
+        return replace(self, rule=rule, parameters=None)
 
     def sampled(self, size: int) -> IndividualLikelihood:
         """That of about so many of the experiments, spread evenly; the others count as nothing."""
@@ -283,48 +283,6 @@ class IndividualLikelihood:
         gradient = block.summed(found.terms.d_eta[..., None] * slopes) - z
         outer = curvature[..., None, None] * slopes[..., :, None] * slopes[..., None, :]
         return value, gradient, block.summed(outer) + np.eye(z.shape[2])
-
-
-class Following:
-    """An objective whose nodes are adapted to every alpha that is asked for.
-
-    Its score is exact but for the error of the quadrature. Modes are sought from the last ones, and
-    nodes that are held as parameters serve until the laws have moved far: the nearest are taken of
-    some that it remembers, and that is all it does. Where an experiment has one mode, the value is
-    a function of alpha alone. Modes are found to `arrived` in log-density.
-    """
-
-    def __init__(self, likelihood: IndividualLikelihood, arrived: float) -> None:
-        self._known, self._arrived = [likelihood], arrived
-        self.resolution = VALUE * arrived
-
-    def __call__(self, alpha: Array) -> LogLikelihood:
-        """Value and score at alpha (K,)."""
-        return self._adapted(alpha)(alpha)
-
-    def values(self, alphas: Array) -> Array:
-        """The totals (A,) at alphas (A, K)."""
-        return np.array([self._adapted(a).evaluate(a).total for a in np.asarray(alphas)])
-
-    def toward(self, alpha: Array) -> tuple[float, Array]:
-        """log L at alpha, and where it may be larger (see `toward`)."""
-        return toward(self._adapted(alpha), alpha)
-
-    def remember(self, adapted: IndividualLikelihood) -> None:
-        """Take these nodes where they are the nearest."""
-        known = [*self._known, adapted] if adapted.parameters is not None else [adapted]
-        while len(known) > 1 and sum(k.nodes.log_weight.size for k in known) > REMEMBERED:
-            known = known[1:]
-        self._known = known
-
-    def _adapted(self, alpha: Array) -> IndividualLikelihood:
-        nearest = min(self._known, key=lambda known: known.distance(alpha))
-        if nearest.distance(alpha) <= 1.0:
-            return nearest
-        found = nearest.adapted(alpha, self._arrived)
-        if np.all(np.isfinite(found.nodes.mode)):
-            self.remember(found)
-        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 
@@ -111,12 +111,11 @@ class Pieces:
             log_density, line, np.concatenate([low, middle]), np.concatenate([middle, high]),
             self.halves[which].T.ravel(), self.log_f.shape[1] // 2,
         )  # fmt: skip
-        kept = ~which
-        parts = [
-            np.concatenate([getattr(self, f.name)[kept], getattr(new, f.name)])
-            for f in fields(self)
-        ]
-        return Pieces(*parts)
+        return joined([self.only(~which), new])
+
+    def only(self, which: Flags) -> Pieces:
+        """Some of the panels (T,)."""
+        return Pieces(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
 def integrated(
@@ -134,14 +133,31 @@ def integrated(
     whole = log_sum(_evaluated(log_density, line, placed(t, low, high)), w, high - low)
     pieces = Pieces.of(log_density, line, low, high, whole, points)
     groups, lines = int(group.max(initial=-1)) + 1, group.size
+    calm, totals = list[Pieces](), pieces.totals(lines)
     for _ in range(ROUNDS):
         top = np.full(groups, -np.inf)
-        np.maximum.at(top, group, pieces.totals(lines))
+        np.maximum.at(top, group, totals)
         open_ = pieces.error(top[group]) > enough
-        if not np.any(open_):
+        if np.any(open_):
+            # lines that are done are looked at again when all are
+            going = np.zeros(lines, dtype=np.bool_)
+            going[pieces.line[open_]] = True
+            on = going[pieces.line]
+            calm.append(pieces.only(~on))
+            pieces = pieces.only(on).halved(open_[on], log_density)
+            totals[going] = pieces.totals(lines)[going]
+        elif calm:
+            pieces, calm = joined([*calm, pieces]), []
+        else:
             break
-        pieces = pieces.halved(open_, log_density)
+    pieces = joined([*calm, pieces])
     return pieces, pieces.totals(lines)
+
+
+def joined(parts: Sequence[Pieces]) -> Pieces:
+    """All panels of these together."""
+    every = ([getattr(part, f.name) for part in parts] for f in fields(Pieces))
+    return Pieces(*(np.concatenate(own) for own in every))
 
 
 def log_sum_by(owner: Indices, values: Array, count: int) -> Array:

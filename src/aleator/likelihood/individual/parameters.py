@@ -55,15 +55,7 @@ class Parameters:
 
     def distance(self, alpha: Array) -> float:
         """How far alpha is from that of the nodes: up to one, they serve there."""
-        size = self.inputs.size
-        here, there = (
-            _quartiles(self.inputs, tuple(values[:size].tolist())) for values in (self.alpha, alpha)
-        )
-        width, wider = here[:, 2] - here[:, 0], there[:, 2] - there[:, 0]
-        shifted = np.abs(there[:, 1] - here[:, 1]) / (SHIFTED * width)
-        ties = np.abs(alpha - self.alpha)[self.inputs.partials] / TIED
-        grown = [_grown(width, wider), _grown(self.alpha[size:], alpha[size:])]
-        return float(np.max(np.concatenate([shifted, ties, *grown]), initial=0.0))
+        return distance(self.inputs, self.alpha, alpha)
 
     def log_weights(self, alpha: Array, block: Block) -> Array:
         """log w_j p(x_j | alpha)/p(x_j | alpha0) (B, J) of a block; -inf where there is no node."""
@@ -91,6 +83,17 @@ class Parameters:
     def _ends(self) -> Indices:
         """How many nodes (N + 1,) come before each experiment."""
         return np.concatenate([[0], np.cumsum(self.there.sum(axis=1))])
+
+
+def distance(inputs: Inputs, alpha: Array, other: Array) -> float:
+    """How far another alpha is from this one: up to one, nodes that are held serve there too."""
+    size = inputs.size
+    here, there = (_quartiles(inputs, tuple(values[:size].tolist())) for values in (alpha, other))
+    width, wider = here[:, 2] - here[:, 0], there[:, 2] - there[:, 0]
+    shifted = np.abs(there[:, 1] - here[:, 1]) / (SHIFTED * width)
+    ties = np.abs(other - alpha)[inputs.partials] / TIED
+    grown = [_grown(width, wider), _grown(alpha[size:], other[size:])]
+    return float(np.max(np.concatenate([shifted, ties, *grown]), initial=0.0))
 
 
 def holds(inputs: Inputs, values: int) -> bool:

@@ -30,6 +30,7 @@ from aleator.tasks.baselines import start_point
 from aleator.tasks.individual.cost import cheap
 from aleator.tasks.individual.failed import fails_here_and_there, lost_observations
 from aleator.tasks.individual.guess import PooledFit, guesses, pooled_fit
+from aleator.tasks.individual.highest import highest, told
 from aleator.tasks.individual.infer import inferred
 from aleator.tasks.individual.order import ordered
 from aleator.tasks.individual.population import first_region
@@ -46,8 +47,6 @@ FEWEST = GaussHermite(3, 1)
 MANY = 3000
 """Experiments from where on a search on a sample of them, in groups, costs less than one on all."""
 SAMPLE = 300
-TOLD = 3
-"""Optima besides the best whose log-likelihood is computed as that of the answer is."""
 BEST = 3
 """Optima of a sample that are climbed from with all experiments."""
 
@@ -141,7 +140,7 @@ def answered(question: Question, ledger: Ledger) -> Answer:
         found = _Searched(question, ledger)(likelihood, [])
         lower: tuple[Settled, ...] = ()
         with ledger.stage("search"):
-            end, surfaces = settled(likelihood, found.alpha), None
+            tops, surfaces = highest(settled(likelihood, found.alpha), found), None
     else:
         with ledger.stage(SURFACE):
             begun = Begun.on(runner, region, question.surfaces, question.unit, question.column,
@@ -150,12 +149,13 @@ def answered(question: Question, ledger: Ledger) -> Answer:
         searched = _Searched(question, ledger)
         way = ByResponseSurfaces(runner, question.likelihood, searched, ledger)
         surfaced = way.answer(begun)
-        end, found, surfaces = surfaced.settled, surfaced.found, surfaced.surfaces
+        # surfaces are exact near the answer: it is as far as they know
+        tops, surfaces = told(surfaced.settled, surfaced.found), surfaced.surfaces
         lower = surfaced.others
-    found = _told(found, end)
     with ledger.stage("inference"):
-        end, found, inference, profile = inferred(end, found)
-        others = rivals(end, inference, found) or followed_rivals(lower, end, inference)
+        end, found, inference, profile = inferred(tops.settled, tops.found, tops.others)
+        others = rivals(end, inference, found, tops.others)
+        others = others or followed_rivals(lower, end, inference)
     with ledger.stage("baselines"):
         fit = pooled_fit(end.likelihood, question.measured, start_point(question.inputs))
     return Answer(question, end, found, inference, profile, fit, surfaces, others)
@@ -189,18 +189,6 @@ class _Searched:
                 progress=self.ledger.progress,
             )
             return ordered(found if few else _with_all(likelihood, found), question.inputs)
-
-
-def _told(found: SearchResult, end: Settled) -> SearchResult:
-    """The settled answer as the best optimum, the next ones with as many nodes as it has."""
-    first, *others = found.optima
-    again, objective = [], end.likelihood.continued
-    for optimum in others[:TOLD]:
-        value = objective(optimum.alpha).total
-        again.append(replace(optimum, log_likelihood=min(value, end.value)))
-    again.sort(key=lambda optimum: -optimum.log_likelihood)
-    optima = (Optimum(end.alpha, end.value, first.starts), *again, *others[TOLD:])
-    return replace(found, alpha=end.alpha, log_likelihood=end.value, optima=optima)
 
 
 def _with_all(likelihood: IndividualLikelihood, found: SearchResult) -> SearchResult:

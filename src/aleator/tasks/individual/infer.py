@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -35,8 +36,13 @@ def _climbed_on(likelihood: IndividualLikelihood, alpha: Array, inference: Infer
     return ascend(objective, alpha, likelihood.hyperparameters, moving, inference.information)[0]
 
 
-def inferred(end: Settled, found: SearchResult) -> tuple[Settled, SearchResult, Inference, Profile]:
-    """The information, and profiles with as few nodes as serve at each end."""
+def inferred(
+    end: Settled, found: SearchResult, others: Sequence[Array] = ()
+) -> tuple[Settled, SearchResult, Inference, Profile]:
+    """The information, and profiles with as few nodes as serve at each end.
+
+    `others` (K,) are lower optima, whose hills the profiles may go over.
+    """
     for _ in range(CLIMBS):
         before = end
         end, inference = _informed(end)
@@ -47,9 +53,10 @@ def inferred(end: Settled, found: SearchResult) -> tuple[Settled, SearchResult, 
             end = replace(end, alpha=alpha, likelihood=likelihood.adapted(alpha))
         if end is not before:
             found = found.improved(alpha, end.value)
-        profile = profiled(end, alpha, inference, found.rivals)
+        profile = profiled(end, alpha, inference, others)
         if profile.better is None:
             break
+        others = (alpha, *others)
         end = settled(likelihood, profile.better)
         found = found.improved(end.alpha, end.value)
     return end, found, inference, profile

@@ -11,7 +11,7 @@ from aleator.inference.information import Inference
 from aleator.inference.profile import Profile, profile_intervals
 from aleator.inference.profile_end import BETTER
 from aleator.likelihood.individual import Following, IndividualLikelihood
-from aleator.tasks.individual.settle import Settled
+from aleator.tasks.individual.settle import CLOSE, Settled
 from aleator.types import Array, Flags, Indices
 
 DIFFERS = 0.04
@@ -137,7 +137,12 @@ def _row_by_held(
 
 
 def _with_own(objective: Following, likelihood: IndividualLikelihood, point: Array) -> float:
-    """The log-likelihood at a point (K,) with nodes of its own, which the objective remembers."""
-    own = likelihood.adapted(point)
-    objective.remember(own)
+    """The log-likelihood at a point (K,) with nodes of its own, which the objective remembers.
+
+    Or with some that were adapted as near to it as that.
+    """
+    own = objective.nearest(point)
+    if own.distance(point) > CLOSE:
+        own = likelihood.adapted(point)
+        objective.remember(own)
     return own.evaluate(point).total

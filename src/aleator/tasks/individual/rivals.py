@@ -9,7 +9,7 @@ import numpy as np
 from aleator.inference.diagnostics.estimates import LARGEST_EDM
 from aleator.inference.diagnostics.individual import Rival
 from aleator.inference.information import Inference, infer
-from aleator.likelihood.individual import GaussHermite, IndividualLikelihood
+from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, PlanePanels
 from aleator.search import SearchResult
 from aleator.tasks.individual.order import in_order
 from aleator.tasks.individual.settle import Settled, climbed
@@ -23,11 +23,14 @@ APART = 2.0
 """Standard errors that tell two maxima apart."""
 
 
-def rivals(end: Settled, inference: Inference, found: SearchResult) -> tuple[Rival, ...]:
+def rivals(
+    end: Settled, inference: Inference, found: SearchResult, others: Sequence[Array]
+) -> tuple[Rival, ...]:
     """Other optima of the search that are maxima indeed: arrived at, inside, and bent down.
 
-    Those that only a limit holds are none. Cost: some tens of evaluations for each, with no more
-    nodes than a search takes.
+    Those that only a limit holds are none. With panels of two variates, where a climb costs most,
+    only those `others` (K,) that were climbed to with them. Cost: some tens of evaluations for
+    each, with no more nodes than a search takes.
     """
     if not inference.positive:
         return ()
@@ -37,10 +40,12 @@ def rivals(end: Settled, inference: Inference, found: SearchResult) -> tuple[Riv
     if isinstance(rule, GaussHermite):
         likelihood = likelihood.by(GaussHermite(min(rule.first, NODES)), end.alpha)
     arrived = [a.alpha for a in found.ascents if a.converged]
+    if isinstance(rule, PlanePanels):
+        arrived = [alpha for alpha in arrived if _one_of(alpha, others)]
     for optimum in found.optima[1:]:
         if len(known) > TRIED:
             break
-        if not any(np.array_equal(optimum.alpha, alpha) for alpha in arrived):
+        if not _one_of(optimum.alpha, arrived):
             continue
         if any(near(optimum.alpha, other, inference) for other in known):
             continue
@@ -105,6 +110,10 @@ def _judged(
     sizes = np.abs(_errors(alpha, end.alpha, inference))
     moved = tuple(int(k) for k in np.flatnonzero(np.nan_to_num(sizes) > 1.0))
     return Rival(alpha, end.alpha, drop, moved)
+
+
+def _one_of(alpha: Array, known: Sequence[Array]) -> bool:
+    return any(np.array_equal(alpha, other) for other in known)
 
 
 def near(alpha: Array, other: Array, inference: Inference) -> bool:

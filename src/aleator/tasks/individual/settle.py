@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +24,8 @@ ROUGHLY = 0.01
 """What may be left to gain in log-likelihood where nodes are held from then on."""
 STILL = 1e-5
 """A gain in log-likelihood with nodes adapted again that is none."""
+CLOSE = 0.1
+"""Distance in law over which nodes that are held as parameters need not be adapted again."""
 ENOUGH = 2e-3
 """A change of the log-likelihood with more nodes that is none; a hundred-thousandth an experiment
 if that is more."""
@@ -84,20 +86,20 @@ def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOU
     """
     variates = likelihood.inputs.scattering
     if variates > ON_A_GRID:
-        points = replace(likelihood, rule=ImportancePoints())
+        points = likelihood.ruled(ImportancePoints())
         return _refined(points, alpha, max(enough, ROUGHLY))
     end = _refined(_scoring(likelihood), alpha, enough)
     if variates < 2:
         return end
+    most = LITTLE if enough >= ROUGHLY else HARDLY
     if variates == 2:
-        rough = enough >= ROUGHLY
-        if _told_by_panels(end, LITTLE if rough else HARDLY):
+        if _told_by_panels(end, most):
             return end
-        return _refined(replace(end.likelihood, rule=PlanePanels.coarse()), end.alpha, enough)
-    if abs(end.gap) < HARDLY and not _misses_modes(end):
+        return _refined(end.likelihood.ruled(PlanePanels.coarse()), end.alpha, enough)
+    if abs(end.gap) < most and not _misses_modes(end):
         return end
-    again = _refined(replace(likelihood, rule=ImportancePoints()), end.alpha, enough)
-    return again if abs(again.gap) < HARDLY or abs(again.gap) < abs(end.gap) else end
+    again = _refined(likelihood.ruled(ImportancePoints()), end.alpha, enough)
+    return again if abs(again.gap) < most or abs(again.gap) < abs(end.gap) else end
 
 
 def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
@@ -107,7 +109,7 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     """
     if not isinstance(likelihood.rule, GaussHermite) or likelihood.inputs.scattering < 2:
         return likelihood
-    return replace(likelihood, rule=likelihood.rule.at_least(SCORING))
+    return likelihood.ruled(likelihood.rule.at_least(SCORING))
 
 
 def _told_by_panels(end: Settled, most: float) -> bool:
@@ -183,7 +185,7 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> S
         finer = held.rule.refined(gaps, max(enough, 1e-5 * held.count), variates)
         if finer is None:
             return Settled(held, alpha, gap, coarse or held)
-        likelihood = replace(held, rule=finer)
+        likelihood = held.ruled(finer)
 
 
 def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
@@ -223,14 +225,15 @@ def climbed(likelihood: IndividualLikelihood, alpha: Array) -> tuple[IndividualL
     """The nearest maximum: with nodes that follow alpha until it is near, then with nodes held."""
     hyperparameters = likelihood.hyperparameters
     free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
-    held = likelihood.adapted(alpha)
+    held = likelihood if likelihood.distance(alpha) < CLOSE else likelihood.adapted(alpha)
     if not free.size:
         return held, alpha
     information = _outer(held(alpha).scores, free, hyperparameters)
     following = held.continued
     near = ascended(following, alpha, hyperparameters, free, information, ROUGHLY)
     alpha, information = near.alpha, near.information
-    held = held.adapted(alpha)
+    nearest = following.nearest(alpha)
+    held = nearest if nearest.distance(alpha) < CLOSE else held.adapted(alpha)
     if held.rule.centers > 1:
         return _climbed_with_points(held, alpha, information, free)
     for _ in range(ROUNDS):
@@ -239,13 +242,13 @@ def climbed(likelihood: IndividualLikelihood, alpha: Array) -> tuple[IndividualL
         # variates as a plain function: a search would let the nodes follow
         objective = held.__call__ if held.parameters is None else following
         end = ascended(objective, alpha, hyperparameters, free, information)
-        again = held.adapted(end.alpha)
+        again, close = held.adapted(end.alpha), held.distance(end.alpha) < CLOSE
         gain = again.evaluate(end.alpha).total - before
         if gain < 0.0 and end.value > before:
             # nodes that were held too far from where they were adapted promised what is not there
             break
         held, alpha, information = again, end.alpha, end.information
-        if abs(gain) < STILL:
+        if close or abs(gain) < STILL:
             break
     return held, alpha
 
@@ -253,14 +256,16 @@ def climbed(likelihood: IndividualLikelihood, alpha: Array) -> tuple[IndividualL
 def _climbed_with_points(
     held: IndividualLikelihood, alpha: Array, information: Array, free: Indices
 ) -> tuple[IndividualLikelihood, Array]:
-    """The maximum with points held: new ones change the value by their error alone."""
+    """The maximum with points held, until what is climbed is not there with new ones."""
     for _ in range(ROUNDS):
+        before = held.evaluate(alpha).total
         end = ascended(held.__call__, alpha, held.hyperparameters, free, information)
-        gain = end.value - held.evaluate(alpha).total
         alpha, information = end.alpha, end.information
-        if gain < ROUGHLY:
+        if end.value < before + ROUGHLY:
             break
         held = held.adapted(alpha)
+        if held.evaluate(alpha).total < before + ROUGHLY:
+            break
     return held, alpha
 
 
