@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy import special
-from scipy.stats import qmc
 
 from aleator.errors import InputsError
 from aleator.inference.diagnostics.surfaces import relative_errors
@@ -28,11 +27,8 @@ from aleator.search.value import LogLikelihood
 from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array
 
-POINTS, FEWEST, MOST = 8192, 512, 20_000_000
-"""Points of the law that outcomes are drawn from: most, fewest, and simulated values in all."""
 MANY = 1000
-"""Experiments above which replicates are drawn one by one, and judged more coarsely."""
-SEED = 7
+"""Experiments above which replicates are judged more coarsely."""
 FARTHEST = 6.0
 """Quantiles are tabulated to so many standard deviations of a normal law."""
 TABULATED = 81
@@ -208,14 +204,8 @@ class OutcomeFit:
         return self.seeing(self.table.with_observations(seen))
 
     def _from_surfaces(self, rng: np.random.Generator) -> Array:
-        """Simulated outcomes (N,): of very many each at a point of its own, which may be far out.
-
-        Of few each at one of the points that they share: the farthest of these is far enough.
-        """
+        """Simulated outcomes (N,), each at a point of its own, which may be far out."""
         problem = self.problem
-        if self.count <= MANY:
-            eta = self._simulated
-            return np.asarray(eta[problem.condition, rng.integers(eta.shape[1], size=self.count)])
         assert problem.surface is not None
         law = self.alpha[: self.inputs.size]
         x = self.inputs.sample(law, rng.random((self.count, len(self.inputs.names))))
@@ -236,16 +226,6 @@ class OutcomeFit:
     def _here(self) -> Located:
         """The densities at alpha."""
         return self.problem.predictive.at(self.alpha, self.known)
-
-    @cached_property
-    def _simulated(self) -> Array:
-        """The outcomes (U, J) of all conditions at quasi-random points of the law of alpha."""
-        inputs = self.problem.model.inputs
-        conditions = int(self.problem.condition.max()) + 1
-        count = 2 ** int(np.log2(np.clip(MOST // conditions, FEWEST, POINTS)))
-        uniform = qmc.Sobol(len(inputs.names), rng=SEED).random(count)
-        x = inputs.sample(self.alpha[: inputs.size], uniform)
-        return self.problem.response.evaluate(x)
 
     @cached_property
     def _quantiles(self) -> tuple[Array, Array]:
