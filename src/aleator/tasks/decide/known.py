@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from aleator.errors import InputsError
 from aleator.inference.decisions.alpha_draws import Estimated
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.tasks.results.values import Estimate, in_order
@@ -20,10 +21,16 @@ def estimated(
 ) -> Estimated:
     """Estimates, errors, intervals and the `correlation` (F, F) of those with these `names`.
 
-    Raises InputsError where alpha lacks a hyperparameter or has an unknown one.
+    Raises InputsError where alpha lacks a hyperparameter or has an unknown one, or the names have.
     """
     at = in_order(alpha, hyperparameters)
     place = {h.name: k for k, h in enumerate(hyperparameters)}
+    for name in names:
+        if name not in place:
+            raise InputsError(
+                f"the correlations name '{name}', which is no hyperparameter of this law",
+                "run `aleator identify` again to write the result anew",
+            )
     own = [alpha[h.name] for h in hyperparameters]
     return Estimated(
         at,
