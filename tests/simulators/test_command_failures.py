@@ -1,16 +1,10 @@
-"""A program that is missing, hangs, crashes, prints garbage or writes nothing: one message each."""
+"""A program that is missing, crashes, prints garbage or writes nothing: one message each."""
 
-import os
 import pickle
-import signal
-import stat
-import subprocess
-import sys
-import time
 from pathlib import Path
-from typing import Any
 
 import pytest
+from programs import failing, script
 
 from aleator.errors import SimulatorError, SurroundingsError
 from aleator.simulators import RunFailed
@@ -27,22 +21,6 @@ from aleator.simulators.command import (
     RegexOutput,
     Template,
 )
-from aleator.simulators.command.janitor import watched
-
-
-def script(folder: Path, text: str, name: str = "program") -> str:
-    path = folder / name
-    path.write_text(f"#!/bin/sh\n{text}\n")
-    path.chmod(path.stat().st_mode | stat.S_IXUSR)
-    return f"./{name}"
-
-
-def failing(tmp_path: Path, text: str, **choices: object) -> RunFailed:
-    simulator = CommandSimulator([script(tmp_path, text)], base=tmp_path, **choices)  # type: ignore[arg-type]
-    with pytest.raises(RunFailed) as failure:
-        simulator.run_one({}, {})
-    return failure.value
-
 
 # ------------------------------------------------------------------- before anything runs
 
@@ -153,71 +131,6 @@ def test_braces_that_are_no_placeholders_are_told_of(tmp_path: Path) -> None:
     assert template.names == ("x",)
 
 
-HERE_DOCUMENT = """cat <<END
-{label}
-END
-echo 1"""
-
-
-@pytest.mark.parametrize("value", ["$(touch X)", "`touch X`", "';touch X;'", '";touch X;"', "A B"])
-@pytest.mark.parametrize(
-    "command",
-    [
-        'echo "label: {label}" > /dev/null; echo 1',
-        "echo '{label}' > /dev/null; echo 1",
-        HERE_DOCUMENT,
-        'echo "$(echo "a {label}")" > /dev/null; echo 1',
-        "echo `echo {label}` > /dev/null; echo 1",
-        "eval echo {label} > /dev/null; echo 1",
-        "bash -c 'echo '{label} > /dev/null; echo 1",
-        "ssh host echo {label} > /dev/null; echo 1",
-        "# it's\necho '{label}' > /dev/null; echo 1",
-    ],
-)
-def test_a_shell_never_reads_what_a_cell_says(tmp_path: Path, command: str, value: str) -> None:
-    simulator = CommandSimulator(command, shell=True, base=tmp_path, keep=Keep.ALL)
-    with pytest.raises(SimulatorError, match=r"LABEL = \"\{label\}\"") as told:
-        simulator.run_one({"label": value}, {})
-    assert not isinstance(told.value, SurroundingsError)
-    assert not list(tmp_path.rglob("X"))
-
-
-@pytest.mark.parametrize("program", [["sh", "-c"], ["bash", "-e", "-uc"]])
-def test_a_shell_that_is_the_program_itself_does_not_either(
-    tmp_path: Path, program: list[str]
-) -> None:
-    quoted = CommandSimulator([*program, 'echo "{label}"; echo 1'], base=tmp_path, keep=Keep.ALL)
-    with pytest.raises(SimulatorError, match="a shell would read"):
-        quoted.run_one({"label": "$(touch X)"}, {})
-    for command in (
-        [*program, "printf %s {label} | wc -c"],
-        [*program, 'printf %s "$1" | wc -c', "sh", "{label}"],
-    ):
-        simulator = CommandSimulator(command, base=tmp_path, keep=Keep.ALL)
-        assert simulator.run_one({"label": "$(touch X)"}, {}) == len("$(touch X)")
-    assert not list(tmp_path.rglob("X"))
-
-
-@pytest.mark.parametrize("value", ["B-2.1", "Prüfstand", "a/b,c=d:e%f@g+h_i"])
-def test_a_plain_cell_may_stand_in_quotes_of_a_shell(tmp_path: Path, value: str) -> None:
-    same = """test "{label}" = '{label}' && test {x:.2f} = '{x:.2f}'"""
-    command = f"{same} && echo {{label}} > n && wc -c < n"
-    length = CommandSimulator(command, shell=True, base=tmp_path).run_one(
-        {"label": value}, {"x": 2.0}
-    )
-    assert length == len(value.encode()) + 1
-
-
-def test_a_cell_of_any_text_reaches_a_shell_by_its_environment(tmp_path: Path) -> None:
-    value = "$(touch X)`touch X`';\" touch X"
-    command = 'printf %s "$LABEL" | wc -c'
-    simulator = CommandSimulator(
-        command, shell=True, base=tmp_path, environment={"LABEL": "{label}"}, keep=Keep.ALL
-    )
-    assert simulator.run_one({"label": value}, {}) == len(value)
-    assert not list(tmp_path.rglob("X"))
-
-
 # ------------------------------------------------------------------------- while it runs
 
 
@@ -250,30 +163,6 @@ def test_failed_runs_do_not_fill_the_disk(tmp_path: Path) -> None:
 
 def test_a_signal_has_a_name(tmp_path: Path) -> None:
     assert failing(tmp_path, "kill -SEGV $$").message.startswith("it was ended by SIGSEGV")
-
-
-def gone(pid: int) -> bool:
-    """Whether a process has ended, within two seconds."""
-    for _ in range(200):
-        try:
-            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-        except OSError:
-            return True
-        if state == "Z":  # killed; whoever adopted it has not asked after it
-            return True
-        time.sleep(0.01)
-    return False
-
-
-def test_a_program_that_hangs_is_stopped_with_all_its_children(tmp_path: Path) -> None:
-    failure = failing(tmp_path, "sleep 60 & echo $!; wait", timeout=0.2)
-    assert failure.message.startswith("it was stopped after its 0.2 s")
-    assert gone(int(failure.log))
-
-
-def test_a_child_that_outlives_the_program_is_ended(tmp_path: Path) -> None:
-    program = script(tmp_path, "sleep 60 & echo $!")
-    assert gone(int(CommandSimulator([program], base=tmp_path).run_one({}, {})))
 
 
 @pytest.mark.parametrize(
@@ -313,12 +202,6 @@ def test_an_outcome_that_is_not_there(
         raise failure
 
 
-def test_a_program_that_does_not_listen_is_killed(tmp_path: Path) -> None:
-    failure = failing(tmp_path, "trap '' TERM; sleep 60 & echo $!; wait", timeout=0.1)
-    assert failure.message.startswith("it was stopped after its 0.1 s")
-    assert gone(int(failure.log))
-
-
 def test_a_hook_that_fails(tmp_path: Path) -> None:
     (tmp_path / "failing_hook.py").write_text(
         "def raises(folder, stdout):\n    return 1 / 0\n\n"
@@ -344,85 +227,3 @@ def test_a_program_that_is_not_one_for_this_machine(tmp_path: Path) -> None:
 def test_a_value_that_does_not_have_the_format() -> None:
     with pytest.raises(RunFailed, match=r"'A' of 'bench' cannot be written with the format '.3f'"):
         CommandSimulator(["echo", "{bench:.3f}"], keep=Keep.NONE).run_one({"bench": "A"}, {})
-
-
-def test_nothing_is_left_of_a_run_whose_caller_is_killed(tmp_path: Path) -> None:
-    program = script(tmp_path, f"sleep 60 & echo $$ $! > {tmp_path}/pids; wait")
-    (tmp_path / "folders").mkdir()
-    code = (
-        "from pathlib import Path\n"
-        "from aleator.simulators.command import CommandSimulator\n"
-        f"CommandSimulator([{program!r}], base=Path({str(tmp_path)!r})).run_one({{}}, {{}})\n"
-    )
-    caller = subprocess.Popen(
-        [sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(tmp_path / "folders")}
-    )
-    pids = tmp_path / "pids"
-    while not (pids.exists() and pids.read_text().strip()):
-        assert caller.poll() is None
-        time.sleep(0.01)
-    assert len([*(tmp_path / "folders").iterdir()]) == 1
-    time.sleep(0.1)  # the caller takes note of what it started
-    caller.kill()
-    caller.wait()
-    assert all(gone(int(pid)) for pid in pids.read_text().split())
-    for _ in range(200):
-        if not [*(tmp_path / "folders").iterdir()]:
-            break
-        time.sleep(0.01)
-    assert [*(tmp_path / "folders").iterdir()] == []
-
-
-@pytest.mark.slow
-def test_ctrl_c_ends_the_program_and_passes_on(tmp_path: Path) -> None:
-    program = script(tmp_path, f"echo $$ > {tmp_path}/pid; sleep 60")
-    code = (
-        "import signal\n"
-        # it may be ignored where the tests run in the background
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from aleator.simulators.command import CommandSimulator\n"
-        f"CommandSimulator([{program!r}], base=__import__('pathlib').Path({str(tmp_path)!r}))"
-        ".run_one({}, {})\n"
-    )
-    caller = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE)
-    pid = tmp_path / "pid"
-    for _ in range(1000):
-        if pid.exists() and pid.read_text().strip():
-            break
-        time.sleep(0.01)
-    os.kill(caller.pid, signal.SIGINT)
-    _, told = caller.communicate(timeout=20)
-    assert told.endswith(b"KeyboardInterrupt\n")
-    assert gone(int(pid.read_text()))
-
-
-@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_in_the_instant_of_a_start_ends_the_program(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signum: signal.Signals
-) -> None:
-    simulator = CommandSimulator([script(tmp_path, "echo 1.0; exec sleep 60")], base=tmp_path)
-    started: list[int] = []
-
-    class Interrupted(subprocess.Popen[bytes]):
-        def __init__(self, *args: Any, **kwargs: Any) -> None:
-            super().__init__(*args, **kwargs)
-            started.append(self.pid)
-            signal.raise_signal(signum)
-
-    watched().rmdir()  # a janitor is there, whose start is not the one in question
-    monkeypatch.setattr(subprocess, "Popen", Interrupted)
-    before = signal.signal(signum, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            simulator.run_one({}, {})
-        assert signal.getsignal(signum) is signal.default_int_handler
-    finally:
-        signal.signal(signum, before)
-    (pid,) = started
-    assert gone(pid)
-
-
-def test_a_program_hears_the_signals_that_its_caller_holds(tmp_path: Path) -> None:
-    program = script(tmp_path, "kill -s TERM $$; sleep 60")
-    with pytest.raises(RunFailed, match="ended by SIGTERM"):
-        CommandSimulator([program], base=tmp_path, keep=Keep.NONE).run_one({}, {})

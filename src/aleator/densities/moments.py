@@ -13,6 +13,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.blocks import blocks
 from aleator.threads import single_threaded
 from aleator.types import Array
 
@@ -78,9 +79,8 @@ def weighted_moments(y: Array, weights: Array, order: int) -> Moments:
     >>> m.mean.tolist(), m.sd.tolist(), m.standardized.tolist()
     ([2.0], [1.0], [[1.0, 0.0, 1.0, 0.0, 1.0]])
     """
-    size = max(1, LARGEST // y.shape[1])
-    parts = [_moments_of(y[first : first + size], weights, order)
-             for first in range(0, max(len(y), 1), size)]  # fmt: skip
+    every = blocks(max(len(y), 1), y.shape[1], LARGEST)
+    parts = [_moments_of(y[rows], weights, order) for rows in every]
     return parts[0] if len(parts) == 1 else joined(parts)
 
 

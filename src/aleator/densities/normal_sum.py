@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from aleator.blocks import blocks
 from aleator.densities.interface import FARTHEST
 from aleator.densities.inversion import invert
 from aleator.types import Array
@@ -100,7 +100,6 @@ class NormalSum:
         with np.errstate(over="ignore"):
             return np.asarray((y[:, :, None] - self.centers[:, None]) / self.sds[:, None])
 
-    def _columns(self, columns: int) -> Iterator[slice]:
+    def _columns(self, columns: int) -> list[slice]:
         """Columns of y that fit the memory of one batch."""
-        width = max(1, _LARGEST_BATCH // max(1, self.weights.size))
-        yield from (slice(first, first + width) for first in range(0, columns, width))
+        return blocks(columns, self.weights.size, _LARGEST_BATCH)

@@ -17,7 +17,7 @@ from aleator.inference.information import Inference
 from aleator.inference.profile_end import Trace
 from aleator.laws import Hyperparameter
 from aleator.search import Objective
-from aleator.search.interface import Reaching, Scored, objective_of
+from aleator.search.interface import Scored, objective_of, reach_of
 from aleator.search.newton import positive
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Flags, Indices
@@ -72,9 +72,8 @@ class _Remembering:
         self._last: dict[bytes, LogLikelihood] = {}
 
     def reach(self, alpha: Array, ahead: Array) -> float:
-        """The share of the way to another alpha that a step may go; all, if that is not known."""
-        known = self._objective
-        return known.reach(alpha, ahead) if isinstance(known, Reaching) else 1.0
+        """See `reach_of`."""
+        return reach_of(self._objective, alpha, ahead)
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         key = alpha.tobytes()

@@ -13,6 +13,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from aleator.blocks import blocks
 from aleator.densities import Density, FittedDensity, NodeDensity
 from aleator.densities.interface import NearbyDensity
 from aleator.densities.moments import Moments, add_noise, joined
@@ -180,9 +181,8 @@ class FromNodes(Predictive):
         if not isinstance(way, QuadraturePropagation) or not way.divisible:
             return ()
         start = np.array([h.start for h in self.hyperparameters])
-        size = max(1, LARGEST // way.nodes(self.law(start)).weights.size)
-        firsts = range(0, count if count > size else 0, size)
-        return tuple(slice(first, min(first + size, count)) for first in firsts)
+        rows = blocks(count, way.nodes(self.law(start)).weights.size, LARGEST)
+        return tuple(rows) if len(rows) > 1 else ()
 
     @cached_property
     def _parts(self) -> tuple[FromNodes, ...]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from aleator.blocks import blocks
 from aleator.errors import ExperimentsError
 from aleator.laws import Hyperparameter
 from aleator.observations.known import known_sds
@@ -209,10 +210,8 @@ def _named(noises: Mapping[str, Noise]) -> tuple[Hyperparameter, ...]:
 
 def _blocks(at: Indices, nodes: int) -> Iterator[tuple[slice, slice | Indices]]:
     """Parts of the positions `at`: each as a slice of them, and where it is among all."""
-    step = max(1, BLOCK // max(1, nodes))
     adjoin = len(at) > 0 and at[-1] - at[0] + 1 == len(at)
-    for k in range(0, len(at), step):
-        some = slice(k, min(k + step, len(at)))
+    for some in blocks(len(at), nodes, BLOCK):
         yield some, slice(at[0] + some.start, at[0] + some.stop) if adjoin else at[some]
 
 

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from aleator.search.interface import Guiding, Objective, Reaching, Scored, Step, objective_of
+from aleator.search.interface import Guiding, Objective, Scored, Step, objective_of, reach_of
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
@@ -80,9 +80,8 @@ class CountedObjective:
         return float(getattr(self._objective, "resolution", 0.0))
 
     def reach(self, alpha: Array, ahead: Array) -> float:
-        """The share of the way from alpha (K,) to another that a step may go; all, if not known."""
-        known = self._objective
-        return known.reach(alpha, ahead) if isinstance(known, Reaching) else 1.0
+        """See `reach_of`."""
+        return reach_of(self._objective, alpha, ahead)
 
     def toward(self, alpha: Array) -> tuple[float, Array] | None:
         """The log-likelihood at alpha (K,) and the next alpha; None where none is known."""

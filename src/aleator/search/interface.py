@@ -79,6 +79,11 @@ def objective_of(function: Continuable | Objective | Scored) -> Objective:
     return function if isinstance(function, Objective) else _Looped(function)
 
 
+def reach_of(objective: Objective, alpha: Array, ahead: Array) -> float:
+    """The share of the way from alpha (K,) to another that a step may go; all, if not known."""
+    return objective.reach(alpha, ahead) if isinstance(objective, Reaching) else 1.0
+
+
 RULED_OUT = 1.92
 """A log-likelihood so far below the largest belongs to no interval of 95 %: chi2_1(0.95)/2."""
 MOST_RIVALS = 3

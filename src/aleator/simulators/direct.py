@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from aleator.blocks import blocks
 from aleator.errors import AleatorError
 from aleator.simulators.arrays import CHECKED, Together, elementwise
 from aleator.simulators.bound import Bound
@@ -52,18 +53,16 @@ class Direct:
         for a wrong shape or type, SurroundingsError for what the machine did to a run. Cost: some
         20 ns a run of a vectorized function beside its own.
         """
-        size = self._size
         self.count += len(case)
         values = np.empty((len(case), self._form.width))
-        for start in range(0, len(case), size):
-            rows = slice(start, start + size)
+        for rows in blocks(len(case), 1, self._size):
             values[rows], failures = self._block(case[rows], x[rows])
             self._note(case[rows], x[rows], values[rows], failures)
         return values
 
     def again(self, case: Indices, x: Array) -> Array:
         """Values (R, W) of runs that are made once more; none is counted."""
-        parts = (slice(start, start + self._size) for start in range(0, len(case), self._size))
+        parts = blocks(len(case), 1, self._size)
         return np.concatenate([self._block(case[rows], x[rows])[0] for rows in parts])
 
     @property

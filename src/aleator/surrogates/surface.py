@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from aleator.blocks import blocks
 from aleator.errors import InputsError
 from aleator.surrogates.basis import products, products_with_gradient
 from aleator.surrogates.points import in_unit_box
@@ -137,9 +137,8 @@ class Surface:
             )
         return x
 
-    def _blocks(self, count: int, parts: int) -> Iterator[slice]:
-        step = max(1, BLOCK // (parts * max(len(self.indices), 1)))
-        return (slice(start, start + step) for start in range(0, count, step))
+    def _blocks(self, count: int, parts: int) -> list[slice]:
+        return blocks(count, parts * len(self.indices), BLOCK)
 
 
 def _sums(groups: tuple[Group, ...], count: int, basis: Array) -> Array:

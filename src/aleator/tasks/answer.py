@@ -79,10 +79,10 @@ def answered(question: Question, ledger: Ledger) -> Answer:
     A density that is open gives way at most twice: moments to the exact one, and that to moments.
     Surfaces that take too many runs give way to the simulator itself where it is fast.
     """
-    tried = [question.model]
-    way = _way(question, tried[-1], _Search(question.search, question.seed, ledger), ledger)
-    refined = way.search(question.seed)
+    search, tried, refined = question.search, [question.model], None
     while True:
+        way = _way(question, tried[-1], _Search(search, question.seed, ledger), ledger)
+        refined = way.resumed(refined) if refined else way.search(question.seed)
         if way.outgrown(refined):
             return answered(question.directly(), ledger)
         better = better_model(refined.problem, refined.found.alpha)
@@ -91,8 +91,6 @@ def answered(question: Question, ledger: Ledger) -> Answer:
         # the exact density is dear, and its maximum is near
         search = WarmStart(refined.found.alpha) if better.exact else question.search
         tried.append(better)
-        way = _way(question, better, _Search(search, question.seed, ledger), ledger)
-        refined = way.resumed(refined)
     refined, inference, profile = _sure(way, refined, ledger)
     problem, found = refined.problem, refined.found
     stands_in = any(model.exact for model in tried) and not tried[-1].exact

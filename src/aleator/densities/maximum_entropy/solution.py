@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from aleator.blocks import blocks
 from aleator.densities.interface import Codes, Status
 from aleator.densities.maximum_entropy.dual import (
     Expectations,
@@ -107,22 +108,21 @@ def solve(
     density itself; where that fails too, order M-2, M-4, .. 2 within its own reach takes its place
     and `status` keeps the failure. Cost O(N nodes M) a Newton step.
     """
-    blocks = [
+    parts = [
         _solve_block(
-            lower[block], upper[block], standardized[block], least, nodes,
-            known and known.take(block),
+            lower[rows], upper[rows], standardized[rows], least, nodes, known and known.take(rows)
         )
-        for block in (slice(i, i + _BLOCK) for i in range(0, max(lower.size, 1), _BLOCK))
-    ]  # fmt: skip
-    if len(blocks) == 1:
-        return blocks[0]
+        for rows in blocks(max(lower.size, 1), 1, _BLOCK)
+    ]
+    if len(parts) == 1:
+        return parts[0]
     joined: dict[str, Any] = {
-        field.name: np.concatenate([getattr(block, field.name) for block in blocks])
+        field.name: np.concatenate([getattr(part, field.name) for part in parts])
         for field in fields(Solution)
         if field.name != "check"
     }
     # the finest check serves all
-    return Solution(**joined, check=max((block.check for block in blocks), key=_size))
+    return Solution(**joined, check=max((part.check for part in parts), key=_size))
 
 
 def _solve_block(

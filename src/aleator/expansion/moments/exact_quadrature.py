@@ -7,6 +7,7 @@ from math import prod
 
 import numpy as np
 
+from aleator.blocks import blocks
 from aleator.errors import InputsError
 from aleator.expansion.basis import Basis
 from aleator.polynomials.indices import highest
@@ -68,7 +69,7 @@ class QuadraturePowers:
     def means(self, z: Array) -> Array:
         """E[Z^m] for m = 0..M, as (N, M+1)."""
         means = np.ones((z.shape[0], self.order + 1))
-        for part in self._parts(z.shape[0]):
+        for part in blocks(z.shape[0], self.weights.size, VALUES_AT_ONCE):
             values = self._values(z[part])
             power = np.ones_like(values)
             for m in range(1, self.order + 1):
@@ -79,17 +80,13 @@ class QuadraturePowers:
     def projections(self, z: Array) -> Array:
         """E[Z^m psi_i] for m = 0..M-1, as (N, M, P)."""
         found = np.zeros((z.shape[0], self.order, z.shape[1]))
-        for part in self._parts(z.shape[0]):
+        for part in blocks(z.shape[0], self.weights.size, VALUES_AT_ONCE):
             values = self._values(z[part])
             weighted = np.broadcast_to(self.weights, values.shape)
             for m in range(self.order):
                 found[part, m] = self._project(weighted)
                 weighted = weighted * values
         return found
-
-    def _parts(self, count: int) -> list[slice]:
-        step = max(1, VALUES_AT_ONCE // self.weights.size)
-        return [slice(start, start + step) for start in range(0, count, step)]
 
     def _values(self, z: Array) -> Array:
         """The polynomials at all nodes, (N, J)."""

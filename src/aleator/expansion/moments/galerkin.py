@@ -8,6 +8,7 @@ from math import comb, prod
 import numpy as np
 from scipy import sparse
 
+from aleator.blocks import blocks
 from aleator.errors import InputsError
 from aleator.expansion.basis import Basis
 from aleator.expansion.moments.linearization import Linearization, linearization, multiply
@@ -191,5 +192,4 @@ class GalerkinPowers:
 
     def _parts(self, count: int) -> list[slice]:
         largest = max((product.keys.size for product in self.products), default=1)
-        step = max(1, VALUES_AT_ONCE // largest)
-        return [slice(start, start + step) for start in range(0, count, step)]
+        return blocks(count, largest, VALUES_AT_ONCE)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.blocks import blocks
 from aleator.inference.verification.choice import Score
 from aleator.inference.verification.emulator import Emulator
 from aleator.inference.verification.importance_sampling import flat
@@ -37,9 +38,7 @@ class Made:
     def blocks(self) -> Iterator[Made]:
         """The same, for some of the experiments at once."""
         near = self.near
-        step = max(1, BLOCK // near.chosen.shape[1])
-        for begin in range(0, near.index.size, step):
-            part = slice(begin, begin + step)
+        for part in blocks(near.index.size, near.chosen.shape[1], BLOCK):
             yield Made(
                 Near(near.index[part], near.group[part], near.first, near.chosen, near.weight),
                 self.outcomes,

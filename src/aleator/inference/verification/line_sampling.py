@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.stats import qmc
 
+from aleator.blocks import blocks
 from aleator.inference.verification.choice import REPLICATES
 from aleator.inference.verification.emulator import Emulator
 from aleator.inference.verification.kernel import normal_pdf
@@ -94,10 +95,8 @@ def densities(
 
     `x` (C, J, n) are the points of the lines, moved or not.
     """
-    size = max(1, LARGEST // x.shape[1])
     found = np.empty((rows.size, x.shape[0]))
-    for first in range(0, rows.size, size):
-        part = slice(first, first + size)
+    for part in blocks(rows.size, x.shape[1], LARGEST):
         for c, (copy, mass) in enumerate(zip(x, lines.mass, strict=True)):
             found[part, c] = _averaged(emulator.evaluate(copy, rows[part]), mass, y[part], sd)
     return found

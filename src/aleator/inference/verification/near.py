@@ -18,6 +18,7 @@ import numpy as np
 from scipy import special
 from scipy.stats import qmc
 
+from aleator.blocks import blocks
 from aleator.inference.verification.emulator import Emulator
 from aleator.inference.verification.kernel import Kernel
 from aleator.laws.inputs import Inputs
@@ -66,10 +67,9 @@ class Candidates:
         return np.asarray(np.sqrt(np.concatenate(square) / self.weight.sum()))
 
     @property
-    def blocks(self) -> Iterator[slice]:
+    def blocks(self) -> list[slice]:
         """Experiments whose outcomes are looked at together."""
-        size = max(1, TOGETHER // self.weight.size)
-        return (slice(first, first + size) for first in range(0, len(self.outcomes), size))
+        return blocks(len(self.outcomes), self.weight.size, TOGETHER)
 
     def bandwidth(self, y: Array) -> Array:
         """(N,) that of the kernel about outcomes y (N,): narrower where the density falls fast."""

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.blocks import blocks
 from aleator.inference.verification.importance_sampling import (
     defended,
     explaining,
@@ -131,11 +132,9 @@ def made(run: Run, index: Indices, x: Array, progress: Progress) -> Array:
     """Outcomes (m, S) of experiments (m,) at x (m, S, n)."""
     count, samples = x.shape[:2]
     each, points, parts = np.repeat(index, samples), flat(x), []
-    for begin in range(0, each.size, CHUNK_RUNS):
-        part = slice(begin, begin + CHUNK_RUNS)
+    for part in blocks(each.size, 1, CHUNK_RUNS):
         parts.append(run(each[part], points[part]))
-        done = min(begin + CHUNK_RUNS, each.size)
-        progress.update(f"{done} of {each.size} runs", done, each.size)
+        progress.update(f"{part.stop} of {each.size} runs", part.stop, each.size)
     return np.concatenate(parts).reshape(count, samples)
 
 

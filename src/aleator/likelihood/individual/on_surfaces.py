@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from aleator.blocks import blocks
 from aleator.likelihood.individual.layout import Block
 from aleator.surrogates import Surface
 from aleator.surrogates.basis import products, products_with_gradient
@@ -48,9 +49,7 @@ class OnSurfaces:
         basis = basis.reshape(len(indices), -1, experiments, nodes)
         terms = self._terms[self.of[block.rows]]
         found = np.empty((basis.shape[1], len(terms), nodes))
-        step = max(1, LARGEST // (len(basis) * nodes))
-        for first in range(0, len(terms), step):
-            rows = slice(first, first + step)
+        for rows in blocks(len(terms), len(basis) * nodes, LARGEST):
             own = basis[:, :, block.owner[rows]]
             found[:, rows] = np.einsum("mp,pdmj->dmj", terms[rows], own, optimize=False)
         if not slopes:

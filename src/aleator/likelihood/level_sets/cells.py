@@ -28,12 +28,7 @@ def crossed(
     these `sides`. A weight is the length of the set over the slope of the outcome.
     """
     shape = tuple(side.size for side in sides)
-    simplices = _simplices(*shape)
-    below, above = (found.view(np.uint8) for found in (eta <= y[:, None], eta > y[:, None]))
-    side = NONE - (NONE - BELOW) * below - (NONE - ABOVE) * above
-    through = _together(side.reshape(len(y), *shape)) == BELOW | ABOVE
-    whose, where = np.divmod(np.flatnonzero(through), len(simplices))
-    corners = simplices[where]
+    whose, corners = _passed(y, eta, shape)
     v = eta[whose[:, None], corners]
     place = np.unravel_index(corners, shape)
     x = np.stack([side[i] for side, i in zip(sides, place, strict=True)], axis=-1)
@@ -50,6 +45,16 @@ def crossed(
     on, parts = found[..., :-1], found.shape[1]
     weight = (volume * density)[:, None] / found[..., -1]
     return np.repeat(rows[whose], parts), on.reshape(-1, len(sides)), weight.ravel() / parts
+
+
+def _passed(y: Array, eta: Array, shape: tuple[int, ...]) -> tuple[Indices, Indices]:
+    """Whose sets (H,) go through simplices, and the corners (H, s + 1) of these."""
+    simplices = _simplices(*shape)
+    below, above = (found.view(np.uint8) for found in (eta <= y[:, None], eta > y[:, None]))
+    place = NONE - (NONE - BELOW) * below - (NONE - ABOVE) * above
+    through = _together(place.reshape(len(y), *shape)) == BELOW | ABOVE
+    whose, where = np.divmod(np.flatnonzero(through), len(simplices))
+    return whose, simplices[where]
 
 
 @lru_cache

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from aleator.blocks import blocks
 from aleator.densities import Status
 from aleator.densities.interface import DEGENERATE_VALUE
 from aleator.laws.inputs import Inputs
@@ -72,11 +72,9 @@ class LevelSets:
         return nothing
 
     @property
-    def _blocks(self) -> Iterator[slice]:
+    def _blocks(self) -> list[slice]:
         """Experiments whose points fit a core's cache."""
-        count, points = self.log_weight.shape
-        size = max(1, LARGEST // points)
-        return (slice(first, first + size) for first in range(0, count, size))
+        return blocks(len(self.x), self.x.shape[1], LARGEST)
 
     def _scored(self, alpha: Array) -> tuple[Array, Array]:
         total, share = mean_of(self._terms(alpha))

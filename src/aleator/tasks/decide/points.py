@@ -9,6 +9,7 @@ import numpy as np
 from scipy import special
 from scipy.stats import qmc
 
+from aleator.blocks import blocks
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.likelihood.individual import Predictor, individual_points
 from aleator.likelihood.individual.layout import Block
@@ -109,13 +110,12 @@ def simulated(predictor: Predictor, block: Block, x: Array) -> Array:
     """Simulated values (m, A, J) of one experiment at x (A, J, n)."""
     laws, points, n = x.shape
     size = block.owner.size
-    step = max(1, LARGEST // (points * size))
     found = np.empty((size, laws, points))
-    for first in range(0, laws, step):
-        part = x[first : first + step]
+    for rows in blocks(laws, points * size, LARGEST):
+        part = x[rows]
         with np.errstate(all="ignore"):
             eta = predictor.values(block, part.reshape(1, -1, n))
-        found[:, first : first + step] = eta.reshape(size, len(part), points)
+        found[:, rows] = eta.reshape(size, len(part), points)
     return found
 
 
