@@ -71,6 +71,7 @@ _FORGET = (
     "ON simulator = simulators.id WHERE fingerprint = ?)",
     "DELETE FROM cases WHERE simulator IN (SELECT id FROM simulators WHERE fingerprint = ?)",
     "DELETE FROM simulators WHERE fingerprint = ?",
+    "DELETE FROM searches WHERE fingerprint = ?",
 )
 _JOINED = 'runs JOIN cases ON runs."case" = cases.id JOIN simulators ON simulator = simulators.id'
 

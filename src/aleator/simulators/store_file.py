@@ -56,6 +56,17 @@ CREATE TABLE runs (
 """
 # `outcome` has no type: a column of reals keeps -0.0 as the integer 0.
 
+# Results of searches: stores that were made before there were any get their table when opened.
+_SEARCHES = """
+CREATE TABLE IF NOT EXISTS searches (
+    fingerprint TEXT NOT NULL,
+    key TEXT NOT NULL,
+    text TEXT NOT NULL,
+    digest TEXT NOT NULL,
+    PRIMARY KEY (fingerprint, key)
+)
+"""
+
 # What a query is about, in the memory of the process: a join with it is one query for thousands.
 _SOUGHT = """
 PRAGMA temp_store = MEMORY;
@@ -168,6 +179,7 @@ def _make_tables(connection: sqlite3.Connection) -> None:
                 connection.execute(statement)
             connection.execute(f"PRAGMA application_id = {_MARK}")
             connection.execute(f"PRAGMA user_version = {FORMAT}")
+        connection.execute(_SEARCHES)
 
 
 @contextmanager

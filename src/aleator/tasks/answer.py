@@ -21,6 +21,7 @@ from aleator.search import Search, SearchResult, WarmStart, ascend
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.tasks.baselines import baselines_of
+from aleator.tasks.kept_search import kept_search
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.many import of_many
 from aleator.tasks.refinement import SEARCH, Fast, Refined, Refinement, climbed, refinement_of
@@ -81,7 +82,7 @@ def answered(question: Question, ledger: Ledger) -> Answer:
     """
     search, tried, refined = question.search, [question.model], None
     while True:
-        way = _way(question, tried[-1], _Search(search, question.seed, ledger), ledger)
+        way = _way(question, tried[-1], search, ledger)
         refined = way.resumed(refined) if refined else way.search(question.seed)
         if way.outgrown(refined):
             return answered(question.directly(), ledger)
@@ -119,6 +120,7 @@ def infer_at(problem: Problem, found: SearchResult) -> tuple[SearchResult, Infer
 class _Search:
     """The user's search, with the baselines of the same surfaces among its guesses."""
 
+    runner: Runner
     search: Search
     seed: int
     ledger: Ledger
@@ -131,17 +133,22 @@ class _Search:
         inputs = problem.model.inputs
         for law, part, value in zip(inputs.laws.values(), inputs.slices, fit.x, strict=True):
             around[part] = law.filling(value)
+        guesses = [*guess, around, linear.alpha]
         maximize = partial(
             self.search.maximize, hyperparameters=hyperparameters, seed=self.seed,
-            guesses=[*guess, around, linear.alpha], progress=self.ledger.progress,
+            guesses=guesses, progress=self.ledger.progress,
         )  # fmt: skip
         with self.ledger.stage(SEARCH):
-            return of_many(problem, maximize)
+            return kept_search(
+                self.runner, self.search, problem.objective, hyperparameters, guesses, self.seed,
+                lambda: of_many(problem, maximize),
+            )  # fmt: skip
 
 
-def _way(question: Question, model: Model, search: _Search, ledger: Ledger) -> Refinement:
+def _way(question: Question, model: Model, search: Search, ledger: Ledger) -> Refinement:
+    own = _Search(question.runner, search, question.seed, ledger)
     return refinement_of(
-        question.runner, question.outcomes, model, search, ledger.stage, ledger.progress,
+        question.runner, question.outcomes, model, own, ledger.stage, ledger.progress,
         question.ids, question.fast,
     )  # fmt: skip
 

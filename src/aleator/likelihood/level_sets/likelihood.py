@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -84,8 +85,8 @@ class LevelLikelihood:
 
     @property
     def continued(self) -> LevelLikelihood:
-        """What a search climbs: the same."""
-        return self
+        """What a search climbs: the same, with grids of its own to remember."""
+        return copy(self)
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood with its score."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from aleator.tasks.individual.population import first_region
 from aleator.tasks.individual.rivals import followed_rivals, rivals
 from aleator.tasks.individual.settle import Settled, climbed, settled
 from aleator.tasks.individual.surfaces import SURFACE, Begun, ByResponseSurfaces
+from aleator.tasks.kept_search import kept_search
 from aleator.tasks.ledger import Ledger
 from aleator.types import Array, Flags, Indices
 
@@ -180,15 +181,16 @@ class _Searched:
         search = WarmStart(guess[0]) if guess else question.search
         few = likelihood.count <= MANY
         objective = likelihood if few else likelihood.sampled(SAMPLE)
+        maximize = partial(
+            search.maximize, objective, likelihood.hyperparameters, seed=question.seed,
+            guesses=known, progress=self.ledger.progress,
+        )  # fmt: skip
         with self.ledger.stage("search"):
-            found = search.maximize(
-                objective,
-                likelihood.hyperparameters,
-                seed=question.seed,
-                guesses=known,
-                progress=self.ledger.progress,
-            )
-            return ordered(found if few else _with_all(likelihood, found), question.inputs)
+            found = kept_search(
+                question.runner, search, likelihood.continued, likelihood.hyperparameters, known,
+                question.seed, lambda: maximize() if few else _with_all(likelihood, maximize()),
+            )  # fmt: skip
+            return ordered(found, question.inputs)
 
 
 def _with_all(likelihood: IndividualLikelihood, found: SearchResult) -> SearchResult:
