@@ -140,8 +140,8 @@ class _Search:
         )  # fmt: skip
         with self.ledger.stage(SEARCH):
             return kept_search(
-                self.runner, self.search, problem.objective, hyperparameters, guesses, self.seed,
-                lambda: of_many(problem, maximize),
+                None if problem.surface is None else self.runner, self.search, problem.objective,
+                hyperparameters, guesses, self.seed, lambda: of_many(problem, maximize),
             )  # fmt: skip
 
 

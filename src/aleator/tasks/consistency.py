@@ -31,9 +31,9 @@ FEWEST = 5
 """Observations below which nothing is tested."""
 STAGES = ((40, 0.001, 0.3), (100, 0.01, 0.12), (200, 0.0, 0.0))
 """So many replicates are enough where p is then below the one or above the other."""
-VALUES, LEAST = 25_000_000, 20
+VALUES, LEAST = 150_000_000, 40
 """Simulated values of all replicates at most, and replicates at least."""
-MANY, FEW = 3000, 40
+MANY, FEW = 3000, 100
 """Observations above which no more replicates than so few are made."""
 LOST = 0.2
 """Share of probabilities or replicates that may be missing."""

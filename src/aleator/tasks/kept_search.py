@@ -23,7 +23,7 @@ PROBES = 3
 
 
 def kept_search(
-    runner: Runner,
+    runner: Runner | None,
     search: Search,
     objective: Objective,
     hyperparameters: Sequence[Hyperparameter],
@@ -31,12 +31,13 @@ def kept_search(
     seed: int,
     searched: Callable[[], SearchResult],
 ) -> SearchResult:
-    """What `searched` finds, or has found before in a study with the same store.
+    """What `searched` finds, or has found before in a study whose runner has the same store.
 
     A likelihood is known again by its values and scores of all experiments at PROBES alphas. A
-    search that is not a dataclass may hold what cannot be seen, and is made again.
+    search that is not a dataclass may hold what cannot be seen, and is made again; so is one that
+    makes runs, which are counted: it has no `runner`.
     """
-    if runner.cache is None or not is_dataclass(search):
+    if runner is None or runner.cache is None or not is_dataclass(search):
         return searched()
     store, fingerprint = runner.cache.store, runner.cache.identity.fingerprint
     key = _key(search, objective, hyperparameters, guesses, seed)

@@ -187,8 +187,9 @@ class _Searched:
         )  # fmt: skip
         with self.ledger.stage("search"):
             found = kept_search(
-                question.runner, search, likelihood.continued, likelihood.hyperparameters, known,
-                question.seed, lambda: maximize() if few else _with_all(likelihood, maximize()),
+                None if isinstance(likelihood.predictor, Direct) else question.runner, search,
+                likelihood.continued, likelihood.hyperparameters, known, question.seed,
+                lambda: maximize() if few else _with_all(likelihood, maximize()),
             )  # fmt: skip
             return ordered(found, question.inputs)
 
