@@ -35,6 +35,25 @@ def test_a_linear_outcome_takes_two_runs_more_than_it_has_coefficients(noise: fl
     assert found.runs_by_stage["verification"] == 2 * N
 
 
+def test_an_outcome_whose_logarithm_is_linear_takes_no_more() -> None:
+    """Over its box it spans eleven decades."""
+    rows = table(0.0)
+    found = unjudged(
+        lambda c, a, b: np.exp(a + b * c), rows.assign(y=np.exp(rows.y)), Inputs(LAW),
+        outcome="y", vectorized=True, search=GradientMultistart(starts=2),
+    )  # fmt: skip
+    linear = unjudged(
+        lambda c, a, b: a + b * c, rows, Inputs(LAW), outcome="y", vectorized=True,
+        search=GradientMultistart(starts=2),
+    )  # fmt: skip
+    assert found.sound
+    assert found.runs == linear.runs
+    for name, one in found.alpha.items():
+        known = linear.alpha[name]
+        near = 0.1 * (known.standard_error or 0.0)
+        assert one.estimate == pytest.approx(known.estimate, abs=near)
+
+
 def surfaces(run, experiments: int) -> AdaptiveSurfaces:
     return AdaptiveSurfaces(run, BOX, experiments, ResponseSurface())
 

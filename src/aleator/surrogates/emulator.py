@@ -16,6 +16,7 @@ from aleator.errors import SimulatorError
 from aleator.surrogates.assembly import Piece, degrees_of, merged, outcome_range
 from aleator.surrogates.responses import Run
 from aleator.surrogates.samples import Samples
+from aleator.surrogates.scales import widened
 from aleator.surrogates.surface import Surface
 from aleator.types import Array, Flags, Indices
 
@@ -30,7 +31,8 @@ class Emulator(ABC):
 
     `error` (N,) is the estimated root-mean-square error, infinite where runs are lacking, and
     `scatter` (N,) the standard deviation of the outcome, both at the points that were judged last;
-    `level` (N,) is the outcome's size and `reach` (N,) the error over all the box.
+    `level` (N,) is the outcome's size; `rate` (N,) is how much the outcome changes there for a
+    change of the polynomial, and `reach` (N,) the error of that over all the box.
     """
 
     def __init__(self, run: Run, box: Array, samples: Samples) -> None:
@@ -38,6 +40,7 @@ class Emulator(ABC):
         self.run, self.box, self.samples = run, box, samples
         self.error = np.full(experiments, np.inf)
         self.scatter, self.level, self.reach = np.zeros((3, experiments))
+        self.rate = np.ones(experiments)
 
     @property
     def runs(self) -> Indices:
@@ -82,10 +85,15 @@ class Emulator(ABC):
         self.samples = self.samples.joined(x, index, place, outcome)
 
     def _surface(
-        self, pieces: Iterable[Piece], error: Array, converged: Flags, outcomes: Array
+        self,
+        pieces: Iterable[Piece],
+        error: Array,
+        converged: Flags,
+        outcomes: Array,
+        logarithmic: Flags,
     ) -> Surface:
         """The polynomials of `pieces`, of the errors (N,); `outcomes` (N, M) widen their range."""
-        known = np.where(np.isfinite(error), error, 0.0)
+        known = np.where(np.isfinite(error), error / self.rate, 0.0)
         indices, groups, terms = merged(pieces, known)
         surface = Surface(
             box=self.box,
@@ -97,10 +105,15 @@ class Emulator(ABC):
             runs=self.runs,
             failed=self.samples.failed,
             degrees=degrees_of(indices, terms, known),
+            logarithmic=logarithmic,
         )
         lower, upper = outcome_range(surface, outcomes)
         # an outcome is out of reach only if it is so beyond the surface's error over all the box
-        return replace(surface, lower=lower - 3.0 * self.reach, upper=upper + 3.0 * self.reach)
+        return replace(
+            surface,
+            lower=widened(lower, -3.0 * self.reach, logarithmic),
+            upper=widened(upper, 3.0 * self.reach, logarithmic),
+        )
 
 
 def pairs(members: Indices, count: int) -> tuple[Indices, Indices]:

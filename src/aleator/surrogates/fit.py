@@ -17,8 +17,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from aleator.surrogates.basis import ball, products
+from aleator.surrogates.points import everywhere
+from aleator.surrogates.scales import LARGEST, outcomes
 from aleator.threads import single_threaded
-from aleator.types import Array, Indices
+from aleator.types import Array, Flags, Indices
 
 SMOOTHNESS = (1.5, 2.5, 4.0, 6.0, 9.0)
 TREND = (0.0, 0.25, 0.5)
@@ -32,6 +34,8 @@ FREE = 1e6
 KEEP = (5, 2)
 MANY = 200
 SWEEPS = 2
+# The least error that is compared with another.
+TINY = np.finfo(np.float64).tiny
 
 
 class Prior(NamedTuple):
@@ -40,7 +44,8 @@ class Prior(NamedTuple):
     `scale` and `norm` define the size of an index (see `ball`). With a `trend` its first `trend` M
     indices and the linear ones are free, else the constant: polynomials in their span are
     reproduced exactly. `noise` is the standard deviation g of the runs, on the scale of w at index
-    zero.
+    zero. With `logarithm` the coefficients are those of the logarithm of the outcome, positive in
+    all runs.
     """
 
     scale: tuple[float, ...]
@@ -48,6 +53,15 @@ class Prior(NamedTuple):
     smoothness: float
     trend: float
     noise: float = 0.0
+    logarithm: bool = False
+
+    def terms(self, y: Array) -> Array:
+        """What is a polynomial, of outcomes y."""
+        return np.log(y) if self.logarithm else y
+
+    def outcomes(self, t: Array) -> Array:
+        """The outcomes of polynomials t (A, ...)."""
+        return outcomes(t, np.full(len(t), self.logarithm))
 
 
 def first_priors(n: int) -> list[Prior]:
@@ -97,14 +111,14 @@ def _scaled(prior: Prior, z: Array) -> tuple[Indices, Array, Array]:
     return indices, weight, matrix
 
 
-def leave_one_out(prior: Prior, z: Array, y: Array) -> Array:
-    """Return y_i minus the surface fitted without run i (M, A), for runs y (M, A) at z (M, n).
+def leave_one_out(prior: Prior, z: Array, t: Array) -> Array:
+    """Return t_i minus the polynomial fitted without run i (M, A), for t (M, A) at z (M, n).
 
     r_i = [K^-1 y]_i / [K^-1]_ii (Dubrule 1983): one factorization for all runs and experiments.
     """
     triangle = np.linalg.qr(_scaled(prior, z)[2], mode="r")
     inverse = solve_triangular(triangle, np.eye(len(z)))
-    return np.asarray((inverse @ (inverse.T @ y)) / (inverse**2).sum(axis=1)[:, None])
+    return np.asarray((inverse @ (inverse.T @ t)) / (inverse**2).sum(axis=1)[:, None])
 
 
 @single_threaded
@@ -113,17 +127,21 @@ def fitted(prior: Prior, z: Array, y: Array) -> tuple[Indices, Array]:
     indices, weight, matrix = _scaled(prior, z)
     q, r = np.linalg.qr(matrix)
     q = q[: len(weight)]
-    return indices, weight[:, None] * (q @ solve_triangular(r, y, trans="T"))
+    return indices, weight[:, None] * (q @ solve_triangular(r, prior.terms(y), trans="T"))
 
 
 class Judged(NamedTuple):
-    """Surfaces of some experiments through the same runs, and what the runs say of their error."""
+    """Surfaces of some experiments through the same runs, and what the runs say of their error.
+
+    `expected` is in units of the polynomials, and all else in those of the outcome.
+    """
 
     indices: Indices
     coefficients: Array  # (P, A)
     expected: Array  # (A,) root-mean-square error over the box that the prior expects
     there: Array  # (A,) the same at the points that were asked for, or over the box
     residual: Array  # (M, A) leave-one-out
+    rate: Array  # (A,) root-mean-square derivative there of outcomes by polynomials
 
 
 @single_threaded
@@ -133,24 +151,34 @@ def judged(prior: Prior, z: Array, y: Array, where: Array | None = None) -> Judg
     The posterior covariance of the coefficients is s^2 W (I - Q Q') W; its trace is the mean
     square error over the box, because the basis is orthonormal there. s^2 is the mean square of
     the leave-one-out residuals over their variances 1 / [K^-1]_ii. At points `where` (J, n) it is
-    the mean of s^2 (W phi)' (I - Q Q') W phi.
+    the mean of s^2 (W phi)' (I - Q Q') W phi, for a logarithm times the square of the outcome.
     """
     indices, weight, matrix = _scaled(prior, z)
     q, r = np.linalg.qr(matrix)
     inverse = solve_triangular(r, np.eye(len(z)))
     precision = (inverse**2).sum(axis=1)[:, None]
-    dual = inverse @ (inverse.T @ y)
+    t = prior.terms(y)
+    dual = inverse @ (inverse.T @ t)
     variance = (dual**2 / precision).mean(axis=0)
     trace = _over_box(q, weight)
-    there = trace if where is None else _at(q, weight, products(indices, where))
-    coefficients = weight[:, None] * (q[: len(weight)] @ solve_triangular(r, y, trans="T"))
+    coefficients = weight[:, None] * (q[: len(weight)] @ solve_triangular(r, t, trans="T"))
+    expected, residual = np.sqrt(variance * trace), dual / precision
+    if not prior.logarithm:
+        at = trace if where is None else _at(q, weight, products(indices, where)).mean()
+        rate = np.ones_like(variance)
+        return Judged(indices, coefficients, expected, np.sqrt(variance * at), residual, rate)
+    basis = products(indices, everywhere(z.shape[1]) if where is None else where)
+    found = prior.outcomes(coefficients.T @ basis)
+    there = found**2 @ _at(q, weight, basis) / basis.shape[1]
     return Judged(
-        indices,
-        coefficients,
-        np.sqrt(variance * trace),
-        np.sqrt(variance * there),
-        dual / precision,
-    )
+        indices, coefficients, expected, np.sqrt(variance * there),
+        missed(y, residual), np.sqrt((found**2).mean(axis=1)),
+    )  # fmt: skip
+
+
+def missed(y: Array, residual: Array) -> Array:
+    """Outcomes (M, A) minus those of polynomials of logarithms that are off by `residual`."""
+    return np.asarray(-y * np.expm1(np.clip(-residual, -LARGEST, LARGEST)))
 
 
 def _over_box(q: Array, weight: Array) -> float:
@@ -166,33 +194,57 @@ def _over_box(q: Array, weight: Array) -> float:
     return float(weight**2 @ np.maximum(unknown, 0.0))
 
 
-def _at(q: Array, weight: Array, basis: Array) -> float:
-    """Return the mean posterior variance at points with basis (P, J), in units of s^2."""
+def _at(q: Array, weight: Array, basis: Array) -> Array:
+    """Return the posterior variance (J,) at points with basis (P, J), in units of s^2."""
     own = weight[:, None] * basis
     rest = -(q @ (q[: len(weight)].T @ own))
     rest[: len(weight)] += own
-    return float((rest**2).sum(axis=0).mean())
+    return np.asarray((rest**2).sum(axis=0))
 
 
 @single_threaded
 def search(
-    pool: list[Prior], z: Array, y: Array, sweeps: int = SWEEPS
+    pool: list[Prior], z: Array, y: Array, share: Array, sweeps: int = SWEEPS
 ) -> tuple[list[Prior], Indices, list[Prior]]:
     """Return priors, the best of them for each experiment (A,), and the pool to go on with.
 
     All experiments are judged together, one factorization a prior; each takes the prior with the
-    least leave-one-out error. The neighbors of the most frequent winners are tried in turn; with
-    one sweep only the pool is.
+    least leave-one-out error. Where all its outcomes are positive it takes the best prior of their
+    logarithms instead, if outcomes are missed by less (`_fall`), each with the share (M,) of its
+    run.
+    The neighbors of the most frequent winners are tried in turn; with one sweep only the pool is.
     """
     score: dict[Prior, Array] = {}
+    error: dict[Prior, Array] = {}
+    count, positive = y.shape[1], np.flatnonzero((y > 0.0).all(axis=0))
+    terms = np.hstack([y, np.log(y[:, positive])])
     trial = list(pool)
     for _ in range(sweeps):
         for prior in trial:
             if prior not in score:
-                score[prior] = (leave_one_out(prior, z, y) ** 2).mean(axis=0)
+                residual = leave_one_out(prior, z, terms)
+                score[prior] = (residual**2).mean(axis=0)
+                residual[:, count:] = missed(y[:, positive], residual[:, count:])
+                error[prior] = share @ residual**2
         known = sorted(score)
         best = np.argmin([score[prior] for prior in known], axis=0)
-        wins = Counter(known[k] for k in best)
+        errors = np.array([error[prior] for prior in known])[best, np.arange(best.size)]
+        takes = _fall(errors[positive], errors[count:])
+        chosen = best[:count].copy()
+        chosen[positive[takes]] = best[count:][takes]
+        wins = Counter(known[k] for k in chosen)
         leaders = sorted(wins, key=lambda prior: (-wins[prior], prior))[: KEEP[len(z) > MANY]]
         trial = [other for prior in leaders for other in neighbors(prior)]
-    return known, best, list(dict.fromkeys([*leaders, *first_priors(z.shape[1])[:2]]))
+    chosen[positive[takes]] += len(known)
+    known += [prior._replace(logarithm=True) for prior in known]
+    return known, chosen, list(dict.fromkeys([*leaders, *first_priors(z.shape[1])[:2]]))
+
+
+def _fall(before: Array, after: Array) -> Flags:
+    """Whether errors (A,) become smaller, for what that of the experiment and the median say.
+
+    The experiments are alike, and the few runs of one tell little: where neither is good, as with a
+    kink, chance would choose.
+    """
+    change = np.log(np.maximum(after, TINY)) - np.log(np.maximum(before, TINY))
+    return np.asarray(change + (np.median(change) if change.size else 0.0) < 0.0)

@@ -12,6 +12,7 @@ from aleator.surrogates.points import (
     asymmetric,
     continued,
     evenly,
+    everywhere,
     from_unit_box,
     in_unit_box,
     shares,
@@ -19,6 +20,7 @@ from aleator.surrogates.points import (
 )
 from aleator.surrogates.responses import Run
 from aleator.surrogates.samples import Samples
+from aleator.surrogates.scales import outcomes
 from aleator.surrogates.surface import Surface
 from aleator.types import Array, Flags, Indices
 
@@ -106,14 +108,15 @@ class OwnSurfaces(Emulator):
         z, values = in_unit_box(self.box, samples.x), samples.outcome
         at = None if where is None else in_unit_box(self.box, where)
         enough = samples.worked.sum(axis=1) >= self.least
-        self._choose_priors(np.flatnonzero(self.stale & enough), z, values)
+        self._choose_priors(np.flatnonzero(self.stale & enough), z, values, at)
         self.error = np.full(len(values), np.inf)
         for prior, members, runs in self._groups(np.flatnonzero(enough), samples.worked):
             y = values[np.ix_(members, runs)].T
             fit = judged(prior, z[runs], y, at)
             self.level[members] = np.abs(y).max(axis=0)
             constant = np.ptp(y, axis=0) <= ROUNDING * self.level[members]
-            self.scatter[members] = np.hypot(np.where(constant, 0.0, _scatter(fit, at)), noise_sd)
+            scatter = _scatter(prior, fit, at)
+            self.scatter[members] = np.hypot(np.where(constant, 0.0, scatter), noise_sd)
             error = np.maximum(fit.there, left_out(fit, shares(z[runs], at)))
             if where is None:
                 self.estimate[members] = error
@@ -121,13 +124,19 @@ class OwnSurfaces(Emulator):
                 error = np.where(np.isinf(floor), CAUTION * error, np.maximum(error, floor))
             self.error[members] = np.where(constant, 0.0, error)
             self.reach[members] = np.where(constant, 0.0, fit.expected)
+            self.rate[members] = fit.rate
 
     def surface(self, converged: Flags) -> Surface:
         """The surfaces as they are, with the errors that were judged last."""
         samples = self.samples.inside(self.box)
         z = in_unit_box(self.box, samples.x)
         pieces = fitted_pieces(z, samples.outcome, self.prior, self.least)
-        return self._surface(pieces, self.error, converged, samples.outcome)
+        return self._surface(pieces, self.error, converged, samples.outcome, self._logarithmic)
+
+    @property
+    def _logarithmic(self) -> Flags:
+        """Whose polynomial is one of the logarithm, (N,)."""
+        return np.array([prior.logarithm for prior in self.prior])
 
     def _guess(self, members: Indices, samples: Samples, z: Array) -> Array:
         """Outcomes (A, Q) at points z (Q, n) by the surfaces of members (A,) through `samples`."""
@@ -136,11 +145,11 @@ class OwnSurfaces(Emulator):
         pieces = fitted_pieces(known, samples.outcome[members], priors, self.least)
         for rows, indices, coefficients in pieces:
             out[rows] = coefficients.T @ products(indices, z)
-        return out
+        return outcomes(out, self._logarithmic[members])
 
-    def _choose_priors(self, members: Indices, z: Array, values: Array) -> None:
+    def _choose_priors(self, members: Indices, z: Array, values: Array, at: Array | None) -> None:
         if members.size:
-            groups, self.pool = chosen_priors(z, values, members, self.pool)
+            groups, self.pool = chosen_priors(z, values, members, self.pool, at)
             for prior, some, _ in groups:
                 for row in some:
                     self.prior[row] = prior
@@ -169,21 +178,22 @@ def patterns(worked: Flags) -> list[tuple[Indices, Indices]]:
 
 
 def chosen_priors(
-    z: Array, values: Array, members: Indices, pool: list[Prior]
+    z: Array, values: Array, members: Indices, pool: list[Prior], at: Array | None
 ) -> tuple[list[tuple[Prior, Indices, Indices]], list[Prior]]:
     """Return (prior, experiments, runs) that go together, and the pool of priors to go on with.
 
     `values` (N, M) of all experiments at z (M, n), NaN where there is none; only for `members`.
+    Scales are compared at points `at` (J, n), or all over the box.
     """
     found: dict[Prior, None] = {}
     out = []
     for k, (rows, runs) in enumerate(patterns(np.isfinite(values[members]))):
-        y = values[np.ix_(members[rows], runs)].T
+        y, share = values[np.ix_(members[rows], runs)].T, shares(z[runs], at)
         if k < SEARCHED:
-            priors, best, more = search(pool, z[runs], y)
+            priors, best, more = search(pool, z[runs], y, share)
             found |= dict.fromkeys(more)
         else:
-            priors, best, _ = search([*found], z[runs], y, sweeps=1)
+            priors, best, _ = search([*found], z[runs], y, share, sweeps=1)
         out += [(priors[b], members[rows[best == b]], runs) for b in np.unique(best)]
     return out, [*found] or pool
 
@@ -230,8 +240,10 @@ def _root_mean_square(rows: Array) -> Array:
     return np.asarray(np.sqrt(np.nansum(rows**2, axis=1) / np.where(count > 0, count, np.nan)))
 
 
-def _scatter(fit: Judged, at: Array | None) -> Array:
+def _scatter(prior: Prior, fit: Judged, at: Array | None) -> Array:
     """Return the standard deviation (A,) of the surfaces at points (J, n), or over the box."""
-    if at is None:
+    if at is None and not prior.logarithm:
         return np.asarray(np.sqrt((fit.coefficients[fit.indices.any(axis=1)] ** 2).sum(axis=0)))
-    return np.asarray((fit.coefficients.T @ products(fit.indices, at)).std(axis=1))
+    points = everywhere(fit.indices.shape[1]) if at is None else at
+    found = prior.outcomes(fit.coefficients.T @ products(fit.indices, points))
+    return np.asarray(found.std(axis=1))

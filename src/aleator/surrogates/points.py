@@ -16,6 +16,8 @@ from aleator.types import Array, Indices
 CLUSTER = 0.4 * np.pi
 # The sequence is chosen from so many points, hence no longer. Fixed, or it would not be nested.
 CANDIDATES = 4096
+# Points that tell of all the box.
+EVERYWHERE = 512
 # The least variance, of one, that a point is taken to have before it is run.
 TINY = 1e-10
 # Points that differ by less are the same: rounding between the box and [-1, 1]^n.
@@ -48,6 +50,11 @@ def low_discrepancy(count: int, n: int, shift: Array) -> Array:
 def fixed_shift(n: int) -> Array:
     """Return one shift (n,) without symmetry, so that no two candidates are equally good."""
     return np.asarray(np.sqrt(np.arange(2.0, 2.0 + n)) % 1.0)
+
+
+def everywhere(n: int) -> Array:
+    """Return points (J, n) that tell of all of [-1, 1]^n."""
+    return low_discrepancy(EVERYWHERE, n, fixed_shift(n))
 
 
 def spread(count: int, n: int) -> Array:

@@ -113,7 +113,8 @@ class SharedSurface(Emulator):
         error = np.hypot(self.error, np.sqrt((missed**2).mean(axis=1)))
         everyone = np.arange(len(error))
         nothing = np.full((len(error), 1), np.nan)
-        return self._surface([(everyone, indices, coefficients)], error, converged, nothing)
+        plain = np.zeros(len(error), dtype=np.bool_)
+        return self._surface([(everyone, indices, coefficients)], error, converged, nothing, plain)
 
     def _place(self, members: Indices, count: int, most: int, draws: Array | None) -> None:
         """Run each of the members at `count` more points of a sequence of its own."""

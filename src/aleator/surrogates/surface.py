@@ -10,8 +10,9 @@ from aleator.blocks import blocks
 from aleator.errors import InputsError
 from aleator.surrogates.basis import products, products_with_gradient
 from aleator.surrogates.points import in_unit_box
+from aleator.surrogates.scales import outcomes, rates
 from aleator.threads import single_threaded
-from aleator.types import Array, Indices
+from aleator.types import Array, Flags, Indices
 
 # Numbers held at once by one block of basis functions: 32 MB.
 BLOCK = 4_000_000
@@ -36,7 +37,8 @@ class Surface:
 
     eta_l(x) = sum over nu in Lambda_l of c_(l, nu) phi_nu(z), with phi_nu the tensor product of
     orthonormal Legendre polynomials and z the point mapped to [-1, 1]^n. The sets are prefixes of
-    one common list of indices, so one basis serves all experiments.
+    one common list of indices, so one basis serves all experiments. The polynomial of a
+    `logarithmic` (N,) experiment is log eta_l; what is asked of it is eta_l all the same.
 
     `error` (N,) is the estimated root-mean-square error over the box in units of the outcome,
     `scatter` (N,) the standard deviation of the surface over the box, `converged` (N,) whether
@@ -54,10 +56,11 @@ class Surface:
     groups: tuple[Group, ...]
     error: Array
     scatter: Array
-    converged: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    converged: Flags
     runs: Indices
     failed: Indices
     degrees: Indices
+    logarithmic: Flags
     lower: Array = field(default_factory=lambda: np.empty(0))
     upper: Array = field(default_factory=lambda: np.empty(0))
 
@@ -78,7 +81,8 @@ class Surface:
         ends = (end[rows] if end.size else end for end in (self.lower, self.upper))
         return Surface(
             self.box, self.indices, tuple(groups), self.error[rows], self.scatter[rows],
-            self.converged[rows], self.runs[rows], self.failed[rows], self.degrees[rows], *ends,
+            self.converged[rows], self.runs[rows], self.failed[rows], self.degrees[rows],
+            self.logarithmic[rows], *ends,
         )  # fmt: skip
 
     @single_threaded
@@ -89,7 +93,7 @@ class Surface:
         for part in self._blocks(len(x), 1):
             basis = products(self.indices, in_unit_box(self.box, x[part]))
             out[:, part] = _sums(self.groups, len(out), basis)
-        return out
+        return outcomes(out, self.logarithmic)
 
     @single_threaded
     def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
@@ -106,6 +110,8 @@ class Surface:
             basis = products_with_gradient(self.indices, in_unit_box(self.box, x[part]))
             basis[:, 1:] /= width[:, None]
             value[:, part], slope[:, :, part] = _sums_with_gradient(self.groups, len(value), basis)
+        value = outcomes(value, self.logarithmic)
+        slope *= rates(value, self.logarithmic)[:, None]
         return value, slope.transpose(0, 2, 1)
 
     @single_threaded
@@ -126,7 +132,7 @@ class Surface:
         for part in self._blocks(len(x), 1):
             z = in_unit_box(self.box, x[part])
             out[part] = _sums_at(self.groups, self.indices, index[part], z)
-        return out
+        return outcomes(out, self.logarithmic[index])
 
     def _points(self, x: Array) -> Array:
         x = np.asarray(x, dtype=np.float64)

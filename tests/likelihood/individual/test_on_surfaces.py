@@ -21,15 +21,21 @@ def bent(time, x):
     return x[0] + x[1] * time + 0.1 * x[0] * x[1]
 
 
-def test_surfaces_of_a_polynomial_give_its_values_and_slopes():
-    frame = table(bent)
-    direct, surfaces = on_surfaces(frame, bent)
+def steep(time, x):
+    return np.exp(0.2 * bent(time, x))
+
+
+@pytest.mark.parametrize(("model", "logarithmic"), [(bent, False), (steep, True)])
+def test_surfaces_of_a_polynomial_give_its_values_and_slopes(model, logarithmic):
+    frame = table(model)
+    direct, surfaces = on_surfaces(frame, model)
+    assert np.all(surfaces.surface.logarithmic == logarithmic)
     (block,) = direct.blocks
     x = np.random.default_rng(1).uniform(*REGION.T, (len(block), 5, 2))
     value, slopes = surfaces.with_slopes(block, x)
-    wanted, steep = direct.predictor.with_slopes(block, x)
-    assert value == pytest.approx(wanted, abs=1e-9)
-    assert slopes == pytest.approx(steep, abs=1e-6)
+    wanted, slope = direct.predictor.with_slopes(block, x)
+    assert value == pytest.approx(wanted, rel=1e-9, abs=1e-9)
+    assert slopes == pytest.approx(slope, rel=1e-6, abs=1e-6)
     assert surfaces.values(block, x) == pytest.approx(value)
 
 

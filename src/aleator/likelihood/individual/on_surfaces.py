@@ -13,6 +13,7 @@ from aleator.surrogates import Surface
 from aleator.surrogates.basis import products, products_with_gradient
 from aleator.surrogates.points import in_unit_box
 from aleator.surrogates.responses import moving_parameters
+from aleator.surrogates.scales import outcomes, rates
 from aleator.types import Array, Indices
 
 LARGEST = 4_000_000
@@ -32,11 +33,11 @@ class OnSurfaces:
     of: Indices
 
     def values(self, block: Block, x: Array) -> Array:
-        """The polynomials at the experiments' points."""
+        """The surfaces at the experiments' points."""
         return self._evaluated(block, x, slopes=False)[0]
 
     def with_slopes(self, block: Block, x: Array) -> tuple[Array, Array]:
-        """The polynomials and their gradients; a coordinate beyond the region has none."""
+        """The surfaces and their gradients; a coordinate beyond the region has none."""
         return self._evaluated(block, x, slopes=True)
 
     def _evaluated(self, block: Block, x: Array, slopes: bool) -> tuple[Array, Array]:
@@ -52,14 +53,17 @@ class OnSurfaces:
         for rows in blocks(len(terms), len(basis) * nodes, LARGEST):
             own = basis[:, :, block.owner[rows]]
             found[:, rows] = np.einsum("mp,pdmj->dmj", terms[rows], own, optimize=False)
+        logarithmic = self.surface.logarithmic[self.of[block.rows]]
+        value = outcomes(found[0], logarithmic)
         if not slopes:
-            return found[0], found[:0]
+            return value, found[:0]
+        found[1:] *= rates(value, logarithmic)
         slope = np.zeros((x.shape[2], len(terms), nodes))
         half = 0.5 * np.diff(self.surface.box, axis=1)[:, 0]
         for k, i in enumerate(self._moving):
             known = (inside[..., i] == x[..., i])[block.owner]
             slope[i] = np.where(known, found[1 + k] / half[k], 0.0)
-        return found[0], slope
+        return value, slope
 
     @cached_property
     def _moving(self) -> Indices:
