@@ -34,6 +34,9 @@ FREE = 1e6
 KEEP = (5, 2)
 MANY = 200
 SWEEPS = 2
+# Share of the mean square error that is left where logarithms are taken: with runs that change
+# from one scale to the other, round by round, surfaces hardly become exact.
+FALL = 0.1
 # The least error that is compared with another.
 TINY = np.finfo(np.float64).tiny
 
@@ -241,10 +244,10 @@ def search(
 
 
 def _fall(before: Array, after: Array) -> Flags:
-    """Whether errors (A,) become smaller, for what that of the experiment and the median say.
+    """Whether mean square errors (A,) fall to FALL, by the mean of the experiment and the median.
 
     The experiments are alike, and the few runs of one tell little: where neither is good, as with a
     kink, chance would choose.
     """
     change = np.log(np.maximum(after, TINY)) - np.log(np.maximum(before, TINY))
-    return np.asarray(change + (np.median(change) if change.size else 0.0) < 0.0)
+    return np.asarray(change + (np.median(change) if change.size else 0.0) < 2.0 * np.log(FALL))
