@@ -113,3 +113,28 @@ def test_a_program_hears_the_signals_that_its_caller_holds(tmp_path: Path) -> No
     program = script(tmp_path, "kill -s TERM $$; sleep 60")
     with pytest.raises(RunFailed, match="ended by SIGTERM"):
         CommandSimulator([program], base=tmp_path, keep=Keep.NONE).run_one({}, {})
+
+
+def test_a_passing_folder_is_gone_with_its_process(tmp_path: Path) -> None:
+    code = (
+        "import time\n"
+        "from aleator.simulators.command.janitor import passing\n"
+        "with passing() as folder:\n"
+        "    (folder / 'large').write_text('1')\n"
+        "    print(folder, flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    ) as caller:
+        assert caller.stdout is not None
+        folder = Path(caller.stdout.readline().decode().strip())
+        assert (folder / "large").exists()
+        caller.kill()
+    for _ in range(200):
+        if not [*tmp_path.iterdir()]:
+            break
+        time.sleep(0.01)
+    assert [*tmp_path.iterdir()] == []

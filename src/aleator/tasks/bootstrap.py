@@ -10,7 +10,6 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from aleator.inference.refit import refitted
 from aleator.laws.hyperparameter import limits_of
 from aleator.progress import Progress, Silent
 from aleator.simulators import ProcessPool
+from aleator.simulators.command.janitor import passing
 from aleator.simulators.workers.parcel import packed
 from aleator.tasks.replicate_file import Replicate, ReplicateFile, head_of
 from aleator.tasks.results import notebook
@@ -221,8 +221,8 @@ def _made(
         for number in numbers:
             yield replicated(fit, kind, seed, number)
         return
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "fit.pickle"
+    with passing() as folder:
+        path = folder / "fit.pickle"
         path.write_bytes(parcel)
         pool = ProcessPool(min(workers, len(numbers)))
         try:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
 from aleator.search import Search
 from aleator.simulators import ProcessPool, Runner, Simulator
+from aleator.simulators.command.janitor import passing
 from aleator.simulators.store import Store
 from aleator.simulators.workers.parcel import packed
 from aleator.surrogates import ResponseSurface
@@ -200,8 +200,8 @@ class _Elsewhere:
 def _identified(
     runner: Runner, job: Job, data: Sequence[Any], seed: int, workers: int
 ) -> Iterator[tuple[int, Replicate]]:
-    with TemporaryDirectory() as folder:
-        store = runner.cache.store.path if runner.cache else Path(folder) / "runs.sqlite"
+    with passing() as folder:
+        store = runner.cache.store.path if runner.cache else folder / "runs.sqlite"
         parcel = packed(_Elsewhere.of(runner, job, store)) if workers > 1 else None
         if parcel is None:
             for k, part in enumerate(data):

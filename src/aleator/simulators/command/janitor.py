@@ -70,6 +70,16 @@ def watched() -> Path:
 
 
 @contextmanager
+def passing() -> Iterator[Path]:
+    """A folder that is gone when the block or this process ends, however that ends."""
+    folder = watched()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
 def leads(folder: Path, group: int) -> Iterator[None]:
     """While a process leads a process group for the run in `folder`, it is known to the janitor."""
     note = folder.with_name(f"{folder.name}.pid")
