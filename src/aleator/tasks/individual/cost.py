@@ -16,7 +16,8 @@ SLOW = 2e-3
 AGAIN = 0.5
 """Seconds of a first run below which it is made again: it may have loaded what others use."""
 LONGEST = 4.0
-"""Seconds that the simulator may take in an identification without surfaces."""
+"""Seconds that the simulator may take in an identification without surfaces, for each parameter
+that scatters: surfaces of more take more."""
 EVALUATIONS = 400
 """Evaluations of the likelihood that an identification takes, about."""
 NODES = 9
@@ -33,7 +34,7 @@ COMPUTES = 0.2
 
 
 def cheap(runner: Runner, inputs: Inputs, x: Array, region: Array) -> bool:
-    """Whether all evaluations on the simulator itself would take less than four seconds.
+    """Whether all evaluations on the simulator itself would take less than LONGEST seconds.
 
     `region` (n, 2) is where its laws may be. Judged by a run of the first unit at x (n,), and
     where that is fast by eight or more runs of every unit at once. The least of three times
@@ -51,7 +52,8 @@ def cheap(runner: Runner, inputs: Inputs, x: Array, region: Array) -> bool:
     sample = max(SAMPLE, int(together / runner.units))
     every = np.repeat(np.arange(runner.units), sample)
     evaluations = runs_each(inputs)
-    return any(_timed(runner, every, x) / sample * evaluations < LONGEST for _ in range(TIMES))
+    longest = LONGEST * max(inputs.scattering, 1)
+    return any(_timed(runner, every, x) / sample * evaluations < longest for _ in range(TIMES))
 
 
 def runs_each(inputs: Inputs) -> int:
