@@ -6,7 +6,7 @@ import pytest
 from individual_cases import likelihood_of
 from scipy import integrate, stats
 
-from aleator import Free, Inputs, TruncatedNormal
+from aleator import Free, Inputs, Normal, TruncatedNormal
 from aleator.likelihood.individual import GaussHermite
 from aleator.likelihood.individual.modes import modes
 
@@ -64,3 +64,29 @@ def test_a_mode_is_found_along_a_bent_ridge() -> None:
     start = 3.0 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)[None]
     found = modes(ring, start)
     assert found.value == pytest.approx(np.full((1, 6), -0.5), abs=0.03)
+
+
+SURFACE = Inputs(
+    {
+        "a": Normal(Free(0.0, 4.0), Free(0.01, 2.0)),
+        "b": TruncatedNormal((0.1, 3.0), Free(0.1, 3.0), Free(0.01, 1.0)),
+        "c": Normal(Free(-1.0, 2.0), Free(0.01, 1.0)),
+    },
+    {("a", "b"): Free(-0.9, 0.9)},
+)
+WIDE = np.array([2.2, 0.7, 1.2, 0.7, 0.5, 0.06, 0.88, 0.05])
+
+
+def fading(time, x):
+    return x[0] * np.exp(-x[1] * time) + x[2] * time
+
+
+@pytest.mark.parametrize("count", [3, 6])
+def test_one_observation_of_three_parameters_has_a_smooth_likelihood(count: int) -> None:
+    """It tells of one direction alone: across it nodes lay as rounding errors had them."""
+    time = np.linspace(0.4, 2.8, 7)
+    frame = pd.DataFrame({"id": range(7), "time": time, "y": fading(time, WIDE[::2]) + 0.3})
+    adapted = likelihood_of(fading, frame, SURFACE).by(GaussHermite(count), WIDE)
+    beside = WIDE * (1.0 + 1e-7 * np.arange(5)[:, None])
+    values = [adapted.adapted(alpha).evaluate(alpha).each for alpha in beside]
+    np.testing.assert_allclose(values, values[:1] * np.ones((5, 1)), atol=1e-4)

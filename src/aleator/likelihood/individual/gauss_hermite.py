@@ -19,6 +19,9 @@ MOST = 3000
 """Nodes of an experiment beyond which no more are taken."""
 FINEST = 250
 """Nodes of a variate beyond which no more are taken: their weights leave the floating numbers."""
+TIE = 1e-6
+"""Information that each variate is given more than the one before: directions that are informed
+alike are else what rounding errors make of them."""
 
 
 @dataclass(frozen=True)
@@ -127,8 +130,10 @@ class GaussHermite:
         """Nodes xi (B, C J, s) about the highest mode of each class, and their log weights.
 
         The coordinates w = Q' xi are those of the eigenvectors Q of the information at the mode,
-        the least informed first. Each has a Gauss-Hermite rule in turn, about its conditional mode
-        given those before it and as wide as the information there says:
+        the least informed first; where several are informed alike, as all but one are by a single
+        observation, `TIE` chooses them, so that they move with alpha. Each has a Gauss-Hermite rule
+        in turn, about its conditional mode given those before it and as wide as the information
+        there says:
 
             w_i = w_i*(t_1 .. t_(i-1)) + c_i(t_1 .. t_(i-1)) t_i,
             weight = w_j prod_i c_i phi(xi)/phi(t).
@@ -138,7 +143,7 @@ class GaussHermite:
         """
         z, information = found.z[:, :, 0], found.information[:, :, 0]
         s = z.shape[2]
-        basis = np.linalg.eigh(information)[1]
+        basis = np.linalg.eigh(information + TIE * np.diag(np.arange(s)))[1]
         log_weight = np.zeros(z.shape[:2])
         for i in range(s):
             # those of one mode are next to each other
