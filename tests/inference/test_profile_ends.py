@@ -187,3 +187,45 @@ def test_what_is_on_a_limit_stays_there_though_the_likelihood_bends_upward() -> 
     end = np.sqrt(DROP / 2.0)
     np.testing.assert_allclose(found.intervals[0], [-end, end], atol=0.01)
     np.testing.assert_allclose(found.points[0], [[-end, 0.0], [end, 0.0]], atol=0.01)
+
+
+@dataclass
+class Bent:
+    """A bent ridge of 40 normal residuals that counts how often it is asked."""
+
+    asked: int = 0
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        self.asked += 1
+        return ByDifferences(self.each)(alpha)
+
+    def values(self, alphas: Array) -> Array:
+        return np.array([self.each(alpha).sum() for alpha in alphas])
+
+    def each(self, alpha: Array) -> Array:
+        residual = np.where(np.arange(40) % 2 == 0, alpha[0], 2.0 * (alpha[1] - alpha[0] ** 2))
+        return np.asarray(-0.5 * (residual + np.linspace(-3.0, 3.0, 40)) ** 2)
+
+
+BENT = free((-5.0, 5.0), (-5.0, 5.0))
+TOP = np.array([3.0 / 39.0, (3.0 / 39.0) ** 2 - 1.5 / 39.0])
+
+
+def test_known_points_about_the_ends_save_evaluations() -> None:
+    bent = Bent()
+    inference = infer(bent, TOP, BENT)
+    bent.asked = 0
+    first = profile_intervals(bent, TOP, BENT, inference)
+    spent, bent.asked = bent.asked, 0
+    again = profile_intervals(bent, TOP, BENT, inference, about=first.points)
+    assert again.intervals == pytest.approx(first.intervals, abs=1e-3)
+    assert bent.asked < 0.7 * spent
+
+
+def test_an_end_for_which_evaluations_do_not_suffice_is_not_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("aleator.inference.profile_end.EVALUATIONS", 1)
+    found = profile_intervals(Bent(), TOP, BENT, infer(Bent(), TOP, BENT))
+    assert np.isnan(found.drops[1]).all()
+    assert np.isnan(found.intervals[1]).all()

@@ -10,7 +10,7 @@ FARTHEST = 3.0
 """Times the distance so far that a step outward may reach."""
 NEAR, JUMP = 0.05, 0.5
 """An enclosure below this share of the distance, over which the root grows by so much, is odd."""
-CLOSED = 1e-6
+CLOSED = 1e-3
 """An enclosure below this share of the distance from the maximum is one point: there is a jump."""
 NOTHING = 1e-300
 """A value closer to the maximum than this is the maximum."""
@@ -47,7 +47,8 @@ class Bracket:
         """Whether the root seems to jump: its outer value may be that of a lower maximum."""
         gap = abs(self.outer[0] - self.inner[0])
         near = gap < NEAR * abs(self.outer[0] - self.center)
-        return bool(near and JUMP < self.outer[1] - self.inner[1] < np.inf)
+        grown = self.outer[1] - self.inner[1]
+        return bool(grown < np.inf and (self.closed or (near and grown > JUMP)))
 
     @property
     def without_outer(self) -> Bracket:

@@ -91,6 +91,7 @@ def profile_intervals(
     inference: Inference,
     only: Indices | None = None,
     rivals: Sequence[Array] = (),
+    about: Array | None = None,
 ) -> Profile:
     """The profile-likelihood interval of every free hyperparameter at the maximum alpha (K,).
 
@@ -103,11 +104,12 @@ def profile_intervals(
     dropped by less. Where the profile jumps, the end is the last value before. Where an end would
     be, other maxima that are not ruled out, `rivals` (K,), are climbed from too. Stops early, with
     `better` set, when a conditional maximum exceeds the maximum. `only` some hyperparameters; the
-    others are NaN.
+    others are NaN. Points (K, 2, K) that are `about` the ends, where they are known, save trials.
     """
     maximum, size = objective(alpha), alpha.size
     assert maximum.scores is not None
     climbed = _Remembering(objective_of(objective))
+    known = np.full((size, 2, size), np.nan) if about is None else about
     found = Profile(
         np.full((size, 2), np.nan),
         np.full((size, 2), np.nan),
@@ -128,7 +130,7 @@ def profile_intervals(
             maximum.scores, rivals,
         )  # fmt: skip
         for side, sign in enumerate((-1.0, 1.0)):
-            end = trace.end(alpha, sign, inference)
+            end = trace.end(alpha, sign, inference, known[k, side])
             if end.better:
                 return replace(found, better=end.point)
             found.intervals[k, side], found.drops[k, side] = end.value, end.drop

@@ -12,6 +12,7 @@ from aleator.inference.bracket import Bracket
 from aleator.inference.information import LEVEL, Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search import Objective
+from aleator.search.counted import CountedObjective
 from aleator.search.newton import Summit, ascended, held
 from aleator.types import Array, Indices
 
@@ -24,6 +25,8 @@ LEFT = 0.02
 """What may be left to climb to a conditional maximum that counts as found."""
 TRIALS, FEW = 40, 8
 """Conditional maxima of an end, at most; few where the answer is no maximum, and none is told."""
+EVALUATIONS = 250
+"""Evaluations of an end, as many as of five others; where they are spent, it is not known."""
 IMPOSSIBLE = 1e9
 """A drop from where on the likelihood is nothing."""
 AGAIN = 3
@@ -70,8 +73,17 @@ class Trace:
     scores: Array
     rivals: Sequence[Array] = ()
 
-    def end(self, alpha: Array, sign: float, inference: Inference) -> End:
-        """Where the profile has dropped by 1.92 on one side, or a better maximum."""
+    def end(self, alpha: Array, sign: float, inference: Inference, about: Array) -> End:
+        """Where the profile has dropped by 1.92 on one side, or a better maximum.
+
+        It is sought from a point (K,) that is `about` there, if one is known; else that is NaN.
+        """
+        counted = CountedObjective(self.objective)
+        return replace(self, objective=counted)._end(alpha, sign, inference, about, counted)
+
+    def _end(
+        self, alpha: Array, sign: float, inference: Inference, about: Array, spent: CountedObjective
+    ) -> End:
         h = self.hyperparameters[self.k]
         limit = h.lower if sign < 0 else h.upper
         if inference.at_bound[self.k] == ("lower" if sign < 0 else "upper"):
@@ -79,6 +91,8 @@ class Trace:
         bracket = Bracket.around(alpha[self.k], limit, TARGET)
         inner = known = End(alpha[self.k], 0.0, alpha)
         information, value = self.information, self._first(bracket, sign, inference)
+        if np.all(np.isfinite(about)) and about[self.k] != alpha[self.k]:
+            value, known = about[self.k], replace(known, value=about[self.k], point=about)
         steep = 1.0 / inference.standard_error[self.k]
         doubted = float("nan")
         nearest = Summit(alpha, self.top, self.scores, self.information, 0.0)
@@ -114,6 +128,8 @@ class Trace:
                 continue
             if bracket.closed:
                 return inner
+            if spent.evaluations > EVALUATIONS:
+                break
             value = bracket.next(value, root, float(summit.score[self.k]))
         return End(float("nan"), float("nan"), alpha)
 

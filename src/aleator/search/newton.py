@@ -75,7 +75,8 @@ def ascended(
     BFGS whose first matrix is the given information (F, F), with an active set for the limits
     and a backtracking line search. Where a ridge may be `bent` and a step gains nothing, the outer
     products of the scores of the experiments take the matrix's place (Berndt et al. 1974): what
-    was learned behind the bend leads away from the ridge. From near a maximum it needs two to
+    was learned behind the bend leads away from the ridge; and no step is tried that is too short
+    to gain `arrived`. From near a maximum it needs two to
     six evaluations, where a method that has to learn the curvature needs twenty. It never returns
     a smaller value than that of the alpha given; it ends, without an error, when no step gains.
     """
@@ -94,6 +95,7 @@ def ascended(
     here, gain = at(point), 0.0
     # of few experiments the outer products tell little: then there is no other matrix
     another = bent and len(here.each) > MANY * moving.size
+    least = arrived if bent else 0.0
     doubted = another
     for _ in range(STEPS):
         score = here.score[moving]
@@ -110,7 +112,7 @@ def ascended(
         if gain > BELIEVED:
             step *= counted.reach(whole(point), whole(np.clip(point + step, lower, upper)))
         tries, rise = DOUBTED if doubted else TRIES, float(score @ step)
-        moved = _line_search(at, point, here.total, rise, step, lower, upper, tries)
+        moved = _line_search(at, point, here.total, rise, step, lower, upper, tries, least)
         if moved is None:
             if not doubted:
                 break
@@ -168,9 +170,16 @@ def _line_search(
     lower: Array,
     upper: Array,
     tries: int,
+    least: float,
 ) -> tuple[Array, LogLikelihood] | None:
+    """The first of ever shorter steps that gains, but for those that cannot gain `least`.
+
+    `gain` is the slope along the step: where the likelihood bends down, none gains more than that.
+    """
     length, before = 1.0, point
     for _ in range(tries):
+        if length * gain < least:
+            break
         trial = np.clip(point + length * step, lower, upper)
         if not np.array_equal(trial, before):
             found = at(trial)

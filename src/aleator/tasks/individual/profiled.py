@@ -9,8 +9,9 @@ import numpy as np
 
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile, profile_intervals
-from aleator.inference.profile_end import BETTER
+from aleator.inference.profile_end import BETTER, LEFT
 from aleator.likelihood.individual import Following, IndividualLikelihood
+from aleator.search.newton import ascended, outer
 from aleator.tasks.individual.settle import CLOSE, Settled
 from aleator.types import Array, Flags, Indices
 
@@ -41,9 +42,9 @@ def profiled(end: Settled, alpha: Array, inference: Inference, rivals: Sequence[
     )
     if found.better is not None:
         return found
+    found = _anew(likelihood, alpha, found, UNKNOWN if many else DIFFERS, inference, rivals)
     if many:
-        return found.only_known(_off(likelihood, alpha, found, UNKNOWN))
-    found = _anew(likelihood, alpha, found, DIFFERS, inference, rivals)
+        return found
     finer = _finer(likelihood, alpha)
     if finer is None or found.better is not None:
         return found
@@ -65,12 +66,29 @@ def _anew(
     rivals: Sequence[Array],
 ) -> Profile:
     """The same, with the ends sought anew whose drop by these nodes is another one by so much."""
-    rows = np.flatnonzero(np.any(_off(likelihood, alpha, found, least), axis=1))
+    higher = _climbed_on(likelihood, found, inference)
+    rows = np.flatnonzero(np.any(_off(likelihood, alpha, higher, least), axis=1))
     if not rows.size:
         return found
     objective, hyperparameters = likelihood.continued, likelihood.hyperparameters
-    again = profile_intervals(objective, alpha, hyperparameters, inference, rows, rivals)
+    again = profile_intervals(
+        objective, alpha, hyperparameters, inference, rows, rivals, higher.points
+    )
     return found.joined(again, rows)
+
+
+def _climbed_on(likelihood: IndividualLikelihood, found: Profile, inference: Inference) -> Profile:
+    """The same with the conditional maxima at its ends by the nodes of this likelihood."""
+    objective, points = likelihood.continued, found.points.copy()
+    for k, side in np.argwhere(found.drops > 0.0):
+        moving, point = inference.identified[inference.identified != k], points[k, side]
+        scores = objective(point).scores
+        assert scores is not None
+        points[k, side] = ascended(
+            objective, point, likelihood.hyperparameters, moving, outer(scores[:, moving]), LEFT,
+            bent=True,
+        ).alpha  # fmt: skip
+    return replace(found, points=points)
 
 
 def _finer(likelihood: IndividualLikelihood, alpha: Array) -> IndividualLikelihood | None:
@@ -120,14 +138,14 @@ def _row_by_held(
 ) -> Profile:
     """The interval of one hyperparameter; a better maximum is one if nodes adapted to it say so."""
     hyperparameters, top = likelihood.hyperparameters, likelihood.evaluate(alpha).total
-    off = np.full((alpha.size, 2), np.inf)
+    off, about = np.full((alpha.size, 2), np.inf), None
     for _ in range(ADAPTED):
-        found = profile_intervals(objective, alpha, hyperparameters, inference, only, rivals)
+        found = profile_intervals(objective, alpha, hyperparameters, inference, only, rivals, about)
         if found.better is not None:
             if top - _with_own(objective, likelihood, found.better) < -BETTER:
                 return found
             continue
-        off = np.zeros((alpha.size, 2))
+        off, about = np.zeros((alpha.size, 2)), found.points
         for k, side in np.argwhere(found.drops > 0.0):
             drop = top - _with_own(objective, likelihood, found.points[k, side])
             off[k, side] = abs(drop - found.drops[k, side])

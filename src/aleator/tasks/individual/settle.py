@@ -15,6 +15,7 @@ from aleator.likelihood.individual import (
     PlanePanels,
     Rule,
 )
+from aleator.likelihood.individual.importance import MOST
 from aleator.search.newton import ascended
 from aleator.types import Array, Indices
 
@@ -63,7 +64,8 @@ FEW = 16
 class Settled:
     """A maximum alpha (K,), the likelihood with nodes adapted there, and what more nodes change.
 
-    `coarse` is the likelihood with the fewest nodes of which more hardly change it.
+    `coarse` is the likelihood with the fewest nodes of which more hardly change it, or change it
+    little.
     """
 
     likelihood: IndividualLikelihood
@@ -96,7 +98,7 @@ def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOU
         if _told_by_panels(end, most):
             return end
         return _refined(end.likelihood.ruled(PlanePanels.coarse()), end.alpha, enough)
-    if abs(end.gap) < most and not _misses_modes(end):
+    if not _misses_modes(end) and (abs(end.gap) < most or _points_tell_less(end)):
         return end
     again = _refined(likelihood.ruled(ImportancePoints()), end.alpha, enough)
     return again if abs(again.gap) < most or abs(again.gap) < abs(end.gap) else end
@@ -156,6 +158,16 @@ def _misses_modes(end: Settled) -> bool:
     return float(np.sum(fine - known)) > HARDLY + CERTAIN * error
 
 
+def _points_tell_less(end: Settled) -> bool:
+    """Whether the most importance points would be off by more than the nodes of an answer are.
+
+    That is, if their error falls as that of random points.
+    """
+    coarse, fine = (_some(end.likelihood).by(ImportancePoints(n), end.alpha) for n in TRIED)
+    change = _change_of_points(fine, end.alpha, coarse.evaluate(end.alpha).each)
+    return change * float(np.sqrt(TRIED[0] / MOST)) > abs(end.gap)
+
+
 def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:
     """Whether the individual law of an experiment has a second mode that counts; of many, some."""
     found = _some(likelihood).by(ImportancePoints(FEW, 2), alpha).nodes.modes
@@ -169,23 +181,33 @@ def _some(likelihood: IndividualLikelihood) -> IndividualLikelihood:
 
 def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> Settled:
     """Settled with one kind of rule."""
-    coarse, variates, before = None, likelihood.inputs.scattering, np.inf
+    tried = list[tuple[float, IndividualLikelihood]]()
+    variates = likelihood.inputs.scattering
     while True:
         held, alpha = climbed(likelihood, alpha)
         gaps = _gaps(held, alpha)
         gap = held.rule.told(gaps, variates)
-        coarse = held if coarse is None and abs(gap) < HARDLY else coarse
+        before = tried[-1][0] if tried else np.inf
+        tried.append((abs(gap), held))
         exact = variates == 2 and enough < ROUGHLY
         large, slowly = (PLANE_LARGE, PLANE_SLOWLY) if exact else (LARGE, SLOWLY)
         slow = held.nodes.xi.shape[1] > large and abs(gap) > slowly * before
         if held.rule.centers == 1 and slow and abs(gap) > HARDLY:
             # what is not smooth converges slowly about one centre
-            return Settled(held, alpha, gap, coarse or held)
-        before = abs(gap)
+            return Settled(held, alpha, gap, _fewest(tried))
         finer = held.rule.refined(gaps, max(enough, 1e-5 * held.count), variates)
         if finer is None:
-            return Settled(held, alpha, gap, coarse or held)
+            return Settled(held, alpha, gap, _fewest(tried))
         likelihood = held.ruled(finer)
+
+
+def _fewest(tried: Sequence[tuple[float, IndividualLikelihood]]) -> IndividualLikelihood:
+    """Of ever more nodes the first that more hardly change, or change little; else the last."""
+    for most in (HARDLY, LITTLE):
+        for gap, held in tried:
+            if gap < most:
+                return held
+    return tried[-1][1]
 
 
 def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
