@@ -94,7 +94,7 @@ def test_an_outcome_that_turns_out_negative_has_a_surface_of_its_own() -> None:
     box = np.tile([0.0, 1.0], (2, 1))
 
     def run(_: Indices, x: Array) -> Array:
-        return np.exp(6.0 * x.sum(axis=1)) - 1.01
+        return np.exp(10.0 * x.sum(axis=1)) - 1.01
 
     surfaces = OwnSurfaces(run, box, Samples.none(1, 2), 12)
     everyone = np.array([True])

@@ -36,7 +36,7 @@ MANY = 200
 SWEEPS = 2
 # Share of the mean square error that is left where logarithms are taken: with runs that change
 # from one scale to the other, round by round, surfaces hardly become exact.
-FALL = 0.1
+FALL = 0.01
 # The least error that is compared with another.
 TINY = np.finfo(np.float64).tiny
 
