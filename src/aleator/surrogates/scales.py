@@ -23,11 +23,9 @@ def outcomes(t: Array, logarithmic: Flags) -> Array:
     return out
 
 
-def rates(y: Array, logarithmic: Flags) -> Array:
-    """Derivatives (A, ...) of outcomes y (A, ...) by the polynomials that they are made of."""
-    out = np.ones_like(y)
-    out[logarithmic] = y[logarithmic]
-    return out
+def chained(slope: Array, y: Array, logarithmic: Flags) -> None:
+    """Make slopes (A, n, J) of polynomials, in place, those of the outcomes y (A, J)."""
+    slope[logarithmic] *= y[logarithmic][:, None]
 
 
 def widened(y: Array, by: Array, logarithmic: Flags) -> Array:

@@ -10,7 +10,7 @@ from aleator.blocks import blocks
 from aleator.errors import InputsError
 from aleator.surrogates.basis import products, products_with_gradient
 from aleator.surrogates.points import in_unit_box
-from aleator.surrogates.scales import outcomes, rates
+from aleator.surrogates.scales import chained, outcomes
 from aleator.threads import single_threaded
 from aleator.types import Array, Flags, Indices
 
@@ -111,7 +111,7 @@ class Surface:
             basis[:, 1:] /= width[:, None]
             value[:, part], slope[:, :, part] = _sums_with_gradient(self.groups, len(value), basis)
         value = outcomes(value, self.logarithmic)
-        slope *= rates(value, self.logarithmic)[:, None]
+        chained(slope, value, self.logarithmic)
         return value, slope.transpose(0, 2, 1)
 
     @single_threaded

@@ -200,25 +200,32 @@ class _Elsewhere:
 def _identified(
     runner: Runner, job: Job, data: Sequence[Any], seed: int, workers: int
 ) -> Iterator[tuple[int, Replicate]]:
-    with passing() as folder:
-        store = runner.cache.store.path if runner.cache else folder / "runs.sqlite"
-        parcel = packed(_Elsewhere.of(runner, job, store)) if workers > 1 else None
-        if parcel is None:
-            for k, part in enumerate(data):
-                yield k, job.identify(runner, part, seed + k)
-            return
-        pool = ProcessPool(workers)
-        try:
-            jobs = {pool.submit(_unpacked, parcel, y, seed + k): k for k, y in enumerate(data)}
-            for done in as_completed(jobs):
-                yield jobs[done], done.result()
-        except BrokenExecutor as death:
-            raise SurroundingsError(
-                f"a worker process died ({death})",
-                "ask for fewer workers if memory runs out, and give the same command again",
-            ) from death
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+    if workers > 1:
+        with passing() as folder:
+            store = runner.cache.store.path if runner.cache else folder / "runs.sqlite"
+            parcel = packed(_Elsewhere.of(runner, job, store))
+            if parcel is not None:
+                yield from _by_workers(parcel, data, seed, workers)
+                return
+    for k, part in enumerate(data):
+        yield k, job.identify(runner, part, seed + k)
+
+
+def _by_workers(
+    parcel: bytes, data: Sequence[Any], seed: int, workers: int
+) -> Iterator[tuple[int, Replicate]]:
+    pool = ProcessPool(workers)
+    try:
+        jobs = {pool.submit(_unpacked, parcel, y, seed + k): k for k, y in enumerate(data)}
+        for done in as_completed(jobs):
+            yield jobs[done], done.result()
+    except BrokenExecutor as death:
+        raise SurroundingsError(
+            f"a worker process died ({death})",
+            "ask for fewer workers if memory runs out, and give the same command again",
+        ) from death
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _unpacked(job: bytes, data: Any, seed: int) -> Replicate:

@@ -13,7 +13,7 @@ from aleator.surrogates import Surface
 from aleator.surrogates.basis import products, products_with_gradient
 from aleator.surrogates.points import in_unit_box
 from aleator.surrogates.responses import moving_parameters
-from aleator.surrogates.scales import outcomes, rates
+from aleator.surrogates.scales import chained, outcomes
 from aleator.types import Array, Indices
 
 LARGEST = 4_000_000
@@ -57,7 +57,7 @@ class OnSurfaces:
         value = outcomes(found[0], logarithmic)
         if not slopes:
             return value, found[:0]
-        found[1:] *= rates(value, logarithmic)
+        chained(found[1:].swapaxes(0, 1), value, logarithmic)
         slope = np.zeros((x.shape[2], len(terms), nodes))
         half = 0.5 * np.diff(self.surface.box, axis=1)[:, 0]
         for k, i in enumerate(self._moving):
