@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from math import comb, prod
 
 import numpy as np
-from scipy import sparse
 
 from aleator.blocks import blocks
 from aleator.errors import InputsError
 from aleator.expansion.basis import Basis
-from aleator.expansion.moments.linearization import Linearization, linearization, multiply
+from aleator.expansion.moments.linearization import linearization
+from aleator.expansion.moments.products import Product, Square
 from aleator.polynomials.indices import constant, highest
 from aleator.types import Array, Indices
 
@@ -31,14 +31,15 @@ class Galerkin:
     few are not zero. Powers to floor(M/2) are enough; the basis of Z^k has degree k d. Even moments
     are sums of squares: no cancellation at all. Cost: offline and, for each experiment, online
     O(number of entries), for degree d at most P |D_k| 2^d where |D_k| functions occur in Z^k,
-    k = floor((M - 1)/2). Ten parameters: degree 2 to M = 8, degree 3 to M = 4. Raises InputsError
-    where there may be more than 1e8 entries.
+    k = floor((M - 1)/2), half of that for k = 1, where the products are of pairs. Ten parameters:
+    degree 2 to M = 8, degree 3 to M = 4. Raises InputsError where there may be more than 1e8
+    entries.
     """
 
     def powers(self, basis: Basis, indices: Indices, order: int) -> GalerkinPowers:
         """The products psi_i psi_j of the basis with that of every power."""
         entries, degrees = entry_bound(basis, indices, order), highest(indices)
-        levels = (order - 1) // 2
+        levels = _levels(order)
         strides = _strides(degrees, order)
         if entries > MOST_ENTRIES or strides is None:
             raise InputsError(
@@ -50,14 +51,14 @@ class Galerkin:
             linearization(basis, k, degree, levels * degree, order // 2 * degree)
             for k, degree in enumerate(degrees)
         )
-        keys, places = np.unique(indices @ strides, return_inverse=True)
-        products = []
-        for level in range(1, levels + 1):
+        square = Square.of(indices, strides, tables, order)
+        keys, products = square.keys, []
+        for level in range(2, levels + 1):
             # E[Z^(2k+1)] asks of Z^(k+1) only what Z^k holds
             within = keys if order == 2 * level + 1 else None
-            products.append(_product(indices, keys, strides, tables, within))
+            products.append(Product.of(indices, keys, strides, tables, within))
             keys = products[-1].keys
-        return GalerkinPowers(order, constant(indices), places, tuple(products))
+        return GalerkinPowers(order, constant(indices), square, tuple(products))
 
 
 def entry_bound(basis: Basis, indices: Indices, order: int) -> float:
@@ -67,7 +68,7 @@ def entry_bound(basis: Basis, indices: Indices, order: int) -> float:
     prod_k (2 i_k + 1) otherwise; Z^k at most as many as its largest degrees and its largest total
     degree allow.
     """
-    level = max((order - 1) // 2, 1)
+    level = _levels(order)
     degrees = highest(indices)
     alike = [basis.symmetric(k, order * d // 2 + 1) for k, d in enumerate(degrees)]
     spread = np.where(alike, 1, 2)
@@ -80,40 +81,9 @@ def entry_bound(basis: Basis, indices: Indices, order: int) -> float:
     return split * functions
 
 
-@dataclass(frozen=True, eq=False)
-class Product:
-    """Multiplication of Z^k by every psi_i: coefficients (J,) to coefficients (L,).
-
-    `keys` (L,) name the functions of the result; `places` (J,) are the functions of Z^k in it.
-    Multiplication by psi_i reaches only the functions `rows[i]` (R_i,), by `matrices[i]` (R_i, J).
-    """
-
-    keys: Indices
-    places: Indices
-    rows: tuple[Indices, ...]
-    matrices: tuple[sparse.csr_array, ...]
-
-
-def _product(
-    functions: Indices,
-    keys: Indices,
-    strides: Indices,
-    tables: tuple[Linearization, ...],
-    within: Indices | None,
-) -> Product:
-    indices = _decoded(keys, strides)
-    entries = [multiply(factor, indices, strides, tables) for factor in functions]
-    if within is None:
-        within = np.unique(np.concatenate([np.unique(found) for _, found, _ in entries]))
-    reached, matrices = [], []
-    for columns, found, values in entries:
-        places = np.minimum(np.searchsorted(within, found), within.size - 1)
-        kept = within[places] == found
-        rows, row = np.unique(places[kept], return_inverse=True)
-        triplets = (values[kept], (row, columns[kept]))
-        reached.append(rows)
-        matrices.append(sparse.csr_array(triplets, shape=(rows.size, keys.size)))
-    return Product(within, np.searchsorted(within, keys), tuple(reached), tuple(matrices))
+def _levels(order: int) -> int:
+    """The products by which moments to an order are known, the square among them."""
+    return max((order - 1) // 2, 1)
 
 
 def _strides(degrees: tuple[int, ...], order: int) -> Indices | None:
@@ -124,32 +94,29 @@ def _strides(degrees: tuple[int, ...], order: int) -> Indices | None:
     return np.array([prod(sizes[k + 1 :]) for k in range(len(sizes))], dtype=np.intp)
 
 
-def _decoded(keys: Indices, strides: Indices) -> Indices:
-    indices = np.empty((keys.size, strides.size), dtype=np.intp)
-    rest = keys
-    for k, stride in enumerate(strides):
-        indices[:, k], rest = np.divmod(rest, stride)
-    return indices
-
-
 @dataclass(frozen=True, eq=False)
 class GalerkinPowers:
-    """The products that give Z^2, Z^3, ..; `places` (P,) of the basis among the functions of Z."""
+    """The products that give Z^2, and from it Z^3, Z^4, .."""
 
     order: int
     constant: int
-    places: Indices
+    square: Square
     products: tuple[Product, ...]
 
     def means(self, z: Array) -> Array:
         """E[Z^m] for m = 0..M, as (N, M+1)."""
         means = np.zeros((z.shape[0], self.order + 1))
         means[:, 0] = 1.0
+        means[:, 2] = np.sum(z**2, axis=1)
         for part in self._parts(z.shape[0]):
-            power = self._expanded(z[part])
-            means[part, 2] = np.sum(power**2, axis=0)
-            for level, product in enumerate(self.products, 1):
-                following = self._multiplied(product, power, z[part])
+            factor = z[part].T
+            power = self.square.multiplied(factor)
+            if self.order > 2:
+                means[part, 3] = np.sum(power[self.square.places] * factor, axis=0)
+            if self.order > 3:
+                means[part, 4] = np.sum(power**2, axis=0)
+            for level, product in enumerate(self.products, 2):
+                following = product.multiplied(factor, power)
                 means[part, 2 * level + 1] = np.sum(following[product.places] * power, axis=0)
                 if 2 * level + 2 <= self.order:
                     means[part, 2 * level + 2] = np.sum(following**2, axis=0)
@@ -162,34 +129,21 @@ class GalerkinPowers:
         found[:, 0, self.constant] = 1.0
         found[:, 1] = z
         for part in self._parts(z.shape[0]):
-            power = self._expanded(z[part])
-            for level, product in enumerate(self.products, 1):
-                following = self._multiplied(product, power, z[part])
-                embedded = np.zeros_like(following)
-                embedded[product.places] = power
-                for i, (rows, matrix) in enumerate(
-                    zip(product.rows, product.matrices, strict=True)
-                ):
-                    # once more instead of kept: the images of all functions fill the memory
-                    image = matrix @ power
-                    found[part, 2 * level, i] = np.sum(image * embedded[rows], axis=0)
-                    if 2 * level + 1 < self.order:
-                        found[part, 2 * level + 1, i] = np.sum(image * following[rows], axis=0)
+            factor = z[part].T
+            power = self.square.multiplied(factor)
+            if self.order > 2:
+                found[part, 2] = power[self.square.places].T
+            if self.order > 3:
+                found[part, 3] = self.square.projected(factor, power).T
+            for level, product in enumerate(self.products, 2):
+                following = product.multiplied(factor, power)
+                even, odd = product.projected(power, following)
+                found[part, 2 * level] = even.T
+                if 2 * level + 1 < self.order:
+                    found[part, 2 * level + 1] = odd.T
                 power = following
         return found
 
-    def _expanded(self, z: Array) -> Array:
-        power = np.empty((z.shape[1], z.shape[0]))
-        power[self.places] = z.T
-        return power
-
-    def _multiplied(self, product: Product, power: Array, z: Array) -> Array:
-        following = np.zeros((product.keys.size, z.shape[0]))
-        for i, (rows, matrix) in enumerate(zip(product.rows, product.matrices, strict=True)):
-            if i != self.constant:
-                following[rows] += (matrix @ power) * z[:, i]
-        return following
-
     def _parts(self, count: int) -> list[slice]:
-        largest = max((product.keys.size for product in self.products), default=1)
+        largest = max(len(self.square.left), *(product.keys.size for product in self.products), 1)
         return blocks(count, largest, VALUES_AT_ONCE)

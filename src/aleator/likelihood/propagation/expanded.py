@@ -60,18 +60,17 @@ class ExpandedPropagation:
         if outcomes.dy is None:
             return _lowered(self._exact.moments(coefficients), order)
         m = self._exact.moments_with_gradient(coefficients)
-        change = np.einsum("njk,jp->npk", outcomes.dy, self._operator, optimize=True)
         assert m.mean_jac is not None
         assert m.sd_jac is not None
         assert m.standardized_jac is not None
-        whole = Moments(
-            m.mean,
-            m.sd,
-            m.standardized,
-            np.einsum("np,npk->nk", m.mean_jac, change),
-            np.einsum("np,npk->nk", m.sd_jac, change),
-            m.standardized_jac @ change,
+        # by the outcomes first: moments are fewer than hyperparameters and polynomials
+        own = np.stack(
+            [m.mean_jac, m.sd_jac, *np.moveaxis(m.standardized_jac[:, 3:], 1, 0)], axis=1
         )
+        change = (own @ self._operator.T) @ outcomes.dy
+        standardized = np.zeros((*m.standardized.shape, self.inputs.size))
+        standardized[:, 3:] = change[:, 2:]
+        whole = Moments(m.mean, m.sd, m.standardized, change[:, 0], change[:, 1], standardized)
         return _lowered(whole, order)
 
     def at(self, alpha: Array) -> Array:
