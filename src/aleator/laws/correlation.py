@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from scipy import linalg
 
 from aleator.errors import InputsError, nearest
 from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
@@ -83,6 +84,29 @@ class Correlation:
         matrix = factor @ factor.T
         np.fill_diagonal(matrix, 1.0)
         return matrix, half + half.transpose(1, 0, 2)
+
+    def log_density(self, partial: Array, theta: Array) -> Array:
+        """The log-density (J,) of the Gaussian copula at normal scores theta (m, J).
+
+        -1/2 log det R - 1/2 theta' (R^-1 - I) theta (Song, 2000); minus infinity where a score is
+        infinite, at an end of its law. Raises InputsError where a correlation is 1 or -1.
+
+        >>> pair = between(("a", "b"), {("a", "b"): 0.6})
+        >>> pair.log_density(np.array([0.6]), np.zeros((2, 1))).round(6).tolist()   # -log 0.8
+        [0.223144]
+        """
+        if not len(theta):
+            return np.zeros(theta.shape[1])
+        factor, _ = self.cholesky(partial)
+        if not np.all(np.diag(factor) > 0.0):
+            raise InputsError(
+                "perfectly correlated parameters have no density", "keep correlations within 0.99"
+            )
+        inside = np.all(np.isfinite(theta), axis=0)
+        xi = linalg.solve_triangular(factor, theta[:, inside], lower=True)
+        found = np.full(theta.shape[1], -np.inf)
+        found[inside] = 0.5 * np.sum(theta[:, inside] ** 2 - xi**2, axis=0)
+        return np.asarray(found - np.log(np.diag(factor)).sum())
 
 
 def between(names: Sequence[str], pairs: Mapping[Pair, Specification]) -> Correlation:

@@ -9,7 +9,7 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from scipy import linalg, special
+from scipy import special
 
 from aleator.errors import InputsError, require_filled
 from aleator.laws.correlation import Correlation, Pair, between
@@ -343,36 +343,24 @@ class Inputs:
         >>> pair.log_density(alpha, np.zeros((1, 2))).round(6).tolist()   # -log(2 pi 0.8)
         [-1.614734]
         """
-        return self._log_density(alpha, x, range(len(self.laws)), tied=True)
+        return self.log_density_of(range(len(self.laws)), alpha, x, self.normal_scores(alpha, x))
 
-    def scattered_log_density(self, alpha: Array, x: Array, only: int | None = None) -> Array:
-        """The same (J,) of the parameters that scatter; or of it the part that alpha_k changes."""
-        if only is None:
-            return self._log_density(alpha, x, self.scattered, tied=True)
-        own = [i for i in self.scattered if self.slices[i].start <= only < self.slices[i].stop]
-        tied = not own or own[0] in self.correlated
-        return self._log_density(alpha, x, own, tied)
+    def log_density_of(self, some: Iterable[int], alpha: Array, x: Array, scores: Array) -> Array:
+        """The same (J,) of some parameters by themselves and of what ties the correlated ones.
 
-    def _log_density(self, alpha: Array, x: Array, of: Iterable[int], tied: bool) -> Array:
-        """log-densities of some parameters by themselves, and of what ties the correlated ones."""
-        laws, parts = list(self.laws.values()), self.slices
-        found = np.zeros(x.shape[0])
-        for i in of:
-            found += laws[i].log_density(alpha[parts[i]], x[:, i])
-        if not self.correlated or not tied:
-            return found
-        theta = np.stack([laws[i].normal_score(alpha[parts[i]], x[:, i]) for i in self.correlated])
-        factor, _ = self.correlation.cholesky(alpha[self.partials])
-        if not np.all(np.diag(factor) > 0.0):
-            raise InputsError(
-                "perfectly correlated parameters have no density", "keep correlations within 0.99"
-            )
-        # a score is infinite at an end of its law, where the copula has no mass
-        inside = np.all(np.isfinite(theta), axis=0)
-        xi = linalg.solve_triangular(factor, theta[:, inside], lower=True)
-        tie = 0.5 * np.sum(theta[:, inside] ** 2 - xi**2, axis=0) - np.log(np.diag(factor)).sum()
-        found[inside] += tie
-        found[~inside] = -np.inf
+        Of these the `scores` (m, J) are given; see `normal_scores`.
+        """
+        found = self.correlation.log_density(alpha[self.partials], scores)
+        laws = list(self.laws.values())
+        for i in some:
+            found += laws[i].log_density(alpha[self.slices[i]], x[:, i])
+        return found
+
+    def normal_scores(self, alpha: Array, x: Array) -> Array:
+        """Those (m, J) of the m correlated parameters at x (J, n)."""
+        found = np.empty((len(self.correlated), len(x)))
+        for row, i in zip(found, self.correlated, strict=True):
+            row[:] = list(self.laws.values())[i].normal_score(alpha[self.slices[i]], x[:, i])
         return found
 
     @cached_property

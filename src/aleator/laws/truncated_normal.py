@@ -26,6 +26,8 @@ polynomial of degree 20 has no part beyond that its integral would miss."""
 FINE_NODES = 200
 LEAST_TAIL = 1e-280
 """Probabilities below this are told by their logarithms only."""
+FAINT = 1e-5
+"""Probability below which a difference of two has lost more digits than it may."""
 
 
 @dataclass(frozen=True)
@@ -127,12 +129,19 @@ class TruncatedNormal:
         return np.where((x >= lower) & (x <= upper), log_density, -np.inf)
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """Phi^-1((Phi(t) - Phi(a))/(Phi(b) - Phi(a))), in logarithms: far tails keep digits."""
+        """Phi^-1((Phi(t) - Phi(a))/(Phi(b) - Phi(a))), in logarithms where a tail is faint."""
         a, b = self._standard_limits(values)
         t = np.clip((x - values[0]) / values[1], a, b)
-        log_u, log_v = _log_mass(a, t) - _log_mass(a, b), _log_mass(t, b) - _log_mass(a, b)
-        below, above = special.ndtri_exp(np.minimum([log_u, log_v], 0.0))
-        score: Array = np.where(log_u < log_v, below, -above)
+        u, v = special.ndtr(t) - special.ndtr(a), special.ndtr(-t) - special.ndtr(-b)
+        smaller = np.minimum(u, v)
+        faint = smaller < FAINT
+        with np.errstate(divide="ignore", invalid="ignore"):
+            below = special.ndtri(smaller / np.exp(_log_mass(a, b)))
+        score: Array = np.where(u < v, below, -below)
+        if np.any(faint):
+            score[faint] = _faint_score(
+                t[faint], *(np.broadcast_to(end, t.shape)[faint] for end in (a, b))
+            )
         return score
 
     def quantile(self, values: Array, probability: Array) -> Array:
@@ -233,6 +242,14 @@ def _log_mass(a: float | Array, b: float | Array) -> Array:
     with np.errstate(divide="ignore"):
         mass: Array = outer + np.log(-np.expm1(inner - outer))
     return mass
+
+
+def _faint_score(t: Array, a: Array, b: Array) -> Array:
+    """The normal score of t in [a, b] by logarithms: far tails keep digits."""
+    log_u, log_v = _log_mass(a, t) - _log_mass(a, b), _log_mass(t, b) - _log_mass(a, b)
+    below, above = special.ndtri_exp(np.minimum([log_u, log_v], 0.0))
+    score: Array = np.where(log_u < log_v, below, -above)
+    return score
 
 
 def _truncated_quantile(u: Array, a: Array, b: Array) -> Array:

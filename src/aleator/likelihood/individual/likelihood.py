@@ -25,7 +25,7 @@ from aleator.likelihood.individual.modes import (
     modes,
 )
 from aleator.likelihood.individual.nodes import Nodes, joined
-from aleator.likelihood.individual.parameters import Parameters, holds
+from aleator.likelihood.individual.parameters import Parameters, holds, scattered_density
 from aleator.likelihood.individual.predictor import Predictor
 from aleator.likelihood.individual.rule import AsManyAsNeeded, Rule
 from aleator.observations.errors import MeasurementErrors, Terms
@@ -217,7 +217,7 @@ class IndividualLikelihood:
             x[part] = self._individual(alpha, block, nodes.xi[part]).x
             eta[block.rows] = self.predictor.values(block, x[part])
         there = np.isfinite(nodes.log_weight)
-        density = inputs.scattered_log_density(alpha[: inputs.size], x[there])
+        density = scattered_density(inputs, alpha[: inputs.size], x[there])
         log_weight = np.where(np.isfinite(density), nodes.log_weight[there] - density, -np.inf)
         return Parameters(inputs, self.predictor, alpha, there, x[there], log_weight, eta)
 

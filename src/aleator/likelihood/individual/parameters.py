@@ -62,7 +62,7 @@ class Parameters:
         there, own = self._of(block)
         found = np.full(there.shape, -np.inf)
         with np.errstate(invalid="ignore"):
-            known = self.log_weight[own] + self.inputs.scattered_log_density(alpha, self.x[own])
+            known = self.log_weight[own] + scattered_density(self.inputs, alpha, self.x[own])
         found[there] = np.where(np.isnan(known), -np.inf, known)
         return found
 
@@ -137,12 +137,17 @@ def regular(inputs: Inputs) -> bool:
 def densities(inputs: Inputs, alpha: Array, x: Array) -> Array:
     """log p(x | alpha) (B, J) at x (B, J, n), of parameters that scatter."""
     flat = x.reshape(-1, x.shape[2])
-    return inputs.scattered_log_density(alpha, flat).reshape(x.shape[:2])
+    return scattered_density(inputs, alpha, flat).reshape(x.shape[:2])
+
+
+def scattered_density(inputs: Inputs, alpha: Array, x: Array) -> Array:
+    """The same (J,) at x (J, n)."""
+    return inputs.log_density_of(inputs.scattered, alpha, x, inputs.normal_scores(alpha, x))
 
 
 def law_scores(inputs: Inputs, alpha: Array, x: Array, share: Array) -> Array:
     """sum_j share_j d log p(x_j | alpha)/d alpha (B, K) at x (B, J, n)."""
-    there = share > 0.0
+    there = share > COUNTED
     return _scores_of(inputs, alpha, x[there], share[there], np.nonzero(there)[0], len(x))
 
 
@@ -150,16 +155,30 @@ def _scores_of(
     inputs: Inputs, alpha: Array, x: Array, share: Array, owner: Indices, count: int
 ) -> Array:
     """The same (B, K) by central differences at x (T, n), whose owners (T,) count B."""
-    found = np.zeros((count, inputs.size))
+    found, scores = np.zeros((count, inputs.size)), inputs.normal_scores(alpha, x)
     for k, h in enumerate(inputs.hyperparameters):
         if h.free:
             step = STEP * max(abs(alpha[k]), LEAST * (h.upper - h.lower))
             up, down = (
-                inputs.scattered_log_density(_moved(alpha, k, by), x, k) for by in (step, -step)
+                _changed_density(inputs, _moved(alpha, k, by), x, k, scores) for by in (step, -step)
             )
             slope = (up - down) / (2.0 * step)
             found[:, k] = np.bincount(owner, share * slope, minlength=count)
     return found
+
+
+def _changed_density(inputs: Inputs, alpha: Array, x: Array, k: int, scores: Array) -> Array:
+    """The part (J,) of log p(x | alpha) that alpha_k changes.
+
+    Given the normal scores (m, J) at another alpha_k: only those of its own law are others here.
+    """
+    own = [i for i in inputs.scattered if inputs.slices[i].start <= k < inputs.slices[i].stop]
+    theta = scores.copy()
+    for i in own:
+        if i in inputs.correlated:
+            law, values = list(inputs.laws.values())[i], alpha[inputs.slices[i]]
+            theta[inputs.correlated.index(i)] = law.normal_score(values, x[:, i])
+    return inputs.log_density_of(own, alpha, x, theta)
 
 
 @lru_cache(maxsize=64)
