@@ -52,7 +52,7 @@ def test_a_surface_is_that_of_the_runs_that_worked() -> None:
     assert surface.evaluate(points)[0] == pytest.approx(whole.evaluate(points)[0], abs=1e-12)
     kept = np.delete(z, lost, axis=0)
     y = waves(np.ones(17, dtype=int), 0.5 * (kept + 1.0))[:, None]
-    priors, best, _ = search(first_priors(2), kept, y, shares(kept))
+    priors, best, _, _ = search(first_priors(2), kept, y, shares(kept))
     indices, terms = fitted(priors[best[0]], kept, y)
     x = np.random.default_rng(0).random((1000, 2))
     gap = surface.evaluate(x)[1] - products(indices, 2.0 * x - 1.0).T @ terms[:, 0]

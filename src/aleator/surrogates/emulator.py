@@ -14,6 +14,7 @@ import numpy as np
 
 from aleator.errors import SimulatorError
 from aleator.surrogates.assembly import Piece, degrees_of, merged, outcome_range
+from aleator.surrogates.axes import Axes
 from aleator.surrogates.responses import Run
 from aleator.surrogates.samples import Samples
 from aleator.surrogates.scales import widened
@@ -37,7 +38,7 @@ class Emulator(ABC):
 
     def __init__(self, run: Run, box: Array, samples: Samples) -> None:
         experiments = len(samples.outcome)
-        self.run, self.box, self.samples = run, box, samples
+        self.run, self.axes, self.samples = run, Axes.plain(box), samples
         self.error = np.full(experiments, np.inf)
         self.scatter, self.level, self.reach = np.zeros((3, experiments))
         self.rate = np.ones(experiments)
@@ -46,6 +47,11 @@ class Emulator(ABC):
     def runs(self) -> Indices:
         """Runs made of each experiment, (N,), wherever they lie."""
         return self.samples.runs
+
+    @property
+    def box(self) -> Array:
+        """The region that the surfaces cover, (n, 2)."""
+        return self.axes.box
 
     @abstractmethod
     def move(self, box: Array) -> None:
@@ -96,7 +102,7 @@ class Emulator(ABC):
         known = np.where(np.isfinite(error), error / self.rate, 0.0)
         indices, groups, terms = merged(pieces, known)
         surface = Surface(
-            box=self.box,
+            axes=self.axes,
             indices=indices,
             groups=groups,
             error=error.copy(),

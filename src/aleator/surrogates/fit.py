@@ -205,10 +205,17 @@ def _at(q: Array, weight: Array, basis: Array) -> Array:
     return np.asarray((rest**2).sum(axis=0))
 
 
+class Found(NamedTuple):
+    """Priors, the `best` of them (A,), its mean square `error` (A,), and a pool to go on with."""
+
+    priors: list[Prior]
+    best: Indices
+    error: Array
+    pool: list[Prior]
+
+
 @single_threaded
-def search(
-    pool: list[Prior], z: Array, y: Array, share: Array, sweeps: int = SWEEPS
-) -> tuple[list[Prior], Indices, list[Prior]]:
+def search(pool: list[Prior], z: Array, y: Array, share: Array, sweeps: int = SWEEPS) -> Found:
     """Return priors, the best of them for each experiment (A,), and the pool to go on with.
 
     All experiments are judged together, one factorization a prior; each takes the prior with the
@@ -235,12 +242,15 @@ def search(
         takes = _fall(errors[positive], errors[count:])
         chosen = best[:count].copy()
         chosen[positive[takes]] = best[count:][takes]
+        left = errors[:count].copy()
+        left[positive[takes]] = errors[count:][takes]
         wins = Counter(known[k] for k in chosen)
         leaders = sorted(wins, key=lambda prior: (-wins[prior], prior))[: KEEP[len(z) > MANY]]
         trial = [other for prior in leaders for other in neighbors(prior)]
     chosen[positive[takes]] += len(known)
     known += [prior._replace(logarithm=True) for prior in known]
-    return known, chosen, list(dict.fromkeys([*leaders, *first_priors(z.shape[1])[:2]]))
+    pool = list(dict.fromkeys([*leaders, *first_priors(z.shape[1])[:2]]))
+    return Found(known, chosen, left, pool)
 
 
 def _fall(before: Array, after: Array) -> Flags:

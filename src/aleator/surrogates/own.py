@@ -6,15 +6,14 @@ import numpy as np
 
 from aleator.surrogates.assembly import Piece
 from aleator.surrogates.basis import products
+from aleator.surrogates.chosen import ROUNDING, chosen_axes, chosen_priors, patterns
 from aleator.surrogates.emulator import Emulator, pairs
-from aleator.surrogates.fit import Judged, Prior, first_priors, fitted, judged, search
+from aleator.surrogates.fit import Judged, Prior, first_priors, fitted, judged
 from aleator.surrogates.points import (
     asymmetric,
     continued,
     evenly,
     everywhere,
-    from_unit_box,
-    in_unit_box,
     shares,
     spread,
 )
@@ -24,11 +23,6 @@ from aleator.surrogates.scales import outcomes
 from aleator.surrogates.surface import Surface
 from aleator.types import Array, Flags, Indices
 
-# Outcomes that differ by less than this part of their size do not depend on the parameters.
-ROUNDING = 1e-12
-# Sets of runs that worked, for which priors are searched; experiments with any other set (runs that
-# fail here and there, differently in each) choose among the priors that were found for these.
-SEARCHED = 6
 # Of a first round all over the box the estimate can be three times too small.
 CAUTION = 3.0
 # Later an error that falls by more than half in one round, or seems to, is believed by half only.
@@ -56,7 +50,7 @@ class OwnSurfaces(Emulator):
         self.estimate = np.full(experiments, np.inf)
         self.floor = np.full(experiments, np.inf)
         z = spread(first, n)
-        self.start = from_unit_box(box, z if few is None else asymmetric(z, few))
+        self.start = self.axes.outward(z if few is None else asymmetric(z, few))
         self.begin(few or first)
 
     @property
@@ -74,7 +68,7 @@ class OwnSurfaces(Emulator):
 
     def move(self, box: Array) -> None:
         """Take the surfaces to another box, with the runs that lie inside."""
-        self.box = box
+        self.axes = self.axes.moved(box)
         self.prior = [self.pool[0]] * len(self.error)
         self.stale[:] = True
         self.floor[:] = np.inf
@@ -87,15 +81,15 @@ class OwnSurfaces(Emulator):
         """
         inside = self.samples.inside(self.box)
         common = ~np.isin(inside.x[:, 0], self.earlier[:, 0])
-        known = in_unit_box(self.box, inside.x[inside.asked[members].any(axis=0) & common])
+        known = self.axes.inward(inside.x[inside.asked[members].any(axis=0) & common])
         count = max(int(np.ceil(growth * len(known))), self.first - len(known), 1)
         if draws is None:
             fresh = evenly(known, count)
         else:
-            fresh = continued(known, in_unit_box(self.box, draws), count)
+            fresh = continued(known, self.axes.inward(draws), count)
         index, place = pairs(members, count)
         allowed = place < most - self.runs[index]
-        self._ask(from_unit_box(self.box, fresh), index[allowed], place[allowed])
+        self._ask(self.axes.outward(fresh), index[allowed], place[allowed])
         if draws is None:
             missed = self._guess(members, inside, fresh) - self.samples.outcome[members, -count:]
             unseen = _root_mean_square(missed)
@@ -105,10 +99,10 @@ class OwnSurfaces(Emulator):
     def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
         """Estimate the errors by what the priors expect, and by leave-one-out residuals."""
         samples = self.samples.inside(self.box)
-        z, values = in_unit_box(self.box, samples.x), samples.outcome
-        at = None if where is None else in_unit_box(self.box, where)
         enough = samples.worked.sum(axis=1) >= self.least
-        self._choose_priors(np.flatnonzero(self.stale & enough), z, values, at)
+        self._choose(enough, samples, where)
+        z, values = self.axes.inward(samples.x), samples.outcome
+        at = None if where is None else self.axes.inward(where)
         self.error = np.full(len(values), np.inf)
         for prior, members, runs in self._groups(np.flatnonzero(enough), samples.worked):
             y = values[np.ix_(members, runs)].T
@@ -129,7 +123,7 @@ class OwnSurfaces(Emulator):
     def surface(self, converged: Flags) -> Surface:
         """The surfaces as they are, with the errors that were judged last."""
         samples = self.samples.inside(self.box)
-        z = in_unit_box(self.box, samples.x)
+        z = self.axes.inward(samples.x)
         pieces = fitted_pieces(z, samples.outcome, self.prior, self.least)
         return self._surface(pieces, self.error, converged, samples.outcome, self._logarithmic)
 
@@ -140,16 +134,23 @@ class OwnSurfaces(Emulator):
 
     def _guess(self, members: Indices, samples: Samples, z: Array) -> Array:
         """Outcomes (A, Q) at points z (Q, n) by the surfaces of members (A,) through `samples`."""
-        known, out = in_unit_box(self.box, samples.x), np.empty((len(members), len(z)))
+        known, out = self.axes.inward(samples.x), np.empty((len(members), len(z)))
         priors = [self.prior[row] for row in members]
         pieces = fitted_pieces(known, samples.outcome[members], priors, self.least)
         for rows, indices, coefficients in pieces:
             out[rows] = coefficients.T @ products(indices, z)
         return outcomes(out, self._logarithmic[members])
 
-    def _choose_priors(self, members: Indices, z: Array, values: Array, at: Array | None) -> None:
+    def _choose(self, enough: Flags, samples: Samples, where: Array | None) -> None:
+        """Choose axes for all, and priors of the experiments whose runs are new."""
+        members = np.flatnonzero(self.stale & enough)
         if members.size:
-            groups, self.pool = chosen_priors(z, values, members, self.pool, at)
+            axes = chosen_axes(self.axes, samples, members, self.pool, where)
+            if axes is not self.axes:
+                self.axes, self.pool = axes, first_priors(len(self.box))
+                members = np.flatnonzero(enough)
+            z, at = axes.inward(samples.x), None if where is None else axes.inward(where)
+            groups, self.pool = chosen_priors(z, samples.outcome, members, self.pool, at)
             for prior, some, _ in groups:
                 for row in some:
                     self.prior[row] = prior
@@ -164,38 +165,6 @@ class OwnSurfaces(Emulator):
             (prior, np.array(rows, dtype=np.intp), np.flatnonzero(worked[rows[0]]))
             for (prior, _), rows in alike.items()
         ]
-
-
-def patterns(worked: Flags) -> list[tuple[Indices, Indices]]:
-    """Rows (A,) and columns (M,) of each different row of `worked`, the most frequent first.
-
-    >>> patterns(np.array([[True, False], [True, True], [True, True]]))
-    [(array([1, 2]), array([0, 1])), (array([0]), array([0]))]
-    """
-    sets, inverse, count = np.unique(worked, axis=0, return_inverse=True, return_counts=True)
-    order = np.lexsort((np.arange(len(sets)), -count))
-    return [(np.flatnonzero(inverse.ravel() == k), np.flatnonzero(sets[k])) for k in order.tolist()]
-
-
-def chosen_priors(
-    z: Array, values: Array, members: Indices, pool: list[Prior], at: Array | None
-) -> tuple[list[tuple[Prior, Indices, Indices]], list[Prior]]:
-    """Return (prior, experiments, runs) that go together, and the pool of priors to go on with.
-
-    `values` (N, M) of all experiments at z (M, n), NaN where there is none; only for `members`.
-    Scales are compared at points `at` (J, n), or all over the box.
-    """
-    found: dict[Prior, None] = {}
-    out = []
-    for k, (rows, runs) in enumerate(patterns(np.isfinite(values[members]))):
-        y, share = values[np.ix_(members[rows], runs)].T, shares(z[runs], at)
-        if k < SEARCHED:
-            priors, best, more = search(pool, z[runs], y, share)
-            found |= dict.fromkeys(more)
-        else:
-            priors, best, _ = search([*found], z[runs], y, share, sweeps=1)
-        out += [(priors[b], members[rows[best == b]], runs) for b in np.unique(best)]
-    return out, [*found] or pool
 
 
 def fitted_pieces(z: Array, values: Array, prior: list[Prior], least: int) -> list[Piece]:

@@ -24,18 +24,6 @@ TINY = 1e-10
 SAME = 1e-9
 
 
-def in_unit_box(box: Array, x: Array) -> Array:
-    """Return points x (J, n) of a box (n, 2) as points of [-1, 1]^n."""
-    low, high = box.T
-    return np.asarray((2.0 * x - low - high) / (high - low))
-
-
-def from_unit_box(box: Array, z: Array) -> Array:
-    """Return points z (J, n) of [-1, 1]^n as points of a box (n, 2)."""
-    low, high = box.T
-    return np.asarray(np.clip(0.5 * (low + high) + 0.5 * (high - low) * z, low, high))
-
-
 def low_discrepancy(count: int, n: int, shift: Array) -> Array:
     """Return `count` points (count, n) of Sobol's sequence in [-1, 1]^n, moved by `shift` modulo 1.
 

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from aleator.surrogates.axes import Axes
 from aleator.surrogates.basis import ball, products
 from aleator.surrogates.emulator import Emulator, pairs
 from aleator.surrogates.kriging import Covariance, Posterior, learned
 from aleator.surrogates.points import (
     clustered,
     fixed_shift,
-    from_unit_box,
-    in_unit_box,
     low_discrepancy,
 )
 from aleator.surrogates.responses import Run
@@ -62,7 +61,7 @@ class SharedSurface(Emulator):
         self.conditions = conditions
         self.shift = np.random.default_rng(0).random((experiments, n))
         self.covariance = Covariance.first(conditions.shape[1] + n, n)
-        self.where = from_unit_box(box, low_discrepancy(COMPARED, n, fixed_shift(n)))
+        self.where = self.axes.outward(low_discrepancy(COMPARED, n, fixed_shift(n)))
         self._place(np.arange(experiments), first_shared_runs(experiments, n), MOST, None)
         self.posterior = self._learned(STEPS[0])
         self.stale = False
@@ -80,7 +79,7 @@ class SharedSurface(Emulator):
 
     def move(self, box: Array) -> None:
         """Take the surfaces to another box; runs outside still tell of it."""
-        self.box, self.stale = box, True
+        self.axes, self.stale = Axes.plain(box), True
 
     def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
         """Run experiments `members` (A,) at points of their own, spread as the draws are."""
@@ -95,9 +94,9 @@ class SharedSurface(Emulator):
             self.posterior, self.stale = self._learned(STEPS[1]), False
         factor = CAUTION * self._surprise()
         everywhere = low_discrepancy(COMPARED, len(self.box), fixed_shift(len(self.box)))
-        points = from_unit_box(self.box, everywhere) if where is None else where
+        points = self.axes.outward(everywhere) if where is None else where
         self.where = points[:COMPARED]
-        self.error = factor * self._left(in_unit_box(self.box, points[:JUDGED]))
+        self.error = factor * self._left(self.axes.inward(points[:JUDGED]))
         self.reach = np.maximum(factor * self._left(everywhere[:JUDGED]), self.error)
         self.scatter = np.hypot(self._expected().std(axis=1), noise_sd)
         index, _, y = self.samples.listed
@@ -108,7 +107,7 @@ class SharedSurface(Emulator):
     def surface(self, converged: Flags) -> Surface:
         """The polynomials through the process, with the errors that were judged last."""
         indices, coefficients = self._polynomials()
-        basis = products(indices, in_unit_box(self.box, self.where))
+        basis = products(indices, self.axes.inward(self.where))
         missed = coefficients.T @ basis - self._expected()
         error = np.hypot(self.error, np.sqrt((missed**2).mean(axis=1)))
         everyone = np.arange(len(error))
@@ -128,7 +127,7 @@ class SharedSurface(Emulator):
 
     def _over_box(self, even: Array) -> Array:
         """Points x (R, n) that gather at the faces of the box, for even ones in [0, 1]."""
-        return from_unit_box(self.box, clustered(2.0 * even - 1.0))
+        return self.axes.outward(clustered(2.0 * even - 1.0))
 
     def _over_law(self, even: Array, draws: Array) -> Array:
         """Points x (R, n) spread as the draws are, and some over the box."""
@@ -140,7 +139,7 @@ class SharedSurface(Emulator):
     def _learned(self, steps: int) -> Posterior:
         """The process given all runs; its covariance is learned on from where it was."""
         index, x, y = self.samples.listed
-        u = np.hstack([self.conditions[index], in_unit_box(self.box, x)])
+        u = np.hstack([self.conditions[index], self.axes.inward(x)])
         some = np.sort(np.random.default_rng(len(u)).permutation(len(u))[:LEARNED])
         self.covariance = learned(self.covariance, index[some], u[some], y[some], steps)
         return Posterior.of(self.covariance, index, u, y)
@@ -160,7 +159,7 @@ class SharedSurface(Emulator):
 
     def _expected(self) -> Array:
         """Expected outcomes (N, J) at the points that were judged last."""
-        return self._mean(in_unit_box(self.box, self.where))
+        return self._mean(self.axes.inward(self.where))
 
     def _mean(self, z: Array) -> Array:
         """Expected outcomes (N, J) at points z (J, n)."""
@@ -184,7 +183,7 @@ class SharedSurface(Emulator):
         indices, size = ball((1.0,) * n, 2.0, TERMS[min(n, len(TERMS)) - 1])
         even = 0.5 * (low_discrepancy(int(POINTS * len(indices)), n, fixed_shift(n)) + 1.0)
         x = np.vstack([self._over_box(even), self._over_law(even, self.where)])
-        z = in_unit_box(self.box, x)
+        z = self.axes.inward(x)
         y = self._mean(z).T - self.posterior.level
         # Keeps what the points do not determine, in the corners of many parameters, from growing.
         ridge = np.diag(RIDGE * (1.0 + size**2))

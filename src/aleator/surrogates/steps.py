@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from aleator.surrogates.points import in_unit_box
+from aleator.surrogates.axes import Axes
 from aleator.surrogates.samples import Samples
 from aleator.types import Array, Indices
 
@@ -44,7 +44,7 @@ def steps(samples: Samples, box: Array, members: Indices) -> tuple[Step, ...]:
     [(0, 1.0, [0.5], [0.505])]
     """
     inside = samples.inside(box)
-    z = in_unit_box(box, inside.x)
+    z = Axes.plain(box).inward(inside.x)
     pairs = KDTree(z).query_pairs(NEAR, output_type="ndarray")
     distance = np.linalg.norm(z[pairs[:, 0]] - z[pairs[:, 1]], axis=1)
     order = np.argsort(distance)

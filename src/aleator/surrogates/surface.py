@@ -8,8 +8,8 @@ import numpy as np
 
 from aleator.blocks import blocks
 from aleator.errors import InputsError
+from aleator.surrogates.axes import Axes
 from aleator.surrogates.basis import products, products_with_gradient
-from aleator.surrogates.points import in_unit_box
 from aleator.surrogates.scales import chained, outcomes
 from aleator.threads import single_threaded
 from aleator.types import Array, Flags, Indices
@@ -51,7 +51,7 @@ class Surface:
     is not refused, and not to be trusted.
     """
 
-    box: Array
+    axes: Axes
     indices: Indices
     groups: tuple[Group, ...]
     error: Array
@@ -63,6 +63,11 @@ class Surface:
     logarithmic: Flags
     lower: Array = field(default_factory=lambda: np.empty(0))
     upper: Array = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def box(self) -> Array:
+        """The region of the parameters, (n, 2)."""
+        return self.axes.box
 
     @property
     def total_runs(self) -> int:
@@ -80,7 +85,7 @@ class Surface:
                 groups.append(Group(place[group.members[kept]], group.coefficients[kept]))
         ends = (end[rows] if end.size else end for end in (self.lower, self.upper))
         return Surface(
-            self.box, self.indices, tuple(groups), self.error[rows], self.scatter[rows],
+            self.axes, self.indices, tuple(groups), self.error[rows], self.scatter[rows],
             self.converged[rows], self.runs[rows], self.failed[rows], self.degrees[rows],
             self.logarithmic[rows], *ends,
         )  # fmt: skip
@@ -91,7 +96,7 @@ class Surface:
         x = self._points(x)
         out = np.empty((len(self.error), len(x)))
         for part in self._blocks(len(x), 1):
-            basis = products(self.indices, in_unit_box(self.box, x[part]))
+            basis = products(self.indices, self.axes.inward(x[part]))
             out[:, part] = _sums(self.groups, len(out), basis)
         return outcomes(out, self.logarithmic)
 
@@ -105,10 +110,9 @@ class Surface:
         n = x.shape[1]
         value = np.empty((len(self.error), len(x)))
         slope = np.empty((len(self.error), n, len(x)))
-        width = 0.5 * (self.box[:, 1] - self.box[:, 0])
         for part in self._blocks(len(x), 1 + n):
-            basis = products_with_gradient(self.indices, in_unit_box(self.box, x[part]))
-            basis[:, 1:] /= width[:, None]
+            basis = products_with_gradient(self.indices, self.axes.inward(x[part]))
+            basis[:, 1:] *= self.axes.rates(x[part]).T
             value[:, part], slope[:, :, part] = _sums_with_gradient(self.groups, len(value), basis)
         value = outcomes(value, self.logarithmic)
         chained(slope, value, self.logarithmic)
@@ -130,7 +134,7 @@ class Surface:
             )
         out = np.empty(len(x))
         for part in self._blocks(len(x), 1):
-            z = in_unit_box(self.box, x[part])
+            z = self.axes.inward(x[part])
             out[part] = _sums_at(self.groups, self.indices, index[part], z)
         return outcomes(out, self.logarithmic[index])
 

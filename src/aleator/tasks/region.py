@@ -47,7 +47,7 @@ def first_region(runner: Runner, model: Model, outcomes: Array, seed: int) -> Ar
     """The inputs' box where every law states one, or none is needed; else a region from a pilot.
 
     The pilot fits one point to at most 60 experiments by least squares on the simulator itself,
-    and a linear-Gaussian law at that point; some ten or twenty runs for each of these experiments.
+    and a linear-Gaussian law at that point; some ten to forty runs for each of these experiments.
     Those of which a run fails are left out, up to half of them; then the failure is raised.
     """
     inputs = model.inputs
@@ -205,9 +205,13 @@ def hull(region: Array, other: Array) -> Array:
 
 
 def padded(region: Array, box: Array, share: float = PAD, least: float = LEAST) -> Array:
-    """The region wider by a share on either side, at least by one of the box, within the box."""
+    """The region wider by a share on either side, at least by one of the box.
+
+    At most by half of the way to the end of the box: an end that no law reaches is not reached.
+    """
     pad = np.maximum(share * np.diff(region, axis=1), least * np.diff(box, axis=1))
-    return within(box, region + pad * np.array([-1.0, 1.0]))
+    room = 0.5 * np.abs(box - region)
+    return within(box, region + np.minimum(pad, room) * np.array([-1.0, 1.0]))
 
 
 def within(box: Array, region: Array) -> Array:

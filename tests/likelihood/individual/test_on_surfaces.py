@@ -8,13 +8,13 @@ from aleator.surrogates import build_surface
 REGION = np.array([[-6.0, 9.0], [-4.0, 3.0]])
 
 
-def on_surfaces(frame, model):
+def on_surfaces(frame, model, region=REGION):
     """Surfaces of every row, exact all over the region."""
     time = frame["time"].to_numpy()
-    surface = build_surface(lambda index, x: model(time[index], x.T), REGION, len(frame))
+    surface = build_surface(lambda index, x: model(time[index], x.T), region, len(frame))
     direct = likelihood_of(model, frame)
     rows = np.concatenate([block.units[block.place] for block in direct.blocks])
-    return direct, OnSurfaces(surface, REGION, rows)
+    return direct, OnSurfaces(surface, region, rows)
 
 
 def bent(time, x):
@@ -37,6 +37,19 @@ def test_surfaces_of_a_polynomial_give_its_values_and_slopes(model, logarithmic)
     assert value == pytest.approx(wanted, rel=1e-9, abs=1e-9)
     assert slopes == pytest.approx(slope, rel=1e-6, abs=1e-6)
     assert surfaces.values(block, x) == pytest.approx(value)
+
+
+def test_surfaces_of_a_logarithm_have_slopes_by_the_parameter():
+    region = np.array([[0.1, 9.0], [-4.0, 3.0]])
+    frame = table(straight_line)
+    _, surfaces = on_surfaces(frame, lambda time, x: (2.0 + time) * np.log(x[0]) + x[1], region)
+    assert surfaces.surface.axes.logarithmic.tolist() == [True, False]
+    (block,) = likelihood_of(straight_line, frame).blocks
+    x = np.random.default_rng(1).uniform(*region.T, (len(block), 5, 2))
+    time = frame["time"].to_numpy()[surfaces.of[block.rows], None]
+    slopes = surfaces.with_slopes(block, x)[1]
+    assert slopes[0] == pytest.approx((2.0 + time) / x[block.owner, :, 0], rel=1e-6)
+    assert slopes[1] == pytest.approx(1.0, rel=1e-6)
 
 
 def test_beyond_the_region_a_surface_is_flat():

@@ -11,7 +11,6 @@ from aleator.blocks import blocks
 from aleator.likelihood.individual.layout import Block
 from aleator.surrogates import Surface
 from aleator.surrogates.basis import products, products_with_gradient
-from aleator.surrogates.points import in_unit_box
 from aleator.surrogates.responses import moving_parameters
 from aleator.surrogates.scales import chained, outcomes
 from aleator.types import Array, Indices
@@ -42,7 +41,7 @@ class OnSurfaces:
 
     def _evaluated(self, block: Block, x: Array, slopes: bool) -> tuple[Array, Array]:
         inside = np.clip(x, self.region[:, 0], self.region[:, 1])
-        z = in_unit_box(self.surface.box, inside[..., self._moving])
+        z = self.surface.axes.inward(inside[..., self._moving])
         experiments, nodes, n = z.shape
         flat = z.reshape(-1, n)
         indices = self.surface.indices
@@ -59,10 +58,11 @@ class OnSurfaces:
             return value, found[:0]
         chained(found[1:].swapaxes(0, 1), value, logarithmic)
         slope = np.zeros((x.shape[2], len(terms), nodes))
-        half = 0.5 * np.diff(self.surface.box, axis=1)[:, 0]
+        rates = self.surface.axes.rates(inside[..., self._moving])
         for k, i in enumerate(self._moving):
             known = (inside[..., i] == x[..., i])[block.owner]
-            slope[i] = np.where(known, found[1 + k] / half[k], 0.0)
+            own = rates[..., k][block.owner]
+            slope[i] = np.where(known, found[1 + k] * own, 0.0)
         return value, slope
 
     @cached_property
