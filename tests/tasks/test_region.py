@@ -40,5 +40,5 @@ def test_a_quotient_takes_few_runs_and_none_where_the_law_ends() -> None:
     assert found.alpha["a.sd"].estimate == pytest.approx(sd, rel=1e-3)
     assert found.sound
     assert np.concatenate(asked).min() > 0.0
-    # those of the surfaces, of the check, and of a pilot that asks nine of each
-    assert found.runs <= (4 + 2 + 9) * COUNT + 1
+    # those of the surfaces, of the check, and of a pilot that asks nine of 40 experiments
+    assert found.runs <= (4 + 2) * COUNT + 9 * 40 + 1

@@ -37,7 +37,7 @@ SHRINK = 0.6
 """A region is made anew only if that makes it smaller than this share of itself."""
 SLIGHT = 0.8
 """The same where the runs inside serve the new region."""
-PILOT = 60
+PILOT = 40
 """Experiments that the pilot looks at."""
 NEAR = 0.03
 """Share of its sum of squares by which a step of the pilot has to lower it to go on."""
@@ -46,7 +46,7 @@ NEAR = 0.03
 def first_region(runner: Runner, model: Model, outcomes: Array, seed: int) -> Array:
     """The inputs' box where every law states one, or none is needed; else a region from a pilot.
 
-    The pilot fits one point to at most 60 experiments by least squares on the simulator itself,
+    The pilot fits one point to at most 40 experiments by least squares on the simulator itself,
     and a linear-Gaussian law at that point; some ten to forty runs for each of these experiments.
     Those of which a run fails are left out, up to half of them; then the failure is raised.
     """
