@@ -1,6 +1,7 @@
 """Programs and FMUs on the command line: what is told of them, and one message for a mistake."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -113,7 +114,8 @@ def test_a_program_that_fails_is_told_by_its_script_and_its_log(folder: Path) ->
     done = identify(folder, simulator)
     assert done.exit_code == 2
     assert "'python3 model.py'" in done.stderr
-    assert "10 of 10" in done.stderr
+    # ten that fail are enough; what is being made beside them ends first
+    assert re.search(r"\b(1[0-9]) of \1 runs failed", done.stderr)
     assert "the license is gone" in done.stderr
 
 
