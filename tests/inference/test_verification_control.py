@@ -62,6 +62,23 @@ class Shifted:
         return flat.reshape(rows.size, len(x)) + self.shift[rows, None]
 
 
+@dataclass(frozen=True)
+class Beyond:
+    """The simulator itself up to an outcome (N,), and above it an error (N,) upward."""
+
+    problem: Problem
+    end: Array
+    error: Array
+
+    def at(self, index: NDArray[np.intp], x: Array) -> Array:
+        outcome = self.problem.run(index, x)
+        return outcome + self.error[index] * (outcome > self.end[index])
+
+    def evaluate(self, x: Array, rows: NDArray[np.intp]) -> Array:
+        flat = self.at(np.repeat(rows, len(x)), np.tile(x, (rows.size, 1)))
+        return flat.reshape(rows.size, len(x))
+
+
 def checked(
     problem: Problem,
     y: Array,
@@ -123,8 +140,21 @@ def test_twenty_runs_tell_surfaces_that_are_off_by_a_share_of_the_scatter() -> N
     )  # fmt: skip
     truth = problem.log_density(problem.alpha, problem.z, y)
     np.testing.assert_allclose(found.surface_error, shift, atol=1e-12)
+    np.testing.assert_allclose(found.near_error, shift, atol=1e-12)
     assert abs(found.total - truth.sum()) < 3.0 * found.standard_error
     assert np.mean(((found.each - truth) / found.each_error)[shift > 0.0] ** 2) < 2.0
+
+
+def test_what_surfaces_have_wrong_far_from_an_outcome_is_not_near_it() -> None:
+    problem = replace(SAMPLE, z=np.zeros(40))
+    y = problem.draw(2)
+    _, sd, _ = problem.exact_moments(2)
+    emulator = Beyond(problem, y + sd, 0.1 * sd)
+    found = verify(
+        problem.run, problem.inputs, problem.alpha, 0.0, y, MonteCarlo(), seed=0, emulator=emulator
+    )
+    assert np.any(found.surface_error > 0.0)
+    assert np.all(found.near_error == 0.0)
 
 
 def test_a_useless_control_is_no_worse_than_its_few_runs() -> None:

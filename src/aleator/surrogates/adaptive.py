@@ -139,8 +139,15 @@ class AdaptiveSurfaces:
 
     def wanting(self, level: float) -> Flags:
         """Whose error is above `level` of its scatter, where more runs may help and may be made."""
+        return self.granted(self._rough(level))
+
+    def granted(self, members: Flags) -> Flags:
+        """Of the members (N,) those that may have a round of runs, and where it may help."""
         runs = np.ceil(GROWTH * self.emulator.runs)
-        return self.afforded(self._rough(level), self.relative, runs)
+        members = members & ~self._spent
+        for step in self._lasting(members):
+            members[step.surface] = False
+        return self.afforded(members, self.relative, runs)
 
     def sharpen(self, members: Flags, draws: Array | None) -> None:
         """A round of runs for the members (N,): where draws (D, n) lie, or all over the box."""
@@ -175,15 +182,20 @@ class AdaptiveSurfaces:
         lost = np.isinf(self.emulator.error)
         stalled = self.relative > STALL * self.past[0]
         rough = self.emulator.rough(level, self.choice.accuracy)
-        rough = np.asarray(rough & ~lost & ~stalled & ~self._spent)
-        for step in self._lasting(rough):
-            rough[step.surface] = False
-        return rough
+        return np.asarray(rough & ~lost & ~stalled)
+
+    @property
+    def stepped(self) -> Flags:
+        """Experiments (N,) that are given up because their outcome has a step."""
+        found = np.zeros(self.good.size, dtype=np.bool_)
+        for step in self._lasting(~self.good):
+            found[step.surface] = True
+        return found
 
     @property
     def broken(self) -> bool:
-        """Whether experiments are given up because their outcome has a step."""
-        return bool(self._lasting(~self.good))
+        """Whether there are such experiments."""
+        return bool(self.stepped.any())
 
     def _lasting(self, members: Flags) -> tuple[Step, ...]:
         """Steps that many runs have left in the surfaces of members (N,)."""

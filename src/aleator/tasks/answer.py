@@ -6,7 +6,7 @@ way.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -96,6 +96,18 @@ def answered(question: Question, ledger: Ledger) -> Answer:
     problem, found = refined.problem, refined.found
     stands_in = any(model.exact for model in tried) and not tried[-1].exact
     return Answer(problem, found, inference, profile, stands_in, refined.surfaces)
+
+
+def sharpened(
+    question: Question, answer: Answer, draws: Mapping[int, Array], ledger: Ledger
+) -> Answer:
+    """The answer with a round of runs for some conditions, each where its own draws lie."""
+    way = _way(question, answer.problem.model, question.search, ledger)
+    before = Refined(answer.problem, answer.found, answer.surfaces, held=True)
+    refined, inference, profile = _sure(way, way.sharpened(before, draws), ledger)
+    return replace(
+        answer, problem=refined.problem, found=refined.found, inference=inference, profile=profile
+    )
 
 
 def infer_at(problem: Problem, found: SearchResult) -> tuple[SearchResult, Inference, Profile]:

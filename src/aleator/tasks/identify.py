@@ -35,12 +35,15 @@ from aleator.tasks.ceiling.quick import best_possible
 from aleator.tasks.consistency import consistency_of
 from aleator.tasks.individual.cost import cheap
 from aleator.tasks.ledger import Ledger
+from aleator.tasks.near_outcomes import moves_of, nearer
 from aleator.tasks.results import summary
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.units import checked_units
 
 DEFAULT_VERIFICATION = MonteCarlo()
 UNLIMITED = Budget()
+NEARER = 3
+"""Rounds of runs near the outcomes that the check doubts."""
 
 
 def identify(
@@ -139,20 +142,24 @@ def _found(
     """The answer to a question, checked on the simulator where it rests on something else."""
     runner, seed = question.runner, question.seed
     answer = answered(question, ledger)
+    checked = _checked(answer, runner, verification, seed, ledger)
+    moves = moves_of(answer, checked)
+    for _ in range(NEARER):
+        better = nearer(question, answer, moves > diagnostics.DOUBTFUL, ledger)
+        if better is None:
+            break
+        again = _checked(better, runner, verification, seed, ledger)
+        if again is None:
+            break
+        answer, checked, moves = better, again, moves_of(better, again)
     with ledger.stage("baselines"):
         baselines = baselines_of(answer.problem, question.search, seed)
-    checked = None
     notes = diagnostics.budget_warnings(runner.account, answer.surfaces)
-    if verification.wanted and not (answer.problem.levels and answer.problem.surface is None):
-        most = affordable(runner, verification.near)
-        if most == 0:
-            notes.append(diagnostics.UNCHECKED)
-        else:
-            with ledger.stage("verification"):
-                checked = _verified(answer, runner, verification, seed, most, ledger.progress)
+    if checked is None and _rests_on_more(answer, verification):
+        notes.append(diagnostics.UNCHECKED)
     found = summary.assemble(
         table, answer.problem, answer.found, answer.inference, answer.profile, checked,
-        baselines, runner.simulator, seconds=ledger.seconds, runs_by_stage=ledger.runs,
+        baselines, runner.simulator, moves=moves, seconds=ledger.seconds, runs_by_stage=ledger.runs,
         seed=seed, failures=diagnostics.failure_report(runner),
         notes=[*notes, *([diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [])],
     )  # fmt: skip
@@ -195,6 +202,23 @@ def _judged(
         runs_by_stage=dict(ledger.runs),
         seconds={**ledger.seconds, "total": sum(ledger.seconds.values())},
     )
+
+
+def _rests_on_more(answer: Answer, verification: MonteCarlo) -> bool:
+    """Whether there is something to check: more than level sets of the simulator itself."""
+    direct = answer.problem.levels is not None and answer.problem.surface is None
+    return verification.wanted and not direct
+
+
+def _checked(
+    answer: Answer, runner: Runner, choice: MonteCarlo, seed: int, ledger: Ledger
+) -> Verification | None:
+    """The check on the simulator; None where there is nothing to check, or no run left for it."""
+    most = affordable(runner, choice.near)
+    if most == 0 or not _rests_on_more(answer, choice):
+        return None
+    with ledger.stage("verification"):
+        return _verified(answer, runner, choice, seed, most, ledger.progress)
 
 
 def _verified(

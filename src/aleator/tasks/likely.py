@@ -28,9 +28,9 @@ def law_draws(inputs: Inputs, alpha: Array, region: Array) -> Array:
     return _inside(inputs.sample(alpha[: inputs.size], u), region)
 
 
-def wide_draws(inputs: Inputs, alphas: Sequence[Array], region: Array) -> Array:
-    """Draws (512, moving) of several laws, a power of two, with somewhat wider tails."""
-    u = qmc.Sobol(len(inputs.names), rng=1).random_base2(int(np.log2(DRAWS)))
+def wide_draws(inputs: Inputs, alphas: Sequence[Array], region: Array, count: int = DRAWS) -> Array:
+    """Draws (count, moving) of several laws, with somewhat wider tails; both are powers of two."""
+    u = qmc.Sobol(len(inputs.names), rng=1).random_base2(int(np.log2(count)))
     u = special.ndtr(TAILS * special.ndtri(np.clip(u, 1e-12, 1.0 - 1e-12)))
     parts = zip(alphas, np.split(u, len(alphas)), strict=True)
     return _inside(

@@ -10,7 +10,7 @@ asked for decide where the next one is, so that a store of runs does not change 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -90,6 +90,16 @@ class Refinement(ABC):
     @abstractmethod
     def resumed(self, refined: Refined) -> Refined:
         """The same from the surfaces of an answer by another density."""
+
+    def sharpened(self, refined: Refined, draws: Mapping[int, Array]) -> Refined:
+        """The answer with a round of runs for some conditions, each where its own draws lie."""
+        surfaces = refined.surfaces
+        assert surfaces is not None
+        with self.stage(SURFACE):
+            for condition, some in draws.items():
+                surfaces.sharpen(np.arange(surfaces.good.size) == condition, some)
+            problem = self._problem(surfaces, refined.problem.region)
+        return replace(refined, problem=problem, found=self.full(problem, [refined.found.alpha]))
 
     def outgrown(self, refined: Refined) -> bool:
         """Whether the simulator itself serves better than surfaces: of many runs, or of steps."""

@@ -3,16 +3,19 @@
 from aleator.inference.diagnostics.budget import UNCHECKED, budget_warnings
 from aleator.inference.diagnostics.check import score_steps
 from aleator.inference.diagnostics.failures import boxes_proposed, failure_report, failure_warnings
+from aleator.inference.diagnostics.near_outcomes import DOUBTFUL, doubt
 from aleator.inference.diagnostics.reach import refuse_unreachable, unreachable
 from aleator.inference.diagnostics.review import MOMENTS_STAND_IN, review, statuses
 from aleator.inference.diagnostics.steps import step_warnings
 from aleator.inference.diagnostics.surfaces import surface_errors, surface_report
 
 __all__ = [
+    "DOUBTFUL",
     "MOMENTS_STAND_IN",
     "UNCHECKED",
     "boxes_proposed",
     "budget_warnings",
+    "doubt",
     "failure_report",
     "failure_warnings",
     "refuse_unreachable",

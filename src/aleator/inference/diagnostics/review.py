@@ -20,6 +20,7 @@ from aleator.inference.diagnostics.estimates import (
 )
 from aleator.inference.diagnostics.levels import by_finer_cells, level_refusals, level_warnings
 from aleator.inference.diagnostics.naming import chosen, named
+from aleator.inference.diagnostics.near_outcomes import doubt_refusals
 from aleator.inference.diagnostics.surfaces import surface_refusals, surface_warnings
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
@@ -55,10 +56,14 @@ def review(
     honest: LogLikelihood,
     checked: Verification | None,
     surface_error: Array,
+    moves: Array,
     ids: Sequence[str],
     conditions: pd.DataFrame,
 ) -> tuple[tuple[Diagnostic, ...], bool]:
-    """All warnings, and whether the answer is sound; `conditions` has a row an experiment."""
+    """All warnings, and whether the answer is sound.
+
+    `moves` (N,) are those of `doubt`, and `conditions` has a row an experiment.
+    """
     hyperparameters = problem.model.hyperparameters
     changed = by_finer_cells(problem, found.alpha)
     refusals = [
@@ -67,6 +72,7 @@ def review(
         *check.refusals(honest, checked, ids),
         *check.total_refusals(honest, checked, inference, problem, found.alpha),
         *surface_refusals(problem, found.alpha, checked, surface_error, ids),
+        *doubt_refusals(moves, ids),
         *level_refusals(changed, ids),
     ]
     notes = [

@@ -13,6 +13,7 @@ from aleator.inference.verification.control_variate import (
     Corrected,
     Made,
     corrected,
+    near_error,
     surface_error,
     variance,
 )
@@ -134,7 +135,8 @@ class _Bench:
         squares = float(np.sum(found.error[found.reached] ** 2))
         bias = float(np.sum(found.bias[found.reached]))
         none = np.zeros(self.y.size, dtype=np.bool_)
-        return _verification(found, squares, bias, scatter, np.full(self.y.size, np.nan), none)
+        unknown = np.full(self.y.size, np.nan), np.zeros(self.y.size)
+        return _verification(found, squares, bias, scatter, unknown, none)
 
     def by_control(
         self,
@@ -187,7 +189,7 @@ class _Bench:
             score = control.score(
                 candidates, sample, found.density, self.noise_sd, steps, condition
             )
-        rough = surface_error(candidates, sample)
+        rough = surface_error(candidates, sample), near_error(candidates, sample, kernel)
         contradicted = ~found.reached & told
         return _verification(found, squares, bias, candidates.scatter, rough, contradicted, score)
 
@@ -238,7 +240,7 @@ def _verification(
     squares: float,
     bias: float,
     scatter: Array,
-    rough: Array,
+    rough: tuple[Array, Array],
     contradicted: NDArray[np.bool_],
     score: Score | None = None,
 ) -> Verification:
@@ -261,7 +263,7 @@ def _verification(
         float(each[reached].sum()),
         float(np.sqrt(squares + common @ common)),
         scatter,
-        rough,
+        *rough,
         contradicted,
         score,
     )

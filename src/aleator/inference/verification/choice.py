@@ -86,8 +86,9 @@ class Verification:
     experiments that are judged, `total` and `standard_error` of their sum. `scatter` (N,) is the
     standard deviation of the noise-free outcome under the law, `surface_error` (N,) the
     root-mean-square error of the emulator at the runs, both in units of the outcome and the latter
-    NaN without one. `contradicted` (N,) are experiments of which it is so large that their runs
-    say nothing of the density that the emulator has.
+    NaN without one; `near_error` (N,) is the largest where the emulator or the simulator is near
+    the measured outcome, zero without any. `contradicted` (N,) are experiments of which the error
+    is so large that their runs say nothing of the density that the emulator has.
     `score` is None where it was not asked for or could not be told.
     """
 
@@ -99,5 +100,6 @@ class Verification:
     standard_error: float
     scatter: Array
     surface_error: Array
+    near_error: Array
     contradicted: NDArray[np.bool_]
     score: Score | None = None

@@ -18,7 +18,7 @@ from aleator.inference.verification.emulator import Emulator
 from aleator.inference.verification.importance_sampling import flat
 from aleator.inference.verification.kernel import SEEN, Kernel, Noise, larger
 from aleator.inference.verification.line_sampling import COARSE, FINE, Lines, densities, drawn
-from aleator.inference.verification.near import Candidates, Near
+from aleator.inference.verification.near import REACH, Candidates, Near
 from aleator.laws.inputs import Inputs
 from aleator.types import Array, Indices
 
@@ -122,17 +122,20 @@ class Control:
         noise_sd: float,
         steps: Array,
         condition: Indices,
-    ) -> Score:
+    ) -> Score | None:
         """Derivative of sum log f by central differences of `steps` (K,), the variates held.
 
         Without noise it is that of the emulator's density: the derivative of a kernel estimate of
         the correction is all error. With noise the samples correct it, those of equal conditions
-        (N,) together.
+        (N,) together. None where an outcome has no density.
         """
         lines = self.lines(COARSE)
         here = self.known(lines, noise_sd)
         few = made if noise_sd > 0.0 else ()
-        scale = 0.5 / (density if few else here.mean(axis=1))[:, None]
+        known = density if few else here.mean(axis=1)
+        if not np.all(known > 0.0):
+            return None
+        scale = 0.5 / known[:, None]
         of_known = np.zeros((steps.size, *here.shape))
         of_samples = np.zeros((steps.size, self.y.size, 2))
         dx = self.inputs.image(self.alpha, candidates.variate)[1] if few else np.zeros(0)
@@ -232,6 +235,21 @@ def surface_error(candidates: Candidates, made: Sequence[Made]) -> Array:
         count = worked.sum(axis=1)
         mean = np.where(worked, square, 0.0).sum(axis=1) / np.where(count, count, np.nan)
         found[one.near.index] = np.sqrt(mean)[one.near.group]
+    return found
+
+
+def near_error(candidates: Candidates, made: Sequence[Made], kernel: Kernel) -> Array:
+    """(N,) largest error of the emulator where it, or the simulator, is near the outcome."""
+    found = np.zeros(kernel.y.size)
+    reach = REACH * kernel.scale
+    for one in made:
+        guess = candidates.outcomes[one.near.first[:, None], one.near.chosen]
+        error = _worked(np.abs(guess - one.outcomes))
+        for block in one.blocks():
+            rows, index = block.near.group, block.near.index
+            y, most = kernel.y[index, None], reach[index, None]
+            near = (np.abs(guess[rows] - y) < most) | (np.abs(one.outcomes[rows] - y) < most)
+            found[index] = np.max(np.where(near, error[rows], 0.0), axis=1)
     return found
 
 

@@ -54,6 +54,7 @@ def assemble(
     baselines: tuple[LeastSquares, LinearGaussian],
     simulator: Simulator,
     *,
+    moves: Array,
     seconds: Mapping[str, float],
     runs_by_stage: Mapping[str, int],
     seed: int,
@@ -73,6 +74,7 @@ def assemble(
         honest,
         checked,
         surface_error,
+        moves,
         ids,
         table.conditions,
     )

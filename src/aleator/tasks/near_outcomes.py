@@ -1,0 +1,58 @@
+"""Runs where surfaces miss the simulator near an outcome, and the answer that they lead to.
+
+Surfaces are made exact where the law has its mass. An outcome far out is explained elsewhere, and
+its log-density may rest on what a surface has wrong there: the check on the simulator sees it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aleator.inference.diagnostics import doubt
+from aleator.inference.verification import Verification
+from aleator.tasks.answer import Answer, Question, sharpened
+from aleator.tasks.ledger import Ledger
+from aleator.tasks.likely import DRAWS, likely_alphas, wide_draws
+from aleator.types import Array, Flags, Indices
+
+TRIED = 16
+"""Draws of likely laws for each one that is taken: those with the nearest outcomes."""
+
+
+def moves_of(answer: Answer, checked: Verification | None) -> Array:
+    """Standard errors (N,) that each surface's error near the outcome moves an estimate, at most.
+
+    Zero where it is known that the outcome has a step: that is told, and no run helps.
+    """
+    problem, surfaces = answer.problem, answer.surfaces
+    moves = doubt(problem, answer.inference, answer.found.alpha, checked)
+    return moves if surfaces is None else np.where(surfaces.stepped[problem.condition], 0.0, moves)
+
+
+def nearer(question: Question, answer: Answer, doubtful: Flags, ledger: Ledger) -> Answer | None:
+    """The answer with more runs near the outcomes of some experiments (N,); None without any.
+
+    Nor of a fast simulator, which is asked itself where the answer on surfaces is not sound.
+    """
+    surfaces, condition = answer.surfaces, answer.problem.condition
+    if surfaces is None or not doubtful.any() or question.fast():
+        return None
+    members = np.isin(np.arange(surfaces.good.size), condition[doubtful])
+    rows = np.flatnonzero(doubtful & surfaces.granted(members)[condition])
+    return sharpened(question, answer, _near(answer, rows), ledger) if rows.size else None
+
+
+def _near(answer: Answer, rows: Indices) -> dict[int, Array]:
+    """Draws (512, moving) for the conditions of some experiments, near their outcomes."""
+    problem, alpha = answer.problem, answer.found.alpha
+    surface = problem.surface
+    assert surface is not None
+    likely = [*likely_alphas(alpha, answer.inference, problem.model.hyperparameters)]
+    wide = wide_draws(problem.model.inputs, likely, problem.region, TRIED * DRAWS)
+    found: dict[int, Array] = {}
+    for condition in np.unique(problem.condition[rows]).tolist():
+        outcomes = surface.take(np.array([condition])).evaluate(wide)[0]
+        measured = problem.outcomes[rows[problem.condition[rows] == condition]]
+        nearest = np.argsort(np.abs(outcomes - measured[:, None]), axis=1)[:, :DRAWS]
+        found[condition] = wide[nearest.ravel()]
+    return found
