@@ -22,11 +22,13 @@ TRIED = 16
 def moves_of(answer: Answer, checked: Verification | None) -> Array:
     """Standard errors (N,) that each surface's error near the outcome moves an estimate, at most.
 
-    Zero where it is known that the outcome has a step: that is told, and no run helps.
+    NaN where that is not known, and where the outcome has a step: that is told, and no run helps.
     """
     problem, surfaces = answer.problem, answer.surfaces
     moves = doubt(problem, answer.inference, answer.found.alpha, checked)
-    return moves if surfaces is None else np.where(surfaces.stepped[problem.condition], 0.0, moves)
+    return (
+        moves if surfaces is None else np.where(surfaces.stepped[problem.condition], np.nan, moves)
+    )
 
 
 def nearer(question: Question, answer: Answer, doubtful: Flags, ledger: Ledger) -> Answer | None:

@@ -31,15 +31,19 @@ def doubt(
 
     The error is the largest that the runs of the check saw there. An outcome that is off by it has
     another score, and H^-1 times the difference is the step of the estimates, to first order. An
-    outcome that is then out of every law's reach tells nothing: it was measured.
+    outcome that is then out of every law's reach tells nothing: it was measured. NaN where it is
+    not known: no run came near, or the estimates have no standard errors.
     """
-    found = np.zeros(problem.condition.size)
+    found = np.full(problem.condition.size, np.nan)
     if problem.surface is None or checked is None or not inference.positive:
         return found
+    known = np.isfinite(checked.near_error)
+    found[known] = 0.0
+    error = np.where(known, checked.near_error, 0.0)
     free = inference.free
     steps = inference.covariance / inference.standard_error[free]
     here = problem.likelihood(alpha)
-    for off in (checked.near_error, -checked.near_error):
+    for off in (error, -error):
         there = problem.given(problem.outcomes + off).likelihood(alpha)
         assert here.scores is not None
         assert there.scores is not None

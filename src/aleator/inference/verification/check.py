@@ -135,8 +135,8 @@ class _Bench:
         squares = float(np.sum(found.error[found.reached] ** 2))
         bias = float(np.sum(found.bias[found.reached]))
         none = np.zeros(self.y.size, dtype=np.bool_)
-        unknown = np.full(self.y.size, np.nan), np.zeros(self.y.size)
-        return _verification(found, squares, bias, scatter, unknown, none)
+        unknown = np.full(self.y.size, np.nan)
+        return _verification(found, squares, bias, scatter, (unknown, unknown), none)
 
     def by_control(
         self,

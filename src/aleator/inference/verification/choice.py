@@ -87,8 +87,8 @@ class Verification:
     standard deviation of the noise-free outcome under the law, `surface_error` (N,) the
     root-mean-square error of the emulator at the runs, both in units of the outcome and the latter
     NaN without one; `near_error` (N,) is the largest where the emulator or the simulator is near
-    the measured outcome, zero without any. `contradicted` (N,) are experiments of which the error
-    is so large that their runs say nothing of the density that the emulator has.
+    the measured outcome, NaN without a run there. `contradicted` (N,) are experiments of which the
+    error is so large that their runs say nothing of the density that the emulator has.
     `score` is None where it was not asked for or could not be told.
     """
 

@@ -239,8 +239,11 @@ def surface_error(candidates: Candidates, made: Sequence[Made]) -> Array:
 
 
 def near_error(candidates: Candidates, made: Sequence[Made], kernel: Kernel) -> Array:
-    """(N,) largest error of the emulator where it, or the simulator, is near the outcome."""
-    found = np.zeros(kernel.y.size)
+    """(N,) largest error of the emulator where it, or the simulator, is near the outcome.
+
+    NaN where no run is.
+    """
+    found = np.full(kernel.y.size, np.nan)
     reach = REACH * kernel.scale
     for one in made:
         guess = candidates.outcomes[one.near.first[:, None], one.near.chosen]
@@ -249,7 +252,8 @@ def near_error(candidates: Candidates, made: Sequence[Made], kernel: Kernel) -> 
             rows, index = block.near.group, block.near.index
             y, most = kernel.y[index, None], reach[index, None]
             near = (np.abs(guess[rows] - y) < most) | (np.abs(one.outcomes[rows] - y) < most)
-            found[index] = np.max(np.where(near, error[rows], 0.0), axis=1)
+            largest = np.max(np.where(near, error[rows], -1.0), axis=1)
+            found[index] = np.where(largest < 0.0, np.nan, largest)
     return found
 
 
