@@ -24,7 +24,8 @@ from aleator.tasks.baselines import baselines_of
 from aleator.tasks.kept_search import kept_search
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.many import of_many
-from aleator.tasks.refinement import SEARCH, Fast, Refined, Refinement, climbed, refinement_of
+from aleator.tasks.refinement.choice import refinement_of
+from aleator.tasks.refinement.interface import SEARCH, Fast, Refined, Refinement, climbed
 from aleator.types import Array
 
 WIDER = 3

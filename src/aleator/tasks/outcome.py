@@ -11,7 +11,7 @@ from aleator.densities import Status
 from aleator.likelihood.model import Model
 from aleator.progress import Progress
 from aleator.simulators import Runner
-from aleator.tasks.refinement import under_law
+from aleator.tasks.refinement.choice import under_law
 from aleator.tasks.results.values import QUANTILES
 from aleator.types import Array
 

@@ -25,7 +25,7 @@ from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.table import tabled, tails
 from aleator.tasks.outcome import predicted
 from aleator.tasks.outcome_fit import OutcomeFit
-from aleator.tasks.refinement import under_law
+from aleator.tasks.refinement.choice import under_law
 from aleator.tasks.results.law import JointLaw
 from aleator.tasks.results.values import Estimate, in_order
 from aleator.types import Array

@@ -1,0 +1,1 @@
+"""Adaptive surrogate refinement: search, refine the surfaces, search again until nothing moves."""

@@ -1,0 +1,155 @@
+"""Adaptive surrogate refinement: search, refine the surfaces, search again until nothing moves.
+
+A surface costs runs, and an answer looks at it only where the law has its mass. Without a tolerance
+the first surfaces are coarse, and the law that they lead to says where the next runs are to be.
+With a tolerance the surfaces are exact all over a region, and only the region follows the answer.
+Collocation needs no surface. No run is lost on the way. Only the runs that this identification
+asked for decide where the next one is, so that a store of runs does not change the answer.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aleator.inference import diagnostics
+from aleator.inference.information import Inference
+from aleator.likelihood.model import Model
+from aleator.likelihood.problem import Problem, prepare, told
+from aleator.progress import Progress
+from aleator.search import SearchResult, ascend
+from aleator.simulators import Runner
+from aleator.surrogates import AdaptiveSurfaces, Surface, surfaces_of
+from aleator.surrogates.responses import moving_parameters
+from aleator.tasks.region import first_region, widened
+from aleator.types import Array, Flags, Indices
+
+Search = Callable[[Problem, list[Array]], SearchResult]
+Fast = Callable[[], bool]
+"""Whether the simulator itself may take the place of surfaces; found out at the first call."""
+
+SURFACE, SEARCH = "response surface", "search"
+"""What the rounds and searches are called in the account of runs and seconds."""
+FINEST = 1e-3
+"""Estimated error of a surface, over the scatter, below which no error can matter to an answer."""
+ENOUGH = 300
+"""Runs an experiment after which a fast simulator is asked itself."""
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A maximum that was found, its likelihood, and the surfaces that this rests on.
+
+    `held` says that the region holds the laws at the ends of the intervals, and is not to narrow.
+    """
+
+    problem: Problem
+    found: SearchResult
+    surfaces: AdaptiveSurfaces | None
+    held: bool = False
+
+
+@dataclass(frozen=True)
+class Refinement(ABC):
+    """How an identification goes on from one answer to a better one.
+
+    `full` is the user's search from guesses; `stage` accounts for runs and seconds; of a `fast`
+    simulator surfaces end where runs no longer make them exact.
+    """
+
+    runner: Runner
+    outcomes: Array
+    model: Model
+    full: Search
+    stage: Callable[[str], AbstractContextManager[None]]
+    progress: Progress
+    ids: Sequence[str]
+    fast: Fast
+
+    @abstractmethod
+    def search(self, seed: int) -> Refined:
+        """The answer that further runs do not move."""
+
+    @abstractmethod
+    def resumed(self, refined: Refined) -> Refined:
+        """The same from the surfaces of an answer by another density."""
+
+    def sharpened(self, refined: Refined, draws: Mapping[int, Array]) -> Refined:
+        """The answer with a round of runs for some conditions, each where its own draws lie."""
+        surfaces = refined.surfaces
+        assert surfaces is not None
+        with self.stage(SURFACE):
+            for condition, some in draws.items():
+                surfaces.sharpen(np.arange(surfaces.good.size) == condition, some)
+            problem = self._problem(surfaces, refined.problem.region)
+        return replace(refined, problem=problem, found=self.full(problem, [refined.found.alpha]))
+
+    def outgrown(self, refined: Refined) -> bool:
+        """Whether the simulator itself serves better than surfaces: of many runs, or of steps."""
+        surfaces = refined.surfaces
+        if surfaces is None:
+            return False
+        many = surfaces.total_runs > ENOUGH * surfaces.good.size
+        return (many or surfaces.broken) and self.fast()
+
+    @abstractmethod
+    def hold(self, refined: Refined, inference: Inference, intervals: Array) -> Refined | None:
+        """The answer on surfaces that hold the laws at the ends of the intervals, or None if so."""
+
+    def _problem(self, surfaces: AdaptiveSurfaces, region: Array) -> Problem:
+        """The likelihood, on a region that is widened until every outcome lies within reach.
+
+        Raises ExperimentsError where one does not though surfaces are exact on the inputs' box.
+        """
+        box = self.model.inputs.box
+        while True:
+            if not self.model.follows:
+                surfaces.refine(None, surfaces.level, told(self.progress))
+            problem = self._prepared(region, surfaces.surface())
+            lost = diagnostics.unreachable(problem.by_densities)
+            if not lost.size:
+                return problem
+            if not np.array_equal(region, box):
+                region = widened(region, box)
+                surfaces.move(moving(region))
+            elif not self._sharpened(surfaces, problem.condition[lost]):
+                diagnostics.refuse_unreachable(problem.by_densities, self.ids)
+
+    def _sharpened(self, surfaces: AdaptiveSurfaces, lost: Indices) -> bool:
+        """Whether some of the conditions `lost` have more runs now, all over the region."""
+        where, noise_sd = surfaces.where, surfaces.noise_sd
+        surfaces.judge(surfaces.everywhere(), noise_sd)
+        members: Flags = surfaces.wanting(FINEST) & np.isin(np.arange(surfaces.good.size), lost)
+        if members.any():
+            surfaces.sharpen(members, surfaces.everywhere())
+        surfaces.judge(where, noise_sd)
+        return bool(members.any())
+
+    def _prepared(self, region: Array, surface: Surface | None) -> Problem:
+        return prepare(self.runner, self.outcomes, self.model, region, self.progress, surface)
+
+    def _first(self, seed: int) -> tuple[AdaptiveSurfaces, Problem]:
+        """First surfaces, and the likelihood that they give."""
+        choice = self.model.surfaces
+        assert choice is not None
+        region = first_region(self.runner, self.model, self.outcomes, seed)
+        surfaces = surfaces_of(self.runner, region, choice)
+        return surfaces, self._problem(surfaces, region)
+
+
+def moving(region: Array) -> Array:
+    """The rows of a region (n, 2) that have a width; the other parameters are known."""
+    return region[moving_parameters(region)]
+
+
+def climbed(problem: Problem, found: SearchResult, inference: Inference) -> SearchResult:
+    """The nearest maximum, from the one that was found on other surfaces."""
+    alpha, value = ascend(
+        problem.objective, found.alpha, problem.model.hyperparameters,
+        inference.identified, inference.information,
+    )  # fmt: skip
+    return found.moved(alpha, value)
