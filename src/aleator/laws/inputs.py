@@ -360,8 +360,12 @@ class Inputs:
         """Those (m, J) of the m correlated parameters at x (J, n)."""
         found = np.empty((len(self.correlated), len(x)))
         for row, i in zip(found, self.correlated, strict=True):
-            row[:] = list(self.laws.values())[i].normal_score(alpha[self.slices[i]], x[:, i])
+            row[:] = self.normal_score(i, alpha, x)
         return found
+
+    def normal_score(self, i: int, alpha: Array, x: Array) -> Array:
+        """That (J,) of parameter i."""
+        return list(self.laws.values())[i].normal_score(alpha[self.slices[i]], x[:, i])
 
     @cached_property
     def _own(self) -> tuple[Hyperparameter, ...]:

@@ -26,9 +26,9 @@ def moves_of(answer: Answer, checked: Verification | None) -> Array:
     """
     problem, surfaces = answer.problem, answer.surfaces
     moves = doubt(problem, answer.inference, answer.found.alpha, checked)
-    return (
-        moves if surfaces is None else np.where(surfaces.stepped[problem.condition], np.nan, moves)
-    )
+    if surfaces is None:
+        return moves
+    return np.where(surfaces.stepped[problem.condition], np.nan, moves)
 
 
 def nearer(question: Question, answer: Answer, doubtful: Flags, ledger: Ledger) -> Answer | None:

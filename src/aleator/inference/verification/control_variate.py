@@ -159,7 +159,7 @@ class Control:
         The simulator is taken to change by as much as the emulator does.
         """
         near = made.near
-        guess = candidates.outcomes[near.first[:, None], near.chosen]
+        guess = guessed(candidates, made)
         index = np.repeat(near.first, near.chosen.shape[1])
         there = self.emulator.at(index, flat(x[near.chosen])).reshape(guess.shape)
         true = made.outcomes + there - guess
@@ -206,10 +206,14 @@ def gaps_of(candidates: Candidates, made: Made, kernel: Kernel) -> list[Array]:
 
     Zero where a run failed: nothing is known of it.
     """
-    near = made.near
-    guess = candidates.outcomes[near.first[:, None], near.chosen]
+    guess = guessed(candidates, made)
     pairs = zip(_terms(made, kernel, made.outcomes), _terms(made, kernel, guess), strict=True)
     return [_worked(true - guessed) for true, guessed in pairs]
+
+
+def guessed(candidates: Candidates, made: Made) -> Array:
+    """What the emulator said of the runs that were made."""
+    return candidates.outcomes[made.near.first[:, None], made.near.chosen]
 
 
 def variance(candidates: Candidates, made: Sequence[Made], kernel: Kernel, factor: Array) -> float:
@@ -229,7 +233,7 @@ def surface_error(candidates: Candidates, made: Sequence[Made]) -> Array:
     """(N,) root-mean-square error of the emulator at the runs that worked; NaN without any."""
     found = np.full(len(candidates.outcomes), np.nan)
     for one in made:
-        guess = candidates.outcomes[one.near.first[:, None], one.near.chosen]
+        guess = guessed(candidates, one)
         square = (guess - one.outcomes) ** 2
         worked = np.isfinite(square)
         count = worked.sum(axis=1)
@@ -246,7 +250,7 @@ def near_error(candidates: Candidates, made: Sequence[Made], kernel: Kernel) -> 
     found = np.full(kernel.y.size, np.nan)
     reach = REACH * kernel.scale
     for one in made:
-        guess = candidates.outcomes[one.near.first[:, None], one.near.chosen]
+        guess = guessed(candidates, one)
         error = _worked(np.abs(guess - one.outcomes))
         for block in one.blocks():
             rows, index = block.near.group, block.near.index

@@ -176,8 +176,7 @@ def _changed_density(inputs: Inputs, alpha: Array, x: Array, k: int, scores: Arr
     theta = scores.copy()
     for i in own:
         if i in inputs.correlated:
-            law, values = list(inputs.laws.values())[i], alpha[inputs.slices[i]]
-            theta[inputs.correlated.index(i)] = law.normal_score(values, x[:, i])
+            theta[inputs.correlated.index(i)] = inputs.normal_score(i, alpha, x)
     return inputs.log_density_of(own, alpha, x, theta)
 
 
