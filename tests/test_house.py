@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "aleator"
 BESIDE = (ROOT / "reproduction", ROOT / "benchmarks", ROOT / "hardening")
 
-LONGEST_FILE = 400
+LONGEST_FILE = 700
 EMPTY_NAMES = {"utils", "util", "helpers", "helper", "manager", "process", "data", "common", "misc"}
 
 # What a single module of the numerics may import besides, inside a function: an optional extra.
