@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 from scipy import special
-from scipy.cluster.vq import kmeans2
 from scipy.optimize import elementwise
 
 from aleator.errors import InputsError
@@ -239,25 +238,40 @@ class Mixture(QuantileLaw):
         shares = [h.start for h in self.hyperparameters[self.parts[-1]]]
         return np.concatenate([*parts, shares])
 
-    def apart(self, x: Array) -> Array:
-        """The values (k,) of components about groups of points x (N,): Lloyd's k-means.
+    def apart(self, x: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """The values (k,) of components about groups of points x (N,), and each one's center (N,).
 
-        >>> from aleator.laws import Normal
+        A step of k-means from random centers (k-means++, Arthur and Vassilvitskii, 2007): every
+        other generator finds other groups.
+
         >>> law = Mixture((Normal(Free(0, 9), Free(0.01, 1)), Normal(Free(0, 9), Free(0.01, 1))))
-        >>> law.apart(np.array([1.0, 1.2, 1.4, 5.9, 6.1])).round(3).tolist()
-        [1.2, 0.163, 6.0, 0.1, 0.6]
+        >>> x = np.array([1.0, 1.2, 1.4, 5.9, 6.1])
+        >>> values, centers = law.apart(x, np.random.default_rng(1))
+        >>> law.ordered(values).round(3).tolist(), centers.round(3).tolist()
+        ([1.2, 0.163, 6.0, 0.1, 0.6], [1.2, 1.2, 1.2, 6.0, 6.0])
         """
         count = len(self.components)
-        centers = np.quantile(x, (np.arange(count) + 0.5) / count)
-        centers, label = kmeans2(x, centers, minit="matrix", missing="warn")
-        parts, left, shares = [], x.size, []
+        seeds = x[rng.integers(x.size, size=1)]
+        while seeds.size < count:
+            away = np.min((x[:, None] - seeds) ** 2, axis=1)
+            share = away / away.sum() if np.any(away) else None
+            seeds = np.append(seeds, rng.choice(x, p=share))
+        label = np.argmin(np.abs(x[:, None] - np.sort(seeds)), axis=1)
+        parts, left, shares, centers = [], x.size, [], np.sort(seeds)
         for c, law in enumerate(self.components):
             own = x[label == c]
+            centers[c] = own.mean() if own.size else centers[c]
             parts.append(law.filling(float(centers[c]), float(np.std(own)) if own.size else None))
             shares.append(own.size / max(left, 1))
             left -= own.size
         values = np.concatenate([*parts, shares[:-1]])
-        return within(self.hyperparameters, values.tolist())
+        return within(self.hyperparameters, values.tolist()), centers[label]
+
+    @cached_property
+    def location(self) -> tuple[float, float]:
+        """The least and the largest mean that a component may have."""
+        ends = [_ends(law, None) for law in self.components]
+        return min(low for low, _ in ends), max(high for _, high in ends)
 
     def _scores(self, values: Array, x: Array) -> Array:
         """Normal scores (C, ...) of x under each component; infinite beside and at a point."""
@@ -331,10 +345,16 @@ def _share(c: int, share: Specification, left: int) -> Hyperparameter:
 
 def _spread(law: Law, center: float, sd: float | None, c: int, count: int) -> Array:
     """Component c of so many: over half of where its mean may be on either side of the center."""
-    low, high = (law.mean_and_sd(law.filling(end, sd)).mean for end in law.box)
+    low, high = _ends(law, sd)
     share = (2.0 * c - (count - 1.0)) / (2.0 * count)
     beside = share * (high - center if share > 0.0 else center - low)
     return law.filling(center + beside, sd)
+
+
+def _ends(law: Law, sd: float | None) -> tuple[float, float]:
+    """The least and the largest mean that a law of this family may have."""
+    low, high = (law.mean_and_sd(law.filling(end, sd)).mean for end in law.box)
+    return low, high
 
 
 def _beside(weights: Array, x: Array) -> Array:

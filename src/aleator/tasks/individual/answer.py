@@ -176,7 +176,7 @@ class _Searched:
         question = self.question
         with self.ledger.stage("baselines"):
             fit = pooled_fit(likelihood, question.measured, start_point(question.inputs))
-        known = [*guess, *guesses(likelihood, fit)]
+        known = [*guess, *guesses(likelihood, fit, question.measured, question.seed)]
         # what a search finds at other surfaces need not be sought everywhere again
         search = WarmStart(guess[0]) if guess else question.search
         few = likelihood.count <= MANY
