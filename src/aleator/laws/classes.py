@@ -29,9 +29,7 @@ def ordered(inputs: Inputs, alpha: Array) -> Array:
     return found
 
 
-def apart(
-    inputs: Inputs, alpha: Array, x: Array, rng: np.random.Generator
-) -> tuple[Array, Array]:
+def apart(inputs: Inputs, alpha: Array, x: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """The alpha (K,) with the components of mixtures about groups of points x (N, n).
 
     And the points (N, n), in which those of a mixture are the centers of their groups.

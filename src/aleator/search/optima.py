@@ -49,6 +49,17 @@ def gathered(
     )
 
 
+def reached_once(ascents: Sequence[Ascent]) -> bool:
+    """Whether no two starts came to the best log-likelihood.
+
+    >>> at = np.zeros(1)
+    >>> reached_once([Ascent(at, at, value, 9, converged=True) for value in (-3.0, -1.0, -2.0)])
+    True
+    """
+    best = max((a.log_likelihood for a in ascents), default=-np.inf)
+    return sum(best - a.log_likelihood < SAME_VALUE for a in ascents) < 2
+
+
 def only_point(
     objective: CountedObjective, coordinates: Coordinates, hyperparameters: Sequence[Hyperparameter]
 ) -> SearchResult:

@@ -91,7 +91,9 @@ def answered(question: Question, ledger: Ledger) -> Answer:
         if better is None:
             break
         # the exact density is dear, and its maximum is near
-        search = WarmStart(refined.found.alpha) if better.exact else question.search
+        search = (
+            WarmStart(refined.found.alpha, refined.found.once) if better.exact else question.search
+        )
         tried.append(better)
     refined, inference, profile = _sure(way, refined, ledger)
     problem, found = refined.problem, refined.found

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from aleator.densities import Status
 from aleator.inference.diagnostics.centering import centering_advice
 from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.inference.diagnostics.estimates import once_warnings
 from aleator.inference.diagnostics.failures import failure_report, failure_warnings
 from aleator.inference.diagnostics.individual import (
     check_refusals,
@@ -86,6 +87,7 @@ def assembled(
             *lost,
             *differing,
             *warnings,
+            *once_warnings(found),
             *_centering(answer),
             *held_warnings(_held(inputs, alpha), table.ids),
             *rival_warnings(answer.rivals, hyperparameters, profile.intervals),

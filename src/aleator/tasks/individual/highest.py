@@ -69,6 +69,7 @@ def highest(end: Settled, found: SearchResult) -> Highest:
     if best is not None and best.log_likelihood > end.value + HIGHER:
         climbs.append(Optimum(end.alpha, end.value, found.optima[0].starts))
         end = max(settled(end.likelihood, best.alpha), end, key=lambda one: one.value)
+        found = replace(found, once=best.starts < 2)
     known = [end.alpha]
     for climb in sorted(climbs, key=lambda one: -one.log_likelihood):
         if not any(_same(climb.alpha, alpha, end) for alpha in known):
