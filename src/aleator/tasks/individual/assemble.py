@@ -82,6 +82,7 @@ def assembled(
         ),
         density="individual_integral",
         propagation=DIRECT if answer.surfaces is None else "response_surface",
+        propagation_reason=answer.reason,
         sound=sound and not lost and not differing,
         warnings=(
             *lost,

@@ -169,6 +169,7 @@ def from_document(document: Entry, path: str | Path) -> Identification:
         log_likelihood=part("log_likelihood", lambda row: _log_likelihood(row, experiments)),
         density=part("density", str),
         propagation=part("propagation", str),
+        propagation_reason=part("propagation_reason", str, ""),
         sound=part("sound", bool),
         consistency=part("consistency", lambda _: consistency_in(document)),
         warnings=part("warnings", lambda rows: tuple(map(_diagnostic, rows))),
