@@ -57,12 +57,13 @@ class GradientMultistart(TaskSearch):
         ascents: list[Ascent] = []
         reached: list[Reached] = []
         most = self.most or (3 * self.starts if self.starts > 1 else 1)
+        counted, free = task.counted, task.coordinates.free
         for start in starting_points(task.coordinates, task.guesses, most, task.seed):
-            if len(ascents) >= self.starts and not reached_once(ascents):
+            if len(ascents) >= self.starts and not reached_once(ascents, counted, free):
                 break
             ascents.append(climb(task.counted, task.coordinates, start, self.evaluations, reached))
             count = self.starts if len(ascents) <= self.starts else most
             text = f"start {len(ascents)} of {count}, {task.counted.standing}"
             task.progress.update(text, len(ascents), count)
         found = gathered(ascents, task.counted, task.hyperparameters)
-        return replace(found, once=most > 1 and reached_once(ascents))
+        return replace(found, once=most > 1 and reached_once(ascents, counted, free))
