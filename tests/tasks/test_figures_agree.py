@@ -4,6 +4,7 @@ import io
 from collections.abc import Callable
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -22,9 +23,12 @@ from aleator import (
     MonteCarlo,
     Noise,
     Normal,
+    plot,
 )
 from aleator.report.html.opening import opening
 from aleator.report.terminal import render
+from aleator.tasks.pictures import pictured
+from aleator.tasks.pictures.between import profile_line
 from aleator.types import Array
 
 RNG = np.random.default_rng(2028)
@@ -80,8 +84,12 @@ WAYS = [
     (smooth, REPEATED, law(), NOISE, "Gauss-Hermite, 5 nodes"),
     (smooth, ONE, law(), {**NOISE, "density": Convolution()}, "convolution, 401 nodes"),
     (jump, FEW, law(), SMALL, "panels"),
-    (jump_of_two, FEW, law("z"), SMALL, "panels of two variates"),
-    (jump_of_three, FEW, law("z", "w"), SMALL, "importance points"),
+    pytest.param(
+        jump_of_two, FEW, law("z"), SMALL, "panels of two variates", marks=pytest.mark.slow
+    ),
+    pytest.param(
+        jump_of_three, FEW, law("z", "w"), SMALL, "importance points", marks=pytest.mark.slow
+    ),
 ]  # fmt: skip
 
 
@@ -132,3 +140,30 @@ def identified(
         simulator, table, inputs, outcome="y", vectorized=True, verification=MonteCarlo(0),
         **choices,
     )  # fmt: skip
+
+
+SHORT = pd.DataFrame({"load": np.ones(4), "y": [0.8, 1.1, 1.3, 0.9]})
+"""So few that profiles bend, and a standard deviation may be anything up to its limit."""
+
+
+@pytest.mark.parametrize(("choices", "table"), [({}, SHORT), (NOISE, SHORT), (NOISE, REPEATED)])
+def test_the_chart_of_a_profile_has_the_interval_of_the_table(
+    choices: dict[str, Any], table: pd.DataFrame
+) -> None:
+    found = pictured(identified(smooth, table, law(), **choices))
+    for name, curve in found.pictures["profiles"].items():
+        entry = found.alpha[name]
+        assert entry.interval is not None
+        assert entry.drops is not None
+        at, below = (np.array(curve[key], float) for key in ("at", "below"))
+        line = np.interp(entry.interval, *profile_line(at, below))
+        assert at[0] <= entry.interval[0] < entry.interval[1] <= at[-1]
+        assert np.interp(entry.interval, at, below) == pytest.approx(entry.drops, rel=1e-4)
+        assert -line == pytest.approx(entry.drops, rel=1e-3)
+        assert below[at == entry.estimate] == pytest.approx(0.0) or entry.at_bound
+        verticals = [
+            line.get_xdata()[0] for line in plot.profile(found, name).lines
+            if len({*line.get_xdata()}) == 1
+        ]  # fmt: skip
+        assert verticals == pytest.approx(entry.interval)
+        plt.close("all")
