@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -9,7 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from identifications import unjudged
+from matplotlib.figure import Figure
 from rich.console import Console
+from scipy import stats
 
 from aleator import (
     Collocation,
@@ -25,6 +28,7 @@ from aleator import (
     Normal,
     plot,
 )
+from aleator.plot import identification
 from aleator.report.html.opening import opening
 from aleator.report.terminal import render
 from aleator.tasks.pictures import pictured
@@ -167,3 +171,25 @@ def test_the_chart_of_a_profile_has_the_interval_of_the_table(
         ]  # fmt: skip
         assert verticals == pytest.approx(entry.interval)
         plt.close("all")
+
+
+def test_one_value_an_experiment_is_drawn_in_the_prediction_of_the_law(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Its individual law goes through it, however wrong the model is."""
+    found = identified(lambda load, x: x + 0.0 * load, ONE, law(), noise=Noise(0.01))
+    kept: dict[str, Figure] = {}
+    monkeypatch.setattr(
+        identification, "save_figure", lambda figure, path: kept.setdefault(path.stem, figure)
+    )
+    identification.save_figures(pictured(found).to_dict(), tmp_path)
+    (axes,) = kept["experiments"].axes
+    mean, sd = found.values["x.mean"], np.hypot(found.values["x.sd"], 0.01)
+    low, high = stats.norm(mean, sd).ppf([0.025, 0.975])
+    bars = [bar for bar in axes.patches if bar.get_height() > sd * 2.0]
+    assert len(bars) == len(ONE)
+    for bar in bars:
+        assert bar.get_y() == pytest.approx(low, abs=0.05 * sd)
+        assert bar.get_y() + bar.get_height() == pytest.approx(high, abs=0.05 * sd)
+    dots = np.concatenate([line.get_ydata() for line in axes.lines])
+    assert np.sort(dots) == pytest.approx(np.sort(ONE["y"]))

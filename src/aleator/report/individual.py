@@ -156,7 +156,7 @@ def likelihoods(result: Result) -> Iterator[tuple[str, str, str]]:
         yield (
             "more nodes",
             NONE if gap is None else f"{gap:+.3f}",
-            f"is what half as many nodes again change; {found['nodes']:.0f} an experiment are used",
+            "is what half as many nodes again change",
         )
 
 

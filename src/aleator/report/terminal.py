@@ -198,7 +198,8 @@ def _values(result: Result) -> Iterator[tuple[str, str, str]]:
             "best possible law",
             to_three(best["log_likelihood"]),
             f"of any family: {number(best['gap'], 3)} more, which under this law has p = "
-            f"{number(best['p_value'], 2)} (aleator ceiling)",
+            f"{number(best['p_value'], 2)} by {best['replicates']:.0f} data sets (more by aleator "
+            "ceiling)",
         )
     baselines = result.get("baselines") or {}
     fit, linear = baselines.get("least_squares"), baselines.get("circe")
