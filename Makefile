@@ -27,7 +27,7 @@ PYTHON ?= python3
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo reproduce test test-long browser docs browser-docs gallery bench judges hardening lint lock clean .venv create-venv FORCE
+.PHONY: help demo reproduce test test-long kernels browser docs browser-docs gallery bench judges hardening lint lock clean .venv create-venv FORCE
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -45,6 +45,9 @@ test: $(STAMP) ## Run the tests, the doctests of the source and the README
 
 test-long: $(STAMP) ## Run the tests that take a minute or more each
 	$(BIN)/pytest -m long --numprocesses auto --dist loadfile --durations=0
+
+kernels: $(STAMP) ## Run the numerical tests under other kernels of the BLAS, and with two threads
+	$(BIN)/python tests/kernels.py
 
 browser: $(STAMP) ## Look at report.html in a headless Chromium, which must be there
 	$(BIN)/pytest tests/browser/browse.py

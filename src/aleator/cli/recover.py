@@ -71,6 +71,7 @@ def recover(
     Draws virtual outcomes of the study's experiments from the simulator under a true law,
     identifies each virtual data set as if it were measured, and tells for each hyperparameter the
     bias with its Monte Carlo error, the scatter, and how often the 95 % interval holds the truth.
+    Data sets are identified in as many processes as there are processors, or in N by --workers N.
     """
     value = load_study(study).overridden(seed, verified=False)
     with running(value, options) as runner, shown(options.quiet) as progress:

@@ -79,6 +79,11 @@ class LevelLikelihood:
         self._known: list[tuple[Grid, LevelSets]] = []
 
     @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "level sets"
+
+    @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """Those of alpha, in its order."""
         return self.inputs.hyperparameters

@@ -79,7 +79,7 @@ def assembled(
         log_likelihood=replace(
             _log_likelihood(at.likelihood, end.gap, check), log_prior=prior_of(at, hyperparameters)
         ),
-        density="individual_integral",
+        density=end.likelihood.name,
         propagation=DIRECT if answer.surfaces is None else "response_surface",
         sound=sound and not lost and not differing,
         warnings=(

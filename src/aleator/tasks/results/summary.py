@@ -83,11 +83,11 @@ def assemble(
         log_likelihood=replace(
             _log_likelihood(honest, checked), log_prior=prior_of(honest, hyperparameters)
         ),
-        density=problem.model.density.name,
+        density=problem.likelihood.name,
         propagation=problem.name,
         sound=sound,
         warnings=(*warnings, *diagnostics.failure_warnings(failures), *notes),
-        experiments=experiment_reports(problem, alpha, ids, surface_error, checked),
+        experiments=experiment_reports(problem, alpha, honest, ids, surface_error, checked),
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
         search=search_of(found, inference, hyperparameters),
@@ -133,20 +133,23 @@ def prior_of(at: LogLikelihood, hyperparameters: Sequence[Hyperparameter]) -> fl
 def experiment_reports(
     problem: Problem,
     alpha: Array,
+    honest: LogLikelihood,
     ids: Sequence[str],
     surface_error: Array,
     checked: Verification | None = None,
 ) -> tuple[ExperimentReport, ...]:
-    """What the law alpha says of each experiment, beside its measured outcome."""
+    """What the law alpha says of each experiment, beside its measured outcome.
+
+    Log-densities are those of the `honest` log-likelihood: they sum to the total that is told.
+    """
     moments, fitted = problem.predictive.moments(alpha), problem.predictive.fitted(alpha)
-    log_density = fitted.log_pdf(problem.outcomes)
     pit, quantiles = fitted.cdf(problem.outcomes), fitted.quantile(np.array(QUANTILES))
-    status = diagnostics.statuses(fitted.status, log_density)
+    status = diagnostics.statuses(honest.status, honest.each)
     return tuple(
         ExperimentReport(
             id=ids[l],
             outcome=float(problem.outcomes[l]),
-            log_density=float(log_density[l]),
+            log_density=float(honest.each[l]),
             mean=float(moments.mean[l]),
             standard_deviation=float(moments.sd[l]),
             skewness=float(moments.standardized[l, 3]),
