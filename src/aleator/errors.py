@@ -93,7 +93,7 @@ def key_path(location: Sequence[str | int], document: Mapping[str, Any], missing
     path = ""
     for k, part in enumerate(location):
         inside = (isinstance(at, Mapping) and part in at) or (
-            isinstance(at, list) and isinstance(part, int)
+            isinstance(at, list) and isinstance(part, int) and part < len(at)
         )
         if not inside and not (missing and k == len(location) - 1):
             continue

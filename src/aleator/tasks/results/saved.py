@@ -142,15 +142,16 @@ def from_document(document: Entry) -> Identification:
 
     A log-density that is null because the outcome lies outside the support is minus infinity.
     """
-    experiments = tuple(map(_any_experiment, document["experiments"]))
+    experiments: Any = tuple(map(_any_experiment, document["experiments"]))
     correlation = document["correlation"]
     plain = ("density", "propagation", "sound", "search", "baselines", "runs", "runs_by_stage",
              "seconds", "seed")  # fmt: skip
-    later = ("outcome", "units", "surface", "versions", "shrinkage", "responses", "law_curves",
+    later = ("outcome", "units", "versions", "shrinkage", "responses", "law_curves",
              "pictures", "quadrature")  # fmt: skip
     return Identification(
         **{key: document[key] for key in plain},
         **{key: document[key] for key in later if key in document},
+        surface=document.get("surface"),
         transform=Transform(document.get("transform", "none")),
         alpha={name: _estimate(row) for name, row in document["alpha"].items()},
         log_likelihood=_log_likelihood(document["log_likelihood"], experiments),

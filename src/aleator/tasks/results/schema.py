@@ -7,13 +7,15 @@ once. In JSON null stands for a number that JSON cannot hold, NaN or infinity.
 from __future__ import annotations
 
 import json
+import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache, reduce
 from operator import or_
 from pathlib import Path
 from types import GenericAlias, UnionType
-from typing import Annotated, Any, Literal, NoReturn, Self, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
 from typing import get_type_hints as hints_of
 
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model, model_validator
@@ -39,7 +41,7 @@ Grid = list[Series]
 NEEDED = ("alpha", "log_likelihood", "experiments")
 """Keys by which an identification is known as one."""
 DIGITS = 19
-"""Of a whole number: one with more is none that was written, and may be too large for a float."""
+"""Of a whole number that was written: one with more is infinite, as it may be for a float."""
 
 
 def fault(key: str, problem: str) -> PydanticCustomError:
@@ -51,6 +53,12 @@ class Entry(BaseModel):
     """An object of the document; it may have keys that nobody reads."""
 
     model_config = ConfigDict(strict=True, extra="allow")
+
+
+class Exact(Entry):
+    """An entry of a data class: each key is a field of it."""
+
+    model_config = ConfigDict(extra="forbid")
 
 
 def require_equal(key: str, *columns: Sequence[Any] | None) -> None:
@@ -152,9 +160,9 @@ class BestPossible(Entry):
 class Study(Entry):
     """The study file that was identified."""
 
-    file: str
-    sha256: str
-    outcome: str
+    file: str | None = None
+    sha256: str | None = None
+    outcome: str | None = None
 
 
 class Simulator(Entry):
@@ -323,7 +331,7 @@ def _disagreement(answer: Any) -> tuple[str, str] | None:
     for k, one in enumerate(seen):
         if one.id not in ids:
             return f"observations[{k}].id", "is that of no experiment"
-        if one.response not in answer.responses:
+        if one.response not in (answer.responses or {}):
             return f"observations[{k}].response", "is no key of responses"
     if seen:
         parameters = answer.experiments[0].mean.keys()
@@ -348,8 +356,8 @@ def _disagreement(answer: Any) -> tuple[str, str] | None:
 class _Ceiling(Entry):
     """What a report takes from ceiling.json."""
 
-    study: Study
-    log_likelihood: dict[str, Number]
+    study: Study = Study()
+    log_likelihood: dict[str, Number] = {}
     bootstrap: dict[str, Number] | None = None
     points: list[dict[str, Finite]] = []
 
@@ -365,7 +373,7 @@ class _Ceiling(Entry):
 
 
 def entry_of(
-    kind: type, base: type[Entry] = Entry, required: tuple[str, ...] = (), **own: Any
+    kind: type, base: type[Entry] = Exact, required: tuple[str, ...] = (), **own: Any
 ) -> type[Entry]:
     """The entry of a data class; those of its fields that have a default need not be there.
 
@@ -393,7 +401,7 @@ def _in_json(hint: Any) -> Any:
     """The type of a value in a document, by that of a field."""
     if hint is float:
         return Number
-    if is_dataclass(hint):
+    if isinstance(hint, type) and is_dataclass(hint):
         return entry_of(hint)
     parts = tuple(_in_json(part) for part in get_args(hint))
     origin = get_origin(hint)
@@ -440,28 +448,27 @@ def read_answer(path: str | Path) -> Document:
     Raises AleatorError, naming the file and the key, where it is absent, not JSON, no
     identification, or not as an identification writes it.
     """
-    document, text = _read(Path(path), "identify")
+    document = _read(Path(path), "identify")
     missing = [key for key in NEEDED if key not in document]
     if missing:
         raise AleatorError(
             f"{path}: this is not an identification: it lacks {', '.join(missing)}",
             "name the identification.json that `aleator identify` wrote",
         )
-    _check(_answer(bool(document.get("observations"))), document, text, path, "identify")
+    _check(_answer(bool(document.get("observations"))), document, path, "identify")
     return document
 
 
 def read_ceiling(path: Path) -> Document:
     """The document of a ceiling, as `read_answer` that of an identification."""
-    document, text = _read(path, "ceiling")
-    _check(_Ceiling, document, text, path, "ceiling")
+    document = _read(path, "ceiling")
+    _check(_Ceiling, document, path, "ceiling")
     return document
 
 
-def _read(path: Path, command: str) -> tuple[Document, str]:
+def _read(path: Path, command: str) -> Document:
     try:
-        text = path.read_text(encoding="utf-8")
-        document = json.loads(text, parse_int=_whole, parse_constant=_no_number)
+        document = json.loads(path.read_text(encoding="utf-8"), parse_int=_whole)
     except OSError as error:
         raise AleatorError(
             f"{path}: the file cannot be read: {error.strerror}",
@@ -471,30 +478,27 @@ def _read(path: Path, command: str) -> tuple[Document, str]:
         raise AleatorError(
             f"{path}: this is not JSON: {error}", f"run `aleator {command}` again to write it anew"
         ) from None
-    return (document if isinstance(document, dict) else {}), text
+    return document if isinstance(document, dict) else {}
 
 
-def _whole(digits: str) -> int:
-    if len(digits) > DIGITS:
-        raise ValueError(f"a whole number of {len(digits)} digits")
-    return int(digits)
+def _whole(digits: str) -> float:
+    return int(digits) if len(digits) <= DIGITS else math.inf
 
 
-def _no_number(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no number of JSON")
-
-
-def _check(entry: type[Entry], document: Document, text: str, path: str | Path, of: str) -> None:
+def _check(entry: type[Entry], document: Document, path: str | Path, command: str) -> None:
     """Raise AleatorError, naming the key, where a document is not as its entry says."""
     try:
-        entry.model_validate_json(text)
+        entry.model_validate_json(json.dumps(document))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = key_path(first["loc"], document, missing=first["type"] == "missing")
+        every = error.errors(include_url=False)
+        first = min(every, key=lambda one: one["type"] == "missing")
+        where = key_path(first["loc"], document, missing=first["type"] == "missing")
         own = first.get("ctx", {})
-        key = ".".join(part for part in (key, str(own.get("key", ""))) if part)
+        where = ".".join(part for part in (where, str(own.get("key", ""))) if part)
         problem = own.get("problem") or first["msg"].replace("Input ", "it ")
+        problem = "it is missing" if first["type"] == "missing" else problem
+        key = re.split(r"[.\[]", where)[0]
         raise AleatorError(
-            f"{path}: key '{key}' is not as `aleator {of}` writes it: {problem}",
-            f"run `aleator {of}` again to write the file anew",
+            f"{path}: key '{key}' is not as `aleator {command}` writes it: {where}: {problem}",
+            f"run `aleator {command}` again to write the file anew",
         ) from None
