@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +98,26 @@ def _is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):  # a name that is too long, or no name at all
         return False
+
+
+def replaced(path: Path, study: Path) -> str | None:
+    """What is said before a result of the study takes the place of an older one; None for none.
+
+    Raises AleatorError where the older one is that of another study: it is not lost silently.
+    """
+    try:
+        older = study_entry(json.loads(path.read_text(encoding="utf-8"))).get("file")
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, AttributeError, RecursionError):
+        older = None
+    if isinstance(older, str) and (path.parent / older).resolve() != study.resolve():
+        raise AleatorError(
+            f"{short(path)} is the result of another study, {older}",
+            "choose another folder with --output, or remove the file",
+        )
+    written = datetime.fromtimestamp(path.stat().st_mtime).isoformat(" ", "minutes")
+    return f"{short(path)} of {written} will be replaced"
 
 
 def make_folder(folder: Path) -> None:
