@@ -69,3 +69,14 @@ def test_what_is_not_an_identification_is_told(
     with pytest.raises(AleatorError, match=words) as caught:
         read_answer(path)
     assert str(path) in str(caught.value)
+
+
+def test_the_result_of_another_study_is_not_replaced_and_an_older_one_not_silently(
+    tmp_path: Path,
+) -> None:
+    path, study = tmp_path / "out" / "identification.json", tmp_path / "study.toml"
+    assert documents.replaced(path, study) is None
+    documents.write_json({"study": {"file": "../study.toml"}}, path)
+    assert "will be replaced" in str(documents.replaced(path, study))
+    with pytest.raises(AleatorError, match="another study"):
+        documents.replaced(path, tmp_path / "study_b.toml")
