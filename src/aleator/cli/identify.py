@@ -165,6 +165,8 @@ def identify(
     folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     documents.make_folder(folder)
+    if note := documents.replaced(folder / IDENTIFICATION, study_file):
+        click.echo(f"aleator: note: {note}", err=True)
     for line in () if options.quiet else value.told():
         say(f"{value.simulator.name}, {line}")
     with running(value, options) as runner, shown(options.quiet) as progress:

@@ -26,6 +26,7 @@ from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.tasks.recover import recover as recover_law
 from aleator.tasks.results import documents
+from aleator.tasks.results.saved import load
 
 
 @click.command()
@@ -118,7 +119,7 @@ def _truth(
                 f"--truth {entry}: '{text}' is not a number", f"write --truth {name}=0.1"
             ) from None
     if law is not None:
-        return {**documents.estimates(documents.read_json(law), law), **values}
+        return {**load(law).values, **values}
     if set(free) <= set(values):
         return values
     result = identified(study, runner, progress)
