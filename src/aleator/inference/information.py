@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +17,57 @@ from aleator.types import Array
 LEVEL = 0.95
 BOUND = 1e-6
 """Closer to a limit than this share of the range is on the limit."""
-STEP = 1e-2
-"""Step of the differences of the score, in standard errors: truncation is of the order 1e-5."""
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Steps of the differences of a score, by what the log-likelihood drops over them.
+
+    A step h is right where the drop I h^2/2 is `drop`, within a factor of `within` either way: a
+    hundredth of a standard error, between 0.003 and 0.03. The information of a standard deviation
+    of two units is then within 1e-3 of its closed form (`benchmarks errors`). No step is longer
+    than `share` of the width of the limits: a direction without a bend has no width of its own. At
+    most `tries` steps are tried.
+    """
+
+    drop: float = 5e-5
+    within: float = 10.0
+    share: float = 1e-2
+    tries: int = 40
+
+    def bends(
+        self,
+        scores: Callable[[Array], Array],
+        point: Array,
+        lower: Array,
+        upper: Array,
+        known: Array,
+    ) -> Array:
+        """-d scores/d point (F, N, F) of the scores (N, F) at points (F,) within the limits.
+
+        `known` (F,) is about the information; where it is too small, as where the scores of all
+        experiments vanish, a shorter step follows.
+        """
+        found = []
+        for row, longest in enumerate(self.share * (upper - lower)):
+            step = float(min(longest, (2.0 * self.drop / max(known[row], 1e-300)) ** 0.5))
+            for _ in range(self.tries):
+                ahead, behind = point.copy(), point.copy()
+                ahead[row] = min(point[row] + step, upper[row])
+                behind[row] = max(point[row] - step, lower[row])
+                apart = ahead[row] - behind[row]
+                bend = (scores(behind) - scores(ahead)) / apart
+                off = 0.125 * abs(float(bend[:, row].sum())) * apart**2 / self.drop
+                if 1.0 / self.within < off < self.within or (off < 1.0 and step == longest):
+                    break
+                # at most a thousandfold: far away the drop tells little
+                factor = float(np.clip(off**-0.5, 1e-3, 1e3)) if off > 0.0 else 1e3
+                step = min(step * factor, longest) if np.isfinite(off) else 1e-3 * step
+            found.append(bend)
+        return np.array(found) if found else np.zeros((0, 1, 0))
+
+
+DIFFERENCES = Differences()
 
 
 @dataclass(frozen=True)
@@ -63,7 +112,8 @@ def infer(
 ) -> Inference:
     """Standard errors and intervals at alpha, from the exact scores.
 
-    The observed information is the central difference of the score: 2 F evaluations. A
+    The observed information is the central difference of the score: 2 F evaluations, and two more
+    for each step that was not right (see `Differences`). A
     hyperparameter on its limit has no standard error; the others are then conditional on it.
     `by_scores`, the information is the sum of the outer products of the scores of the experiments
     in its place, which has the same mean (Berndt et al., 1974) and no errors of differences.
@@ -115,19 +165,18 @@ def observed_information(
     hyperparameters: Sequence[Hyperparameter],
     free: NDArray[np.intp],
     scores: Array,
+    differences: Differences = DIFFERENCES,
 ) -> Array:
     """-d2 log L/d alpha2 (F, F) by differences of the exact score, steps within the limits."""
-    lower, upper = limits_of(hyperparameters, free)
-    scale = 1.0 / np.sqrt(np.maximum(np.sum(scores**2, axis=0), 1.0 / (upper - lower) ** 2))
-    information = np.zeros((free.size, free.size))
-    for row, k in enumerate(free):
-        ends = []
-        for sign in (1.0, -1.0):
-            moved = alpha.copy()
-            moved[k] = np.clip(alpha[k] + sign * STEP * scale[row], lower[row], upper[row])
-            ends.append((moved[k], objective(moved).score[free]))
-        information[row] = -(ends[0][1] - ends[1][1]) / (ends[0][0] - ends[1][0])
-    return 0.5 * (information + information.T)
+
+    def score(point: Array) -> Array:
+        moved = alpha.copy()
+        moved[free] = point
+        return objective(moved).score[None, free]
+
+    limits, known = limits_of(hyperparameters, free), np.sum(scores**2, axis=0)
+    information = differences.bends(score, alpha[free], *limits, known)[:, 0]
+    return np.asarray(0.5 * (information + information.T))
 
 
 def _side(value: float, h: Hyperparameter) -> str | None:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from aleator.inference.fit import Fit
-from aleator.inference.information import BOUND, STEP
+from aleator.inference.information import BOUND, DIFFERENCES
 from aleator.inference.refit import refitted
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.laws.prior import curvatures
@@ -197,20 +197,19 @@ class _Local:
 def informations(fit: Fit, scores: Array) -> Array:
     """-d2 log p(y_l) / d alpha2 (N, F, F) of each experiment, by differences of its scores (N, F).
 
-    Their sum is the observed information. Steps are a hundredth of a standard error, within the
-    limits. Cost: 2 F evaluations.
+    Their sum is the observed information; steps are its `Differences`.
     """
     moving = fit.inference.identified
-    lower, upper = limits_of(fit.hyperparameters, moving)
-    size = 1.0 / np.sqrt(np.maximum(np.sum(scores**2, axis=0), 1.0 / (upper - lower) ** 2))
-    found = np.zeros((fit.count, moving.size, moving.size))
-    for row, k in enumerate(moving.tolist()):
-        ends = []
-        for sign in (1.0, -1.0):
-            alpha = fit.alpha.copy()
-            alpha[k] = np.clip(alpha[k] + sign * STEP * size[row], lower[row], upper[row])
-            at = fit.at(alpha).scored().scores
-            assert at is not None
-            ends.append((alpha[k], at[:, moving]))
-        found[:, row] = (ends[1][1] - ends[0][1]) / (ends[0][0] - ends[1][0])
-    return 0.5 * (found + found.transpose(0, 2, 1))
+
+    def scored(point: Array) -> Array:
+        alpha = fit.alpha.copy()
+        alpha[moving] = point
+        at = fit.at(alpha).scored().scores
+        assert at is not None
+        return np.asarray(at[:, moving])
+
+    if not moving.size:
+        return np.zeros((fit.count, 0, 0))
+    limits, known = limits_of(fit.hyperparameters, moving), np.sum(scores**2, axis=0)
+    found = DIFFERENCES.bends(scored, fit.alpha[moving], *limits, known).transpose(1, 0, 2)
+    return np.asarray(0.5 * (found + found.transpose(0, 2, 1)))

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, special
 
+from aleator.inference.information import DIFFERENCES
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
 
 FARTHEST = 1e-3
 """Share of the limits' width that a search for the mode begins away from them."""
-STEP = 1e-2
-"""Step of the differences of the slope, in scales of the logistic function."""
 LEAST = 0.05
 """Least curvature: that of a density as flat as between limits that nothing else tells of."""
 TRIED, SHRUNK, SMALLER = 16, 12, 0.6
@@ -93,20 +92,19 @@ class Scale:
 def scaled(density: Callable[[Array], Asked], start: Array) -> Scale:
     """The mode of the density of u next to `start` (G,), and a factor of its covariance there.
 
-    The curvature is that by differences of the slope: 2 G evaluations after some tens to the mode,
-    and 16 that see whether the density reaches as far.
+    The curvature is that by differences of the slope: some 2 G evaluations after some tens to the
+    mode, and 16 that see whether the density reaches as far.
     """
 
     def loss(u: Array) -> tuple[float, Array]:
         found = density(u)
         return (-found.value, -found.slope) if np.isfinite(found.value) else (1e300, found.slope)
 
-    mode = optimize.minimize(loss, start, jac=True, method="BFGS", options={"maxiter": MODE}).x
-    curvature = np.zeros((start.size, start.size))
-    for g in range(start.size):
-        step = np.zeros(start.size)
-        step[g] = STEP
-        curvature[g] = (density(mode - step).slope - density(mode + step).slope) / (2.0 * STEP)
+    climbed = optimize.minimize(loss, start, jac=True, method="BFGS", options={"maxiter": MODE})
+    mode, anywhere = climbed.x, np.full(start.size, np.inf)
+    curvature = DIFFERENCES.bends(
+        lambda u: density(u).slope[None], mode, -anywhere, anywhere, 1.0 / np.diag(climbed.hess_inv)
+    )[:, 0]
     values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
     return _within(density, Scale(mode, vectors / np.sqrt(np.maximum(values, LEAST))))
 

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from aleator.laws.constant import Constant
 from aleator.laws.inputs import Inputs
+from aleator.laws.law import Law
 from aleator.laws.mixture import Mixture
+from aleator.laws.normal import Normal
 from aleator.types import Array
 
 
@@ -24,15 +29,24 @@ def ordered(inputs: Inputs, alpha: Array) -> Array:
     return found
 
 
-def apart(inputs: Inputs, alpha: Array, x: Array) -> Array:
+def apart(inputs: Inputs, alpha: Array, x: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """The alpha (K,) with the components of mixtures about groups of points x (N, n).
 
-    Where laws follow covariates it is alpha itself.
+    And the points (N, n), in which those of a mixture are the centers of their groups.
     """
-    found = alpha.copy()
-    if inputs.covariate_model is None:
-        for i, law in enumerate(inputs.laws.values()):
-            if isinstance(law, Mixture):
-                part = inputs.parts[i]
-                found[part] = law.apart(x[:, i])
-    return found
+    found, centers = alpha.copy(), x.copy()
+    for i, law in enumerate(inputs.laws.values()):
+        if isinstance(law, Mixture):
+            found[inputs.parts[i]], centers[:, i] = law.apart(x[:, i], rng)
+    return found, centers
+
+
+def undivided(inputs: Inputs) -> Inputs:
+    """Independent parameters with a known normal law, a wide one, in place of each mixture."""
+    laws: dict[str, Law] = dict(inputs.laws)
+    for name, law in inputs.laws.items():
+        if isinstance(law, Mixture):
+            low, high = law.location
+            middle, half = 0.5 * (low + high), 0.5 * (high - low)
+            laws[name] = Normal(middle, half) if half > 0.0 else Constant(middle)
+    return Inputs(laws)

@@ -73,9 +73,15 @@ class Individual:
         found = self.theta
         for s, i in enumerate(self.inputs.scattered):
             law = list(self.inputs.laws.values())[i]
-            if isinstance(law, Mixture):
-                found = found.copy()
-                found[..., s] = law.normal_score(self.values[i], self.x[..., i])
+            if not isinstance(law, Mixture):
+                continue
+            found = found.copy()
+            found[..., s] = law.normal_score(self.values[i], self.x[..., i])
+            components = self.inputs.classes[:, i]
+            for part, c in zip(_parts(found.shape[1], len(components)), components, strict=True):
+                if c in law.points:
+                    own = self.theta[:, part, s]
+                    found[:, part, s] = law.normal_score_within(self.values[i], int(c), own)
         return found
 
     def score(self, gradient: Array, share: Array) -> Array:
@@ -171,6 +177,12 @@ def variates_of(inputs: Inputs, alpha: Array, x: Array, experiments: slice) -> A
             law, own, _ = _component(laws[i], values[i], component)
             theta[:, c, s] = law.normal_score(own, x[:, c, i, None])[:, 0]
     return np.asarray(theta @ np.linalg.inv(_mixing(inputs, alpha)[0]).T)
+
+
+def _parts(count: int, classes: int) -> list[slice]:
+    """Which of so many points are those of each class."""
+    each = count // classes
+    return [slice(c * each, (c + 1) * each) for c in range(classes)]
 
 
 def _of_classes(law: Law, values: Array, theta: Array, components: Indices) -> Standard:

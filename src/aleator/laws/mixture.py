@@ -8,15 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 from scipy import special
-from scipy.cluster.vq import kmeans2
 from scipy.optimize import elementwise
 
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import OPEN, Free, Hyperparameter, Specification, resolve, within
 from aleator.laws.image import slope, to_score
-from aleator.laws.law import Law, Standard
+from aleator.laws.law import Law, MeanSd, Standard
 from aleator.laws.quantile_law import QuantileLaw, fine_points, standardized
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 LEAST = 1e-6
 """A share this small stands for none."""
@@ -26,14 +25,16 @@ LEAST = 1e-6
 class Mixture(QuantileLaw):
     """Mixture of laws, f(x) = sum_c w_c f_c(x) (McLachlan and Peel, 2000).
 
-    `components` are two laws or more that scatter. `shares` are those of all components but the
-    last, each of what the components before it leave, in (0, 1): w_1 = v_1, w_2 = v_2 (1 - v_1),
-    ..., and of two components v_1 is the weight of the first. Left out, they are identified.
+    `components` are two laws or more; a `Constant` is a point that has the probability w_c, and
+    points alone are latent classes (nonparametric maximum likelihood of a law: Laird, 1978).
+    `shares` are those of all components but the last, each of what the components before it leave,
+    in (0, 1): w_1 = v_1, w_2 = v_2 (1 - v_1), ..., and of two components v_1 is the weight of the
+    first. Left out, they are identified.
     Hyperparameters are named by component: ``x.1.mean``, ``x.2.sd``, ``x.1.share``. Which component
     an experiment belongs to is not known; with measurement noise the likelihood is the sum over
     all. Equal components can change places: the likelihood has a maximum for each order, and
     `identify` tells the one with the first location first. Raises InputsError for fewer than
-    two components, one that does not scatter, and shares that are not one fewer.
+    two components, one that is a mixture itself, and shares that are not one fewer.
 
     >>> from aleator.laws import Free, Normal
     >>> law = Mixture((Normal(Free(0, 1), 0.1), Normal(Free(1, 2), 0.1)))
@@ -56,11 +57,10 @@ class Mixture(QuantileLaw):
                 "add a law to components, or take the only one as the law",
             )
         for c, law in enumerate(self.components):
-            if not law.scatters or isinstance(law, Mixture):
-                kind = "is a mixture itself" if law.scatters else "does not scatter"
+            if isinstance(law, Mixture):
                 raise InputsError(
-                    f"component {c + 1} of a mixture {kind}",
-                    "take a law with a standard deviation of its own, which may be small",
+                    f"component {c + 1} of a mixture is a mixture itself",
+                    "give its components beside the others",
                 )
         if self.shares is not None and len(self.shares) != len(self.components) - 1:
             raise InputsError(
@@ -90,6 +90,11 @@ class Mixture(QuantileLaw):
     def placed(self) -> tuple[tuple[Law, slice], ...]:
         """Each component, and where its hyperparameters stand."""
         return tuple(zip(self.components, self.parts[:-1], strict=True))
+
+    @cached_property
+    def points(self) -> tuple[int, ...]:
+        """The components that are points: they have a probability and no density."""
+        return tuple(c for c, law in enumerate(self.components) if not law.scatters)
 
     @property
     def box(self) -> tuple[float, float]:
@@ -125,48 +130,83 @@ class Mixture(QuantileLaw):
         return found, slopes
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """log sum_c w_c f_c(x)."""
+        """log sum_c w_c f_c(x); at a point the logarithm of its probability."""
         log_w = self.log_weights(values)[0]
-        own = [law.log_density(values[part], x) for law, part in self.placed]
-        return np.asarray(special.logsumexp(np.stack(own), axis=0, b=_beside(np.exp(log_w), x)))
+        own = np.stack([law.log_density(values[part], x) for law, part in self.placed])
+        points = [*self.points]
+        spread = np.delete(np.arange(len(own)), points)
+        own[spread] = np.where(np.any(own[points] == 0.0, axis=0), -np.inf, own[spread])
+        with np.errstate(divide="ignore"):
+            found = special.logsumexp(own, axis=0, b=_beside(np.exp(log_w), x))
+        return np.asarray(found)
 
     def normal_score(self, values: Array, x: Array) -> Array:
         """Phi^-1(sum_c w_c F_c(x)), by the tail that is nearer."""
-        scores = self._scores(values, x)
-        w = _beside(np.exp(self.log_weights(values)[0]), x)
-        below, above = (np.sum(w * special.ndtr(sign * scores), axis=0) for sign in (1.0, -1.0))
-        return to_score(below, above)
+        return self._joined(values, self._scores(values, x))
+
+    def normal_score_within(self, values: Array, c: int, theta: Array) -> Array:
+        """Phi^-1(F(x-) + w Phi(theta)) at point c, where F jumps by w: a standard normal variate.
+
+        theta is the point's own standard normal variate, on which x does not depend.
+        """
+        scores = self._scores(values, np.broadcast_to(values[self.parts[c]][0], theta.shape))
+        scores[c] = theta
+        return self._joined(values, scores)
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """Where the components' probabilities add up to this one, by bracketing."""
-        return self._at(values, special.ndtri(probability))
+        theta = special.ndtri(probability)
+        return self._at(values, theta, self._point(values, theta))
 
     def standard(self, values: Array, theta: Array) -> Standard:
         """The quantile at Phi(theta), of (k,) values; derivatives are means over the components.
 
         dx/dv_c = w_c f_c(x)/f(x) dx_c/dv_c for a value of component c, with x_c its own image;
-        dx/dw_c = -F_c(x)/f(x).
+        dx/dw_c = -F_c(x)/f(x). At a point x is its value, whatever the shares are.
         """
         flat = theta.ravel()
-        x = self._at(values, flat)
+        point = self._point(values, flat)
+        x = self._at(values, flat, point)
+        found, dtheta = np.zeros((flat.size, values.size)), np.zeros(flat.size)
+        for c in self.points:
+            found[point == c, self.parts[c].start] = 1.0
+        rows = point < 0
+        found[rows], dtheta[rows] = self._slopes_between(values, flat[rows], x[rows])
+        return Standard(
+            x.reshape(theta.shape), dtheta.reshape(theta.shape), found.reshape(*theta.shape, -1)
+        )
+
+    def _slopes_between(self, values: Array, theta: Array, x: Array) -> tuple[Array, Array]:
+        """dx/dvalues (J, k) and dx/dtheta (J,) where there is a density."""
         log_w, log_slopes = self.log_weights(values)
         w, log_f = np.exp(log_w), self.log_density(values, x)
         scores = self._scores(values, x)
-        found = np.zeros((flat.size, values.size))
+        found = np.zeros((theta.size, values.size))
         for c, (law, part) in enumerate(self.placed):
             share = w[c] * np.exp(law.log_density(values[part], x) - log_f)
             inside = share > 0.0
             own = law.standard(values[part], np.where(inside, scores[c], 0.0))
             found[:, part] = np.where(inside, share, 0.0)[:, None] * own.dvalues
             # of two tails the one that is small keeps its digits; the weights' changes sum to zero
-            tail = np.where(flat < 0.0, special.ndtr(scores[c]), -special.ndtr(-scores[c]))
+            tail = np.where(theta < 0.0, special.ndtr(scores[c]), -special.ndtr(-scores[c]))
             found[:, self.parts[-1]] -= np.outer(
                 tail * np.exp(-log_f) * w[c], log_slopes[c, self.parts[-1]]
             )
-        dtheta = slope(flat, log_f)
-        return Standard(
-            x.reshape(theta.shape), dtheta.reshape(theta.shape), found.reshape(*theta.shape, -1)
-        )
+        return found, slope(theta, log_f)
+
+    def mean_and_sd(self, values: Array) -> MeanSd:
+        """sum_c w_c m_c, and sum_c w_c (s_c^2 + (m_c - mean)^2) under the root."""
+        log_w, slopes = self.log_weights(values)
+        w, own = np.exp(log_w), [law.mean_and_sd(values[part]) for law, part in self.placed]
+        mean = float(w @ [one.mean for one in own])
+        away = np.array([one.mean for one in own]) - mean
+        squares = np.array([one.sd for one in own]) ** 2 + away**2
+        sd = float(np.sqrt(w @ squares))
+        dmean, dvariance = (w * (away + mean)) @ slopes, (w * squares) @ slopes
+        for c, part in enumerate(self.parts[:-1]):
+            dmean[part] += w[c] * own[c].dmean
+            dvariance[part] += 2.0 * w[c] * (own[c].sd * own[c].dsd + away[c] * own[c].dmean)
+        return MeanSd(mean, sd, dmean, dvariance / (2.0 * sd) if sd else np.zeros(values.size))
 
     @cached_property
     def exchangeable(self) -> bool:
@@ -198,40 +238,84 @@ class Mixture(QuantileLaw):
         shares = [h.start for h in self.hyperparameters[self.parts[-1]]]
         return np.concatenate([*parts, shares])
 
-    def apart(self, x: Array) -> Array:
-        """The values (k,) of components about groups of points x (N,): Lloyd's k-means.
+    def apart(self, x: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """The values (k,) of components about groups of points x (N,), and each one's center (N,).
 
-        >>> from aleator.laws import Normal
+        A step of k-means from random centers (k-means++, Arthur and Vassilvitskii, 2007): every
+        other generator finds other groups.
+
         >>> law = Mixture((Normal(Free(0, 9), Free(0.01, 1)), Normal(Free(0, 9), Free(0.01, 1))))
-        >>> law.apart(np.array([1.0, 1.2, 1.4, 5.9, 6.1])).round(3).tolist()
-        [1.2, 0.163, 6.0, 0.1, 0.6]
+        >>> x = np.array([1.0, 1.2, 1.4, 5.9, 6.1])
+        >>> values, centers = law.apart(x, np.random.default_rng(1))
+        >>> law.ordered(values).round(3).tolist(), centers.round(3).tolist()
+        ([1.2, 0.163, 6.0, 0.1, 0.6], [1.2, 1.2, 1.2, 6.0, 6.0])
         """
         count = len(self.components)
-        centers = np.quantile(x, (np.arange(count) + 0.5) / count)
-        centers, label = kmeans2(x, centers, minit="matrix", missing="warn")
-        parts, left, shares = [], x.size, []
+        seeds = x[rng.integers(x.size, size=1)]
+        while seeds.size < count:
+            away = np.min((x[:, None] - seeds) ** 2, axis=1)
+            share = away / away.sum() if np.any(away) else None
+            seeds = np.append(seeds, rng.choice(x, p=share))
+        label = np.argmin(np.abs(x[:, None] - np.sort(seeds)), axis=1)
+        parts, left, shares, centers = [], x.size, [], np.sort(seeds)
         for c, law in enumerate(self.components):
             own = x[label == c]
+            centers[c] = own.mean() if own.size else centers[c]
             parts.append(law.filling(float(centers[c]), float(np.std(own)) if own.size else None))
             shares.append(own.size / max(left, 1))
             left -= own.size
         values = np.concatenate([*parts, shares[:-1]])
-        return within(self.hyperparameters, values.tolist())
+        return within(self.hyperparameters, values.tolist()), centers[label]
+
+    @cached_property
+    def location(self) -> tuple[float, float]:
+        """The least and the largest mean that a component may have."""
+        ends = [_ends(law, None) for law in self.components]
+        return min(low for low, _ in ends), max(high for _, high in ends)
 
     def _scores(self, values: Array, x: Array) -> Array:
-        """Normal scores (C, ...) of x under each component."""
-        return np.stack([law.normal_score(values[part], x) for law, part in self.placed])
+        """Normal scores (C, ...) of x under each component; infinite beside and at a point."""
+        return np.stack(
+            [
+                law.normal_score(values[part], x)
+                if law.scatters
+                else np.where(x >= values[part][0], np.inf, -np.inf)
+                for law, part in self.placed
+            ]
+        )
 
-    def _at(self, values: Array, theta: Array) -> Array:
+    def _joined(self, values: Array, scores: Array) -> Array:
+        """The normal score (...) of the law from those (C, ...) of its components."""
+        w = _beside(np.exp(self.log_weights(values)[0]), scores[0])
+        below, above = (np.sum(w * special.ndtr(sign * scores), axis=0) for sign in (1.0, -1.0))
+        return to_score(below, above)
+
+    def _point(self, values: Array, theta: Array) -> Indices:
+        """The point whose probability theta (...) falls into; -1 where it falls between them."""
+        found = np.full(theta.shape, -1)
+        for c in self.points:
+            x = values[self.parts[c]]
+            scores = self._scores(values, x)
+            same = [p for p in self.points if values[self.parts[p].start] == x[0]]
+            scores[same] = -np.inf
+            before = self._joined(values, scores)
+            scores[same] = np.inf
+            first = (theta > before) | (before == -np.inf)
+            found[first & (theta <= self._joined(values, scores)) & (found < 0)] = c
+        return found
+
+    def _at(self, values: Array, theta: Array, point: Indices) -> Array:
         """x whose normal score is theta: between the components' own images of theta."""
         images = np.stack([law.standard(values[part], theta).x for law, part in self.placed])
         low, high = images.min(axis=0), images.max(axis=0)
-        apart = high > low
+        x = low.copy()
+        for c in self.points:
+            x[point == c] = values[self.parts[c].start]
+        apart = (high > low) & (point < 0)
 
         def away(x: Array, wanted: Array) -> Array:
             return self.normal_score(values, x) - wanted
 
-        x = low.copy()
         if np.any(apart):
             bracket = (low[apart], high[apart])
             x[apart] = elementwise.find_root(away, bracket, args=(theta[apart],)).x
@@ -260,10 +344,17 @@ def _share(c: int, share: Specification, left: int) -> Hyperparameter:
 
 
 def _spread(law: Law, center: float, sd: float | None, c: int, count: int) -> Array:
-    """Component c of so many: beside the center by as many sds as it is beside the middle one."""
-    values = law.filling(center, sd)
-    beside = law.mean_and_sd(values).sd * (2.0 * c - (count - 1.0))
+    """Component c of so many: over half of where its mean may be on either side of the center."""
+    low, high = _ends(law, sd)
+    share = (2.0 * c - (count - 1.0)) / (2.0 * count)
+    beside = share * (high - center if share > 0.0 else center - low)
     return law.filling(center + beside, sd)
+
+
+def _ends(law: Law, sd: float | None) -> tuple[float, float]:
+    """The least and the largest mean that a law of this family may have."""
+    low, high = (law.mean_and_sd(law.filling(end, sd)).mean for end in law.box)
+    return low, high
 
 
 def _beside(weights: Array, x: Array) -> Array:

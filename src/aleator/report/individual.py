@@ -36,7 +36,9 @@ def opening(result: Result) -> str:
 
 
 def _simulated(result: Result) -> str:
-    return "on the simulator itself" if result["propagation"] == "direct" else "on surfaces of it"
+    way = "on the simulator itself" if result["propagation"] == "direct" else "on surfaces of it"
+    reason = result.get("propagation_reason")
+    return f"{way} ({reason})" if reason else way
 
 
 def shrinkage(result: Result) -> RenderableType | None:

@@ -109,7 +109,7 @@ def _opening(result: Result) -> RenderableType:
         f" with {individual.opening(result)}"
         if individual.is_individual(result)
         else f" {principle(result)}: {result.get('density', NONE)}, propagation by "
-        f"{_words(result.get('propagation'))}"
+        f"{_words(result.get('propagation'))}{_reason(result)}"
     )
     return Group(
         Text(result.get("title") or "Identification", style="bold"),
@@ -119,6 +119,11 @@ def _opening(result: Result) -> RenderableType:
             f"seed {result.get('seed', NONE)}.{_logarithm(result)}"
         ),
     )
+
+
+def _reason(result: Result) -> str:
+    reason = result.get("propagation_reason")
+    return f" ({reason})" if reason else ""
 
 
 def _logarithm(result: Result) -> str:

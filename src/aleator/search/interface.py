@@ -125,7 +125,8 @@ class SearchResult:
     """The best alpha (K,), all starts, and the distinct optima, best first.
 
     `trace` has a Step for every improvement; its seconds are all that a seed does not reproduce.
-    `method` is the name of the search.
+    `method` is the name of the search. `once` says that several starts were made, and the best
+    log-likelihood was reached by one of them or by none.
     """
 
     alpha: Array
@@ -134,6 +135,7 @@ class SearchResult:
     optima: tuple[Optimum, ...]
     trace: tuple[Step, ...] = ()
     method: str = ""
+    once: bool = False
 
     @property
     def evaluations(self) -> int:
@@ -167,8 +169,9 @@ class SearchResult:
         """The result with a better optimum in front, met after the starts had ended."""
         optimum = Optimum(alpha, log_likelihood, starts=0)
         return replace(
-            self, alpha=alpha, log_likelihood=log_likelihood, optima=(optimum, *self.optima)
-        )
+            self, alpha=alpha, log_likelihood=log_likelihood, optima=(optimum, *self.optima),
+            once=len(self.ascents) > 1,
+        )  # fmt: skip
 
     def moved(self, alpha: Array, log_likelihood: float) -> SearchResult:
         """The result where the best optimum has moved, as the objective has since the search."""

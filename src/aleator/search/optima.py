@@ -11,7 +11,7 @@ from aleator.search.coordinates import Coordinates
 from aleator.search.counted import FLOOR, CountedObjective
 from aleator.search.interface import SAME_VALUE, Ascent, Optimum, SearchResult
 from aleator.search.limits import nowhere_finite
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 SAME_PLACE = 0.3
 """... and are, if also within this many standard errors (outer product of scores)."""
@@ -47,6 +47,34 @@ def gathered(
     return SearchResult(
         best.alpha, best.log_likelihood, tuple(ascents), optima, objective.trace, objective.method
     )
+
+
+def reached_once(ascents: Sequence[Ascent], objective: CountedObjective, free: Indices) -> bool:
+    """Whether no two starts came to the best log-likelihood, or to the hill that it is on.
+
+    Where the objective is rough, or a climb is cut off, ends on one hill differ in value.
+    """
+    best, *others = sorted(ascents, key=lambda a: -a.log_likelihood)
+    if not np.isfinite(best.log_likelihood):
+        return False
+    if any(best.log_likelihood - a.log_likelihood < SAME_VALUE for a in others):
+        return False
+    scores = objective(best.alpha).scores
+    assert scores is not None
+    return not any(one_hill(a.alpha - best.alpha, scores, free) for a in others)
+
+
+def one_hill(step: Array, scores: Array, free: Indices) -> bool:
+    """Whether two ends a step (K,) apart are on one hill, by the scores (N, K) at the higher one.
+
+    They are within a standard error for each of the F `free` hyperparameters (outer product of
+    scores), as the root of the mean of squares.
+
+    >>> one_hill(np.array([1.0, 0.0]), np.array([[1.2, 0.0], [0.0, 9.0]]), np.arange(2))
+    True
+    """
+    along = scores[:, free] @ step[free]
+    return bool(along @ along < free.size)
 
 
 def only_point(

@@ -17,12 +17,15 @@ def starting_points(
 ) -> Array:
     """The hyperparameters' own start, the guesses, and scrambled Sobol' points: alphas (count, K).
 
+    The first of more are the same. One that is given twice is one start.
+
     Points of a box that is a million times wider than every guess is large would all be far from
     anything: there they lie around the guesses instead, at distances of every size.
     """
-    known = coordinates.filled(
+    given = coordinates.filled(
         np.array([a[coordinates.free] for a in (coordinates.start, *guesses)])
     )
+    known = given[np.sort(np.unique(given, axis=0, return_index=True)[1])]
     missing = count - len(known)
     if missing <= 0:
         return known[:count]
@@ -30,8 +33,8 @@ def starting_points(
     spread = 0.05 + 0.9 * evenly(coordinates.free.size, missing, seed)
     points = coordinates.to_alpha(spread)
     if guesses:
-        centers = known[1:][np.arange(missing) % len(guesses)]
-        free = _around(coordinates, known[1:], centers, points, spread)
+        centers = given[1:][np.arange(missing) % len(guesses)]
+        free = _around(coordinates, given[1:], centers, points, spread)
         points = coordinates.filled(free)
     return np.concatenate([known, points])
 

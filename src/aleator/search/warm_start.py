@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from aleator.laws import Hyperparameter
 from aleator.progress import Progress
@@ -17,7 +17,8 @@ class WarmStart:
     """Climb from `alpha` (K,), the hyperparameters' start and a guess: `GradientMultistart(3)`.
 
     For a likelihood that costs much, after a search of a cheaper one that is nearly the same. It
-    finds no optimum that the other did not lead to.
+    finds no optimum that the other did not lead to, and how often that was reached, `once` or more,
+    is what the other tells.
 
     >>> import numpy as np
     >>> WarmStart(np.array([1.0])).name
@@ -25,6 +26,7 @@ class WarmStart:
     """
 
     alpha: Array
+    once: bool = False
 
     @property
     def name(self) -> str:
@@ -42,10 +44,11 @@ class WarmStart:
     ) -> SearchResult:
         """The best of the three ends; errors as `GradientMultistart`."""
         known = [self.alpha, *guesses]
-        return self._multistart.maximize(
+        found = self._multistart.maximize(
             objective, hyperparameters, seed=seed, guesses=known, progress=progress
         )
+        return replace(found, once=self.once)
 
     @property
     def _multistart(self) -> GradientMultistart:
-        return GradientMultistart(3)
+        return GradientMultistart(3, most=3)

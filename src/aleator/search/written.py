@@ -34,4 +34,5 @@ def read(text: str) -> SearchResult:
         tuple(Optimum(**{**one, "alpha": np.array(one["alpha"])}) for one in told["optima"]),
         tuple(Step(**one) for one in told["trace"]),
         told["method"],
+        told["once"],
     )

@@ -21,6 +21,7 @@ from aleator.search import Search, SearchResult, WarmStart, ascend
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.tasks.baselines import baselines_of
+from aleator.tasks.individual.cost import Timed
 from aleator.tasks.kept_search import kept_search
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.many import of_many
@@ -34,9 +35,9 @@ CLIMBS = 3
 """Times that a profile may meet a better maximum."""
 
 
-def never() -> bool:
+def never() -> Timed:
     """The simulator itself is not to be asked."""
-    return False
+    return Timed(False)
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,9 @@ def answered(question: Question, ledger: Ledger) -> Answer:
         if better is None:
             break
         # the exact density is dear, and its maximum is near
-        search = WarmStart(refined.found.alpha) if better.exact else question.search
+        search = (
+            WarmStart(refined.found.alpha, refined.found.once) if better.exact else question.search
+        )
         tried.append(better)
     refined, inference, profile = _sure(way, refined, ledger)
     problem, found = refined.problem, refined.found

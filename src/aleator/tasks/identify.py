@@ -33,7 +33,7 @@ from aleator.tasks.baselines import baselines_of, start_point
 from aleator.tasks.budget import affordable, spend
 from aleator.tasks.ceiling.quick import best_possible
 from aleator.tasks.consistency import consistency_of
-from aleator.tasks.individual.cost import cheap
+from aleator.tasks.individual.cost import Timed, cheap
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.near_outcomes import moves_of, nearer
 from aleator.tasks.results import summary
@@ -125,14 +125,17 @@ def identify(
     assert noise is None or isinstance(noise, Noise)
     model = Model.of(inputs, noise, propagation, density)
     require_enough(table, model.hyperparameters)
-    fast = partial(_fast, runner, model) if density is None else never
-    question = Question(runner, table.outcomes, table.ids, model, search, seed, cache(fast))
+    fast = cache(partial(_fast, runner, model) if density is None else never)
+    question = Question(runner, table.outcomes, table.ids, model, search, seed, fast)
     with diagnostics.boxes_proposed(runner, inputs):
         with ledger.stage("repeated run"):
             runner.require_repeatable(np.clip(start_point(inputs), *inputs.box.T))
         found = _found(question, table, verification, ledger)
         if not found.sound and found.surface is not None and question.fast():
             found = _found(question.directly(), table, verification, ledger)
+        if fast.cache_info().currsize:
+            # it was seen whether the simulator is fast, and that decided
+            found = replace(found, propagation_reason=fast().reason)
     return _judged(replace(found, units=shown), taken, consistency, best_law, ledger)
 
 
@@ -169,12 +172,13 @@ def _found(
     return replace(found, warnings=(*found.warnings, *jumps))
 
 
-def _fast(runner: Runner, model: Model) -> bool:
+def _fast(runner: Runner, model: Model) -> Timed:
     """Whether a simulator without noise may be asked itself, at very many points."""
     if model.noise is not None or not model.follows or not traceable(model.inputs):
-        return False
-    start, box = start_point(model.inputs), model.inputs.box
-    return runner.account.budget.runs is None and cheap(runner, model.inputs, start, box)
+        return Timed(False)
+    if runner.account.budget.runs is not None:
+        return Timed(False)
+    return cheap(runner, model.inputs, start_point(model.inputs), model.inputs.box)
 
 
 def _judged(

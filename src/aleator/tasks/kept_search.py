@@ -16,7 +16,7 @@ from aleator.simulators import Runner
 from aleator.simulators.searches import keep, kept
 from aleator.types import Array
 
-FORMAT = 1
+FORMAT = 2
 """To be changed with what a search does, or with how its result is written."""
 PROBES = 3
 """Alphas at which two likelihoods agree in every digit of every experiment if they are the same."""

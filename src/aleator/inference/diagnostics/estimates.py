@@ -8,7 +8,7 @@ from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
-from aleator.search import wide_limits
+from aleator.search import SearchResult, wide_limits
 
 LARGEST_EDM = 1e-3
 """Distance to the maximum, in log-likelihood, that still counts as arrived."""
@@ -62,6 +62,20 @@ def search_refusals(
             )
         )
     return warnings
+
+
+def once_warnings(found: SearchResult) -> list[Diagnostic]:
+    """Whether the maximum is one that no second start came to."""
+    if not found.once:
+        return []
+    return [
+        Diagnostic(
+            "search",
+            f"of {len(found.ascents)} starts of the search not two came to the same best "
+            "log-likelihood: there may be a higher maximum",
+            "search from more starts, give a hyperparameter a start or narrower limits, or fix one",
+        )
+    ]
 
 
 def bound_warnings(

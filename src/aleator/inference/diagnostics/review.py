@@ -16,6 +16,7 @@ from aleator.inference.diagnostics.directions import weak_directions
 from aleator.inference.diagnostics.estimates import (
     bound_warnings,
     count_warnings,
+    once_warnings,
     search_refusals,
 )
 from aleator.inference.diagnostics.levels import by_finer_cells, level_refusals, level_warnings
@@ -77,6 +78,7 @@ def review(
     ]
     notes = [
         *count_warnings(len(ids), inference),
+        *once_warnings(found),
         *bound_warnings(hyperparameters, inference, profile),
         *weak_directions(inference, hyperparameters),
         *centering_warnings(problem, found.alpha, inference, conditions),

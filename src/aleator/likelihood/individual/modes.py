@@ -143,7 +143,7 @@ def highest(log_density: Curved, start: Array, count: int, arrived: float = ARRI
     """
     shape = start.shape[:3]
     flat = start.reshape(shape[0], -1, start.shape[3])
-    found = modes(log_density, flat, arrived=arrived)
+    found = modes(log_density, flat, arrived=arrived, classes=shape[1])
     z, value = found.z.reshape(start.shape), found.value.reshape(shape)
     information = found.information.reshape(*start.shape, start.shape[3])
     mass = value - 0.5 * np.linalg.slogdet(information)[1]

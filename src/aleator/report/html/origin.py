@@ -46,6 +46,7 @@ def _facts(document: Document) -> dict[str, str]:
         "transform": document.get("transform"),
         "likelihood": document.get("density"),
         "propagation": document.get("propagation"),
+        "why this propagation": document.get("propagation_reason") or None,
         "search": (document.get("search") or {}).get("method"),
         "nodes": _nodes(document),
         "seed": document.get("seed"),

@@ -27,7 +27,7 @@ from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
 from aleator.surrogates.responses import moving_parameters
 from aleator.tasks.baselines import start_point
-from aleator.tasks.individual.cost import cheap
+from aleator.tasks.individual.cost import Timed, cheap
 from aleator.tasks.individual.failed import fails_here_and_there, lost_observations
 from aleator.tasks.individual.guess import PooledFit, guesses, pooled_fit
 from aleator.tasks.individual.highest import highest, told
@@ -113,6 +113,7 @@ class Answer:
     """A maximum, and how sure it is; without surfaces the simulator itself was integrated over.
 
     `question` is what was answered in the end: without observations that no run gives a value of.
+    `reason` says why this way was taken, where timed runs decided.
     """
 
     question: Question
@@ -123,6 +124,7 @@ class Answer:
     fit: PooledFit
     surfaces: AdaptiveSurfaces | None
     rivals: tuple[Rival, ...]
+    reason: str
 
 
 def answered(question: Question, ledger: Ledger) -> Answer:
@@ -132,8 +134,12 @@ def answered(question: Question, ledger: Ledger) -> Answer:
     region = first_region(inputs, hyperparameters, len(question.table.ids))
     start = start_point(inputs)
     # a budget of runs is not for a simulator that is run at every node
-    fast = runner.account.budget.runs is None and cheap(runner, inputs, start, region)
-    if fast and not fails_here_and_there(runner, start, region):
+    timed = Timed(False)
+    if runner.account.budget.runs is None:
+        timed = cheap(runner, inputs, start, region)
+    if timed and fails_here_and_there(runner, start, region):
+        timed = Timed(False, f"{timed.reason}, but runs fail here and there")
+    if timed:
         question = question.without(
             lost_observations(runner, region, question.unit, question.column)
         )
@@ -159,7 +165,7 @@ def answered(question: Question, ledger: Ledger) -> Answer:
         others = others or followed_rivals(lower, end, inference)
     with ledger.stage("baselines"):
         fit = pooled_fit(end.likelihood, question.measured, start_point(question.inputs))
-    return Answer(question, end, found, inference, profile, fit, surfaces, others)
+    return Answer(question, end, found, inference, profile, fit, surfaces, others, timed.reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +182,7 @@ class _Searched:
         question = self.question
         with self.ledger.stage("baselines"):
             fit = pooled_fit(likelihood, question.measured, start_point(question.inputs))
-        known = [*guess, *guesses(likelihood, fit)]
+        known = [*guess, *guesses(likelihood, fit, question.measured, question.seed)]
         # what a search finds at other surfaces need not be sought everywhere again
         search = WarmStart(guess[0]) if guess else question.search
         few = likelihood.count <= MANY

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from aleator.densities import Status
 from aleator.inference.diagnostics.centering import centering_advice
 from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.inference.diagnostics.estimates import once_warnings
 from aleator.inference.diagnostics.failures import failure_report, failure_warnings
 from aleator.inference.diagnostics.individual import (
     check_refusals,
@@ -81,11 +82,13 @@ def assembled(
         ),
         density=end.likelihood.name,
         propagation=DIRECT if answer.surfaces is None else "response_surface",
+        propagation_reason=answer.reason,
         sound=sound and not lost and not differing,
         warnings=(
             *lost,
             *differing,
             *warnings,
+            *once_warnings(found),
             *_centering(answer),
             *held_warnings(_held(inputs, alpha), table.ids),
             *rival_warnings(answer.rivals, hyperparameters, profile.intervals),

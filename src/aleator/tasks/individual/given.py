@@ -59,4 +59,4 @@ def predicted(
 def _on_simulator(runner: Runner, inputs: Inputs, alpha: Array, experiments: int) -> bool:
     middle = np.zeros((experiments, len(inputs.classes), inputs.scattering))
     x = inputs.individual(alpha, middle, slice(0, experiments)).x[0, 0]
-    return cheap(runner, inputs, x, held_region(inputs, [alpha], experiments, FAR))
+    return cheap(runner, inputs, x, held_region(inputs, [alpha], experiments, FAR)).cheap

@@ -11,6 +11,7 @@ from aleator.likelihood.individual import Following, IndividualLikelihood
 from aleator.search import Ascent, Optimum, SearchResult
 from aleator.search.interface import RULED_OUT
 from aleator.search.newton import outer
+from aleator.search.optima import one_hill
 from aleator.tasks.individual.settle import Settled, climbed, settled
 from aleator.types import Array
 
@@ -69,6 +70,7 @@ def highest(end: Settled, found: SearchResult) -> Highest:
     if best is not None and best.log_likelihood > end.value + HIGHER:
         climbs.append(Optimum(end.alpha, end.value, found.optima[0].starts))
         end = max(settled(end.likelihood, best.alpha), end, key=lambda one: one.value)
+        found = replace(found, once=_reached(end, ascents) < 2)
     known = [end.alpha]
     for climb in sorted(climbs, key=lambda one: -one.log_likelihood):
         if not any(_same(climb.alpha, alpha, end) for alpha in known):
@@ -99,6 +101,14 @@ def _moved(ascent: Ascent, optimum: Optimum, climb: Optimum) -> Ascent:
     if not np.array_equal(ascent.alpha, optimum.alpha):
         return ascent
     return replace(ascent, alpha=climb.alpha, log_likelihood=climb.log_likelihood)
+
+
+def _reached(end: Settled, ascents: Sequence[Ascent]) -> int:
+    """How many starts ended on the hill of the answer."""
+    scores = end.likelihood(end.alpha).scores
+    assert scores is not None
+    free = np.flatnonzero([h.free for h in end.likelihood.hyperparameters])
+    return sum(one_hill(a.alpha - end.alpha, scores, free) for a in ascents)
 
 
 def _same(alpha: Array, other: Array, end: Settled) -> bool:

@@ -52,7 +52,7 @@ def inferred(
             inference = infer(likelihood.followed, alpha, likelihood.hyperparameters)
             end = replace(end, alpha=alpha, likelihood=likelihood.adapted(alpha))
         if end is not before:
-            found = found.improved(alpha, end.value)
+            found = found.moved(alpha, end.value)
         profile = profiled(end, alpha, inference, others)
         if profile.better is None:
             break

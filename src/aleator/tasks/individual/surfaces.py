@@ -157,6 +157,7 @@ class ByResponseSurfaces:
             before = surfaced.settled
             likelihood = self.likelihood_of(surfaced)
             found = self.search(likelihood, [before.alpha])
+            found = replace(found, once=surfaced.found.once)
             again = settled(likelihood, found.alpha, ROUGHLY)
             if again.value < before.value + CHANGE:
                 with self.ledger.stage("search"):

@@ -10,7 +10,7 @@ from scipy import stats
 
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.inference.decisions.weighted import quantiles
-from aleator.laws import Law
+from aleator.laws import Law, Mixture
 from aleator.laws.inputs import Inputs
 from aleator.tasks.pictures.numbers import PLACES, drawn
 from aleator.types import Array
@@ -31,13 +31,16 @@ def law_bands(inputs: Inputs, draws: AlphaDraws, count: int) -> dict[str, dict[s
     """`x`, `density`, and `lower` and `upper` ends of 95 % of the densities under plausible laws.
 
     For each parameter that scatters. Where laws follow covariates it is the mean of those of some
-    of the `count` experiments, evenly chosen. The band is that of each x by itself.
+    of the `count` experiments, evenly chosen. The band is that of each x by itself. None of a
+    mixture with points, which has no density.
     """
     here = _values(inputs, draws.estimate, count)
     others = [_values(inputs, alpha, count) for alpha in draws.alpha]
     found = {}
     for i in inputs.scattered:
         law, name = [*inputs.laws.values()][i], inputs.names[i]
+        if isinstance(law, Mixture) and law.points:
+            continue
         low, high = _ends(law, here[i])
         wide = np.array([_ends(law, own[i]) for own in others])
         low = min(low, float(np.quantile(wide[:, 0], 0.25)))

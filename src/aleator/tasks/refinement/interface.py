@@ -25,11 +25,12 @@ from aleator.search import SearchResult, ascend
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, Surface, surfaces_of
 from aleator.surrogates.responses import moving_parameters
+from aleator.tasks.individual.cost import Timed
 from aleator.tasks.region import first_region, widened
 from aleator.types import Array, Flags, Indices
 
 Search = Callable[[Problem, list[Array]], SearchResult]
-Fast = Callable[[], bool]
+Fast = Callable[[], Timed]
 """Whether the simulator itself may take the place of surfaces; found out at the first call."""
 
 SURFACE, SEARCH = "response surface", "search"
@@ -94,7 +95,7 @@ class Refinement(ABC):
         if surfaces is None:
             return False
         many = surfaces.total_runs > ENOUGH * surfaces.good.size
-        return (many or surfaces.broken) and self.fast()
+        return (many or surfaces.broken) and self.fast().cheap
 
     @abstractmethod
     def hold(self, refined: Refined, inference: Inference, intervals: Array) -> Refined | None:

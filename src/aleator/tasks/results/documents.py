@@ -19,7 +19,7 @@ from aleator.errors import AleatorError, short
 _ORDER = (
     "title", "study", "sound", "consistent", "alpha", "correlation", "parameter_correlations",
     "log_likelihood", "baselines", "warnings", "consistency", "simulator",
-    "density", "propagation", "search", "surface", "runs", "runs_by_stage",
+    "density", "propagation", "propagation_reason", "search", "surface", "runs", "runs_by_stage",
     "experiments", "seed", "versions", "seconds",
 )  # fmt: skip
 

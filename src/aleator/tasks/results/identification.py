@@ -112,6 +112,7 @@ class Identification(Decided):
     consistency: Consistency = NOT_ASKED
     best_possible: Mapping[str, float] | None = None
     pictures: Mapping[str, Any] = field(default_factory=dict)
+    propagation_reason: str = ""
     session: Session = field(default=NO_SESSION, compare=False)
 
     def __repr__(self) -> str:
@@ -261,6 +262,7 @@ class Identification(Decided):
             "density": self.density,
             "density_distances": [dict(vars(row)) for row in self.density_distances],
             "propagation": self.propagation,
+            "propagation_reason": self.propagation_reason,
             "runs": self.runs,
             "runs_by_stage": dict(self.runs_by_stage),
             "failures": None if self.failures is None else _failures(self.failures),

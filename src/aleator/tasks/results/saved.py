@@ -146,8 +146,8 @@ def from_document(document: Entry) -> Identification:
     correlation = document["correlation"]
     plain = ("density", "propagation", "sound", "search", "baselines", "runs", "runs_by_stage",
              "seconds", "seed")  # fmt: skip
-    later = ("outcome", "units", "versions", "shrinkage", "responses", "law_curves",
-             "pictures", "quadrature")  # fmt: skip
+    later = ("outcome", "units", "propagation_reason", "versions", "shrinkage", "responses",
+             "law_curves", "pictures", "quadrature")  # fmt: skip
     return Identification(
         **{key: document[key] for key in plain},
         **{key: document[key] for key in later if key in document},
