@@ -27,7 +27,8 @@ class Grid:
 
     `response` is that of the distinct conditions, the simulator or surfaces; `condition` (N,) are
     those of the experiments. `sides` are rising values (C + 1,) of each of the parameters
-    `scattered`, one or two; the others stay at their values in `x` (n,).
+    `scattered`, one or two; the others stay at their values in `x` (n,). `alike` is the relative
+    error of a slope up to which a cell is not halved; see `crossed`.
     """
 
     response: Divisible
@@ -35,6 +36,7 @@ class Grid:
     scattered: tuple[int, ...]
     sides: tuple[Array, ...]
     x: Array
+    alike: float
 
     def serves(self, marks: Array) -> bool:
         """Whether a law is resolved on this grid, of which `marks` (s, Q) are rising quantiles.
@@ -55,11 +57,14 @@ class Grid:
 
         int p(x) delta(eta_l(x) - y_l) dx = sum_k w_lk p(x_lk). The outcome is linear between the
         corners of an interval or a triangle, where a set is then a point or a straight line: an
-        error of second order in the size of the cells, and of first order in those that a kink or
-        a jump crosses. Cost: the response of each condition at all points.
+        error of second order in the size of the cells, which are halved where the outcome is not
+        smooth. Cost: the response of each condition at all points.
         """
         points = self._points
-        found = [crossed(rows, y[rows], eta, self.sides) for rows, eta in self._simulated(points)]
+        found = [
+            crossed(rows, y[rows], eta, self.sides, self._at, self.alike)
+            for rows, eta in self._simulated(points)
+        ]
         owner, on, weight = (np.concatenate(part) for part in zip(*found, strict=True))
         x = np.tile(self.x, (len(on), 1))
         x[:, [*self.scattered]] = on
@@ -78,6 +83,12 @@ class Grid:
         ]
         whole = np.maximum(np.sum(by_side, axis=0), np.finfo(np.float64).tiny)
         return np.asarray(np.exp(np.mean(np.log(np.maximum(by_side / whole, LEAST)), axis=1)))
+
+    def _at(self, rows: Indices, scattered: Array) -> Array:
+        """Outcomes (R,) of experiments `rows`, each at values (R, s) of its own."""
+        x = np.tile(self.x, (len(rows), 1))
+        x[:, [*self.scattered]] = scattered
+        return self.response.at(self.condition[rows], x)
 
     @property
     def _points(self) -> Array:

@@ -23,6 +23,9 @@ MOST, FEWEST = {1: 16384, 2: 96}, {1: 1024, 2: 64}
 
 A search goes on half as many.
 """
+ALIKE = 0.01
+"""Error of a slope, over it, up to which a cell of an answer is not halved (`benchmarks folds`);
+twice as much for a search, so that the difference of both tells the error of an answer."""
 VALUES = 8_000_000
 """Values of the response on all grid points of an answer above which there are fewer cells."""
 REACH = 7.0
@@ -167,7 +170,10 @@ class LevelLikelihood:
 
     def _on(self, sides: Iterable[Array]) -> Grid:
         each = tuple(np.unique(side) for side in sides)
-        return Grid(self.response, self.condition, self.inputs.scattered, each, self.region[:, 0])
+        alike = ALIKE * max(1.0, self._answers / self.cells)
+        return Grid(
+            self.response, self.condition, self.inputs.scattered, each, self.region[:, 0], alike
+        )
 
     def _traced(self, grid: Grid) -> LevelSets:
         return LevelSets(self.inputs, *grid.traced(self.outcomes))
