@@ -173,7 +173,7 @@ def test_runs_that_fail_are_cells_without_a_set() -> None:
 def test_a_grid_serves_laws_inside_it_that_are_not_narrow() -> None:
     sides = (np.linspace(0.0, 10.0, 101),)
     response = DirectResponse(lambda _, x: x[:, 0], 1, np.array([[0.0, 10.0]]))
-    grid = Grid(response, np.zeros(1, np.intp), (0,), sides, np.zeros(1), 0.01)
+    grid = Grid(response, np.zeros(1, np.intp), (0,), sides, np.zeros(1), 0.002)
     marks = np.array([[-5.0, -3.0, -1.0, 1.0, 3.0, 5.0]])
     assert grid.serves(5.0 + 0.5 * marks)
     assert not grid.serves(5.0 + 0.4 * marks)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from functools import lru_cache
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aleator.types import Array, Flags, Indices
 
-STEEP = 10.0
-"""How much more than from a cell's slope, over it, the slopes at its corners may differ from each
-other where an outcome is smooth."""
+STEEP = 0.1
+"""Difference of the slopes at a cell's corners from their mean, over the cell's, up to which an
+outcome is smooth there."""
 HALVINGS = 8
 """Times that a cell which is not smooth is halved; see `_halved`."""
 GAUSS = 0.5 / np.sqrt(3.0)
@@ -39,12 +39,11 @@ def crossed(
     """
     shape = tuple(side.size for side in sides)
     whose, cell, corners = _passed(y, eta, shape)
-    v = eta[whose[:, None], corners]
     place = np.unravel_index(corners, shape)
     x = np.stack([side[i] for side, i in zip(sides, place, strict=True)], axis=-1)
-    width = np.ptp(x, axis=1)
-    slope = _slopes(eta, whose, corners, sides) * width[:, None]
-    slopes, smooth = _smooth(_chord(v, x) * width, slope, alike)
+    slope = _slopes(eta, whose, corners, sides) * np.ptp(x, axis=1, keepdims=True)
+    v = eta[whose[:, None], corners]
+    slopes, smooth = _smooth(v, _unit(x), slope, alike)
     count = math.prod(size - 1 for size in shape)
     through, bent = whose * count + cell, _hiding(y, eta, sides)
     bent = np.union1d(through[~smooth], bent)
@@ -63,19 +62,22 @@ def crossed(
     return owner, on, weight
 
 
+def _unit(x: Array) -> Array:
+    """Corners (H, s + 1, s) of simplices by the width of their cells, from zero to one."""
+    low = x.min(axis=1, keepdims=True)
+    return np.asarray((x - low) / (x.max(axis=1, keepdims=True) - low))
+
+
 def _pieces(y: Array, v: Array, x: Array, slopes: Array) -> tuple[Array, Array]:
     """Points (H, C, s) and weights (H, C) of sets in simplices, corners x (H, s + 1, s).
 
-    Of outcomes v (H, s + 1) there, `slopes` (H, s + 1) over the chord's.
+    Of outcomes v (H, s + 1) there, with `slopes` (H, s + 1, s) by the width of the cell. Exact
+    where the outcome is quadratic, up to the third power of what the slopes differ by.
     """
-    volume = np.ptp(x, axis=1).prod(axis=1) / math.factorial(x.shape[2])
-    carried = np.concatenate([x, slopes[..., None]], axis=2)
-    order = np.argsort(v, axis=1)
-    v = np.take_along_axis(v, order, axis=1)
-    carried = np.take_along_axis(carried, order[:, :, None], axis=1)
     inside = _on_line if x.shape[2] == 1 else _in_triangle
-    found, density = inside(y[:, None], v, carried)
-    return found[..., :-1], (volume * density)[:, None] / found[..., -1] / found.shape[1]
+    low, width = x.min(axis=1), np.ptp(x, axis=1)
+    found, weight = inside(y, v, _unit(x), slopes)
+    return low[:, None] + found * width[:, None], weight * width.prod(axis=1, keepdims=True)
 
 
 def _flat(whose: Indices, on: Array, weight: Array) -> tuple[Indices, Array, Array]:
@@ -122,9 +124,8 @@ def _halved(
         low, width = ends[0, cell], ends[1, cell] - ends[0, cell]
         x = low[:, None] + place[which] * width[:, None]
         steps, smooth = _smooth(
-            _chord(corner[on], place[which].astype(float)), slope[cell[:, None], triangles[which]],
-            alike,
-        )  # fmt: skip
+            corner[on], place[which].astype(float), slope[cell[:, None], triangles[which]], alike
+        )
         rough = np.bincount(cell[~smooth], minlength=len(v)) > 0 if left else np.zeros(len(v), bool)
         done = ~rough[cell]
         points, weight = _pieces(y[cell[done]], corner[on][done], x[done], steps[done])
@@ -239,42 +240,94 @@ def _chord(v: Array, x: Array) -> Array:
     return np.asarray(slope / (a * d - b * c)[:, None])
 
 
-def _smooth(chord: Array, slope: Array, alike: float) -> tuple[Array, Flags]:
-    """Slopes at the corners (H, C) over the chord's, and where (H,) there is no kink or jump.
+def _smooth(v: Array, x: Array, slope: Array, alike: float) -> tuple[Array, Flags]:
+    """Slopes at the corners (H, C, s), and where (H,) the outcome is smooth: no kink, jump, extreme.
 
-    `chord` (H, s) is the gradient between the corners, `slope` (H, C, s) are those at the corners,
-    all by the width of the cell. Where the outcome is smooth these have the chord as their mean, to
-    second order.
+    From corners x (H, C, s), outcomes v (H, C) and `slope` (H, C, s). Where it is smooth the outcome
+    rises along each side by the mean of the slopes at its ends; elsewhere all slopes are the
+    chord's.
     """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        along = np.einsum("hcs,hs->hc", slope, chord) / np.sum(chord**2, axis=1)[:, None]
-        mean = along.mean(axis=1, keepdims=True)
-        off = np.abs(along - mean).max(axis=1, keepdims=True)
-        smooth = (np.abs(mean - 1.0) < alike) & (off < STEEP * alike)
-        return np.where(smooth, along, 1.0), smooth[:, 0]
+    chord = _chord(v, x)
+    size = np.sqrt(np.sum(chord**2, axis=1))
+    mean = slope.mean(axis=1, keepdims=True)
+    differ = np.sqrt(np.sum((slope - mean) ** 2, axis=2)).max(axis=1)
+    off = np.zeros(len(v))
+    for i, j in combinations(range(v.shape[1]), 2):
+        rise = np.sum((slope[:, i] + slope[:, j]) * (x[:, j] - x[:, i]), axis=1)
+        off = np.maximum(off, np.abs(v[:, j] - v[:, i] - 0.5 * rise))
+    smooth = (off < alike * size) & (differ < STEEP * size)
+    return np.where(smooth[:, None, None], slope, chord[:, None]), smooth
 
 
-def _on_line(y: Array, v: Array, x: Array) -> tuple[Array, Array]:
-    """Where (H, 1, C) the outcome is y (H, 1) between corners x (H, 2, C), of outcomes v (H, 2).
+def _share(y: Array, v: Array, other: Array, rise: Array, rise_there: Array) -> Array:
+    """Share (H,) of the way from a corner to another where a parabola is y.
 
-    The outcomes are sorted. And the density (H,) of the outcome at a point that is anywhere with
-    the same probability.
+    From the outcomes v and `other` at both, and the derivatives along the way.
     """
-    length = v[:, 1:] - v[:, :1]
-    on = x[:, 0] + (y - v[:, :1]) / length * (x[:, 1] - x[:, 0])
-    return on[:, None], 1.0 / length[:, 0]
-
-
-def _in_triangle(y: Array, v: Array, x: Array) -> tuple[Array, Array]:
-    """The same in triangles, corners x (H, 3, C): two points of Gauss (H, 2, C) on the line."""
-    first, second, third = v[:, :1], v[:, 1:2], v[:, 2:]
-    below = y < second
-    whole = third - first
-    one = x[:, 0] + (y - first) / whole * (x[:, 2] - x[:, 0])
+    bend = 0.5 * (rise_there - rise)
+    slope, off = other - v - bend, y - v
+    # it goes through y in the direction in which the other corner lies
+    root = np.copysign(np.sqrt(np.maximum(slope**2 + 4.0 * bend * off, 0.0)), other - v)
     with np.errstate(invalid="ignore", divide="ignore"):
-        left, right = (y - first) / (second - first), (third - y) / (third - second)
-    share = np.where(below, left, right)
-    corner = np.where(below, x[:, 0], x[:, 2])
-    other = corner + share * (x[:, 1] - corner)
-    middle, off = 0.5 * (one + other), GAUSS * (one - other)
-    return np.stack([middle - off, middle + off], axis=1), (2.0 * share / whole)[:, 0]
+        found = np.where(
+            slope * root >= 0.0, 2.0 * off / (slope + root), 0.5 * (root - slope) / bend
+        )
+    return np.clip(np.nan_to_num(found, nan=0.0), 0.0, 1.0)
+
+
+def _on_line(y: Array, v: Array, x: Array, slope: Array) -> tuple[Array, Array]:
+    """Where (H, 1, 1) the outcome is y (H,) between corners x (H, 2, 1), and weights (H, 1).
+
+    Of outcomes v (H, 2) with derivatives `slope` (H, 2, 1).
+    """
+    ends = slope[..., 0]
+    share = _share(y, v[:, 0], v[:, 1], ends[:, 0], ends[:, 1])
+    there = ends[:, 0] + share * (ends[:, 1] - ends[:, 0])
+    on = x[:, :1] + share[:, None, None] * (x[:, 1:] - x[:, :1])
+    return on, 1.0 / np.abs(there)[:, None]
+
+
+def _in_triangle(y: Array, v: Array, x: Array, slope: Array) -> tuple[Array, Array]:
+    """The same in triangles, corners x (H, 3, 2): two points of Gauss (H, 2, 2) of a curve.
+
+    It goes from one side of the triangle to another. By the length t of its chord e, and n at right
+    angles to that, its weight is int |e| dt/|d eta/dn|.
+    """
+    order = np.argsort(v, axis=1)
+    lone = y < np.take_along_axis(v, order, axis=1)[:, 1]
+    # the corner that is alone on its side comes first
+    order = np.where(lone[:, None], order, order[:, ::-1])
+    v = np.take_along_axis(v, order, axis=1)
+    x, slope = (np.take_along_axis(one, order[..., None], axis=1) for one in (x, slope))
+    side = x[:, 1:] - x[:, :1]
+    along = np.einsum("hcs,hks->hck", slope, side)
+    one = _share(y, v[:, 0], v[:, 1], along[:, 0, 0], along[:, 1, 0])
+    other = _share(y, v[:, 0], v[:, 2], along[:, 0, 1], along[:, 2, 1])
+    chord = other[:, None] * side[:, 1] - one[:, None] * side[:, 0]
+    across = np.stack([-chord[:, 1], chord[:, 0]], axis=1)
+    square = np.sum(chord**2, axis=1)
+    (a, c), (b, d) = side[:, 0].T, side[:, 1].T
+    aside = np.stack([d * across[:, 0] - b * across[:, 1], a * across[:, 1] - c * across[:, 0]])
+    aside /= a * d - b * c
+    points, weights = [], []
+    for t in (0.5 - GAUSS, 0.5 + GAUSS):
+        shares = np.stack([one * (1.0 - t), other * t])
+        there = _between_corners(shares, slope)
+        at = x[:, 0] + np.einsum("kh,hks->hs", shares, side)
+        half = 0.5 * np.einsum("hcs,hcs->hc", slope, at[:, None] - x)
+        value = _between_corners(shares, (v + half)[..., None])[:, 0]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            off = np.nan_to_num((y - value) / np.sum(across * there, axis=1))
+            there = _between_corners(shares + off * aside, slope)
+            weight = 0.5 * square / np.abs(np.sum(across * there, axis=1))
+        points.append(at + off[:, None] * across)
+        weights.append(np.nan_to_num(weight, posinf=0.0))
+    return np.stack(points, axis=1), np.stack(weights, axis=1)
+
+
+def _between_corners(shares: Array, values: Array) -> Array:
+    """What is linear between the corners of triangles, values (H, 3, C), at `shares` (2, H)."""
+    first, second = shares[..., None]
+    return np.asarray(
+        values[:, 0] + first * (values[:, 1] - values[:, 0]) + second * (values[:, 2] - values[:, 0])
+    )

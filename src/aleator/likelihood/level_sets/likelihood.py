@@ -23,7 +23,7 @@ MOST, FEWEST = {1: 16384, 2: 96}, {1: 1024, 2: 64}
 
 A search goes on half as many.
 """
-ALIKE = 0.01
+ALIKE = 0.002
 """Error of a slope, over it, up to which a cell of an answer is not halved (`benchmarks folds`);
 twice as much for a search, so that the difference of both tells the error of an answer."""
 VALUES = 8_000_000
