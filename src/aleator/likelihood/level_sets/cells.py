@@ -88,7 +88,7 @@ def _flat(whose: Indices, on: Array, weight: Array) -> tuple[Indices, Array, Arr
 def _halved(
     rows: Indices, y: Array, ends: Array, v: Array, at: At, alike: float
 ) -> Iterator[tuple[Indices, Array, Array]]:
-    """Experiments (H,) with points (H, 1, s) and weights (H, 1) of sets in cells (M,).
+    """Experiments (H,) with points (H, C, s) and weights (H, C) of sets in cells (M,).
 
     `ends` (2, M, s) are those of the cells, and v (M, 2) or (M, 2, 2) the outcomes at their
     corners. A half in which the outcome is smooth is done, one where its set cannot be is left; any
@@ -128,8 +128,10 @@ def _halved(
         )
         rough = np.bincount(cell[~smooth], minlength=len(v)) > 0 if left else np.zeros(len(v), bool)
         done = ~rough[cell]
-        points, weight = _pieces(y[cell[done]], corner[on][done], x[done], steps[done])
-        yield rows[cell[done]], points.mean(axis=1, keepdims=True), weight.sum(1, keepdims=True)
+        yield (
+            rows[cell[done]],
+            *_pieces(y[cell[done]], corner[on][done], x[done], steps[done]),
+        )
         near = known & (np.abs(flat - y[:, None]).min(axis=1) < 0.5 * bend)
         again = np.where(on.any(axis=1), rough, near)
         rows, y, ends, v = rows[again], y[again], ends[:, again], v[again]

@@ -113,12 +113,12 @@ class Grid:
 def _in_rows(count: int, owner: Indices, x: Array, weight: Array) -> tuple[Array, Array]:
     """Points (N, K, n) and log weights (N, K) of each experiment; weights of zero fill the rows."""
     order = np.argsort(owner, kind="stable")
+    order = order[weight[order] > 0.0]
     owner, x, weight = owner[order], x[order], weight[order]
     many = np.bincount(owner, minlength=count)
     place = np.arange(owner.size) - np.repeat(np.cumsum(many) - many, many)
     filled = np.broadcast_to(x[:1] if len(x) else 0.0, (count, max(many.max(), 1), x.shape[1]))
     points, log_weight = filled.copy(), np.full(filled.shape[:2], -np.inf)
     points[owner, place] = x
-    with np.errstate(divide="ignore"):
-        log_weight[owner, place] = np.log(weight)
+    log_weight[owner, place] = np.log(weight)
     return points, log_weight
