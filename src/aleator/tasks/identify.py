@@ -14,7 +14,13 @@ import pandas as pd
 from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.inference import diagnostics
-from aleator.inference.verification import MonteCarlo, SurfaceEmulator, Verification, verify
+from aleator.inference.verification import (
+    MonteCarlo,
+    SurfaceEmulator,
+    Verification,
+    verify,
+    verify_on_levels,
+)
 from aleator.inference.verification.kernel import NORMAL
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import traceable
@@ -236,6 +242,12 @@ def _verified(
     if surface is not None:
         emulator = SurfaceEmulator(surface, problem.region, problem.condition)
         expected = surface.error[problem.condition]
+        if problem.levels is not None and (most is None or most >= 4):
+            scatter = problem.predictive.moments(alpha).sd
+            return verify_on_levels(
+                runner.attempt, problem.levels, emulator, alpha, scatter,
+                expected, most or choice.near, progress,
+            )  # fmt: skip
     return verify(
         runner.attempt, model.inputs, alpha, model.noise_sd(alpha), problem.outcomes, choice,
         seed=seed, lower=problem.predictive.lower, upper=problem.predictive.upper,

@@ -93,11 +93,26 @@ class LevelLikelihood:
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood with its score."""
-        return self._sets(alpha)(alpha)
+        return self.sets(alpha)(alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood without its score."""
-        return self._sets(alpha).evaluate(alpha)
+        return self.sets(alpha).evaluate(alpha)
+
+    def sets(self, alpha: Array) -> LevelSets:
+        """The sets by which a law alpha (K,) is judged."""
+        marks = self._values(alpha, MARKS)
+        if self._whole.serves(marks):
+            return self._everywhere
+        for grid, sets in self._known:
+            if grid.serves(marks):
+                return sets
+        grid = self._grid(self._values(alpha, np.linspace(-REACH, REACH, self.cells + 1)))
+        sets = self._traced(grid)
+        if sets.empty.any():
+            sets = sets.filled(self._everywhere)
+        self._known = [*self._known[1 - KNOWN :], (grid, sets)]
+        return sets
 
     def values(self, alphas: Array) -> Array:
         """Totals (A,) at alphas (A, K)."""
@@ -138,20 +153,6 @@ class LevelLikelihood:
         self, response: Divisible, condition: Indices, outcomes: Array, cells: int
     ) -> LevelLikelihood:
         return LevelLikelihood(self.inputs, response, self.region, condition, outcomes, cells)
-
-    def _sets(self, alpha: Array) -> LevelSets:
-        marks = self._values(alpha, MARKS)
-        if self._whole.serves(marks):
-            return self._everywhere
-        for grid, sets in self._known:
-            if grid.serves(marks):
-                return sets
-        grid = self._grid(self._values(alpha, np.linspace(-REACH, REACH, self.cells + 1)))
-        sets = self._traced(grid)
-        if sets.empty.any():
-            sets = sets.filled(self._everywhere)
-        self._known = [*self._known[1 - KNOWN :], (grid, sets)]
-        return sets
 
     def _values(self, alpha: Array, theta: Array) -> Array:
         """Values (s, Q) of each parameter that scatters at standard normal variates (Q,)."""
