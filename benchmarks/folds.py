@@ -14,6 +14,7 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -95,7 +96,7 @@ def roots(response: Callable[..., Array], breaks: Callable[[float], list[float]]
         def points(c: float, y: float) -> Points:
             ends = np.unique(np.clip([low, *breaks(c), high], low, high))
             found = []
-            for left, right in zip(ends[:-1], ends[1:], strict=True):
+            for left, right in pairwise(ends):
                 inner = np.clip(left + (right - left) * np.array([1e-13, 1 - 1e-13]), left, right)
                 off = [float(response(c, a)) - y for a in inner]
                 if off[0] * off[1] < 0.0:
@@ -208,8 +209,9 @@ def _two(name: str, g: Callable, k: Callable, breaks: Callable, *laws: Law, c=(0
 SHAPES = (
     _one("two slopes", lambda c, a: np.maximum(a - c, 0.3 * (c - a)), lambda c: [c],
          Law(1.0, 0.3, A), (0.2, 1.8)),
-    _one("|a - c|", lambda c, a: np.abs(a - c) + 0.1 * c, lambda c: [c], Law(1.1, 0.35), (0.4, 1.6)),
-    _one("square", lambda c, a: a * a + 0.01 * c, lambda c: [0.0], Law(0.3, 0.4), (0.0, 1.0)),
+    _one("|a - c|", lambda c, a: np.abs(a - c) + 0.1 * c, lambda c: [c],
+         Law(1.1, 0.35), (0.4, 1.6)),
+    _one("square", lambda c, a: a * a + 0.01 * c, lambda _: [0.0], Law(0.3, 0.4), (0.0, 1.0)),
     _one("maximum", lambda c, a: 2.0 - (a - c) ** 2, lambda c: [c], Law(1.0, 0.25, A), (0.6, 1.4)),
     _one("bump", lambda c, a: np.exp(-0.5 * ((a - c) / 0.6) ** 2) + 0.2 * c, lambda c: [c],
          Law(1.0, 0.3, A), (0.3, 1.7)),
@@ -224,11 +226,11 @@ SHAPES = (
          Law(1.0, 0.4, log=True), (0.5, 1.5)),
     _two("fold |a - c| + b c", lambda c, a: np.abs(a - c), lambda c: c, lambda c: [c],
          Law(1.0, 0.25, A), Law(1.0, 0.2, A), c=(0.2, 1.8)),
-    _two("valley floor", lambda c, a: (a - c) ** 2, lambda c: 0.05, lambda c: [c],
+    _two("valley floor", lambda c, a: (a - c) ** 2, lambda _: 0.05, lambda c: [c],
          Law(1.0, 0.3, A), Law(1.0, 0.3, B), c=(0.5, 1.5)),
-    _two("sharp valley", lambda c, a: np.abs(a - c), lambda c: 0.02, lambda c: [c],
+    _two("sharp valley", lambda c, a: np.abs(a - c), lambda _: 0.02, lambda c: [c],
          Law(1.0, 0.3), Law(1.0, 0.3), c=(0.5, 1.5)),
-    _two("waves and a line", lambda c, a: np.sin(2.5 * c * a), lambda c: 0.3, _nothing,
+    _two("waves and a line", lambda c, a: np.sin(2.5 * c * a), lambda _: 0.3, _nothing,
          Law(1.0, 0.2, A), Law(1.0, 0.25, B), c=(0.7, 1.4)),
     Shape("hill", lambda c, a, b: c - (a - 1.0) ** 2 - 2.0 * (b - 0.5) ** 2,
           ellipse(lambda c, y: (c - y, 1.0), 1.0, 0.5, 2.0), (Law(1.1, 0.3), Law(0.6, 0.25))),
@@ -329,6 +331,7 @@ class Exact:
 
     def maximum(self, alpha: Array, errors: Array, limits: Array) -> Array:
         """The nearest maximum within the limits (K, 2), by steps of `errors`."""
+
         def lost(z: Array) -> float:
             at = alpha + errors * z
             if np.any(at < limits[:, 0]) or np.any(at > limits[:, 1]):
@@ -387,7 +390,9 @@ def print_folds(console: Console, path: Path, _: int) -> None:
     """Each study as soon as it is measured, then how many were right."""
     known = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     done = {(one["shape"], one["seed"], one["slow"]) for one in known}
-    table = Table("shape", "seed", "way", "off", "stated", "distance", "verdicts", "seconds", "runs")
+    table = Table(
+        "shape", "seed", "way", "off", "stated", "distance", "verdicts", "seconds", "runs"
+    )
     rows = list(known)
     for study in studies():
         if (study.shape.name, study.seed, study.slow) not in done:

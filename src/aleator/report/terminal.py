@@ -22,6 +22,7 @@ from aleator.tasks.results.printed import (
     principle,
     remedies,
     second_verdict,
+    stated_error,
     to_three,
     verdict,
     with_error,
@@ -176,7 +177,8 @@ def _values(result: Result) -> Iterator[tuple[str, str, str]]:
     """The log-likelihoods of the answer and of simpler ones: name, value, what it is."""
     found = result["log_likelihood"]
     how = "" if individual.is_individual(result) else "by the densities at alpha"
-    yield "estimated", to_three(found.get("estimated")), how
+    error = stated_error(found).strip()
+    yield "estimated", to_three(found.get("estimated")), ", ".join(filter(None, (error, how)))
     yield from individual.likelihoods(result)
     if found.get("log_prior") is not None:
         what = "of alpha; the sum of both was maximized, and intervals are by its profile"

@@ -32,6 +32,8 @@ WAVE = 0.1
 """Distance, over the scatter, within which the error of a surface is another."""
 LARGEST = 0.5
 """Change of a log-density by the error of its surface above which first order does not hold."""
+FARTHER = 3.0
+"""Times the largest error that was seen by which a surface may be off."""
 COUNTED = 1e-3
 """Share of a density that a point has at least to be looked at."""
 COPIES = 2
@@ -73,23 +75,21 @@ def verify_on_levels(
     apart = 0.5 * (parts[0].scores - parts[-1].scores)
     change = whole.each - before
     # what the second order may add, and half of what two copies differ by
-    error = np.hypot(0.5 * change**2, 0.5 * (parts[0].each - parts[-1].each))
-    reached: Flags = (whole.status == Status.SOLVED) & (np.abs(change) < LARGEST)
-    reached &= np.isfinite(error)
-    error = np.where(reached, error, np.inf)
-    bias = float(np.sum(0.5 * change[reached] ** 2))
-    noise = 0.25 * float(np.sum((parts[0].each - parts[-1].each)[reached] ** 2))
     errors = np.concatenate([look.errors for look in looks], axis=1)
+    near = _mean(np.abs(errors), largest=True)
+    apart_each, bent = 0.5 * (parts[0].each - parts[-1].each), _bent(levels, alpha, before, near)
+    bias = 0.5 * change**2 + bent
+    reached: Flags = (whole.status == Status.SOLVED) & (np.abs(change) + bent < LARGEST)
     return Verification(
         each=whole.each,
-        each_error=error,
+        each_error=np.where(reached, np.hypot(bias, apart_each), np.inf),
         effective=np.isfinite(errors).sum(axis=1).astype(float),
         reached=reached,
         total=float(whole.each[reached].sum()),
-        standard_error=float(np.hypot(bias, np.sqrt(noise))),
+        standard_error=float(np.hypot(bias[reached].sum(), np.linalg.norm(apart_each[reached]))),
         scatter=scatter,
         surface_error=_mean(errors**2) ** 0.5,
-        near_error=_mean(np.abs(errors), largest=True),
+        near_error=near,
         contradicted=np.zeros(y.size, dtype=np.bool_),
         score=Score(whole.scores, apart.T @ apart) if reached.all() else None,
     )
@@ -121,6 +121,18 @@ def _looked(
     with np.errstate(invalid="ignore", divide="ignore"):
         means = sums / weight.sum(axis=2)
     return _Look(error.reshape(count, -1), means)
+
+
+def _bent(levels: LevelLikelihood, alpha: Array, before: Array, error: Array) -> Array:
+    """What the second order may add (N,) to a log-density, by a surface that is off by `error`.
+
+    Infinite where the outcome is within that of the end of the surface: an extreme.
+    """
+    off = FARTHER * np.nan_to_num(error, nan=0.0)
+    up, down = (levels.given(levels.outcomes + side * off).evaluate(alpha) for side in (1.0, -1.0))
+    ends = (up.status == Status.SOLVED) & (down.status == Status.SOLVED) & np.isfinite(error)
+    bent = 0.5 * np.abs(up.each + down.each - 2.0 * before)
+    return np.where(ends, bent, np.inf)
 
 
 def _within(levels: LevelLikelihood, alpha: Array, y: Array) -> Array:

@@ -32,10 +32,10 @@ def crossed(
     """Whose sets (H,) go through cells: points on them there x (H, s), and weights (H,).
 
     Of experiments `rows` (B,) with outcomes y (B,), and `eta` (B, P) at the points of a grid with
-    these `sides`. A weight is the length of the set over the slope of the outcome. A cell whose slope
-    differs by more than `alike` from the mean of those at its corners, or which may hide a set
-    between its corners, is halved: near an extreme, a saddle, a fold or a kink. That takes outcomes
-    `at` further points.
+    these `sides`. A weight is the length of the set over the slope of the outcome. A cell whose
+    slope differs by more than `alike` from the mean of those at its corners, or which may hide a
+    set between its corners, is halved: near an extreme, a saddle, a fold or a kink. That takes
+    outcomes `at` further points.
     """
     shape = tuple(side.size for side in sides)
     whose, cell, corners = _passed(y, eta, shape)
@@ -53,7 +53,7 @@ def crossed(
     low = np.unravel_index(where, tuple(size - 1 for size in shape))
     ends = [np.stack([side[i], side[i + 1]]) for side, i in zip(sides, low, strict=True)]
     first = np.ravel_multi_index(low, shape)
-    far = np.concatenate([[0, 1], [0, 1] + np.array(shape[-1])])[: 2 ** len(shape)]
+    far = np.array([0, 1, shape[-1], shape[-1] + 1])[: 2 ** len(shape)]
     outcomes = eta[index[:, None], first[:, None] + far].reshape(-1, *[2] * len(shape))
     parts = _halved(rows[index], y[index], np.stack(ends, axis=-1), outcomes, at, alike)
     owner, on, weight = (
@@ -117,7 +117,7 @@ def _halved(
         ])  # fmt: skip
         rows, y, bend = (np.tile(one, len(halves)) for one in (rows, y, bend))
         flat = v.reshape(len(v), 2**s)
-        known = np.isfinite(flat).all(axis=1)
+        known: Flags = np.isfinite(flat).all(axis=1)
         corner = flat[:, triangles]
         on = known[:, None] & (corner.min(axis=2) <= y[:, None]) & (y[:, None] < corner.max(axis=2))
         cell, which = np.nonzero(on)
@@ -146,7 +146,8 @@ def _between(rows: Indices, sides: Array, v: Array, at: At) -> Array:
     points = [np.stack([sides[i, :, k] for k, i in enumerate(place)], axis=1) for place in new]
     outcomes = at(np.tile(rows, len(new)), np.concatenate(points)).reshape(len(new), len(v))
     for place, outcome in zip(new, outcomes, strict=True):
-        found[(np.s_[:], *place)] = outcome
+        at_place: tuple[slice | int, ...] = (slice(None), *place)
+        found[at_place] = outcome
     return found
 
 
@@ -179,12 +180,10 @@ def _hiding(y: Array, eta: Array, sides: tuple[Array, ...]) -> Indices:
     bend = np.zeros_like(v)
     for i, side in enumerate(sides, 1):
         width = np.diff(side).reshape(-1, *[1] * (len(sides) - i))
-        along = [np.s_[:]] * i
-        rise = np.diff(v, axis=i) / width
-        inner = np.abs(np.diff(rise, axis=i)) * np.maximum(width[:-1], width[1:])
-        bend[*along, 1:-1] += inner
-        bend[*along, 0] += inner[*along, 0]
-        bend[*along, -1] += inner[*along, -1]
+        inner = np.abs(np.diff(np.diff(v, axis=i) / width, axis=i))
+        inner *= np.maximum(width[:-1], width[1:])
+        ends = [(1, 1) if k == i else (0, 0) for k in range(v.ndim)]
+        bend += np.pad(inner, ends, mode="edge")
     near = np.abs(v - y.reshape(-1, *[1] * len(sides))) < 0.5 * bend
     known = np.isfinite(v)
     for i in range(1, v.ndim):
@@ -239,15 +238,15 @@ def _chord(v: Array, x: Array) -> Array:
     (a, b), (c, d) = np.moveaxis(side, 0, -1)
     first, second = rise.T
     slope = np.stack([first * d - second * b, second * a - first * c], axis=1)
-    return np.asarray(slope / (a * d - b * c)[:, None])
+    return np.asarray(slope / (a * d - b * c)[:, None], dtype=np.float64)
 
 
 def _smooth(v: Array, x: Array, slope: Array, alike: float) -> tuple[Array, Flags]:
-    """Slopes at the corners (H, C, s), and where (H,) the outcome is smooth: no kink, jump, extreme.
+    """Slopes at the corners (H, C, s), and where (H,) the outcome is smooth: no kink, no extreme.
 
-    From corners x (H, C, s), outcomes v (H, C) and `slope` (H, C, s). Where it is smooth the outcome
-    rises along each side by the mean of the slopes at its ends; elsewhere all slopes are the
-    chord's.
+    From corners x (H, C, s), outcomes v (H, C) and `slope` (H, C, s). Where it is smooth the
+    outcome rises along each side by the mean of the slopes at its ends; elsewhere all slopes are
+    the chord's.
     """
     chord = _chord(v, x)
     size = np.sqrt(np.sum(chord**2, axis=1))
@@ -330,6 +329,5 @@ def _in_triangle(y: Array, v: Array, x: Array, slope: Array) -> tuple[Array, Arr
 def _between_corners(shares: Array, values: Array) -> Array:
     """What is linear between the corners of triangles, values (H, 3, C), at `shares` (2, H)."""
     first, second = shares[..., None]
-    return np.asarray(
-        values[:, 0] + first * (values[:, 1] - values[:, 0]) + second * (values[:, 2] - values[:, 0])
-    )
+    alone = 1.0 - first - second
+    return np.asarray(alone * values[:, 0] + first * values[:, 1] + second * values[:, 2])

@@ -16,7 +16,7 @@ from aleator.likelihood.level_sets.grid import Grid
 from aleator.likelihood.level_sets.sets import LevelSets
 from aleator.search.value import LogLikelihood
 from aleator.surrogates.responses import Divisible
-from aleator.types import Array, Indices
+from aleator.types import Array, Flags, Indices
 
 MOST, FEWEST = {1: 16384, 2: 96}, {1: 1024, 2: 64}
 """Cells of a parameter for an answer, by how many scatter, of few experiments and of very many.
@@ -136,9 +136,9 @@ class LevelLikelihood:
         return self._with(self.response, self.condition, self.outcomes, self._answers)
 
     @property
-    def reached(self) -> bool:
-        """Whether every outcome is one of the response in the region."""
-        return not bool(self._everywhere.empty.any())
+    def unreached(self) -> Flags:
+        """(N,) whose outcome is none of the response in the region."""
+        return self._everywhere.empty
 
     @cached_property
     def _everywhere(self) -> LevelSets:

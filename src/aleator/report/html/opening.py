@@ -7,7 +7,14 @@ from html import escape
 from typing import Any
 
 from aleator.report.html.markup import Section, paragraph
-from aleator.tasks.results.printed import left_out, number, second_verdict, to_three, verdict
+from aleator.tasks.results.printed import (
+    left_out,
+    number,
+    second_verdict,
+    stated_error,
+    to_three,
+    verdict,
+)
 
 Document = Mapping[str, Any]
 
@@ -43,6 +50,7 @@ def _identified(document: Document) -> str:
         f"{free} hyperparameters identified from {len(document['experiments']):,} experiments"
         f"{values}, with {document['runs']:,} runs of the simulator. "
         f"Log-likelihood {to_three(likelihood['estimated'])}"
+        f"{stated_error(likelihood).replace('+-', '±')}"
     )
     if likelihood.get("verified") is not None:
         error = number(likelihood.get("verified_standard_error"), 2)

@@ -254,9 +254,15 @@ def principle(document: Document) -> str:
     return "by maximum likelihood" if prior is None else "by maximum a posteriori"
 
 
+def stated_error(likelihood: Mapping[str, Any]) -> str:
+    """The error of a log-likelihood behind it, where it is known."""
+    error = likelihood.get("error")
+    return "" if error is None else f" +- {number(error, 2)}"
+
+
 def _likelihood(document: Document) -> str:
     found = document["log_likelihood"]
-    line = f"log-likelihood {to_three(found['estimated'])}"
+    line = f"log-likelihood {to_three(found['estimated'])}{stated_error(found)}"
     if (prior := found.get("log_prior")) is not None:
         line += f", log prior {to_three(prior)} (maximum a posteriori)"
     if found["verified"] is None:
