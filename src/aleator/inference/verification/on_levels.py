@@ -28,6 +28,8 @@ from aleator.types import Array, Flags
 
 OFFSET = 0.02
 """Distance h over the scatter of the outcome."""
+BESIDE = 0.3
+"""The same of two more sets: what a surface misses there may hide a root of the simulator."""
 WAVE = 0.1
 """Distance, over the scatter, within which the error of a surface is another."""
 LARGEST = 0.5
@@ -76,6 +78,10 @@ def verify_on_levels(
     change = whole.each - before
     # what the second order may add, and half of what two copies differ by
     errors = np.concatenate([look.errors for look in looks], axis=1)
+    around = [
+        _looked(levels.given(_within(levels, alpha, y + side * scatter)), alpha, run, emulator, 1,
+                progress).errors for side in (-BESIDE, BESIDE)
+    ]  # fmt: skip
     near = _mean(np.abs(errors), largest=True)
     apart_each, bent = 0.5 * (parts[0].each - parts[-1].each), _bent(levels, alpha, before, near)
     bias = 0.5 * change**2 + bent
@@ -89,7 +95,7 @@ def verify_on_levels(
         standard_error=float(np.hypot(bias[reached].sum(), np.linalg.norm(apart_each[reached]))),
         scatter=scatter,
         surface_error=_mean(errors**2) ** 0.5,
-        near_error=near,
+        near_error=_mean(np.abs(np.concatenate([errors, *around], axis=1)), largest=True),
         contradicted=np.zeros(y.size, dtype=np.bool_),
         score=Score(whole.scores, apart.T @ apart) if reached.all() else None,
     )

@@ -117,7 +117,7 @@ def _halved(
         ])  # fmt: skip
         rows, y, bend = (np.tile(one, len(halves)) for one in (rows, y, bend))
         flat = v.reshape(len(v), 2**s)
-        known: Flags = np.isfinite(flat).all(axis=1)
+        known = np.asarray(np.isfinite(flat).all(axis=1))
         corner = flat[:, triangles]
         on = known[:, None] & (corner.min(axis=2) <= y[:, None]) & (y[:, None] < corner.max(axis=2))
         cell, which = np.nonzero(on)
@@ -256,7 +256,7 @@ def _smooth(v: Array, x: Array, slope: Array, alike: float) -> tuple[Array, Flag
     for i, j in combinations(range(v.shape[1]), 2):
         rise = np.sum((slope[:, i] + slope[:, j]) * (x[:, j] - x[:, i]), axis=1)
         off = np.maximum(off, np.abs(v[:, j] - v[:, i] - 0.5 * rise))
-    smooth = (off < alike * size) & (differ < STEEP * size)
+    smooth: Flags = (off < alike * size) & (differ < STEEP * size)
     return np.where(smooth[:, None, None], slope, chord[:, None]), smooth
 
 
@@ -273,7 +273,7 @@ def _share(y: Array, v: Array, other: Array, rise: Array, rise_there: Array) -> 
         found = np.where(
             slope * root >= 0.0, 2.0 * off / (slope + root), 0.5 * (root - slope) / bend
         )
-    return np.clip(np.nan_to_num(found, nan=0.0), 0.0, 1.0)
+    return np.asarray(np.clip(np.nan_to_num(found, nan=0.0), 0.0, 1.0))
 
 
 def _on_line(y: Array, v: Array, x: Array, slope: Array) -> tuple[Array, Array]:
