@@ -14,13 +14,7 @@ import pandas as pd
 from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.inference import diagnostics
-from aleator.inference.verification import (
-    MonteCarlo,
-    SurfaceEmulator,
-    Verification,
-    verify,
-    verify_on_levels,
-)
+from aleator.inference.verification import MonteCarlo, SurfaceEmulator, Verification, verify
 from aleator.inference.verification.kernel import NORMAL
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import traceable
@@ -154,7 +148,7 @@ def _found(
     checked = _checked(answer, runner, verification, seed, ledger)
     moves = moves_of(answer, checked)
     for _ in range(NEARER):
-        better = nearer(question, answer, _doubtful(answer, checked, moves), ledger)
+        better = nearer(question, answer, _doubtful(answer, moves), ledger)
         if better is None:
             break
         again = _checked(better, runner, verification, seed, ledger)
@@ -178,17 +172,14 @@ def _found(
     return replace(found, warnings=(*found.warnings, *jumps))
 
 
-def _doubtful(answer: Answer, checked: Verification | None, moves: Array) -> Flags:
+def _doubtful(answer: Answer, moves: Array) -> Flags:
     """Experiments (N,) whose surfaces are to be more exact near the measured outcomes.
 
     Without noise also those whose outcome lies at an extreme of the surface.
     """
     doubtful: Flags = moves > diagnostics.DOUBTFUL
-    if answer.problem.unreached.size:
-        return doubtful | answer.problem.unreached
-    if checked is None or answer.problem.levels is None:
-        return doubtful
-    return doubtful | ~checked.reached
+    unreached = answer.problem.unreached
+    return doubtful | unreached if unreached.size else doubtful
 
 
 def _uncertain(found: Identification) -> bool:
@@ -264,12 +255,6 @@ def _verified(
     if surface is not None:
         emulator = SurfaceEmulator(surface, problem.region, problem.condition)
         expected = surface.error[problem.condition]
-        if problem.levels is not None and (most is None or most >= 4):
-            scatter = problem.predictive.moments(alpha).sd
-            return verify_on_levels(
-                runner.attempt, problem.levels, emulator, alpha, scatter,
-                expected, most or choice.near, progress,
-            )  # fmt: skip
     return verify(
         runner.attempt, model.inputs, alpha, model.noise_sd(alpha), problem.outcomes, choice,
         seed=seed, lower=problem.predictive.lower, upper=problem.predictive.upper,

@@ -94,12 +94,15 @@ def total_refusals(
     inference: Inference,
     problem: Problem,
     alpha: Array,
+    moves: Array,
 ) -> list[Diagnostic]:
     """A difference in the total that moves an estimate, where only the surfaces can have made it.
 
-    The likelihood is exact but for them, where it is that of level sets.
+    The likelihood is exact but for them, where it is that of level sets. They have not made it
+    where all that the runs saw of their errors near the outcomes, all to one side, moves no
+    estimate (`moves` (N,), see `doubt`): the check's kernel smears what ends within its width.
     """
-    if checked is None or problem.levels is None:
+    if checked is None or problem.levels is None or np.sum(moves) < LARGEST_MOVE:
         return []
     return _total(honest, checked, _step(checked, inference, problem, alpha), problem)
 

@@ -75,7 +75,7 @@ def review(
         *_density_warnings(honest, ids),
         *search_refusals(inference, hyperparameters),
         *check.refusals(honest, checked, ids),
-        *check.total_refusals(honest, checked, inference, problem, found.alpha),
+        *check.total_refusals(honest, checked, inference, problem, found.alpha, moves),
         *surface_refusals(problem, found.alpha, checked, surface_error, ids),
         *doubt_refusals(moves, ids),
         *level_refusals(changed, ids),

@@ -3,7 +3,6 @@
 from aleator.inference.verification.check import FEW_SAMPLES, verify
 from aleator.inference.verification.choice import MonteCarlo, Score, Verification
 from aleator.inference.verification.emulator import Emulator, SurfaceEmulator
-from aleator.inference.verification.on_levels import verify_on_levels
 from aleator.inference.verification.score_step import Movement, movement
 
 __all__ = [
@@ -16,5 +15,4 @@ __all__ = [
     "Verification",
     "movement",
     "verify",
-    "verify_on_levels",
 ]

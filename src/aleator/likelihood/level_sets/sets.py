@@ -56,27 +56,6 @@ class LevelSets:
         most = max(1, int(np.isfinite(log_weight).sum(axis=1).max(initial=0)))
         return LevelSets(self.inputs, self.x[rows, :most], log_weight[:, :most])
 
-    def shares(self, alpha: Array) -> Array:
-        """What each point (N, K) contributes to the density of its experiment; they sum to one."""
-        return mean_of(self._terms(alpha))[1]
-
-    def chosen(self, alpha: Array, copies: int, count: int) -> tuple[Array, Array]:
-        """Points (N, C, J, n) by their shares, in C copies, with weights (N, C, J) that sum to one.
-
-        All points of a set of one parameter, once; of two parameters J = `count` along the set.
-        """
-        shares = self.shares(alpha)
-        if len(self.inputs.scattered) == 1:
-            return self.x[:, None], shares[:, None]
-        order = np.argsort(self.x[:, :, self.inputs.scattered[0]], axis=1)
-        below = np.cumsum(np.take_along_axis(shares, order, axis=1), axis=1)
-        part = (np.arange(count) + (np.arange(copies)[:, None] + 0.5) / copies) / count
-        place = np.stack([np.searchsorted(own, part.ravel() * own[-1]) for own in below])
-        rows = np.arange(len(below))[:, None]
-        chosen = order[rows, np.minimum(place, order.shape[1] - 1)]
-        x = self.x[rows, chosen].reshape(len(below), copies, count, self.x.shape[2])
-        return x, np.full(x.shape[:3], 1.0 / count)
-
     def filled(self, other: LevelSets) -> LevelSets:
         """With the sets of the other where there is none here."""
         count = max(self.x.shape[1], other.x.shape[1])
