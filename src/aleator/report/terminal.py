@@ -23,6 +23,7 @@ from aleator.tasks.results.printed import (
     principle,
     remedies,
     second_verdict,
+    stated_error,
     to_three,
     verdict,
     with_error,
@@ -181,7 +182,8 @@ def _log_likelihood(result: Result) -> RenderableType:
 def _values(result: Result) -> Iterator[tuple[str, str, str]]:
     """The log-likelihoods of the answer and of simpler ones: name, value, what it is."""
     found = result["log_likelihood"]
-    yield "estimated", to_three(found.get("estimated")), by_name(result)
+    how = ", ".join(filter(None, (stated_error(found).strip(), by_name(result))))
+    yield "estimated", to_three(found.get("estimated")), how
     yield from individual.likelihoods(result)
     if found.get("log_prior") is not None:
         what = "of alpha; the sum of both was maximized, and intervals are by its profile"

@@ -178,7 +178,8 @@ def _log_likelihood(total: float, gap: float, check: Checked | None) -> LogLikel
     if check is None:
         return LogLikelihoodReport(total, None, None)
     error = max(float(np.hypot(check.standard_error, gap)), LEAST)
-    return LogLikelihoodReport(total, total + check.total, error)
+    off = float(np.hypot(check.total, error))
+    return LogLikelihoodReport(total, total + check.total, error, error=off)
 
 
 def _individuals(

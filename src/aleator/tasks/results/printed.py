@@ -254,6 +254,12 @@ def principle(document: Document) -> str:
     return "by maximum likelihood" if prior is None else "by maximum a posteriori"
 
 
+def stated_error(likelihood: Mapping[str, Any]) -> str:
+    """The error of a log-likelihood behind it, where it is known."""
+    error = likelihood.get("error")
+    return "" if error is None else f" +- {number(error, 2)}"
+
+
 def by_name(document: Document) -> str:
     """What made the log-likelihood and those of the experiments, which sum to it.
 
@@ -267,7 +273,8 @@ def by_name(document: Document) -> str:
 def log_likelihood(document: Document) -> str:
     """The log-likelihood, by what, with the log prior and what the check says: a sentence."""
     found = document["log_likelihood"]
-    line = f"log-likelihood {to_three(found['estimated'])} {by_name(document)}".rstrip()
+    value = f"{to_three(found['estimated'])}{stated_error(found)}"
+    line = f"log-likelihood {value} {by_name(document)}".rstrip()
     if (prior := found.get("log_prior")) is not None:
         line += f", log prior {to_three(prior)} (maximum a posteriori)"
     if found.get("verified") is None:

@@ -66,6 +66,7 @@ def assemble(
     alpha, hyperparameters = found.alpha, problem.model.hyperparameters
     honest = problem.likelihood.evaluate(alpha)
     surface_error = diagnostics.surface_errors(problem, checked)
+    changed = diagnostics.by_finer_cells(problem, alpha)
     warnings, sound = diagnostics.review(
         problem,
         found,
@@ -77,11 +78,12 @@ def assemble(
         moves,
         ids,
         table.conditions,
+        changed,
     )
     return Identification(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
         log_likelihood=replace(
-            _log_likelihood(honest, checked), log_prior=prior_of(honest, hyperparameters)
+            _log_likelihood(honest, checked, changed), log_prior=prior_of(honest, hyperparameters)
         ),
         density=problem.likelihood.name,
         propagation=problem.name,
@@ -111,11 +113,17 @@ def assemble(
     )
 
 
-def _log_likelihood(honest: LogLikelihood, checked: Verification | None) -> LogLikelihoodReport:
+def _log_likelihood(
+    honest: LogLikelihood, checked: Verification | None, changed: Array
+) -> LogLikelihoodReport:
+    """With its error; `changed` (N,) is what finer cells changed."""
+    found, cells = honest.likelihood, [float(changed.sum()), float(np.linalg.norm(changed))]
     if checked is None:
-        return LogLikelihoodReport(honest.likelihood, None, None)
+        return LogLikelihoodReport(found, None, None, error=float(np.linalg.norm(cells)) or None)
     if np.all(checked.reached):
-        return LogLikelihoodReport(honest.likelihood, checked.total, checked.standard_error)
+        parts = [found - checked.total, checked.standard_error, *cells]
+        error = float(np.linalg.norm(parts))
+        return LogLikelihoodReport(found, checked.total, checked.standard_error, error=error)
     reached = {
         "experiments": int(checked.reached.sum()),
         "estimated": float(honest.each[checked.reached].sum()),
