@@ -2,7 +2,7 @@
 
 `python -m benchmarks limit_states` prints z = (probability - exact)/error of each state, directly
 on the simulator and by surfaces. Parameters of the shapes and the depth of the states, 1e-7 to
-1e-2, are drawn by a seed: `--replicates` is that seed here. Exact values are integrals over a of
+1e-2, are drawn by a seed. Exact values are integrals over a of
 the tail of the normal law over the sections in b, whose ends are found by bisection; in more than
 two variates they are closed forms, or sums over further normal variates.
 """
@@ -13,8 +13,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
+from rich.console import Console
 from scipy import special, stats
 
+from aleator import Inputs, Normal
+from aleator.inference.decisions.alpha_draws import AlphaDraws
+from aleator.inference.decisions.event import Event
+from aleator.observations.experiments import Conditions
+from aleator.simulators import Runner, as_simulator
+from aleator.surrogates import ResponseSurface
+from aleator.tasks.decide.ground import Ground
+from aleator.tasks.decide.near import Near
+from aleator.tasks.decide.probability import Probability, probability
 from aleator.types import Array
 
 Shape = Callable[[Array, Array], Array]
@@ -40,6 +51,40 @@ def limit_states(seed: int, rounds: int = 3) -> Iterator[LimitState]:
         for name, make in SHAPES.items():
             yield _in_plane(name, make(rng), rng)
         yield from _of_more_variates(rng)
+
+
+def print_limit_states(console: Console, seed: int = 2) -> None:
+    """z of every state, and their spread, directly and by surfaces."""
+    states = list(limit_states(seed))
+    for direct in (True, False):
+        scores = []
+        for state in states:
+            found, runs = estimated(state, direct)
+            scores.append((found.probability - state.exact) / found.error)
+            console.print(
+                f"{'direct' if direct else 'surface':8s} {state.name:20s} exact {state.exact:.2e} "
+                f"found {found.probability:.2e} z {scores[-1]:6.2f} {found.status} runs {runs}"
+            )
+        z = np.array(scores)
+        console.print(f"{z.size} states: z has the sd {z.std():.2f}, at most {np.abs(z).max():.1f}")
+
+
+def estimated(state: LimitState, direct: bool) -> tuple[Probability, int]:
+    """The probability of a state, and the runs that the simulator made besides the checks."""
+    names = tuple("abcdef"[: state.variates])
+    inputs = Inputs({name: Normal(0.0, 1.0) for name in names})
+    table = Conditions.from_frame(pd.DataFrame({"load": [1.0]}))
+    source = f"lambda load, {', '.join(names)}: response(stacked(({', '.join(names)},)))"
+    simulator = eval(source, {"response": state.response, "stacked": _stacked})
+    runner = Runner(as_simulator(simulator, True), table, inputs.names)
+    ground = Ground(table, inputs, None, runner, direct, ResponseSurface())
+    draws = AlphaDraws.at(np.array([h.start for h in inputs.hyperparameters]))
+    event = Event(((state.limit, np.inf),))
+    return probability(Near.of(ground, 0, draws), draws, event), runner.runs
+
+
+def _stacked(values: tuple[Array, ...]) -> Array:
+    return np.stack(np.broadcast_arrays(*values), axis=-1)
 
 
 def section_probability(response: Callable[[Array], Array], limit: float) -> float:

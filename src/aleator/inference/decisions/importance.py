@@ -114,7 +114,7 @@ def importance_density(
         u = np.concatenate([u, fresh])
         misses = miss if misses is None else np.concatenate([misses, miss], axis=1)
         shares = share if shares is None else np.concatenate([shares, share], axis=1)
-        own = mixture.weights(fresh) * np.sum(share, axis=0, where=miss <= 0.0)
+        own = _within(0.0, mixture.weights(fresh), miss, share)
         if _effective(own) > choice.enough * choice.points:
             break
         log = [np.logaddexp.reduce(part.log_parts(u), axis=0) for part in used]
@@ -134,6 +134,21 @@ def _effective(weights: Array) -> float:
     return float(np.sum(weights)) ** 2 / square if square > 0.0 else 0.0
 
 
+def _within(level: float, ratio: Array, misses: Array, shares: Array) -> Array:
+    """Weights (J,) of the points within a level: of the mixture of all laws, and of each alike.
+
+    Laws under which the event is far less probable would have no points by their mixture alone, and
+    the lower end of an interval is theirs.
+    """
+    each = ratio * shares * (misses <= level)
+    own = each.sum(axis=1)
+    counted = own > 0.0
+    if not counted.any():
+        return np.zeros(len(ratio))
+    alike = np.mean(each[counted] / own[counted, None], axis=0)
+    return np.asarray(each.sum(axis=0) / own.sum() + alike)
+
+
 def _level(ratio: Array, misses: Array, shares: Array, effective: float) -> Array | None:
     """Weights (J,) of the points within the least miss that enough points are within.
 
@@ -141,7 +156,7 @@ def _level(ratio: Array, misses: Array, shares: Array, effective: float) -> Arra
     """
 
     def within(level: float) -> Array:
-        return np.asarray(ratio * np.sum(shares, axis=0, where=misses <= level))
+        return _within(level, ratio, misses, shares)
 
     found = within(0.0)
     if _effective(found) >= effective:
