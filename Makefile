@@ -27,7 +27,7 @@ PYTHON ?= python3
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo reproduce test test-long browser docs browser-docs gallery bench hardening lint lock clean .venv create-venv FORCE
+.PHONY: help demo reproduce test test-long kernels browser docs browser-docs gallery bench judges hardening lint lock clean .venv create-venv FORCE
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -46,6 +46,9 @@ test: $(STAMP) ## Run the tests, the doctests of the source and the README
 test-long: $(STAMP) ## Run the tests that take a minute or more each
 	$(BIN)/pytest -m long --numprocesses auto --dist loadfile --durations=0
 
+kernels: $(STAMP) ## Run the numerical tests under other kernels of the BLAS, and with two threads
+	$(BIN)/python tests/kernels.py
+
 browser: $(STAMP) ## Look at report.html in a headless Chromium, which must be there
 	$(BIN)/pytest tests/browser/browse.py
 
@@ -61,6 +64,10 @@ gallery: $(STAMP) ## Draw the figures of the gallery anew (the answers in out/ga
 
 bench: $(PEERS) ## Run the benchmarks, against peers that only they need
 	$(BIN)/python -m benchmarks
+
+judges: $(STAMP) ## Answers to 64 random studies and all examples (BEFORE=record.jsonl compares)
+	@mkdir -p out
+	$(BIN)/python -m benchmarks.judges out/judges.jsonl $(if $(BEFORE),--before $(BEFORE))
 
 hardening: $(STAMP) ## Damage files, kill commands, let simulators fail: what is promised then
 	$(BIN)/python -m hardening

@@ -23,6 +23,7 @@ from benchmarks.growth import print_growth
 from benchmarks.identifications import identification_rows
 from benchmarks.individual import individual_rows
 from benchmarks.likelihood import likelihood_rows
+from benchmarks.limit_states import print_limit_states
 from benchmarks.linear import print_linear, print_linear_verdicts
 from benchmarks.moments import moment_rows
 from benchmarks.next_experiment import print_next
@@ -50,6 +51,7 @@ TABLES: dict[str, Callable[[Console], None]] = {
     "runs": lambda _: print_runs(),
     "next": print_next,
     "growth": print_growth,
+    "limit_states": print_limit_states,
 }
 COVERAGE, CLOSED = "coverage", "closed"
 PARTS = (*ROWS, *TABLES, COVERAGE, CLOSED)

@@ -28,6 +28,7 @@ LIGHT = (
     ("runs", "list", "study.toml"),
 )
 OF_RESULTS = (
+    *[("report", "out")] * 6,
     PREDICT,
     (*PREDICT, "--no-uncertainty"),
     (*PREDICT, "--no-uncertainty", "--no-noise"),

@@ -136,7 +136,7 @@ def prepared(folder: Path) -> None:
     for name, sound in STUDIES.items():
         os.chdir(written(sound, folder / name))
         if name in RESULTS:
-            _run("identify", "study.toml", "--no-figures", "--quiet", "--output", "out")
+            _run("identify", "study.toml", "--quiet", "--output", "out")
         if name == STORE:
             _run("runs", "export", "study.toml", "runs.csv")
         if name == "noisy":

@@ -1,4 +1,4 @@
-"""Every test run is the same run: one thread, no display, the same random examples.
+"""Every test run is the same run: one thread unless asked, no display, the same random examples.
 
 Files with slow tests come first, so that no worker is left alone with one at the end.
 """
@@ -6,9 +6,10 @@ Files with slow tests come first, so that no worker is left alone with one at th
 import os
 
 # Read once, when NumPy loads its linear algebra: so before any import of it. Threads change the
-# order of summation, hence the last digits, and make small problems slower.
+# order of summation, hence the last digits, and make small problems slower. `make kernels` asks
+# for two.
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[_threads] = "1"
+    os.environ.setdefault(_threads, "1")
 os.environ["MPLBACKEND"] = "Agg"
 
 import pytest  # noqa: E402

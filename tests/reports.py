@@ -67,7 +67,7 @@ def result(**changes: Any) -> dict[str, Any]:
             "verified": 262.4,
             "verified_standard_error": 0.13,
         },
-        "density": "maximum_entropy(4)",
+        "density": "maximum entropy, 4 moments",
         "propagation": "response_surface",
         "runs": 118642,
         "runs_by_stage": {"response surface": 10642, "search": 0, "verification": 108000},

@@ -1,5 +1,6 @@
 """Bad input through the command line: exit code 2, one message with place and remedy."""
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from reports import result
 
 from aleator.cli import main
 
@@ -88,7 +90,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "less than": (table("3.2", "<=0.5"), ["'<=0.5'", "signs = true", "biased"]),
     "a formula without end": (
         study("mean = {lower = 0.6, upper = 1.4}", f'mean = "{"1 + " * 1000}1"'),
-        ["study.toml: key 'parameters.softness.mean'", "4,001 characters"],
+        ["study.toml: key 'parameters'", "softness.mean", "4,001 characters"],
     ),
     "a store that no file can be": (
         study("[parameters", f'store = "{"a" * 10_000}"\n[parameters'),
@@ -186,6 +188,15 @@ def test_bad_input_is_one_message(folder: Path, change: Change, expected: list[s
     assert not Path("out/identification.json").exists()
 
 
+ESTIMATE = dict.fromkeys(("standard_error", "sandwich_error", "interval", "at_bound"))
+ALPHA = {"softness.mean": 1.0, "softness.sd": 0.1}
+DOCUMENT = json.dumps(
+    result(
+        alpha={k: {**ESTIMATE, "fixed": False, "estimate": at} for k, at in ALPHA.items()},
+        correlation={"names": [], "matrix": []},
+        study={"file": "study.toml"},
+    )
+)
 PREDICTIONS = {
     "no identification": (["none.json"], "law\n", "none.json"),
     "not an identification": (["study.toml"], "law\n", "study.toml"),
@@ -201,11 +212,9 @@ PREDICTIONS = {
 def test_bad_predictions_are_one_message(
     folder: Path, arguments: list[str], text: str, name: str
 ) -> None:
-    alpha = '{"softness.mean": {"estimate": 1.0}, "softness.sd": {"estimate": 0.1}}'
-    rest = '"log_likelihood": {}, "experiments": [], "study": {"file": "study.toml"}'
-    (folder / "law.json").write_text(f'{{"alpha": {alpha}, {rest}}}')
-    (folder / "other.json").write_text(f'{{"alpha": {{"x": {{"estimate": 1}}}}, {rest}}}')
-    (folder / "lost.json").write_text(f'{{"alpha": {alpha}, {rest}}}'.replace("study.t", "s.t"))
+    (folder / "law.json").write_text(DOCUMENT)
+    (folder / "other.json").write_text(DOCUMENT.replace("softness.mean", "x"))
+    (folder / "lost.json").write_text(DOCUMENT.replace("study.t", "s.t"))
     (folder / "new.csv").write_text(text)
     done = CliRunner().invoke(main, ["predict", *arguments, "--conditions", "new.csv", "--quiet"])
     assert done.exit_code == 2, done.output
@@ -213,16 +222,15 @@ def test_bad_predictions_are_one_message(
     assert name in done.stderr
 
 
-DOCUMENT = (
-    '{"alpha": {"softness.mean": {"estimate": 1.0}, "softness.sd": {"estimate": 0.1}}, '
-    '"log_likelihood": {}, "experiments": [], "study": {"file": "study.toml"}}'
-)
 DAMAGED = [
     "[" * 100_000,
     '{"alpha": ' + "[" * 100_000,
-    *(DOCUMENT.replace('{"estimate": 0.1}', entry) for entry in ("1", "[]", "{}")),
     *(
-        DOCUMENT.replace("0.1", value)
+        DOCUMENT.replace('"softness.sd": {', f'"softness.sd": {entry}, "other": {{')
+        for entry in ("1", "[]", "{}")
+    ),
+    *(
+        DOCUMENT.replace('"estimate": 0.1}', f'"estimate": {value}}}')
         for value in ("1e300", "1" + "0" * 400, "1e400", "NaN", "-0.1", "0", "true", '"0.1"')
     ),
     *(DOCUMENT.replace('{"file": "study.toml"}', entry) for entry in ("[1]", "5", "null")),

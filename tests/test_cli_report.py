@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -129,3 +130,31 @@ class Without:
     def find_spec(self, name: str, path: object = None, target: object = None) -> None:  # noqa: ARG002
         if name.partition(".")[0] == self.package:
             raise ModuleNotFoundError(f"No module named '{name}'", name=self.package)
+
+
+@pytest.mark.parametrize(
+    ("damage", "key"),
+    [
+        (lambda d: d["pictures"]["predicted"].pop("0.025"), "pictures.predicted"),
+        (lambda d: next(iter(d["pictures"]["profiles"].values()))["at"].pop(), "profiles"),
+        (lambda d: next(iter(d["pictures"]["laws"].values()))["density"].pop(), "laws"),
+        (lambda d: d["pictures"]["surface"]["below"].pop(), "pictures.surface"),
+        (lambda d: d["experiments"][0].update(log_density=10**400), "log_density"),
+        (lambda d: d.pop("sound"), "sound"),
+    ],
+)
+def test_a_damaged_result_is_one_message_for_all_its_readers(
+    written: Path, tmp_path: Path, damage: Any, key: str
+) -> None:
+    from aleator import AleatorError, load
+
+    document = json.loads((written / "identification.json").read_text(encoding="utf-8"))
+    damage(document)
+    (tmp_path / "identification.json").write_text(json.dumps(document), encoding="utf-8")
+    result = run("report", tmp_path)
+    assert result.exit_code == 2
+    assert key in result.output
+    assert "Remedy" in result.output
+    assert run("report", written, "--compare", tmp_path).exit_code == 2
+    with pytest.raises(AleatorError, match=key):
+        load(tmp_path / "identification.json")

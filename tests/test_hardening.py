@@ -49,7 +49,7 @@ def test_a_traceback_is_noticed(
     def broken(*_: object) -> None:
         raise KeyError("a defect")
 
-    monkeypatch.setattr("aleator.cli.predict.documents.read_json", broken)
+    monkeypatch.setattr("aleator.cli.predict.read_answer", broken)
     numbers = [k for k in range(2, 40, 4) if "bootstrap" not in _command(k, sound, tmp_path)]
     verdict = judging.one(numbers[0], 0, sound, tmp_path / "study")
     assert verdict.outcome == judging.TRACEBACK

@@ -15,7 +15,10 @@ def test_the_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     (wheel,) = tmp_path.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
-        entries = archive.read(f"aleator-{version('aleator')}.dist-info/entry_points.txt")
+        about = f"aleator-{version('aleator')}.dist-info"
+        entries = archive.read(f"{about}/entry_points.txt")
+        licence = archive.read(f"{about}/licenses/LICENSE")
+        metadata = archive.read(f"{about}/METADATA").decode()
     source = ROOT / "src"
     package = {
         str(path.relative_to(source).as_posix())
@@ -26,3 +29,5 @@ def test_the_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     assert len(package) > 100
     assert "aleator/py.typed" in package  # type checkers of users read the annotations
     assert b"aleator = aleator.cli:main" in entries
+    assert licence == (ROOT / "LICENSE").read_bytes()
+    assert "\nLicense-Expression: BSD-3-Clause\n" in metadata

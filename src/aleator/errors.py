@@ -8,8 +8,9 @@ from __future__ import annotations
 import difflib
 import re
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 
 class AleatorError(Exception):
@@ -80,6 +81,25 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """
     close = difflib.get_close_matches(name, list(known), n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""
+
+
+def key_path(location: Sequence[str | int], document: Mapping[str, Any], missing: bool) -> str:
+    """The path of a key in a file; what pydantic adds to tell alternatives apart is left out.
+
+    >>> key_path(("box", "list", 1), {"box": [0.5, "a"]}, missing=False)
+    'box[1]'
+    """
+    at: Any = document
+    path = ""
+    for k, part in enumerate(location):
+        inside = (isinstance(at, Mapping) and part in at) or (
+            isinstance(at, list) and isinstance(part, int) and part < len(at)
+        )
+        if not inside and not (missing and k == len(location) - 1):
+            continue
+        at = at[part] if inside else None
+        path += f"[{part}]" if isinstance(part, int) else f".{part}" if path else str(part)
+    return path
 
 
 def short(path: Path) -> str:

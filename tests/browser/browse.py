@@ -46,6 +46,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         Inputs({"start": Normal(Free(1.0, 3.0), Free(0.0, 1.0)),
                 "slope": Normal(Free(0.0, 2.0), Free(0.0, 1.0))}),
         noise=Noise(Free(0.01, 1.0)), vectorized=True, verification=MonteCarlo(0), best_law=False,
+        units={"way": r"$$mm^2$$ \(a\) \[b\]", "start": "$$mm$$"},
     )  # fmt: skip
     path = tmp_path_factory.mktemp("report") / "report.html"
     pictured(found).report().save(path)

@@ -205,7 +205,7 @@ def test_misuse_is_refused() -> None:
 
 def test_names() -> None:
     assert (Gaussian().name, Gaussian().order) == ("gaussian", 2)
-    assert (MaximumEntropy(5).name, MaximumEntropy(5).order) == ("maximum_entropy(5)", 5)
+    assert (MaximumEntropy(5).name, MaximumEntropy(5).order) == ("maximum entropy, 5 moments", 5)
 
 
 def test_the_farthest_outcome_is_finite() -> None:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +14,7 @@ import pytest
 from aleator import By, Constant, Free, LogNormal, Normal, TruncatedNormal
 from aleator.errors import InputsError
 from aleator.laws import Law
-from aleator.laws.design import variables
+from aleator.laws.design import Design, variables
 from aleator.laws.inputs import Inputs
 from aleator.types import Array
 
@@ -152,6 +157,115 @@ def test_the_intercept_far_from_all_experiments_may_be_where_any_line_has_it() -
 def test_a_formula_without_intercept_has_limits_too() -> None:
     (slope, _) = one(Normal(By("0 + t", 0.0, 10.0), 1.0)).hyperparameters
     assert (slope.lower, slope.upper) == (-2.0, 2.0)
+
+
+# ------------------------------------------------------------------------------ what a formula is
+
+
+@pytest.mark.parametrize(
+    ("term", "column"),
+    [
+        ("I(t**2)", lambda t: t**2),
+        ("{(t + 1)/(kelvin - 280)}", lambda t: (t + 1.0) / (TABLE["kelvin"] - 280.0)),
+        ("sqrt(t)", np.sqrt),
+        ("max(t, 2.5)", lambda t: np.maximum(t, 2.5)),
+        ("center(exp(t))", lambda t: np.exp(t) - np.exp(t).mean()),
+        ("I(2**t)", lambda t: 2.0**t),
+        ("log(`my col`)", lambda t: np.log(t + 1.0)),
+        ("t:kelvin", lambda t: t * TABLE["kelvin"]),
+    ],
+)
+def test_a_term_is_the_column_that_it_says(term: str, column: Callable[[Array], Array]) -> None:
+    table = TABLE.assign(**{"my col": TABLE["t"] + 1.0})
+    found = Design.of(f"1 + {term}", table).matrix[:, 1]
+    np.testing.assert_allclose(found, column(np.asarray(TABLE["t"])), rtol=1e-14)
+
+
+def test_a_power_of_whole_numbers_does_not_overflow() -> None:
+    table = pd.DataFrame({"n": [10, 20, 30, 40]})
+    found = Design.of("1 + I(n**20)", table).matrix[:, 1]
+    np.testing.assert_allclose(found, [10.0**20, 20.0**20, 30.0**20, 40.0**20], rtol=1e-14)
+
+
+def test_levels_are_coded_as_is_asked_for() -> None:
+    found = Design.of("1 + C(by, contr.treatment(base='b'))", TABLE)
+    assert found.matrix[:, 1:].sum(axis=0).tolist() == [2.0, 2.0]
+    assert np.all(found.matrix[2:4, 1:] == 0.0)
+
+
+@pytest.mark.parametrize(
+    "formula",
+    [
+        "{np.f2py.os.system('touch X')*t}",
+        "t.__init__.__globals__['sys'].modules['os'].system('touch X')",
+        "I(t.__init__.__globals__['sys'].modules['os'].system('touch X')*t)",
+        "{np.load('evil.npy', allow_pickle=True)}",
+        "{np.savetxt('X', [1])}",
+        "{t.to_csv('X')}",
+        "I(t.to_csv('X'))",
+        "I(open('X','w').write('x')*t)",
+        "1 + np.save('X', t)",
+        "1 + log(np.save('X', t))",
+        "1 + center(np.save('X', t))",
+        "t[t.to_csv('X')]",
+        "__import__('os').system('touch X')",
+        "C(by, contr.treatment(base=open('X', 'w')))",
+        "bs(t, df=4, constraints=open('X', 'w'))",
+        "{(lambda: open('X', 'w'))() and t}",
+        "{[open('X', 'w') for i in t]}",
+        "np",
+        "1 + `np`",
+    ],
+)
+def test_a_formula_runs_no_code(
+    formula: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with (tmp_path / "evil.npy").open("wb") as file:
+        np.save(file, np.array([Evil(), None]), allow_pickle=True)
+    with pytest.raises(InputsError) as caught:
+        Design.of(formula, TABLE)
+    assert [path.name for path in tmp_path.iterdir()] == ["evil.npy"]
+    assert caught.value.remedy
+
+
+class Evil:
+    """What makes a file X when it is unpickled."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return open, ("X", "w")
+
+
+@pytest.mark.parametrize(
+    "formula",
+    [
+        "2**2**2**2**2**2",
+        "I(9**9**9*t)",
+        "I((9**9)**9**9*t)",
+        "(t + kelvin)**50",
+        "((((t + by)**9)**9)**9)**9",
+        "*".join(f"x{k}" for k in range(40)),
+        "t**1000000000",
+        "bs(t, df=10**9)",
+        "bs(t, df=1000000000)",
+        "poly(t, 1000000000)",
+        "I(by*1000000000)",
+        "1" + " + t" * 3000,
+        "I(" + "-" * 1500 + "t)",
+        ".",
+        "1 + .",
+    ],
+)
+def test_a_formula_of_endless_work_is_refused_at_once(formula: str) -> None:
+    began = time.process_time()
+    with pytest.raises(InputsError) as caught:
+        Design.of(formula, TABLE)
+    assert time.process_time() - began < 5.0
+    assert "__formulaic" not in str(caught.value)
+
+
+def test_a_sum_of_hundreds_of_terms_is_read() -> None:
+    assert Design.of("1" + " + t" * 450, TABLE).names == ("Intercept", "t")
 
 
 # ------------------------------------------------------------------------------ misuse

@@ -3,9 +3,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reports import result
 
 from aleator.errors import AleatorError
 from aleator.tasks.results import documents
+from aleator.tasks.results.schema import read_answer
 
 
 def test_what_is_not_finite_is_null_and_arrays_are_lists() -> None:
@@ -33,10 +35,9 @@ def test_the_order_of_keys_does_not_depend_on_how_they_came() -> None:
 
 def test_a_document_survives_the_file(tmp_path: Path) -> None:
     path = tmp_path / "new" / "identification.json"
-    result = {"alpha": {"x.mean": {"estimate": 0.1}}, "log_likelihood": {}, "experiments": []}
-    documents.write_json(result, path)
-    assert documents.read_json(path) == result
-    assert documents.estimates(result, path) == {"x.mean": 0.1}
+    written = result(correlation={"names": [], "matrix": []})
+    documents.write_json(written, path)
+    assert read_answer(path) == written
     assert [file.name for file in path.parent.iterdir()] == ["identification.json"]
 
 
@@ -66,29 +67,16 @@ def test_what_is_not_an_identification_is_told(
     if text is not None:
         path.write_text(text)
     with pytest.raises(AleatorError, match=words) as caught:
-        documents.read_json(path)
+        read_answer(path)
     assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "alpha",
-    [
-        {"x": 1.0},
-        {"x": {"estimate": None}},
-        {"x": {"estimate": 1.0, "interval": [0.5]}},
-        {"x": {"estimate": 1.0, "interval": []}},
-        [1.0],
-    ],
-)
-def test_estimates_that_are_missing_are_told(alpha: object) -> None:
-    with pytest.raises(AleatorError, match="'alpha' does not hold an estimate"):
-        documents.estimates({"alpha": alpha}, "identification.json")
-
-
-@pytest.mark.parametrize(
-    "surface",
-    [None, [100, 8], {}, {"runs": 100}, {"runs": "100", "experiments": 8},
-     {"runs": 100, "experiments": 0}, {"runs": 10**400, "experiments": 8}],
-)  # fmt: skip
-def test_runs_of_a_surface_that_are_not_told_are_none(surface: object) -> None:
-    assert documents.runs_each({"surface": surface}) is None
+def test_the_result_of_another_study_is_not_replaced_and_an_older_one_not_silently(
+    tmp_path: Path,
+) -> None:
+    path, study = tmp_path / "out" / "identification.json", tmp_path / "study.toml"
+    assert documents.replaced(path, study) is None
+    documents.write_json({"study": {"file": "../study.toml"}}, path)
+    assert "will be replaced" in str(documents.replaced(path, study))
+    with pytest.raises(AleatorError, match="another study"):
+        documents.replaced(path, tmp_path / "study_b.toml")

@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping
 from html.parser import HTMLParser
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import pandas as pd
 import pytest
 
 from aleator import Censoring, Experiments, Free, Identification, Inputs, MonteCarlo, Noise, Normal
+from aleator.report.html.bundle import TEX, bokeh_script
 from aleator.report.html.chart import axes, fewer_ticks
 from aleator.report.html.page import page
 from aleator.report.html.saved import report_of
@@ -221,3 +223,11 @@ def test_an_axis_of_many_decades_has_few_ticks() -> None:
     assert ticks[-1] >= 1e17
     # within few decades there are ticks between these
     assert {2.0, 5.0, 1e3} <= set(narrow.yaxis[0].ticker.ticks)
+
+
+def test_the_script_of_a_page_takes_no_text_for_tex_and_fetches_nothing() -> None:
+    bokeh = (files("bokeh") / "server/static/js/bokeh.min.js").read_text(encoding="utf-8")
+    assert len(TEX.findall(bokeh)) == 1
+    assert not TEX.search(bokeh_script())
+    assert "mathjax@" in bokeh
+    assert "mathjax@" not in bokeh_script()

@@ -6,6 +6,8 @@ import pytest
 
 from aleator.errors import SimulatorError, SurroundingsError
 from aleator.simulators.command import CommandSimulator, Keep
+from aleator.simulators.command.placeholders import Text
+from aleator.simulators.command.shell import filled
 
 HERE_DOCUMENT = """cat <<END
 {label}
@@ -70,3 +72,14 @@ def test_a_cell_of_any_text_reaches_a_shell_by_its_environment(tmp_path: Path) -
     )
     assert simulator.run_one({"label": value}, {}) == len(value)
     assert not list(tmp_path.rglob("X"))
+
+
+@pytest.mark.parametrize(
+    "command", ["echo {label} | sh", "echo {label}|/bin/bash", "trap {label} EXIT"]
+)
+def test_a_shell_that_reads_a_pipe_and_a_trap_read_a_cell_twice(command: str) -> None:
+    text = Text.parse(command)
+    assert filled(text, {"label": "B2"}).replace("B2", "{label}") == command
+    with pytest.raises(SimulatorError, match="a shell would read"):
+        filled(text, {"label": "touch X"})
+    assert "'touch X'" in filled(Text.parse("run.sh {label} | tee x"), {"label": "touch X"})

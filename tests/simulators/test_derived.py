@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import sys
+import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -132,3 +133,41 @@ def test_a_text_is_no_number() -> None:
     table = Conditions(("1",), pd.DataFrame({"load": [6.0], "h": ["wet"]}))
     with pytest.raises(SimulatorError, match="'h' is a text"):
         Runner(derived(Lever(), E), table, ["a", "b"])([0], X[:1])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "9**9**9",
+        "2**2**2**2**2**2",
+        "a*9**9**9",
+        "1/0",
+        "(-8)**0.5",
+        "-" * 3000 + "a",
+        "1" + " + a" * 3000,
+        "a" + "**2" * 3000,
+        "abs(" * 3000 + "a" + ")" * 3000,
+        "not " * 3000 + "a",
+        "1" * 5000 + "*a",
+        "__import__('os').system('touch X')",
+        "a.__class__",
+        "(lambda: a)()",
+        "min(*a, 2)",
+    ],
+)
+def test_an_expression_that_computes_without_end_or_no_number_is_refused_at_once(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    began = time.process_time()
+    with pytest.raises(SimulatorError, match=r"derived\.e") as caught:
+        Runner(derived(stretch, {"e": text}), TABLE, ["a", "b"])
+    assert time.process_time() - began < 5.0
+    assert caught.value.remedy
+    assert not list(tmp_path.iterdir())
+
+
+def test_numbers_of_an_expression_are_floats_and_long_sums_are_computed() -> None:
+    run = Runner(derived(stretch, {"e": "10**20 + a" + " + b" * 200}), TABLE, ["a", "b"])
+    expected = TABLE.table["load"].to_numpy() / (1e20 + X[:, 0] + 200.0 * X[:, 1])
+    np.testing.assert_allclose(run([0, 1], X), expected, rtol=1e-12)

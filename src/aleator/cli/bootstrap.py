@@ -56,10 +56,11 @@ def bootstrap(
     """Tell how far the estimates scatter, by a bootstrap.
 
     The study is identified, by the runs in its store where they are known; then other data are
-    drawn and the maximum of each is climbed to on the same surfaces, without a run. Prints standard
-    errors, biases and 95 % intervals; writes DIR/bootstrap.json, and DIR/bootstrap.csv with every
-    replicate. Finished replicates are kept in DIR/bootstrap.jsonl: after Ctrl-C, and for more
-    replicates, the same command goes on from there. With --workers N processes do the work.
+    drawn and the maximum of each is climbed to on the same surfaces, without a run, or by a fast
+    simulator itself. Prints standard errors, biases and 95 % intervals; writes DIR/bootstrap.json,
+    and DIR/bootstrap.csv with every replicate. Finished replicates are kept in
+    DIR/bootstrap.jsonl: after Ctrl-C, and for more replicates, the same command goes on from there.
+    With --workers N processes do the work.
     """
     folder = folder_of(output, study)
     value = load_study(study).overridden(seed, verified=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 from typing import Any
 
@@ -22,18 +23,104 @@ from aleator.cli.running import (
     running,
 )
 from aleator.cli.showing import can_draw, can_report, say, shown
+from aleator.densities import Convolution, LogSpline, MaximumEntropy
 from aleator.errors import short
+from aleator.inference.verification.choice import ALONE, FEW
+from aleator.laws import LogNormal
+from aleator.likelihood.model import STAND_IN
 from aleator.plot.identification import save_figures
 from aleator.report import terminal
+from aleator.search import GradientMultistart
 from aleator.simulators import Budget
 from aleator.study import load_study
+from aleator.study.experiments import ExperimentsSection
+from aleator.study.keys import in_toml
+from aleator.study.sections import StudyFile
+from aleator.surrogates import ResponseSurface
+from aleator.tasks.individual.check import POINTS
+from aleator.tasks.individual.identify import MOST
 from aleator.tasks.pictures import pictured
 from aleator.tasks.results import documents, printed
 
 IDENTIFICATION = "identification.json"
 
 
-@click.command()
+def _defaults(choice: type, *names: str) -> str:
+    """The keys of some fields with their defaults, as a study file writes them."""
+    known = inspect.signature(choice).parameters
+    return ", ".join(f"{name} = {in_toml(known[name].default)}" for name in names)
+
+
+HELP = f"""Identify the law that STUDY.toml asks for.
+
+Prints a report and writes DIR/identification.json; for one seed that file is always the same,
+but for its "seconds". Writes DIR/report.html, a page of charts that needs no network, if Bokeh
+is installed. Draws DIR/experiments.png (what was measured beside what is predicted)
+and DIR/calibration.png if matplotlib is installed, and with measurement noise
+DIR/parameters.png. Progress goes to the standard error.
+
+Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
+known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
+same result. Every study in that folder reuses a run if simulator, conditions and parameters
+are equal. (Of a simulator so fast that it is run at every node none are kept.) Whether the
+simulator is the same is judged by the source of its package or folder: see `aleator runs --help`
+if anything else that matters has changed.
+
+\b
+A study file (paths are relative to it; all keys but these have defaults):
+  [experiments]
+  file = "experiments.csv"      # a header, then a row for each experiment
+  outcome = "shifting_time"     # the measured column; the others are conditions
+  [simulator]
+  function = "model.py:shifting_time"   # takes conditions and parameters by name
+  [parameters.friction]
+  law = "truncated_normal"
+  box = [0.05, 0.20]
+
+\b
+Further keys, with their defaults:
+  {_defaults(StudyFile, "title", "seed")}
+  [experiments] id = "id" (rows with the same id are one experiment), conditions = every
+                other column, transform = "none" or "log" (both outcomes, measured and
+                simulated, are then in the original unit),
+                {_defaults(ExperimentsSection, "delimiter", "decimal")};
+                outcomes = [...] for several, response = the column
+                that says which, censored = {{column, right, left, upper}} for bounds
+  [simulator]   vectorized = false: called once a run with numbers; true: with arrays.
+                Instead of function: command (a program) or fmu
+  [parameters.NAME] law = "truncated_normal", "beta" (box, mean, sd), "normal" (mean,
+                sd), "uniform" (box; or mean, sd), "gamma", "lognormal" (mean, sd,
+                {_defaults(LogNormal, "lower")}), "scipy" (distribution, args; mean, sd),
+                "mixture" (components, shares) or "constant" (value); mean, sd and
+                value each a number, or to be identified within {{lower = ...,
+                upper = ..., start = ..., prior = {{law = ...}}}}; mean and sd may
+                follow columns of the table: mean = "1 + temperature"
+  [correlation] a.b: of the parameters a and b, a number or {{lower = ..., upper = ...}}
+  [derived]     a = "b * load": parameters from others and from conditions
+  [noise]       sd: measurement noise, a number, {{lower = ..., upper = ...}} or a
+                column; relative; kind = "normal" or "student_t" (df);
+                [noise.RESPONSE] for each response
+  [propagation] method = "response_surface" (tolerance: as exact as the answer needs;
+                {_defaults(ResponseSurface, "max_runs")}, nodes, shared = false)
+                or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
+  [density]     kind = "automatic": with noise none, but an integral over individual
+                parameters; the convolution where one outcome an experiment has more
+                than {MOST} that scatter. Without noise level sets for one that scatters,
+                and for two where these move an estimate, the convolution for three
+                where it does; else maximum entropy of order {STAND_IN.order}.
+                Or "maximum_entropy" ({_defaults(MaximumEntropy, "order")}), "gaussian",
+                "gaussian_mixture", "convolution" ({_defaults(Convolution, "points")})
+                or "logspline" ({_defaults(LogSpline, "knots", "smoothing")})
+  [search]      method = "gradient" ({_defaults(GradientMultistart, "starts", "evaluations")}),
+                "genetic", "differential_evolution" or "cmaes"
+  [verification] samples: runs an experiment for the check on the simulator, 0 for
+                none. Left out: up to {FEW} where surfaces stand for it, with noise up
+                to {POINTS} of each row or series, {ALONE:,} with collocation
+docs/study.md explains them all.
+"""
+
+
+@click.command(help=HELP)
 @click.argument("study", type=FILE, metavar="STUDY.toml")
 @OUTPUT
 @SEED
@@ -74,71 +161,12 @@ def identify(
     details: bool,
     options: RunOptions,
 ) -> None:
-    """Identify the law that STUDY.toml asks for.
-
-    Prints a report and writes DIR/identification.json; for one seed that file is always the same,
-    but for its "seconds". Writes DIR/report.html, a page of charts that needs no network, if Bokeh
-    is installed. Draws DIR/experiments.png (what was measured beside what is predicted)
-    and DIR/calibration.png if matplotlib is installed, and with measurement noise
-    DIR/parameters.png. Progress goes to the standard error.
-
-    Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
-    known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
-    same result. Every study in that folder reuses a run if simulator, conditions and parameters
-    are equal. Whether the simulator is the same is judged by the source of its package or folder:
-    see `aleator runs --help` if anything else that matters has changed.
-
-    \b
-    A study file (paths are relative to it; all keys but these have defaults):
-      [experiments]
-      file = "experiments.csv"      # a header, then a row for each experiment
-      outcome = "shifting_time"     # the measured column; the others are conditions
-      [simulator]
-      function = "model.py:shifting_time"   # takes conditions and parameters by name
-      [parameters.friction]
-      law = "truncated_normal"
-      box = [0.05, 0.20]
-
-    \b
-    Further keys, with their defaults:
-      title = "", seed = 0
-      [experiments] id = "id" (rows with the same id are one experiment), conditions = every
-                    other column, transform = "none" or "log" (both outcomes, measured and
-                    simulated, are then in the original unit), delimiter = ",",
-                    decimal = "."; outcomes = [...] for several, response = the column
-                    that says which, censored = {column, right, left, upper} for bounds
-      [simulator]   vectorized = false: called once a run with numbers; true: with arrays.
-                    Instead of function: command (a program) or fmu
-      [parameters.NAME] law = "truncated_normal", "beta" (box, mean, sd), "normal" (mean,
-                    sd), "uniform" (box; or mean, sd), "gamma", "lognormal" (mean, sd,
-                    lower = 0), "scipy" (distribution, args; mean, sd), "mixture"
-                    (components, shares) or "constant" (value); mean, sd and value each a
-                    number, or to be identified within {lower = ..., upper = ...,
-                    start = ..., prior = {law = ...}}; mean and sd may follow columns of
-                    the table:
-                    mean = "1 + temperature"
-      [correlation] a.b: of the parameters a and b, a number or {lower = ..., upper = ...}
-      [derived]     a = "b * load": parameters from others and from conditions
-      [noise]       sd: measurement noise, a number, {lower = ..., upper = ...} or a
-                    column; relative; kind = "normal" or "student_t" (df);
-                    [noise.RESPONSE] for each response
-      [propagation] method = "response_surface" (tolerance: as exact as the answer needs;
-                    max_runs = 1000, nodes)
-                    or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
-      [density]     kind = "automatic": with noise none, but an integral over individual
-                    parameters; without, the convolution for one scattering parameter,
-                    or two or three whose estimates it would move; else maximum entropy
-                    of order 4.
-                    Or "maximum_entropy" (order), "gaussian", "gaussian_mixture",
-                    "convolution" (points = 400) or "logspline" (knots = 32, smoothing)
-      [search]      method = "gradient" (starts = 10, evaluations = 60), "genetic",
-                    "differential_evolution" or "cmaes"
-      [verification] samples = 1000 simulator runs an experiment; 0 = off
-    docs/study.md explains them all.
-    """
+    """Identify the law that STUDY.toml asks for; `HELP` says how."""
     folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     documents.make_folder(folder)
+    if note := documents.replaced(folder / IDENTIFICATION, study_file):
+        click.echo(f"aleator: note: {note}", err=True)
     for line in () if options.quiet else value.told():
         say(f"{value.simulator.name}, {line}")
     with running(value, options) as runner, shown(options.quiet) as progress:

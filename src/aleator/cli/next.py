@@ -26,6 +26,9 @@ from aleator.tasks.next_experiment import next_experiments, require_enough_candi
 from aleator.tasks.results import documents
 from aleator.tasks.wanted import Predicted, require_free
 
+QUANTILE = 0.95
+"""What is predicted where nobody says."""
+
 
 @click.command()
 @click.argument("study", type=FILE, metavar="STUDY.toml")
@@ -56,7 +59,9 @@ from aleator.tasks.wanted import Predicted, require_free
     metavar="CONDITIONS.csv",
     help="Know better what is predicted under these conditions: a quantile or a probability.",
 )
-@click.option("--quantile", type=float, help="The quantile that is predicted [default: 0.95].")
+@click.option(
+    "--quantile", type=float, help=f"The quantile that is predicted [default: {QUANTILE:g}]."
+)
 @click.option("--above", type=float, help="The limit whose probability above is predicted.")
 @click.option("--below", type=float, help="The limit whose probability below is predicted.")
 @click.option(
@@ -151,5 +156,5 @@ def _predicted(
                 )
         return None
     if above is None and below is None and quantile is None:
-        quantile = 0.95
+        quantile = QUANTILE
     return Predicted(study.read_conditions(conditions), quantile, below, above)

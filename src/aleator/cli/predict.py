@@ -27,6 +27,8 @@ from aleator.tasks.decide.known import estimated
 from aleator.tasks.individual.session import OWN, session_of
 from aleator.tasks.results import documents
 from aleator.tasks.results.printed import number
+from aleator.tasks.results.saved import from_document
+from aleator.tasks.results.schema import read_answer
 from aleator.tasks.results.session import OutcomeSession, Session
 from aleator.tasks.results.units import label
 from aleator.tasks.results.values import QUANTILES, in_order
@@ -99,7 +101,7 @@ def predict(
     same id are one new experiment. With --of they are further measurements of an experiment that
     was measured, under the law that its own observations leave of its parameters.
     """
-    new, document = conditions.absolute(), documents.read_json(identification)
+    new, document = conditions.absolute(), read_answer(identification)
     value = load_study(study or documents.study_file(document, identification))
     if value.sha256 != documents.study_entry(document).get("sha256"):
         click.echo(f"aleator: note: {value.file} has changed since the identification", err=True)
@@ -110,7 +112,7 @@ def predict(
         shown(options.quiet) as progress,
     ):
         session = _session(value, document, table, runner, measured, of)
-        draws = _draws(document, identification, session, no_uncertainty)
+        draws = _draws(document, session, no_uncertainty)
         for note in expected_runs(document, runner):
             options.say(note)
         runner.progress = progress
@@ -198,12 +200,14 @@ def _session(
     )  # fmt: skip
 
 
-def _draws(document: Mapping[str, Any], file: Path, session: Session, known: bool) -> AlphaDraws:
+def _draws(document: Mapping[str, Any], session: Session, known: bool) -> AlphaDraws:
     """Plausible alphas by the document, or the estimate alone where it counts as known."""
-    alpha, hyperparameters = documents.uncertain(document, file), session.hyperparameters
+    found, hyperparameters = from_document(document), session.hyperparameters
     if known:
-        return AlphaDraws.at(in_order(alpha, hyperparameters))
-    return alpha_draws(estimated(alpha, *documents.correlation(document, file), hyperparameters))
+        return AlphaDraws.at(in_order(found.alpha, hyperparameters))
+    return alpha_draws(
+        estimated(found.alpha, found.correlation_names, found.correlation, hyperparameters)
+    )
 
 
 def _rows_of(found: pd.DataFrame, table: Conditions) -> Indices:

@@ -10,7 +10,6 @@ from aleator.observations.experiments import Conditions
 from aleator.simulators import Runner
 from aleator.study import Study
 from aleator.tasks.decide.beyond import compared
-from aleator.tasks.results import documents
 from aleator.tasks.results.printed import number
 from aleator.tasks.results.session import Session
 
@@ -20,9 +19,10 @@ TOLD = 5
 
 def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
     """A note where surfaces of new conditions have to be made, by what those of the study took."""
-    each = documents.runs_each(document)
-    if each is None:
+    surface = document.get("surface") or {}
+    if not (surface.get("runs") and surface.get("experiments")):
         return
+    each = max(round(surface["runs"] / surface["experiments"]), 1)
     count = len(runner.cases)
     of = "the new condition" if count == 1 else f"each of {count} new conditions"
     runs = f"{each} runs" if count == 1 else f"{each} runs each"

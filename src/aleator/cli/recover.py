@@ -26,6 +26,7 @@ from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.tasks.recover import recover as recover_law
 from aleator.tasks.results import documents
+from aleator.tasks.results.saved import load
 
 
 @click.command()
@@ -71,6 +72,7 @@ def recover(
     Draws virtual outcomes of the study's experiments from the simulator under a true law,
     identifies each virtual data set as if it were measured, and tells for each hyperparameter the
     bias with its Monte Carlo error, the scatter, and how often the 95 % interval holds the truth.
+    Data sets are identified in as many processes as there are processors, or in N by --workers N.
     """
     value = load_study(study).overridden(seed, verified=False)
     with running(value, options) as runner, shown(options.quiet) as progress:
@@ -117,7 +119,7 @@ def _truth(
                 f"--truth {entry}: '{text}' is not a number", f"write --truth {name}=0.1"
             ) from None
     if law is not None:
-        return {**documents.estimates(documents.read_json(law), law), **values}
+        return {**load(law).values, **values}
     if set(free) <= set(values):
         return values
     result = identified(study, runner, progress)

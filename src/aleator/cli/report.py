@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -11,8 +10,7 @@ from aleator.cli.reporting import study_of, write_compared, write_report
 from aleator.cli.running import FOLDER
 from aleator.cli.showing import require_report
 from aleator.errors import short
-from aleator.tasks.results import documents
-from aleator.tasks.results.saved import from_document
+from aleator.tasks.results.schema import read_answer
 
 IDENTIFICATION = "identification.json"
 
@@ -38,17 +36,9 @@ def report(folder: Path, other: Path | None) -> None:
     by side.
     """
     require_report()
-    document = _read(folder)
+    document = read_answer(folder / IDENTIFICATION)
     if other is None:
         path = write_report(document, folder, study_of(document, folder))
     else:
-        path = write_compared(document, _read(other), folder, other)
+        path = write_compared(document, read_answer(other / IDENTIFICATION), folder, other)
     click.echo(f"Written: {short(path)}")
-
-
-def _read(folder: Path) -> dict[str, Any]:
-    """The document in a folder; raises AleatorError where it is none."""
-    path = folder / IDENTIFICATION
-    document = documents.read_json(path)
-    from_document(document, path)
-    return document

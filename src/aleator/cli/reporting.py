@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from aleator.errors import AleatorError
 from aleator.tasks.results import documents
+from aleator.tasks.results.schema import read_ceiling
 
 REPORT = "report.html"
 COMPARED = "compared.html"
@@ -53,10 +53,9 @@ def study_of(document: Document, folder: Path) -> Path | None:
 
 def _ceiling(document: Document, folder: Path) -> Document | None:
     """The ceiling of the same study that was written beside it; that of another is none."""
-    try:
-        found: Document = json.loads((folder / CEILING).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    if not (folder / CEILING).exists():
         return None
+    found = read_ceiling(folder / CEILING)
     same = documents.study_entry(found).get("sha256")
     return found if same == documents.study_entry(document).get("sha256") else None
 

@@ -21,7 +21,7 @@ from aleator.plot.sensitivity import save_sensitivity
 from aleator.report import sensitivity as report
 from aleator.study import load_study
 from aleator.tasks.results import documents
-from aleator.tasks.screen import screen
+from aleator.tasks.screen import FIRST_RUNS, screen
 
 
 @click.command()
@@ -31,7 +31,8 @@ from aleator.tasks.screen import screen
 @click.option(
     "--runs",
     type=click.IntRange(min=4),
-    help="Runs an experiment [default: ten a parameter, and more until the expansions are good].",
+    help=f"Runs an experiment [default: {FIRST_RUNS} a parameter, and more until the expansions "
+    "are good].",
 )
 @click.option(
     "--experiments",
@@ -51,7 +52,7 @@ def sensitivity(
 ) -> None:
     """Tell which parameters deserve a law.
 
-    These are the ones whose scatter moves the outcome. Tells also whose acts alike.
+    These are the ones whose scatter moves the outcome. Tells also which ones act alike.
 
     Expands the outcome of every experiment in the parameters and takes Sobol' indices from the
     coefficients. A parameter is varied by its law where STUDY.toml states all of it, uniformly

@@ -63,7 +63,7 @@ class GaussianMixture:
     @property
     def name(self) -> str:
         """Name for reports."""
-        return "gaussian_mixture"
+        return "gaussian mixture"
 
     @single_threaded
     def fit(

@@ -112,19 +112,17 @@ def likelihood_surface(
     )
 
 
-def around(interval: Sequence[float], estimate: float, h: Hyperparameter, count: int) -> Array:
-    """`count` values over an interval and somewhat beyond, within the limits; one is the estimate.
+def around(interval: Sequence[float], estimate: float, h: Hyperparameter) -> Array:
+    """The estimate, both ends of its interval, and somewhat beyond, within the limits.
 
-    >>> import numpy as np
-    >>> h = Hyperparameter("x", 0.0, 5.0, 1.0, True)
-    >>> around((1.0, 2.0), 1.4, h, 5).round(2).tolist()
-    [0.7, 1.1, 1.4, 1.9, 2.3]
+    >>> h = Hyperparameter("x", 0.0, 2.2, 1.0, True)
+    >>> around((1.0, 2.0), 1.4, h).round(2).tolist(), around((0.0, 1.0), 0.0, h).tolist()
+    ([0.7, 1.0, 1.4, 2.0, 2.2], [0.0, 1.0, 1.3])
     """
     low, high = interval
     reach = MARGIN * (high - low)
-    at = np.linspace(max(low - reach, h.lower), min(high + reach, h.upper), count)
-    at[np.argmin(np.abs(at - estimate))] = estimate
-    return at
+    beyond = max(low - reach, h.lower), min(high + reach, h.upper)
+    return np.unique([beyond[0], low, estimate, high, beyond[1]])
 
 
 def weakest_pair(correlation: Array) -> tuple[int, int] | None:

@@ -17,6 +17,8 @@ from aleator.search.newton import Summit, ascended, held
 from aleator.types import Array, Indices
 
 TARGET = float(np.sqrt(stats.chi2.ppf(LEVEL, 1)))
+DROP = 0.5 * TARGET**2
+"""How far the profile has dropped at the ends of an interval: 1.92 (Wilks, 1938)."""
 CLOSE = 0.01
 """An end is found to this share of a standard error: to 0.02 in log-likelihood."""
 CLIMBED = 2e-3
@@ -105,7 +107,7 @@ class Trace:
             if value == doubted or abs(_root(self._drop(summit)) - TARGET) < CLOSE:
                 summit = self._above(summit, value)
             drop = self._drop(summit)
-            if abs(_root(drop) - TARGET) < CLOSE or (drop < 0.5 * TARGET**2 and value == limit):
+            if abs(_root(drop) - TARGET) < CLOSE or (drop < DROP and value == limit):
                 summit = self._verified(summit)
                 drop = self._drop(summit)
             better = summit.value > self.top + BETTER

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import ast
+import math
 import re
 import warnings
-from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pandas as pd
 
+from aleator.arithmetic import FUNCTIONS, NoArithmeticError, in_short, require_arithmetic, tree
 from aleator.errors import InputsError, nearest
 from aleator.types import Array, Flags
 
@@ -23,6 +25,24 @@ LEVEL = re.compile(r"(?:C\((\w+)\)|\b(\w+))\[(?:T\.)?([^\]]*)\]")
 """A level as formulaic names its column: C(supplier)[T.b], supplier[T.b], C(supplier)[b]."""
 DEPENDENT = 1e-9
 """A column is a sum of the ones before it where less than this share of it is left."""
+TRANSFORMS = ("center", "scale", "standardize", "poly", "bs", "cs", "cr", "cc", "log2", "exp2")
+"""Functions of formulaic that make columns of a column, beside the arithmetic of `FUNCTIONS`."""
+CODINGS = ("treatment", "sum", "helmert", "diff", "poly")
+"""How C(...) codes levels: C(by, contr.treatment(base='a'))."""
+
+
+@dataclass(frozen=True)
+class FormulaBounds:
+    """How large a formula may be; chosen by `python -m hardening formulas`.
+
+    characters: of its text; the time to read one grows with the square of them. terms: before
+    equal ones are joined, so that a power of a sum has many. degree: of a power, a polynomial or a
+    spline, and degrees of freedom.
+    """
+
+    characters: int = 2000
+    terms: int = 1000
+    degree: int = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +71,7 @@ class Design:
         (('Intercept', 't', 'by=b'), [1.0, 2.0, 1.0])
         """
         require_complete(formula, covariates)
-        found = _columns(formula, _parsed(formula), covariates)
+        found = _columns(formula, _read(formula).terms, covariates)
         design = cls(formula, named(found), np.asarray(found, dtype=float), found.model_spec)
         _require_levels(design, covariates)
         _require_independent(design)
@@ -78,32 +98,16 @@ class Design:
 def variables(formula: str, owner: str = "") -> tuple[str, ...]:
     """The columns of the table that a formula names, in order; messages name its owner.
 
+    Raises InputsError for what is no formula of covariates: nothing of it is evaluated here.
+
     >>> variables("1 + log(temperature) + C(supplier)")
     ('supplier', 'temperature')
     """
     try:
-        return tuple(sorted(_required(_parsed(formula))))
+        return _read(formula).names
     except InputsError as error:
         of = f"{owner} = " if owner else ""
         raise InputsError(f"{of}{error.problem}", error.remedy) from None
-
-
-def _required(of: Any) -> set[str]:
-    """The columns that a parsed formula names."""
-    from formulaic import SimpleFormula
-    from formulaic.transforms import TRANSFORMS
-    from formulaic.utils.variables import Variable, get_required_variables
-
-    found = set(map(str, of.required_variables))
-    if isinstance(of, SimpleFormula):
-        # formulaic leaves out what center(...), poly(...) and bs(...) are called with
-        for factor in (factor for term in of for factor in term.factors):
-            if factor.eval_method is not factor.EvalMethod.PYTHON:
-                continue
-            with suppress(SyntaxError):  # told when the formula is evaluated
-                there = get_required_variables(factor.expr)
-                found |= {str(v.root) for v in there if Variable.Role.VALUE in v.roles}
-    return found - set(TRANSFORMS)
 
 
 def named(columns: ModelMatrix) -> tuple[str, ...]:
@@ -118,7 +122,8 @@ def named(columns: ModelMatrix) -> tuple[str, ...]:
 def require_complete(formula: str, covariates: Table) -> None:
     """Raise InputsError for a name that is no column, and for a cell that is empty."""
     columns = [str(name) for name in covariates.columns]
-    for name in variables(formula):
+    read = _read(formula)
+    for name in read.names:
         if name not in columns:
             raise InputsError(
                 f"'{formula}' names '{name}', which is no column of the table"
@@ -131,28 +136,181 @@ def require_complete(formula: str, covariates: Table) -> None:
                 f"'{formula}': experiment '{covariates.index[empty[0]]}' has no {name}",
                 "give its value, or leave the experiment out",
             )
+    for name in read.numbers:
+        if not pd.api.types.is_numeric_dtype(covariates[name].infer_objects()):
+            raise InputsError(
+                f"'{formula}' computes with '{name}', which is a column of texts",
+                f"write C({name}), or a column of numbers",
+            )
 
 
-def _parsed(formula: str) -> Any:
+@dataclass(frozen=True)
+class _Formula:
+    """A formula that was read: its terms, its columns, and those of them that are numbers."""
+
+    terms: Any
+    names: tuple[str, ...]
+    numbers: tuple[str, ...]
+
+
+def _read(formula: str, bounds: FormulaBounds = FormulaBounds()) -> _Formula:
+    """A formula as its terms, of which none is evaluated; raises InputsError."""
     # imported where formulas are asked for: it takes half as long as all else together
-    from formulaic import Formula
+    from formulaic import Formula, SimpleFormula
     from formulaic.errors import FormulaicError
+    from formulaic.parser import DefaultFormulaParser
 
+    if len(formula) > bounds.characters:
+        raise InputsError(
+            f"{in_short(formula)} is a formula of {len(formula):,} characters",
+            f"write one of {bounds.characters:,} at most; columns can be prepared in the table",
+        )
     try:
-        return Formula(formula)
-    except FormulaicError as error:
+        count = _count(formula, DefaultFormulaParser().parse(formula, target="ast"), bounds)
+        if count > bounds.terms:
+            raise InputsError(
+                f"'{formula}' has a product or a power with more than {bounds.terms:,} terms",
+                "write the terms that are meant",
+            )
+        terms = Formula(formula)
+    except RecursionError:
+        raise InputsError(
+            f"{in_short(formula)} has too many operations within each other",
+            "write fewer terms; columns can be prepared in the table",
+        ) from None
+    except (FormulaicError, SyntaxError, ValueError) as error:
         raise _unreadable(formula, error) from None
+    if not isinstance(terms, SimpleFormula):
+        raise InputsError(
+            f"'{formula}' has more than one side", 'write one side only: "1 + temperature"'
+        )
+    names: set[str] = set()
+    numbers: set[str] = set()
+    for factor in (factor for term in terms for factor in term.factors):
+        if factor.eval_method is factor.EvalMethod.LOOKUP:
+            names.add(str(factor.expr))
+        elif factor.eval_method is factor.EvalMethod.PYTHON:
+            read = _Factor(formula, str(factor.expr), bounds)
+            names |= read.levels
+            numbers |= read.numbers
+    return _Formula(terms, tuple(sorted(names | numbers)), tuple(sorted(numbers)))
+
+
+def _count(formula: str, node: Any, bounds: FormulaBounds) -> float:
+    """How many terms a formula has before equal ones are joined, from its tree of operators."""
+    operator = getattr(node, "operator", None)
+    if operator is None:
+        return 1.0
+    if operator.symbol == ".":
+        raise InputsError(
+            f"'{formula}' has a '.' for all columns", "name the columns that are meant"
+        )
+    sizes = [_count(formula, part, bounds) for part in node.args]
+    if operator.symbol in ("**", "^"):
+        power = getattr(node.args[1], "token", "")
+        small = power.isdigit() and int(power) <= bounds.degree and sizes[0] <= bounds.terms
+        return sizes[0] ** int(power) if small else math.inf
+    products = math.prod(sizes) if operator.symbol in ("*", "/", "in", ":") else 0.0
+    return products + (sum(sizes) if operator.symbol != ":" else 0.0)
+
+
+class _Factor:
+    """A factor of a formula that is more than a column: what it names as levels and as numbers.
+
+    formulaic evaluates it as Python. It is therefore read first: arithmetic of columns, transforms
+    of it, or C(column). Raises InputsError for everything else.
+    """
+
+    def __init__(self, formula: str, text: str, bounds: FormulaBounds) -> None:
+        self.levels: set[str] = set()
+        self.numbers: set[str] = set()
+        self._bounds = bounds
+        self._quoted: dict[str, str] = {}
+        plain = re.sub("`([^`]*)`", self._plain, text)
+        try:
+            found = tree(plain)
+            if _called(found) == "C":
+                self._read_levels(cast(ast.Call, found))
+            else:
+                require_arithmetic(found, self._is_leaf)
+        except NoArithmeticError as error:
+            part = plain if error.node is None else ast.unparse(error.node)
+            functions = ", ".join((*FUNCTIONS, *TRANSFORMS, "I", "C"))
+            raise InputsError(
+                f"'{formula}' has {in_short(part)}, which {error.problem}",
+                error.remedy or f"write columns, numbers, + - * / ** and the functions {functions}",
+            ) from None
+
+    def _plain(self, quoted: re.Match[str]) -> str:
+        """The name that stands for a column in backticks."""
+        name = f"column_{len(self._quoted)}_"
+        self._quoted[name] = quoted[1]
+        return name
+
+    def _name(self, node: ast.Name) -> str:
+        return self._quoted.get(node.id, node.id)
+
+    def _is_leaf(self, node: ast.expr) -> bool:
+        """Whether this is a column, or a transform of arithmetic."""
+        if isinstance(node, ast.Name):
+            self.numbers.add(self._name(node))
+            return True
+        if _called(node) not in (*TRANSFORMS, "I"):
+            return False
+        call = cast(ast.Call, node)
+        if not call.args or require_arithmetic(call.args[0], self._is_leaf) is not None:
+            raise NoArithmeticError("has no column", node=node)
+        for option in call.args[1:]:
+            self._require_option(option, is_degree=True)
+        for keyword in call.keywords:
+            self._require_option(keyword.value, is_degree=keyword.arg in ("df", "degree"))
+        return True
+
+    def _read_levels(self, call: ast.Call) -> None:
+        """Levels of a column, how they are coded, and options."""
+        if not call.args or not isinstance(call.args[0], ast.Name):
+            raise NoArithmeticError("has no column", "write C(column)", call)
+        self.levels.add(self._name(call.args[0]))
+        for option in (*call.args[1:], *(keyword.value for keyword in call.keywords)):
+            coding = option.func if isinstance(option, ast.Call) else option
+            if (
+                isinstance(coding, ast.Attribute)
+                and isinstance(coding.value, ast.Name)
+                and (coding.value.id, coding.attr in CODINGS) == ("contr", True)
+            ):
+                given = option if isinstance(option, ast.Call) else ast.Call(option, [], [])
+                for each in (*given.args, *(keyword.value for keyword in given.keywords)):
+                    self._require_option(each)
+            else:
+                self._require_option(option)
+
+    def _require_option(self, node: ast.expr, is_degree: bool = False) -> None:
+        """Raise NoArithmeticError where an option is no plain value, or too large a degree."""
+        try:
+            value = ast.literal_eval(node)
+        except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
+            raise NoArithmeticError("is no plain value", "write a number or a text", node) from None
+        if is_degree and isinstance(value, (int, float)) and not abs(value) <= self._bounds.degree:
+            raise NoArithmeticError("is too large", f"write {self._bounds.degree} or less", node)
+
+
+def _called(node: ast.expr) -> str:
+    """The name of the function that a node calls; empty for anything else."""
+    called = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+    return str(node.func.id) if called else ""  # type: ignore[attr-defined]
 
 
 def _columns(formula: str, of: Any, covariates: Table) -> ModelMatrix:
     """The columns of a formula, or of one that learned its state elsewhere."""
-    from formulaic import ModelMatrix
     from formulaic.errors import DataMismatchWarning, FormulaicError
 
+    whole = covariates.select_dtypes("integer").columns  # a power of whole numbers may overflow
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("error", DataMismatchWarning)
-            found = of.get_model_matrix(covariates, na_action="raise", context={})
+            found: ModelMatrix = of.get_model_matrix(
+                covariates.astype(dict.fromkeys(whole, float)), na_action="raise", context=FUNCTIONS
+            )
     except DataMismatchWarning as error:
         level = re.search(r"\{(.*?)\}", str(error))
         raise InputsError(
@@ -162,10 +320,6 @@ def _columns(formula: str, of: Any, covariates: Table) -> ModelMatrix:
         ) from None
     except (FormulaicError, ValueError) as error:
         raise _unreadable(formula, error) from None
-    if not isinstance(found, ModelMatrix):
-        raise InputsError(
-            f"'{formula}' has more than one side", 'write one side only: "1 + temperature"'
-        )
     if not found.shape[1]:
         raise InputsError(f"'{formula}' has no terms", 'write "1" for a value without covariates')
     finite = np.isfinite(np.asarray(found, dtype=float)).all(axis=1)
@@ -178,7 +332,8 @@ def _columns(formula: str, of: Any, covariates: Table) -> ModelMatrix:
 
 
 def _unreadable(formula: str, error: Exception) -> InputsError:
-    text = re.sub(r"\x1b\[[0-9;]*m|⧛.*", "", str(error)).strip().splitlines()
+    said = error.msg if isinstance(error, SyntaxError) else str(error)
+    text = re.sub(r"\x1b\[[0-9;]*m|⧛.*", "", said).strip().splitlines()
     cause = text[0] if text else "it has no terms"
     return InputsError(
         f"'{formula}' is no formula of covariates: {cause}",
@@ -209,6 +364,7 @@ def _require_independent(design: Design) -> None:
     basis = np.empty((len(design.matrix), 0))
     for k, name in enumerate(design.names):
         column = design.matrix[:, k]
+        column = column / (float(np.max(np.abs(column))) or 1.0)
         rest = column - basis @ (basis.T @ column)
         rest -= basis @ (basis.T @ rest)
         size = float(np.linalg.norm(rest))

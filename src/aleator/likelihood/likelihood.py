@@ -30,6 +30,11 @@ class Likelihood:
     outcomes: Array
 
     @property
+    def name(self) -> str:
+        """What its densities are made of, for reports."""
+        return self.predictive.name
+
+    @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """Those of alpha, in its order."""
         return self.predictive.hyperparameters

@@ -30,7 +30,7 @@ class Model:
     >>> from aleator.laws import Normal
     >>> inputs = Inputs({"x": Normal(0.0, 1.0)})
     >>> Model.of(inputs).density.name, Model.of(inputs, propagation=Collocation()).density.name
-    ('convolution', 'maximum_entropy(4)')
+    ('convolution', 'maximum entropy, 4 moments')
     """
 
     inputs: Inputs

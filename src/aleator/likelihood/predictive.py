@@ -61,6 +61,11 @@ class Predictive(ABC):
         """Sums (A,) of the continuation at y (N,), for alphas (A, K)."""
 
     @property
+    def name(self) -> str:
+        """What the densities are made of, for reports."""
+        return self.density.name
+
+    @property
     @abstractmethod
     def order(self) -> int:
         """Moments that are needed: those that are matched, and the four of a report."""
@@ -152,6 +157,12 @@ class FromNodes(Predictive):
 
     propagation: NodePropagation
     density: NodeDensity
+
+    @property
+    def name(self) -> str:
+        """With the number of nodes, which is the same for all alpha."""
+        start = np.array([h.start for h in self.hyperparameters])
+        return f"{self.density.name}, {len(self.propagation.at(self.law(start))):,} nodes"
 
     @property
     def order(self) -> int:

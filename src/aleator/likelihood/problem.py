@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from aleator.surrogates.responses import (
     moving_parameters,
     straight,
 )
-from aleator.types import Array, Indices
+from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)
@@ -70,11 +70,12 @@ class Problem(Forward):
     """The inverse problem: the forward problem and the measured outcomes (N,).
 
     With `levels` the likelihood is that of the level sets, and the densities serve for what is
-    asked of outcomes that were not measured.
+    asked of outcomes that were not measured. There are none where outcomes are `unreached` (N,).
     """
 
     outcomes: Array
     levels: LevelLikelihood | None = None
+    unreached: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
 
     @property
     def by_densities(self) -> Likelihood:
@@ -150,17 +151,21 @@ def prepare(
 ) -> Problem:
     """The inverse problem of outcomes (N,), as `forward` builds it."""
     problem = forward(runner, model, region, progress, surface).given(outcomes)
-    return replace(problem, levels=_levels(problem)) if model.traced else problem
+    if not model.traced:
+        return problem
+    levels = _levels(problem)
+    if levels.unreached.any():
+        return replace(problem, unreached=levels.unreached)
+    return replace(problem, levels=levels)
 
 
-def _levels(problem: Problem) -> LevelLikelihood | None:
-    """Level sets for a search, where they reach every outcome."""
+def _levels(problem: Problem) -> LevelLikelihood:
+    """Level sets for a search."""
     inputs, response = problem.model.inputs, problem.response
     assert isinstance(response, Divisible)
     region = inputs.box if problem.surface is None else problem.region
     few = cells_of(inputs.scattering, int(problem.condition.max()) + 1) // 2
-    found = LevelLikelihood(inputs, response, region, problem.condition, problem.outcomes, few)
-    return found if found.reached else None
+    return LevelLikelihood(inputs, response, region, problem.condition, problem.outcomes, few)
 
 
 def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> None:

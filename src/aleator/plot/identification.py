@@ -133,7 +133,7 @@ def save_figures(result: Document, directory: str | Path) -> list[Path]:
     figures = {"experiments": experiments_figure, "calibration": calibration_figure}
     if result.get("observations"):
         figures = {
-            "experiments": individual.experiments_figure,
+            "experiments": _observed_figure,
             "parameters": individual.parameters_figure,
             "calibration": calibration_figure,
         }
@@ -143,6 +143,24 @@ def save_figures(result: Document, directory: str | Path) -> list[Path]:
 
 
 # ------------------------------------------------------------------------------- the document
+
+
+def _observed_figure(result: Document) -> Figure:
+    """What was measured in the prediction of its own law, or where that has no say of the law's.
+
+    One exact value is where the individual law goes by itself: it tells nothing of the model.
+    """
+    seen, responses = result["observations"], result["responses"]
+    quantiles = (result.get("pictures") or {}).get("predicted")
+    several = len(seen) > len(result["experiments"]) or len(responses) > 1
+    if not quantiles or several or any(entry["lower"] != entry["upper"] for entry in seen):
+        return individual.experiments_figure(result)
+    rows = [
+        {"id": e["id"], "outcome": e["lower"], "quantiles": {p: quantiles[p][k] for p in quantiles}}
+        for k, e in enumerate(seen)
+    ]
+    (transform,) = responses.values()
+    return experiments_figure({**result, "experiments": rows, "transform": transform})
 
 
 def _ordered(experiments: Sequence[Document]) -> list[Document]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from aleator.errors import AleatorError, nearest
+from aleator.inference.profile_end import DROP
 from aleator.plot.identification import (
     draw_cumulative,
     draw_histogram,
@@ -34,9 +35,6 @@ QUANTILES = ("0.025", "0.25", "0.5", "0.75", "0.975")
 BAND = "#cfe3f1"
 SIZE = (4.5, 3.4)
 """Inches of a figure that is made for one chart."""
-DROP = 1.92
-"""How far the profile of the likelihood has dropped at the ends of a 95 % interval."""
-
 LEVELS = (0.69, 1.61, 3.0)
 """How far the log-likelihood has dropped at the ends of 50, 80 and 95 % of two together (chi2)."""
 DASHES = {"first": ":", "middle": "--", "last": "-"}
@@ -120,6 +118,8 @@ def law(found: Found, parameter: str, ax: Axes | None = None) -> Axes:
 def profile(found: Found, hyperparameter: str, ax: Axes | None = None) -> Axes:
     """The profile of the likelihood over a hyperparameter, and where it has dropped by 1.92.
 
+    Dashed: that drop, and the 95 % interval.
+
     >>> curve = {"at": [0.0, 1.0, 2.0], "below": [2.0, 0.0, 2.0]}
     >>> profile({"pictures": {"profiles": {"wear.mean": curve}}}, "wear.mean").get_xlabel()
     'wear.mean'
@@ -131,6 +131,9 @@ def profile(found: Found, hyperparameter: str, ax: Axes | None = None) -> Axes:
     at, below = _numbers(curve["at"]), _numbers(curve["below"])
     axes.plot(*profile_line(at, below), color=BLUE)
     axes.plot(at, -below, color=BLUE, marker="o", ms=3.0, ls="none")
+    entry = (document.get("alpha") or {}).get(hyperparameter, {})
+    for end in entry.get("interval") or ():
+        axes.axvline(end, color=GRAY, lw=0.8, ls="--")
     axes.set(xlabel=label(document, hyperparameter), ylabel="log-likelihood − maximum")
     return axes
 

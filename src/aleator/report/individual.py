@@ -12,7 +12,7 @@ from rich.text import Text
 
 from aleator.report.rows import Rows
 from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import NONE, number, principle
+from aleator.tasks.results.printed import NONE, by_name, number, principle
 from aleator.tasks.results.units import label, unit_of, with_unit
 
 Result = Mapping[str, Any]
@@ -31,7 +31,7 @@ def opening(result: Result) -> str:
     known = f" ({bounded:,} of them bounds only)" if bounded else ""
     return (
         f"{len(seen):,} observations{known}, {principle(result)}: integral over individual "
-        f"parameters, {_simulated(result)}"
+        f"parameters {by_name(result)}, {_simulated(result)}"
     )
 
 
@@ -158,7 +158,7 @@ def likelihoods(result: Result) -> Iterator[tuple[str, str, str]]:
         yield (
             "more nodes",
             NONE if gap is None else f"{gap:+.3f}",
-            f"is what half as many nodes again change; {found['nodes']:.0f} an experiment are used",
+            "is what half as many nodes again change",
         )
 
 

@@ -18,10 +18,12 @@ from aleator.tasks.results.printed import (
     COLUMNS,
     NONE,
     alpha_rows,
+    by_name,
     number,
     principle,
     remedies,
     second_verdict,
+    stated_error,
     to_three,
     verdict,
     with_error,
@@ -107,7 +109,7 @@ def _opening(result: Result) -> RenderableType:
     way = (
         f" with {individual.opening(result)}"
         if individual.is_individual(result)
-        else f" {principle(result)}: {_words(result.get('density'))} density, propagation by "
+        else f" {principle(result)}: {result.get('density', NONE)}, propagation by "
         f"{_words(result.get('propagation'))}{_reason(result)}"
     )
     return Group(
@@ -180,7 +182,7 @@ def _log_likelihood(result: Result) -> RenderableType:
 def _values(result: Result) -> Iterator[tuple[str, str, str]]:
     """The log-likelihoods of the answer and of simpler ones: name, value, what it is."""
     found = result["log_likelihood"]
-    how = "" if individual.is_individual(result) else "by the densities at alpha"
+    how = ", ".join(filter(None, (stated_error(found).strip(), by_name(result))))
     yield "estimated", to_three(found.get("estimated")), how
     yield from individual.likelihoods(result)
     if found.get("log_prior") is not None:
@@ -203,7 +205,8 @@ def _values(result: Result) -> Iterator[tuple[str, str, str]]:
             "best possible law",
             to_three(best["log_likelihood"]),
             f"of any family: {number(best['gap'], 3)} more, which under this law has p = "
-            f"{number(best['p_value'], 2)} (aleator ceiling)",
+            f"{number(best['p_value'], 2)} by {best['replicates']:.0f} data sets (more by aleator "
+            "ceiling)",
         )
     baselines = result.get("baselines") or {}
     fit, linear = baselines.get("least_squares"), baselines.get("circe")

@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import ast
-import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.arithmetic import (
+    BINARY,
+    UNARY,
+    NoArithmeticError,
+    function,
+    in_short,
+    number,
+    require_arithmetic,
+    tree,
+)
 from aleator.errors import SimulatorError, nearest
 
-_BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.Pow: operator.pow,
-}
-_UNARY: dict[type[ast.unaryop], Callable[[Any], Any]] = {
-    ast.USub: operator.neg,
-    ast.UAdd: operator.pos,
-}
-_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "abs": np.abs, "exp": np.exp, "log": np.log, "log10": np.log10, "sqrt": np.sqrt,
-    "sin": np.sin, "cos": np.cos, "tan": np.tan, "tanh": np.tanh,
-    "min": np.minimum, "max": np.maximum,
-}  # fmt: skip
-_PAIRS = ("min", "max")
+LEAVES = (ast.Name, ast.Attribute, ast.Subscript, ast.Call)
+"""What the name of a variable may look like: `w`, `gear.w`, `gear.flange[1].w`, `der(x)`."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +43,7 @@ class Expression:
     text: str
     names: tuple[str, ...]
     _tree: ast.expr
-    _known: Mapping[str, str]
+    _leaves: Mapping[ast.expr, str]
 
     def __call__(self, values: Mapping[str, NDArray[Any]]) -> Any:
         """The value of the expression."""
@@ -57,17 +51,16 @@ class Expression:
             return self._value(self._tree, values)
 
     def _value(self, node: ast.expr, values: Mapping[str, NDArray[Any]]) -> Any:
+        if node in self._leaves:
+            return np.asarray(values[self._leaves[node]], dtype=np.float64)
         if isinstance(node, ast.BinOp):
             left, right = self._value(node.left, values), self._value(node.right, values)
-            return _BINARY[type(node.op)](left, right)
+            return BINARY[type(node.op)](left, right)
         if isinstance(node, ast.UnaryOp):
-            return _UNARY[type(node.op)](self._value(node.operand, values))
-        if isinstance(node, ast.Constant):
-            return node.value
-        if isinstance(node, ast.Call) and _name(node) not in self._known:
-            arguments = (self._value(argument, values) for argument in node.args)
-            return _FUNCTIONS[_name(node.func)](*arguments)
-        return np.asarray(values[self._known[_name(node)]], dtype=np.float64)
+            return UNARY[type(node.op)](self._value(node.operand, values))
+        if isinstance(node, ast.Call):
+            return function(node)(*[self._value(argument, values) for argument in node.args])
+        return number(cast(ast.Constant, node))
 
 
 def parse(text: str, known: Sequence[str], words: Words = Words()) -> Expression:
@@ -85,63 +78,48 @@ def parse(text: str, known: Sequence[str], words: Words = Words()) -> Expression
     >>> slip({"shaft.w[1]": np.array([5.0]), "shaft.w[2]": np.array([2.0])})
     array([1.])
     """
+    text = text.strip()
     if text in known:
-        return Expression(text, (text,), ast.Name(text), {text: text})
-    try:
-        tree = ast.parse(text.strip(), mode="eval").body
-    except SyntaxError:
-        raise SimulatorError(
-            f"{words.subject} '{text}' is neither a {words.variable} nor an expression of "
-            f"such{nearest(text, known)}",
-            f"{words.remedy}, or arithmetic such as w1 - 2*w2",
-        ) from None
+        return Expression(text, (text,), leaf := ast.Name(text), {leaf: text})
     written = {name.replace(" ", ""): name for name in known}
-    names: dict[str, None] = {}
-    _Names(text, written, words, names).collect(tree)
-    return Expression(text, tuple(names), tree, written)
+    leaves: dict[ast.expr, str] = {}
+
+    def is_leaf(node: ast.expr) -> bool:
+        name = written.get(_source(text, node)) if isinstance(node, LEAVES) else None
+        if name is not None:
+            leaves[node] = name
+        return name is not None
+
+    try:
+        found = tree(text)
+        require_arithmetic(found, is_leaf)
+    except NoArithmeticError as error:
+        raise _refused(text, error, known, words) from None
+    return Expression(text, tuple(dict.fromkeys(leaves.values())), found, leaves)
 
 
-def _name(node: ast.expr) -> str:
-    return node.id if isinstance(node, ast.Name) else ast.unparse(node).replace(" ", "")
+def _source(text: str, node: ast.expr) -> str:
+    """A part of the text, as it is written but for blanks."""
+    return (ast.get_source_segment(text, node) or "").replace(" ", "")
 
 
-@dataclass(frozen=True)
-class _Names:
-    """The names that an expression uses, as they are met; `known` ones by how they are written."""
-
-    text: str
-    known: Mapping[str, str]
-    words: Words
-    found: dict[str, None]
-
-    def collect(self, node: ast.expr) -> None:
-        if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-            self.collect(node.left)
-            self.collect(node.right)
-        elif isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
-            self.collect(node.operand)
-        elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
-            return
-        elif (name := _name(node)) in self.known:
-            self.found[self.known[name]] = None
-        elif isinstance(node, ast.Call) and _is_function(node):
-            for argument in node.args:
-                self.collect(argument)
-        elif isinstance(node, (ast.Name, ast.Attribute, ast.Subscript, ast.Call)):
-            raise SimulatorError(
-                f"{self.words.subject} '{self.text}': there is no {self.words.variable} "
-                f"'{name}'{nearest(name, [*self.known.values()])}",
-                self.words.remedy,
-            )
-        else:
-            raise SimulatorError(
-                f"{self.words.subject} '{self.text}' has '{ast.unparse(node)}', which is not "
-                "arithmetic",
-                self.words.otherwise,
-            )
-
-
-def _is_function(node: ast.Call) -> bool:
-    name = _name(node.func)
-    wanted = 2 if name in _PAIRS else 1
-    return name in _FUNCTIONS and len(node.args) == wanted and not node.keywords
+def _refused(
+    text: str, error: NoArithmeticError, known: Sequence[str], words: Words
+) -> SimulatorError:
+    """What is wrong with an expression, in the words of its reader."""
+    start, place = f"{words.subject} {in_short(text)}", error.node
+    if place is None:
+        return SimulatorError(
+            f"{start} {error.problem}{nearest(text, known)}",
+            error.remedy or f"{words.remedy}, or arithmetic such as w1 - 2*w2",
+        )
+    part = ast.get_source_segment(text, place) or ""
+    if isinstance(place, LEAVES):
+        name = part.replace(" ", "")
+        return SimulatorError(
+            f"{start}: there is no {words.variable} '{name}'{nearest(name, known)}", words.remedy
+        )
+    return SimulatorError(
+        f"{start} has {in_short(ast.get_source_segment(text, place) or '')}, which {error.problem}",
+        error.remedy or words.otherwise,
+    )

@@ -123,26 +123,13 @@ Spec = Annotated[
 ]
 
 
-LONGEST = 2000
-"""Characters of a formula: the time to read one grows with the square of them."""
-
-
-def _not_long(formula: str) -> str:
-    if len(formula) > LONGEST:
-        raise fault(
-            f"{in_toml(formula)} is a formula of {len(formula):,} characters",
-            f"write one of {LONGEST:,} at most; columns can be prepared in the table",
-        )
-    return formula
-
-
 class FormulaSection(FreeSection):
     """A hyperparameter that follows covariates: `{formula = "1 + temperature", lower = 0, ...}`.
 
     `terms` holds numbers or limits of coefficients by name.
     """
 
-    formula: Annotated[str, AfterValidator(_not_long)]
+    formula: str
     terms: dict[str, Spec] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -161,7 +148,7 @@ def _formula(text: str) -> str:
     try:
         float(text)
     except ValueError:
-        return _not_long(text)
+        return text
     raise fault(f"{in_toml(text)} is a text", f"write the number without quotes: {text}")
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from aleator.errors import StudyError, nearest
+from aleator.errors import StudyError, key_path, nearest
 from aleator.study.keys import TOLD, in_toml
 
 
@@ -29,7 +29,7 @@ def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str
     """What is wrong with one key, and what to do about it."""
     context: dict[str, Any] = dict(details.get("ctx", {}))
     kind = details["type"]
-    location = _key(details["loc"], document, missing=kind == "missing")
+    location = key_path(details["loc"], document, missing=kind == "missing")
     if context.get("key"):
         location = f"{location}.{context['key']}" if location else str(context["key"])
     key = f"key '{location}'"
@@ -80,18 +80,3 @@ _WANTED = {
     "too_long": "write as many values as it says",
     "finite_number": "write a finite number",
 }
-
-
-def _key(location: Sequence[str | int], document: Mapping[str, Any], missing: bool) -> str:
-    """The path of a key in the file; what pydantic adds to tell alternatives apart is left out."""
-    at: Any = document
-    path = ""
-    for k, part in enumerate(location):
-        inside = (isinstance(at, Mapping) and part in at) or (
-            isinstance(at, list) and isinstance(part, int)
-        )
-        if not inside and not (missing and k == len(location) - 1):
-            continue
-        at = at[part] if inside else None
-        path += f"[{part}]" if isinstance(part, int) else f".{part}" if path else str(part)
-    return path

@@ -36,6 +36,10 @@ class Divisible(Response, Protocol):
         """The response of the experiments `rows`, each at most once."""
         ...
 
+    def at(self, index: Indices, x: Array) -> Array:
+        """Outcomes (R,) of experiments index[r], each at its own point x[r], x (R, n)."""
+        ...
+
 
 @dataclass(frozen=True)
 class DirectResponse:
@@ -53,6 +57,10 @@ class DirectResponse:
         """The simulator of the experiments `rows`."""
         run = self.run
         return replace(self, run=lambda index, x: run(rows[index], x), experiments=rows.size)
+
+    def at(self, index: Indices, x: Array) -> Array:
+        """Outcomes (R,) of R runs."""
+        return self.run(index, x)
 
     def evaluate(self, x: Array) -> Array:
         """Outcomes (N, J) of N J runs."""
@@ -116,6 +124,10 @@ class Confined:
     def moving(self) -> Indices:
         """The parameters that the inner response takes."""
         return moving_parameters(self.region)
+
+    def at(self, index: Indices, x: Array) -> Array:
+        """Outcomes (R,) of experiments index[r] at points x[r] moved into the region."""
+        return self.inner.at(index, self._inside(x)[:, self.moving])
 
     def evaluate(self, x: Array) -> Array:
         """Outcomes (N, J) at points x (J, n) moved into the region."""

@@ -39,9 +39,12 @@ from aleator.tasks.near_outcomes import moves_of, nearer
 from aleator.tasks.results import summary
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.units import checked_units
+from aleator.types import Array, Flags
 
 DEFAULT_VERIFICATION = MonteCarlo()
 UNLIMITED = Budget()
+EXACT = 0.1
+"""Error of a log-likelihood by surfaces, without noise, above which a fast simulator is asked."""
 NEARER = 3
 """Rounds of runs near the outcomes that the check doubts."""
 
@@ -131,7 +134,7 @@ def identify(
         with ledger.stage("repeated run"):
             runner.require_repeatable(np.clip(start_point(inputs), *inputs.box.T))
         found = _found(question, table, verification, ledger)
-        if not found.sound and found.surface is not None and question.fast():
+        if found.surface is not None and _uncertain(found) and question.fast():
             found = _found(question.directly(), table, verification, ledger)
         if fast.cache_info().currsize:
             # it was seen whether the simulator is fast, and that decided
@@ -148,7 +151,7 @@ def _found(
     checked = _checked(answer, runner, verification, seed, ledger)
     moves = moves_of(answer, checked)
     for _ in range(NEARER):
-        better = nearer(question, answer, moves > diagnostics.DOUBTFUL, ledger)
+        better = nearer(question, answer, _doubtful(answer, moves), ledger)
         if better is None:
             break
         again = _checked(better, runner, verification, seed, ledger)
@@ -170,6 +173,22 @@ def _found(
         return found
     jumps = diagnostics.step_warnings(answer.surfaces, question.model.inputs)
     return replace(found, warnings=(*found.warnings, *jumps))
+
+
+def _doubtful(answer: Answer, moves: Array) -> Flags:
+    """Experiments (N,) whose surfaces are to be more exact near the measured outcomes.
+
+    Without noise also those whose outcome lies at an extreme of the surface.
+    """
+    doubtful: Flags = moves > diagnostics.DOUBTFUL
+    unreached = answer.problem.unreached
+    return doubtful | unreached if unreached.size else doubtful
+
+
+def _uncertain(found: Identification) -> bool:
+    """Whether the simulator itself would make an answer on surfaces surer."""
+    reported = found.log_likelihood
+    return not found.sound or reported.reached is not None or (reported.error or 0.0) > EXACT
 
 
 def _fast(runner: Runner, model: Model) -> Timed:

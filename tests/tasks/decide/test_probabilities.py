@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -18,7 +19,7 @@ from aleator.simulators import Runner, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.near import Near
-from aleator.tasks.decide.probability import probability
+from aleator.tasks.decide.probability import interval_about, probability
 from aleator.tasks.decide.question import events_asked
 from aleator.tasks.decide.sample import of_law
 from aleator.tasks.decide.simulator_check import corrected
@@ -79,15 +80,38 @@ def test_both_sides_of_a_failure_count() -> None:
     assert 1.0 - between.probability == pytest.approx(2.0 * stats.norm.sf(4.5), rel=0.05)
 
 
-def test_a_curved_limit_state_is_not_its_first_order_approximation() -> None:
-    """y = a + b^2/4 > 4: the integral over b of the tail of a."""
-    exact = integrate.quad(
-        lambda b: stats.norm.sf(4.0 - 0.25 * b**2) * stats.norm.pdf(b), -12.0, 12.0
-    )[0]
-    where = ground(lambda load, a, b: load * (a + 0.25 * b**2), PAIR)
-    told = found(where, above(4.0), known(PAIR))
-    agrees(told, exact, 0.05)
-    assert told.probability > 1.3 * stats.norm.sf(told.distance)
+@pytest.mark.slow
+@pytest.mark.parametrize("fast", [True, False])
+def test_the_error_is_that_of_curved_limit_states(fast: bool) -> None:
+    """z over parabolas a + k b^2 > c and rings, whose tails are integrals over b or closed."""
+    z = []
+    for k, c in product((0.05, 0.15, 0.25), (2.5, 3.5, 4.5)):
+        exact = integrate.quad(
+            lambda b, k=k, c=c: stats.norm.sf(c - k * b**2) * stats.norm.pdf(b), -12.0, 12.0
+        )[0]
+        where = ground(lambda load, a, b, k=k: load * (a + k * b**2), PAIR, fast=fast)
+        told = found(where, above(c), known(PAIR))
+        assert told.probability == pytest.approx(exact, rel=0.06)
+        z.append((told.probability - exact) / told.error)
+    for square in (8.0, 18.0, 30.0):
+        where = ground(lambda load, a, b: load * (a**2 + b**2), PAIR, fast=fast)
+        told = found(where, above(square), known(PAIR))
+        z.append((told.probability - stats.chi2.sf(square, 2)) / told.error)
+    assert np.sqrt(np.mean(np.square(z))) < 1.4
+    assert np.abs(z).max() < 4.0
+
+
+def test_the_probability_lies_in_its_interval() -> None:
+    """Also where a few heavy laws make nearly all of the mean; 95 % of the laws are within."""
+    rng = np.random.default_rng(3)
+    for spread in (0.1, 1.0, 4.0, 8.0):
+        values = 1e-9 * np.exp(spread * rng.normal(size=256))
+        weights = rng.dirichlet(np.ones(256))
+        mean = float(weights @ values)
+        low, high = interval_about(mean, values, weights)
+        assert low <= mean <= high
+        inside = np.sum(weights, where=(values >= low) & (values <= high))
+        assert 0.92 < inside < 0.98
 
 
 def test_what_a_bounded_law_cannot_reach_has_the_probability_zero() -> None:

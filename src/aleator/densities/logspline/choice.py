@@ -94,7 +94,7 @@ class LogSpline:
     @property
     def name(self) -> str:
         """Name for reports."""
-        return f"logspline({self.knots})"
+        return f"logspline, {self.knots} knots"
 
     @single_threaded
     def fit_nodes(

@@ -67,7 +67,7 @@ class MaximumEntropy:
     @property
     def name(self) -> str:
         """Name for reports."""
-        return f"maximum_entropy({self.order})"
+        return f"maximum entropy, {self.order} moments"
 
     def fit(self, moments: Moments, lower: ArrayLike, upper: ArrayLike) -> FittedMaximumEntropy:
         """Fit N densities on the physical ranges lower, upper (N,), each possibly infinite.

@@ -39,3 +39,9 @@ class Event:
         """How far outcomes y are from the nearest end of an interval."""
         ends = [end for part in self.parts for end in part if np.isfinite(end)]
         return np.asarray(np.min([np.abs(y - end) for end in ends], axis=0))
+
+    def missed(self, y: Array) -> Array:
+        """By how much outcomes y miss it: zero within, infinite where there is no outcome."""
+        away = [np.maximum(low - y, y - high) for low, high in self.parts]
+        outside = np.maximum(np.min(away, axis=0), np.finfo(float).tiny)
+        return np.where(self.holds(y), 0.0, np.nan_to_num(outside, nan=np.inf, posinf=np.inf))

@@ -3,6 +3,7 @@
 from aleator.inference.diagnostics.budget import UNCHECKED, budget_warnings
 from aleator.inference.diagnostics.check import score_steps
 from aleator.inference.diagnostics.failures import boxes_proposed, failure_report, failure_warnings
+from aleator.inference.diagnostics.levels import by_finer_cells
 from aleator.inference.diagnostics.near_outcomes import DOUBTFUL, doubt
 from aleator.inference.diagnostics.reach import refuse_unreachable, unreachable
 from aleator.inference.diagnostics.review import MOMENTS_STAND_IN, review, statuses
@@ -15,6 +16,7 @@ __all__ = [
     "UNCHECKED",
     "boxes_proposed",
     "budget_warnings",
+    "by_finer_cells",
     "doubt",
     "failure_report",
     "failure_warnings",

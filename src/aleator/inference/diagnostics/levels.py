@@ -42,6 +42,24 @@ def level_refusals(changed: Array, ids: Sequence[str]) -> list[Diagnostic]:
     ]
 
 
+def unreached_refusals(problem: Problem, ids: Sequence[str]) -> list[Diagnostic]:
+    """Experiments whose outcome is not reached: it lies beyond an extreme of the response."""
+    rows = np.flatnonzero(problem.unreached)
+    if not rows.size:
+        return []
+    what = "the simulator" if problem.surface is None else "the response surface"
+    return [
+        Diagnostic(
+            "extreme",
+            f"{named(rows, ids)}: {what} does not go so far: the measured outcome lies at an "
+            "extreme of it or beyond, where its density is not known",
+            "add measurement noise ([noise] sd), check these rows, or choose a tolerance, such as "
+            "0.005, for surfaces that are more exact there",
+            chosen(rows, ids),
+        )
+    ]
+
+
 def level_warnings(changed: Array) -> list[Diagnostic]:
     """Cells that are too coarse for the answer."""
     # what is left is as much at most, if the error is of first order

@@ -19,7 +19,11 @@ from aleator.inference.diagnostics.estimates import (
     once_warnings,
     search_refusals,
 )
-from aleator.inference.diagnostics.levels import by_finer_cells, level_refusals, level_warnings
+from aleator.inference.diagnostics.levels import (
+    level_refusals,
+    level_warnings,
+    unreached_refusals,
+)
 from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.diagnostics.near_outcomes import doubt_refusals
 from aleator.inference.diagnostics.surfaces import surface_refusals, surface_warnings
@@ -39,7 +43,7 @@ MOMENTS_STAND_IN = Diagnostic(
     'compare with kind = "maximum_entropy" of order 6, or with kind = "logspline"',
 )
 LARGEST_QUADRATURE_GAP = 0.1
-"""Change of the log-likelihood with more nodes that is worth a warning."""
+"""Change of the log-likelihood with more nodes at which they are too few."""
 
 
 def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:
@@ -60,13 +64,14 @@ def review(
     moves: Array,
     ids: Sequence[str],
     conditions: pd.DataFrame,
+    changed: Array,
 ) -> tuple[tuple[Diagnostic, ...], bool]:
     """All warnings, and whether the answer is sound.
 
-    `moves` (N,) are those of `doubt`, and `conditions` has a row an experiment.
+    `moves` (N,) are those of `doubt`, `conditions` has a row an experiment, and `changed` (N,) is
+    that of `by_finer_cells`.
     """
     hyperparameters = problem.model.hyperparameters
-    changed = by_finer_cells(problem, found.alpha)
     refusals = [
         *_density_warnings(honest, ids),
         *search_refusals(inference, hyperparameters),
@@ -75,6 +80,8 @@ def review(
         *surface_refusals(problem, found.alpha, checked, surface_error, ids),
         *doubt_refusals(moves, ids),
         *level_refusals(changed, ids),
+        *unreached_refusals(problem, ids),
+        *_quadrature_refusals(quadrature_gap(problem, found.alpha), problem),
     ]
     notes = [
         *count_warnings(len(ids), inference),
@@ -84,13 +91,12 @@ def review(
         *centering_warnings(problem, found.alpha, inference, conditions),
         *surface_warnings(problem, surface_error, ids),
         *level_warnings(changed),
-        *_quadrature_warnings(quadrature_gap(problem, found.alpha), problem),
         *check.notes(honest, checked, inference, problem, found.alpha, ids, told=not refusals),
     ]
     return (*refusals, *notes), not refusals
 
 
-def _quadrature_warnings(gap: float, problem: Problem) -> list[Diagnostic]:
+def _quadrature_refusals(gap: float, problem: Problem) -> list[Diagnostic]:
     # of an outcome without density there is no difference, and it is told as such
     if not np.isfinite(gap) or abs(gap) < LARGEST_QUADRATURE_GAP:
         return []

@@ -40,6 +40,11 @@ class GaussHermite:
     others: int | None = None
 
     @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "Gauss-Hermite"
+
+    @property
     def centers(self) -> int:
         """The modes of an experiment that the nodes lie about."""
         return 1

@@ -41,6 +41,11 @@ class ImportancePoints:
     centers: int = 3
 
     @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "importance points"
+
+    @property
     def arrived(self) -> float:
         """Points about a mode that is not exact are as good."""
         return ARRIVED

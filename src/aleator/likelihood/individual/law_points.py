@@ -23,6 +23,11 @@ class LawPoints(AsManyAsNeeded):
     count: int
 
     @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "points of the law"
+
+    @property
     def rough(self) -> LawPoints:
         """The same."""
         return self

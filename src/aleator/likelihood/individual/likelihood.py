@@ -71,6 +71,13 @@ class IndividualLikelihood:
         return cls(inputs, errors, predictor, layout, rule, nodes)
 
     @property
+    def name(self) -> str:
+        """The rule with its number of nodes an experiment, for reports."""
+        if not self.inputs.scattering:
+            return "measurement errors alone"
+        return f"{self.rule.name}, {self.nodes.xi.shape[1]:,} nodes"
+
+    @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """All hyperparameters in the order of alpha: the inputs', then the errors'."""
         return (*self.inputs.hyperparameters, *self.errors.hyperparameters)

@@ -58,6 +58,11 @@ class Panels(AsManyAsNeeded):
     enough: float = ENOUGH
 
     @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "panels"
+
+    @property
     def rough(self) -> Panels:
         """A third of the nodes, exact to a thousandth."""
         return Panels(ROUGH_POINTS, ROUGH)

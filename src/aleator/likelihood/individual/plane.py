@@ -53,6 +53,11 @@ class PlanePanels(AsManyAsNeeded):
     enough: float = ENOUGH
 
     @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "panels of two variates"
+
+    @property
     def rough(self) -> PlanePanels:
         """The same, exact to a hundredth."""
         return PlanePanels(POINTS, max(self.enough, ROUGH_ENOUGH))

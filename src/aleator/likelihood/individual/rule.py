@@ -13,6 +13,10 @@ class Rule(Protocol):
     """Nodes of the integral over the s standard normal variates of an experiment."""
 
     @property
+    def name(self) -> str:
+        """Name for reports."""
+
+    @property
     def centers(self) -> int:
         """M, the modes of an experiment that the nodes lie about."""
 

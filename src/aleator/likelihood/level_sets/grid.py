@@ -27,7 +27,8 @@ class Grid:
 
     `response` is that of the distinct conditions, the simulator or surfaces; `condition` (N,) are
     those of the experiments. `sides` are rising values (C + 1,) of each of the parameters
-    `scattered`, one or two; the others stay at their values in `x` (n,).
+    `scattered`, one or two; the others stay at their values in `x` (n,). `alike` is the relative
+    error of a slope up to which a cell is not halved; see `crossed`.
     """
 
     response: Divisible
@@ -35,6 +36,7 @@ class Grid:
     scattered: tuple[int, ...]
     sides: tuple[Array, ...]
     x: Array
+    alike: float
 
     def serves(self, marks: Array) -> bool:
         """Whether a law is resolved on this grid, of which `marks` (s, Q) are rising quantiles.
@@ -55,11 +57,14 @@ class Grid:
 
         int p(x) delta(eta_l(x) - y_l) dx = sum_k w_lk p(x_lk). The outcome is linear between the
         corners of an interval or a triangle, where a set is then a point or a straight line: an
-        error of second order in the size of the cells, and of first order in those that a kink or
-        a jump crosses. Cost: the response of each condition at all points.
+        error of second order in the size of the cells, which are halved where the outcome is not
+        smooth. Cost: the response of each condition at all points.
         """
         points = self._points
-        found = [crossed(rows, y[rows], eta, self.sides) for rows, eta in self._simulated(points)]
+        found = [
+            crossed(rows, y[rows], eta, self.sides, self._at, self.alike)
+            for rows, eta in self._simulated(points)
+        ]
         owner, on, weight = (np.concatenate(part) for part in zip(*found, strict=True))
         x = np.tile(self.x, (len(on), 1))
         x[:, [*self.scattered]] = on
@@ -78,6 +83,12 @@ class Grid:
         ]
         whole = np.maximum(np.sum(by_side, axis=0), np.finfo(np.float64).tiny)
         return np.asarray(np.exp(np.mean(np.log(np.maximum(by_side / whole, LEAST)), axis=1)))
+
+    def _at(self, rows: Indices, scattered: Array) -> Array:
+        """Outcomes (R,) of experiments `rows`, each at values (R, s) of its own."""
+        x = np.tile(self.x, (len(rows), 1))
+        x[:, [*self.scattered]] = scattered
+        return self.response.at(self.condition[rows], x)
 
     @property
     def _points(self) -> Array:
@@ -102,12 +113,12 @@ class Grid:
 def _in_rows(count: int, owner: Indices, x: Array, weight: Array) -> tuple[Array, Array]:
     """Points (N, K, n) and log weights (N, K) of each experiment; weights of zero fill the rows."""
     order = np.argsort(owner, kind="stable")
+    order = order[weight[order] > 0.0]
     owner, x, weight = owner[order], x[order], weight[order]
     many = np.bincount(owner, minlength=count)
     place = np.arange(owner.size) - np.repeat(np.cumsum(many) - many, many)
     filled = np.broadcast_to(x[:1] if len(x) else 0.0, (count, max(many.max(), 1), x.shape[1]))
     points, log_weight = filled.copy(), np.full(filled.shape[:2], -np.inf)
     points[owner, place] = x
-    with np.errstate(divide="ignore"):
-        log_weight[owner, place] = np.log(weight)
+    log_weight[owner, place] = np.log(weight)
     return points, log_weight

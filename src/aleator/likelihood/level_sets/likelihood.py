@@ -16,13 +16,16 @@ from aleator.likelihood.level_sets.grid import Grid
 from aleator.likelihood.level_sets.sets import LevelSets
 from aleator.search.value import LogLikelihood
 from aleator.surrogates.responses import Divisible
-from aleator.types import Array, Indices
+from aleator.types import Array, Flags, Indices
 
 MOST, FEWEST = {1: 16384, 2: 96}, {1: 1024, 2: 64}
 """Cells of a parameter for an answer, by how many scatter, of few experiments and of very many.
 
 A search goes on half as many.
 """
+ALIKE = 0.002
+"""Error of a slope, over it, up to which a cell of an answer is not halved (`benchmarks folds`);
+twice as much for a search, so that the difference of both tells the error of an answer."""
 VALUES = 8_000_000
 """Values of the response on all grid points of an answer above which there are fewer cells."""
 REACH = 7.0
@@ -79,6 +82,11 @@ class LevelLikelihood:
         self._known: list[tuple[Grid, LevelSets]] = []
 
     @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "level sets"
+
+    @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """Those of alpha, in its order."""
         return self.inputs.hyperparameters
@@ -90,11 +98,26 @@ class LevelLikelihood:
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood with its score."""
-        return self._sets(alpha)(alpha)
+        return self.sets(alpha)(alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood without its score."""
-        return self._sets(alpha).evaluate(alpha)
+        return self.sets(alpha).evaluate(alpha)
+
+    def sets(self, alpha: Array) -> LevelSets:
+        """The sets by which a law alpha (K,) is judged."""
+        marks = self._values(alpha, MARKS)
+        if self._whole.serves(marks):
+            return self._everywhere
+        for grid, sets in self._known:
+            if grid.serves(marks):
+                return sets
+        grid = self._grid(self._values(alpha, np.linspace(-REACH, REACH, self.cells + 1)))
+        sets = self._traced(grid)
+        if sets.empty.any():
+            sets = sets.filled(self._everywhere)
+        self._known = [*self._known[1 - KNOWN :], (grid, sets)]
+        return sets
 
     def values(self, alphas: Array) -> Array:
         """Totals (A,) at alphas (A, K)."""
@@ -118,9 +141,9 @@ class LevelLikelihood:
         return self._with(self.response, self.condition, self.outcomes, self._answers)
 
     @property
-    def reached(self) -> bool:
-        """Whether every outcome is one of the response in the region."""
-        return not bool(self._everywhere.empty.any())
+    def unreached(self) -> Flags:
+        """(N,) whose outcome is none of the response in the region."""
+        return self._everywhere.empty
 
     @cached_property
     def _everywhere(self) -> LevelSets:
@@ -135,20 +158,6 @@ class LevelLikelihood:
         self, response: Divisible, condition: Indices, outcomes: Array, cells: int
     ) -> LevelLikelihood:
         return LevelLikelihood(self.inputs, response, self.region, condition, outcomes, cells)
-
-    def _sets(self, alpha: Array) -> LevelSets:
-        marks = self._values(alpha, MARKS)
-        if self._whole.serves(marks):
-            return self._everywhere
-        for grid, sets in self._known:
-            if grid.serves(marks):
-                return sets
-        grid = self._grid(self._values(alpha, np.linspace(-REACH, REACH, self.cells + 1)))
-        sets = self._traced(grid)
-        if sets.empty.any():
-            sets = sets.filled(self._everywhere)
-        self._known = [*self._known[1 - KNOWN :], (grid, sets)]
-        return sets
 
     def _values(self, alpha: Array, theta: Array) -> Array:
         """Values (s, Q) of each parameter that scatters at standard normal variates (Q,)."""
@@ -167,7 +176,10 @@ class LevelLikelihood:
 
     def _on(self, sides: Iterable[Array]) -> Grid:
         each = tuple(np.unique(side) for side in sides)
-        return Grid(self.response, self.condition, self.inputs.scattered, each, self.region[:, 0])
+        alike = ALIKE * max(1.0, self._answers / self.cells)
+        return Grid(
+            self.response, self.condition, self.inputs.scattered, each, self.region[:, 0], alike
+        )
 
     def _traced(self, grid: Grid) -> LevelSets:
         return LevelSets(self.inputs, *grid.traced(self.outcomes))

@@ -51,8 +51,10 @@ class LevelSets:
         return self._found(alpha, np.concatenate(found), None)
 
     def take(self, rows: Indices | slice) -> LevelSets:
-        """Those of some experiments."""
-        return LevelSets(self.inputs, self.x[rows], self.log_weight[rows])
+        """Those of some experiments, with as many points as these have."""
+        log_weight = self.log_weight[rows]
+        most = max(1, int(np.isfinite(log_weight).sum(axis=1).max(initial=0)))
+        return LevelSets(self.inputs, self.x[rows, :most], log_weight[:, :most])
 
     def filled(self, other: LevelSets) -> LevelSets:
         """With the sets of the other where there is none here."""

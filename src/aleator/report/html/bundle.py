@@ -12,6 +12,10 @@ from bokeh.document import Document
 
 from aleator.report.html.chart import Chart
 
+TEX = re.compile(r'\[(?:\{start:"[^"]+",end:"[^"]+",inline:![01]\},?)+\]')
+"""The delimiters of TeX that Bokeh looks for in each title and label."""
+RENDERER = re.compile(r"https://cdn\.jsdelivr\.net/npm/mathjax[^\"]*")
+"""Where Bokeh would fetch what renders TeX."""
 ID = re.compile(r'"id":"(p[0-9]+)"')
 
 
@@ -33,8 +37,12 @@ def drawable(charts: Iterable[Chart]) -> dict[str, Any]:
 
 
 def bokeh_script() -> str:
-    """Bokeh's JavaScript, which its wheel carries: all that the charts need, without network."""
-    return (files("bokeh") / "server/static/js/bokeh.min.js").read_text(encoding="utf-8")
+    """Bokeh's JavaScript, which its wheel carries: all that the charts need, without network.
+
+    It takes no text for TeX, for which it would fetch another script from a public address.
+    """
+    script = (files("bokeh") / "server/static/js/bokeh.min.js").read_text(encoding="utf-8")
+    return RENDERER.sub("data:,", TEX.sub("[]", script))
 
 
 def safe(value: Any) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from aleator.inference.profile_end import DROP
 from aleator.report.html import colors
 from aleator.report.html.chart import Chart, axes, points, shared, straight
 from aleator.report.html.markup import Section, folded, missing, paragraph, side_by_side, table
@@ -17,8 +18,6 @@ from aleator.tasks.results.printed import COLUMNS, alpha_rows, number, with_erro
 from aleator.tasks.results.units import label
 
 Document = Mapping[str, Any]
-DROP = float(stats.chi2.ppf(0.95, 1)) / 2.0
-"""How far the profile drops at the ends of an interval (Wilks, 1938)."""
 LEVELS = (0.0, *(float(stats.chi2.ppf(p, 2)) / 2.0 for p in (0.5, 0.8, 0.95)))
 
 

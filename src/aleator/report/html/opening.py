@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 
 from aleator.report.html.markup import Section, paragraph
-from aleator.tasks.results.printed import left_out, number, second_verdict, to_three, verdict
+from aleator.tasks.results.printed import left_out, log_likelihood, number, second_verdict, verdict
 
 Document = Mapping[str, Any]
 
@@ -38,16 +38,12 @@ def _identified(document: Document) -> str:
     free = sum(not entry.get("fixed") for entry in document["alpha"].values())
     seen = document.get("observations") or ()
     values = f" with {len(seen):,} observations" if seen else ""
-    likelihood = document["log_likelihood"]
-    text = (
+    found = log_likelihood(document).replace("+-", "±")
+    return (
         f"{free} hyperparameters identified from {len(document['experiments']):,} experiments"
         f"{values}, with {document['runs']:,} runs of the simulator. "
-        f"Log-likelihood {to_three(likelihood['estimated'])}"
+        f"L{found[1:]}."
     )
-    if likelihood.get("verified") is not None:
-        error = number(likelihood.get("verified_standard_error"), 2)
-        text += f"; on the simulator itself {to_three(likelihood['verified'])} ± {error}"
-    return f"{text}."
 
 
 def _warned(document: Document) -> Iterator[str]:

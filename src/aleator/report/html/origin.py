@@ -44,7 +44,7 @@ def _facts(document: Document) -> dict[str, str]:
         "fingerprint of the simulator": simulator.get("fingerprint"),
         "outcome": document.get("outcome"),
         "transform": document.get("transform"),
-        "density": document.get("density"),
+        "likelihood": document.get("density"),
         "propagation": document.get("propagation"),
         "why this propagation": document.get("propagation_reason") or None,
         "search": (document.get("search") or {}).get("method"),
@@ -53,7 +53,7 @@ def _facts(document: Document) -> dict[str, str]:
         **{f"version of {name}": text for name, text in (document.get("versions") or {}).items()},
     }
     return {
-        name: str(value).replace("_", " ") if name in ("density", "propagation") else str(value)
+        name: str(value).replace("_", " ") if name == "propagation" else str(value)
         for name, value in found.items()
         if value is not None
     }

@@ -16,7 +16,9 @@ _BARE = re.compile(
 )
 # What has its words read once more, by a shell that sees no quotes.
 _TWICE = re.compile(
-    r"\b(?: eval | ssh | rsh | su | watch | parallel | (?:ba|da|k|z|a)?sh \s+ -\w*c) \b", re.VERBOSE
+    r"\b(?: eval | trap | ssh | rsh | su | watch | parallel | (?:ba|da|k|z|a)?sh \s+ -\w*c) \b"
+    r"| \| \s* (?:\S*/)? (?:ba|da|k|z|a)?sh \b",
+    re.VERBOSE,
 )
 _SHELL = re.compile(r"(?:ba|da|k|z|a)?sh")
 _SCRIPT = re.compile(r"-\w*c")

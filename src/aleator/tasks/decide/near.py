@@ -28,8 +28,6 @@ from aleator.tasks.decide.predictors import LEAST, LEVEL, MOST, PAD, ends_of
 from aleator.tasks.region import hull, padded
 from aleator.types import Array, Indices
 
-STEP = 1e-4
-"""Step of differences by an error's score, and of a simulated value over its size."""
 REACH = 6.5
 """Standard normal variates that a surface of a rare event reaches to: 4e-11 lie beyond."""
 ZERO = np.zeros(1, dtype=np.intp)
@@ -132,10 +130,6 @@ class Near:
         ]
         return np.array(found)
 
-    def response(self, alpha: Array, kind: int) -> _Response:
-        """The outcome under one law, and in one of its classes, with its gradient."""
-        return _Response(self, self.predictor, alpha, kind)
-
     def wide(self, alphas: Array, far: float, count: int) -> Array:
         """Parameters (D, n) that are `far` times as far out as the laws say, and the farthest."""
         s = self.ground.inputs.scattering
@@ -145,47 +139,6 @@ class Near:
         return parameters(self.ground, alphas, self.experiment, points).x.reshape(
             -1, len(self.ground.inputs.names)
         )
-
-
-@dataclass(frozen=True, eq=False)
-class _Response:
-    """The outcome at variates u (D, s + 1), the last of which is the error's, and its gradient."""
-
-    near: Near
-    predictor: Predictor
-    alpha: Array
-    kind: int
-
-    def __call__(self, u: Array) -> tuple[Array, Array]:
-        """Outcomes (D,) and gradients (D, s + 1)."""
-        near, ground = self.near, self.near.ground
-        inputs, s, count = ground.inputs, ground.inputs.scattering, len(u)
-        classes, one = len(inputs.classes), slice(near.experiment, near.experiment + 1)
-        xi = np.tile(u[None, :, :s], (1, classes, 1))
-        own = slice(self.kind * count, (self.kind + 1) * count)
-        found = inputs.individual(ground.law(self.alpha), xi, one)
-        with np.errstate(all="ignore"):
-            eta, slopes = self.predictor.with_slopes(near.block, found.x[:, own])
-        by_xi = np.einsum("nd,dns->ds", slopes[:, 0], found.by_variates()[0, own])
-        y, by_eta, by_score = self._error(eta, u[:, s])
-        gradient = np.concatenate([by_eta[:, None] * by_xi, by_score[:, None]], axis=1)
-        return y, np.nan_to_num(gradient, posinf=0.0, neginf=0.0)
-
-    def _error(self, eta: Array, score: Array) -> tuple[Array, Array, Array]:
-        """What is measured (D,), and its derivatives by eta (1, D) and by the score (D,)."""
-        rows = slice(self.near.place, self.near.place + 1)
-
-        def at(eta: Array, score: Array) -> Array:
-            return np.asarray(self.near.ground.values(self.alpha, eta, score, rows)[0])
-
-        y = at(eta, score)
-        if self.near.ground.errors is None:
-            return y, np.ones_like(y), np.zeros_like(y)
-        step = STEP * np.maximum(np.abs(eta), 1e-6)
-        with np.errstate(invalid="ignore"):
-            by_eta = (at(eta + step, score) - at(eta - step, score)) / (2.0 * step[0])
-            by_score = (at(eta, score + STEP) - at(eta, score - STEP)) / (2.0 * STEP)
-        return y, by_eta, by_score
 
 
 def some_of(draws: AlphaDraws, count: int) -> Indices:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.inference.decisions.event import Event
@@ -14,15 +15,24 @@ from aleator.progress import Progress
 from aleator.tasks.decide.forecast import LOST
 from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.near import Near
-from aleator.tasks.decide.sample import EACH, REPLICATES, Sample, about_event, of_law
+from aleator.tasks.decide.sample import (
+    EACH,
+    REPLICATES,
+    Sample,
+    about_event,
+    distance_of,
+    of_law,
+    often,
+)
 from aleator.tasks.decide.simulator_check import CHECKS, Correction, corrected
 from aleator.tasks.decide.table import heads, in_rows, tails
 from aleator.types import Array, Flags
 
-RARE = 0.02
-"""Probability below which an event has points of its own."""
+CONTENT = 0.95
 LEVEL = np.array([0.025, 0.975])
-BATCHES = 8
+BATCHES = 16
+STUDENT = float(stats.t.ppf(LEVEL[1], REPLICATES - 1) / stats.norm.ppf(LEVEL[1]))
+"""What the standard error of few replicates is longer by, so that twice it holds 95 %."""
 
 
 @dataclass(frozen=True)
@@ -78,24 +88,26 @@ def probability(
 ) -> Probability:
     """P(y in the event) = sum_a w_a P(y in the event | alpha_a).
 
-    A probability below 0.02, or above 0.98, is that of a sample about the most probable points of
-    the event or its contrary (`about_event`): importance sampling on the surface (Hasofer and
-    Lind, 1974; Schueller and Stix, 1987). A surface is then held against `checks` runs.
+    By importance sampling from a density that is sought for the event, or for its contrary where
+    that is less likely (`importance_density`). A surface is then held against `checks` runs.
     """
-    sample = of_law(near)
-    told = _Told.of(near, draws, event, sample)
     asked, turned = event, False
-    if near.ground.measured is None and not RARE < told.mixed < 1.0 - RARE:
-        turned = told.mixed > 0.5
+    if near.ground.measured is not None:
+        sample = of_law(near)
+    else:
+        turned = often(near, draws, event)
         asked = event.contrary if turned else event
         sample = about_event(near, draws, asked)
-        told = _Told.of(near, draws, asked, sample)
+    told = _Told.of(near, draws, asked, sample)
+    distance = float("nan")
+    if sample.density is not None:
+        distance = distance_of(near, draws.estimate, asked, sample.replicates)
     change = Correction(0.0, 0.0, 0)
     if near.surface is not None and checks and sample.reached:
         if progress is not None:
             progress.stage(f"{checks} runs of the simulator check a probability")
         change = corrected(near, draws, asked, sample.joined, checks)
-    found = told.found(draws, change, sample)
+    found = told.found(draws, change, sample, distance)
     return _turned(found) if turned else found
 
 
@@ -120,7 +132,7 @@ class _Told:
             parts.append(_shares(event.holds(y), found.weights, near.ground.measured is not None))
             lost = max(lost, float(np.max(np.sum(found.weights, axis=1, where=np.isnan(y)))))
         each = np.stack(parts, axis=1)
-        return cls(each, draws.weights, lost, sample.plain)
+        return cls(each, draws.weights, lost, sample.density is None)
 
     @property
     def by_replicate(self) -> Array:
@@ -135,7 +147,7 @@ class _Told:
     @property
     def error(self) -> float:
         """Standard error of the mixture: of the points, and of the draws by batches of pairs."""
-        points = float(self.by_replicate.std(ddof=1) / np.sqrt(REPLICATES))
+        points = STUDENT * float(self.by_replicate.std(ddof=1) / np.sqrt(REPLICATES))
         if self.plain:
             points = max(points, float(0.5 / (EACH * np.sqrt(REPLICATES))))
         if len(self.weights) < 4 * BATCHES:
@@ -146,23 +158,41 @@ class _Told:
             np.average(own[batch == b], weights=self.weights[batch == b] + 1e-300)
             for b in range(BATCHES)
         ]
-        return float(np.hypot(points, np.std(means, ddof=1) / np.sqrt(BATCHES)))
+        return float(np.hypot(points, STUDENT * np.std(means, ddof=1) / np.sqrt(BATCHES)))
 
-    def found(self, draws: AlphaDraws, change: Correction, sample: Sample) -> Probability:
+    def found(
+        self, draws: AlphaDraws, change: Correction, sample: Sample, distance: float
+    ) -> Probability:
         """The probability with its interval, corrected by the simulator's runs in proportion."""
         mixed = self.mixed
         whole = float(np.clip(mixed + change.value, 0.0, 1.0))
         factor = whole / mixed if mixed > 0.0 else 1.0
         own = np.clip(self.each.mean(axis=1) * factor, 0.0, 1.0)
-        ends = quantiles(own[1:], self.weights, LEVEL)
+        ends = interval_about(whole, own[1:], self.weights)
         if draws.certain:
             ends = np.full(2, np.nan)
         status = "solved" if sample.reached else "not_reached"
         return Probability(
             whole, float(ends[0]), float(ends[1]), float(own[0]),
-            float(np.hypot(self.error, change.error)), sample.distance, change.runs,
+            float(np.hypot(self.error, change.error)), distance, change.runs,
             "runs_failed" if self.lost > LOST else status,
         )  # fmt: skip
+
+
+def interval_about(mean: float, values: Array, weights: Array) -> Array:
+    """The ends (2,) of an interval that holds 95 % of the values (A,), and their mean.
+
+    Tails of 2.5 % each; of a law so skew that the mean lies in one of them, the interval ends at
+    the mean, and what that tail keeps beyond it is taken from the other. It holds 95 % either way.
+    """
+    low, high = quantiles(values, weights, LEVEL)
+    if mean > high:
+        below = float(np.sum(weights, where=values <= mean))
+        low = quantiles(values, weights, np.array([below - CONTENT]))[0]
+    elif mean < low:
+        below = float(np.sum(weights, where=values < mean))
+        high = quantiles(values, weights, np.array([below + CONTENT]))[0]
+    return np.array([min(low, mean), max(high, mean)])
 
 
 def _shares(holds: Flags, weights: Array, normalized: bool) -> Array:

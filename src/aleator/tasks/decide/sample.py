@@ -1,53 +1,53 @@
-"""Points of the variates at which an event, rare or not, is looked for."""
+"""Points of the variates by which the probability of an event, rare or not, is computed."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from aleator.inference.decisions.alpha_draws import AlphaDraws
-from aleator.inference.decisions.design_points import about, design_points, kept_points
 from aleator.inference.decisions.event import Event
+from aleator.inference.decisions.importance import (
+    CrossEntropy,
+    Mixture,
+    importance_density,
+    uniform_points,
+)
 from aleator.tasks.decide.near import Near, some_of
-from aleator.tasks.decide.points import Points, normal_points
-from aleator.types import Array
+from aleator.tasks.decide.points import Points
+from aleator.types import Array, Flags
 
-REPLICATES = 8
-"""Independent samples, whose scatter is the error that is told."""
-EACH = 512
+REPLICATES = 16
+"""Independent samples, whose scatter is the error."""
+EACH = 256
 """Points of each."""
+LAWS = 32
+"""Laws that an importance density is sought for, the estimate's among them."""
 FAR = 2.5
-"""By how much pilot points are farther out than the law says."""
-PILOT = 512
-LAWS = 8
-"""Laws whose most probable points are sought, the estimate's among them."""
+"""By how much points that a surface is first made exact at are farther out than the law says."""
+PLACED = 24
+"""Such points for each law."""
+FOLLOWED = 8
+"""Laws by which a surface is placed."""
 ROUNDS = 6
 STILL = 0.02
-"""A change of the distance of the most probable point that is none."""
-BEHIND = 1.5
-"""How far behind the most probable point a surface is made exact, in standard deviations."""
-PLACED = 24
-"""Points for each law by which a surface is sharpened near the event."""
+"""A relative change of the probability by a surface that is none."""
+SEARCHES = 40
+"""Rounds of the search for the point of an event that is nearest to the middle of the law."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Replicates of points; `reached` says whether a point of the event was found.
+    """Replicates of points, of the law itself or of an importance `density`.
 
-    `distance` is that of the most probable point under the estimate, `nearest` the least under any
-    of the laws that were asked; both NaN for points of the law itself.
+    `reached` says whether a point of the event was found.
     """
 
     replicates: tuple[Points, ...]
-    distance: float = float("nan")
-    nearest: float = float("nan")
+    density: Mixture | None = None
     reached: bool = True
-
-    @property
-    def plain(self) -> bool:
-        """Whether the points are those of the law itself."""
-        return bool(np.isnan(self.nearest))
 
     @property
     def joined(self) -> Points:
@@ -61,65 +61,119 @@ def of_law(near: Near) -> Sample:
     return Sample(tuple(Points.standard(EACH, s, seed) for seed in range(REPLICATES)))
 
 
-def about_event(near: Near, draws: AlphaDraws, event: Event) -> Sample:
-    """Points about the most probable points of a rare event, under the estimate and other laws.
+def about_event(
+    near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy | None = None
+) -> Sample:
+    """Points of an importance density of the event, under the estimate and other laws alike.
 
-    A surface is made exact there first: runs are placed about the points that it tells, and they
-    are sought again, until they stay where they are. The laws of all draws share the points: the
-    variates of an event move little with alpha.
+    A surface is made exact there first: where the points of the density lie, and again where those
+    of the next one do, until the probability that it tells stays. The laws of all draws share the
+    points: the variates of an event move little with alpha.
     """
-    chosen = np.concatenate([draws.estimate[None], draws.alpha[some_of(draws, LAWS - 1)]])
+    laws, choice = chosen_laws(draws), choice or CrossEntropy()
     if near.surface is not None:
-        near.surface.follow(near.wide(chosen, FAR, PLACED))
-    before, found = np.inf, Sample((), reached=False)
-    for _ in range(ROUNDS):
-        own = _centers(near, chosen[:1], event)
-        others = _centers(near, chosen[1:], event)
-        centers = np.concatenate([own, others])
-        if not len(centers):
-            return Sample(of_law(near).replicates, reached=False)
-        centers = kept_points(centers)
-        nearest = float(np.linalg.norm(centers[0]))
-        distance = float(np.linalg.norm(own[0])) if len(own) else float("nan")
-        found = Sample(_points(near, centers), distance, nearest)
-        if near.surface is None or abs(nearest - before) < STILL:
+        near.surface.follow(near.wide(laws[0][:FOLLOWED], FAR, PLACED))
+    before, found = np.nan, _about(near, laws, event, choice)
+    for _ in range(ROUNDS if near.surface is not None and found.reached else 0):
+        assert near.surface is not None
+        points = found.replicates[0]
+        away, weights = missed(near, laws, event, points)
+        now = float(np.sum(points.weights * np.sum(weights, axis=0, where=away == 0.0)))
+        if abs(now - before) < STILL * now:
             break
-        before = nearest
-        near.surface.follow(_where(near, chosen, found))
+        before = now
+        x = near.outcomes(laws[0][:FOLLOWED], _heavy(points, away, weights))[1].x
+        near.surface.follow(x.reshape(-1, x.shape[2]))
+        found = _about(near, laws, event, choice)
     return found
 
 
-def _centers(near: Near, alphas: Array, event: Event) -> Array:
-    """Design points (M, s + 1) of all laws and classes, the nearest first."""
+def _about(near: Near, laws: tuple[Array, Array], event: Event, choice: CrossEntropy) -> Sample:
+    """By the surface as it is, or by the simulator."""
+    density, reached = importance_density(
+        lambda u: missed(near, laws, event, points_at(near, u)), variates(near), choice
+    )
+    seeds = range(100, 100 + REPLICATES)
+    return Sample(tuple(drawn(near, density, EACH, seed) for seed in seeds), density, reached)
+
+
+def _heavy(points: Points, away: Array, weights: Array) -> Points:
+    """A quarter of the points: those of the event that weigh most, and the nearest others."""
+    mass = points.weights * np.sum(weights, axis=0, where=away == 0.0)
+    order = np.lexsort((np.min(away, axis=0), -mass))[: len(mass) // 4]
+    return Points(points.xi[order], points.score[order], points.weights[order])
+
+
+def drawn(near: Near, density: Mixture, count: int, seed: int) -> Points:
+    """Points of a density, with their weights; `count` is a power of two."""
+    u = density.drawn(uniform_points(count, variates(near) + 1, seed))
+    return points_at(near, u, density.weights(u))
+
+
+def points_at(near: Near, u: Array, weights: Array | None = None) -> Points:
+    """The points u (J, d): parameters' variates first, then the error's if there is one."""
     s = near.ground.inputs.scattering
-    pilot = normal_points(PILOT, s + 1, 9)
-    pilot[: PILOT // 2] *= FAR
-    if near.ground.errors is None:
-        pilot[:, s] = 0.0
-    classes = range(len(near.ground.inputs.classes))
-    found = [
-        design_points(near.response(alpha, kind), event, pilot)
-        for alpha in alphas
-        for kind in classes
-    ]
-    every = np.concatenate(found)
-    return kept_points(every) if len(every) else every
+    score = np.zeros(len(u)) if near.ground.errors is None else u[:, s]
+    return Points(u[:, :s], score, np.ones(len(u)) if weights is None else weights)
 
 
-def _points(near: Near, centers: Array) -> tuple[Points, ...]:
+def variates(near: Near) -> int:
+    """Variates of parameters and errors, one at least."""
+    return max(near.ground.inputs.scattering + (near.ground.errors is not None), 1)
+
+
+def chosen_laws(draws: AlphaDraws, count: int = LAWS) -> tuple[Array, Array]:
+    """Some laws (L, K) and their weights (L,): the estimate and draws along the sequence."""
+    if draws.certain:
+        return draws.alpha, np.ones(1)
+    which = some_of(draws, count - 1)
+    alphas = np.concatenate([draws.estimate[None], draws.alpha[which]])
+    weights = np.concatenate([[draws.weights[which].mean()], draws.weights[which]])
+    return alphas, weights / weights.sum()
+
+
+def missed(
+    near: Near, laws: tuple[Array, Array], event: Event, points: Points
+) -> tuple[Array, Array]:
+    """By how much (L, J) each law and class misses the event at the points, and its weight."""
+    y, found = near.outcomes(laws[0], points)
+    shape = (-1, len(points.score))
+    weights = found.weights * laws[1][:, None] * len(points.score)
+    return event.missed(y).reshape(shape), weights.reshape(shape)
+
+
+def often(near: Near, draws: AlphaDraws, event: Event) -> bool:
+    """Whether the event is more likely than its contrary."""
+    laws = chosen_laws(draws)
+    away, weights = missed(near, laws, event, Points.standard(EACH, near.ground.inputs.scattering))
+    return bool(np.sum(weights, where=away == 0.0) > 0.5 * np.sum(weights, where=away < np.inf))
+
+
+def distance_of(near: Near, alpha: Array, event: Event, samples: Sequence[Points]) -> float:
+    """The length of the shortest variates that lead to the event under one law.
+
+    From the shortest of the points, by random steps that are halved where none is shorter. NaN
+    where no point leads there.
+    """
+
+    def inside(points: Points) -> Flags:
+        away = missed(near, (alpha[None], np.ones(1)), event, points)[0]
+        return np.asarray(np.any(away == 0.0, axis=0))
+
     s = near.ground.inputs.scattering
-    found = []
-    for seed in range(REPLICATES):
-        u, weights = about(centers, normal_points(EACH, s + 2, 100 + seed))
-        found.append(Points(u[:, :s], u[:, s], weights))
-    return tuple(found)
-
-
-def _where(near: Near, alphas: Array, sample: Sample) -> Array:
-    """Parameters (D, n) near the event, under some laws; what is far behind it has no mass."""
-    first = sample.replicates[0]
-    out = np.hypot(np.linalg.norm(first.xi, axis=1), first.score)
-    chosen = np.flatnonzero(out < sample.nearest + BEHIND)[::4]
-    few = Points(first.xi[chosen], first.score[chosen], first.weights[chosen])
-    x = near.outcomes(alphas, few)[1].x
-    return x.reshape(-1, x.shape[2])
+    points = Points.joined(samples)
+    u = np.column_stack([points.xi, points.score])[:, : variates(near)]
+    u = u[inside(points)]
+    if not len(u) or variates(near) > u.shape[1]:
+        return float("nan")
+    best = u[np.argmin(np.sum(u**2, axis=1))]
+    rng, step = np.random.default_rng(s), 0.5
+    for _ in range(SEARCHES):
+        tried = best + step * rng.normal(size=(EACH, best.size))
+        tried = tried[np.sum(tried**2, axis=1) < np.sum(best**2)]
+        tried = tried[inside(points_at(near, tried))] if len(tried) else tried
+        if not len(tried):
+            step *= 0.5
+        else:
+            best = tried[np.argmin(np.sum(tried**2, axis=1))]
+    return float(np.linalg.norm(best))

@@ -80,7 +80,7 @@ def assembled(
         log_likelihood=replace(
             _log_likelihood(at.likelihood, end.gap, check), log_prior=prior_of(at, hyperparameters)
         ),
-        density="individual_integral",
+        density=end.likelihood.name,
         propagation=DIRECT if answer.surfaces is None else "response_surface",
         propagation_reason=answer.reason,
         sound=sound and not lost and not differing,
@@ -178,7 +178,8 @@ def _log_likelihood(total: float, gap: float, check: Checked | None) -> LogLikel
     if check is None:
         return LogLikelihoodReport(total, None, None)
     error = max(float(np.hypot(check.standard_error, gap)), LEAST)
-    return LogLikelihoodReport(total, total + check.total, error)
+    off = float(np.hypot(check.total, error))
+    return LogLikelihoodReport(total, total + check.total, error, error=off)
 
 
 def _individuals(

@@ -94,10 +94,14 @@ class IndividualSession:
     def log_likelihood(
         self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, float | Estimate]
     ) -> float:
-        """The log-likelihood at alpha with nodes adapted there; what is not named is as it was."""
+        """The log-likelihood at alpha with nodes adapted there; what is not named is as it was.
+
+        At the estimate nodes are those of the answer, which importance points would not be again.
+        """
         fit = kept(self.fit)
-        at = given_values(alpha, values, self.hyperparameters)
-        return fit.likelihood.adapted(at).evaluate(at).likelihood
+        at, here = given_values(alpha, values, self.hyperparameters), fit.likelihood
+        own = here if np.array_equal(at, fit.alpha) else here.adapted(at)
+        return own.evaluate(at).likelihood
 
     def predict(
         self,

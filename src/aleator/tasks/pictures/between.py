@@ -28,7 +28,7 @@ def profile_line(at: Array, below: Array) -> tuple[Array, Array]:
     if at.size < 2:
         return at, -below
     root = np.sign(at - at[np.argmin(below)]) * np.sqrt(2.0 * np.maximum(below, 0.0))
-    x = np.linspace(at[0], at[-1], CURVE)
+    x = np.union1d(np.linspace(at[0], at[-1], CURVE), at)
     return x, -0.5 * PchipInterpolator(at, root)(x) ** 2
 
 

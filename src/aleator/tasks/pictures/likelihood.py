@@ -17,9 +17,9 @@ from aleator.inference.likelihood_shape import (
 )
 from aleator.tasks.pictures.numbers import PLACES, drawn
 from aleator.tasks.results.values import Estimate
-from aleator.types import Array
 
-POINTS, ACROSS = 5, 11
+ACROSS = 11
+"""Points of a side of the surface."""
 MOST = 8
 """Hyperparameters that are profiled, the first of them: more are no picture."""
 OBSERVATIONS = 3000
@@ -31,6 +31,7 @@ def likelihood_shapes(
 ) -> dict[str, Any]:
     """`profiles` by hyperparameter, and `surface` over the weakest pair; both below the maximum.
 
+    A profile is that of the interval: it has its ends, and has dropped there as the estimate says.
     Empty where there is no maximum with a curvature, or where observations are too many. By the
     fewest nodes that serve: differences of log-likelihoods hardly depend on these.
     """
@@ -42,10 +43,15 @@ def likelihood_shapes(
     for k in _shown(fit, estimates):
         h = fit.hyperparameters[k]
         told(h.name)
-        interval = estimates[h.name].interval or ()
-        at = around(interval, float(fit.alpha[k]), h, POINTS)
+        estimate = estimates[h.name]
+        assert estimate.interval is not None
+        assert estimate.drops is not None
+        at = around(estimate.interval, float(fit.alpha[k]), h)
         curve = likelihood_curve(objective, fit.alpha, fit.hyperparameters, inference, k, at)
-        profiles[h.name] = {"at": drawn(curve.at, PLACES), "below": _below(curve.value)}
+        below = curve.value[at == fit.alpha[k]] - curve.value
+        for end, drop in zip(estimate.interval, estimate.drops, strict=True):
+            below[at == end] = drop
+        profiles[h.name] = {"at": drawn(at, PLACES), "below": drawn(below)}
     return {"profiles": profiles, "surface": _surface(fit, estimates, objective, told)}
 
 
@@ -79,10 +85,5 @@ def _surface(
         "correlation": float(correlation[weakest]),
         "first": drawn(found.first, PLACES),
         "second": drawn(found.second, PLACES),
-        "below": _below(found.value),
+        "below": drawn(np.nanmax(found.value) - found.value),
     }
-
-
-def _below(value: Array) -> Any:
-    """How far log-likelihoods lie below the largest of them."""
-    return drawn(np.nanmax(value) - value)

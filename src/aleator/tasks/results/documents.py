@@ -7,13 +7,13 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from aleator.errors import AleatorError, short
-from aleator.tasks.results.values import Estimate
 
 # What a reader looks for first comes first; keys that are not named here follow as they came.
 _ORDER = (
@@ -22,7 +22,6 @@ _ORDER = (
     "density", "propagation", "propagation_reason", "search", "surface", "runs", "runs_by_stage",
     "experiments", "seed", "versions", "seconds",
 )  # fmt: skip
-_NEEDED = ("alpha", "log_likelihood", "experiments")
 
 
 def plain(value: Any) -> Any:
@@ -101,6 +100,26 @@ def _is_file(path: Path) -> bool:
         return False
 
 
+def replaced(path: Path, study: Path) -> str | None:
+    """What is said before a result of the study takes the place of an older one; None for none.
+
+    Raises AleatorError where the older one is that of another study: it is not lost silently.
+    """
+    try:
+        older = study_entry(json.loads(path.read_text(encoding="utf-8"))).get("file")
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, AttributeError, RecursionError):
+        older = None
+    if isinstance(older, str) and (path.parent / older).resolve() != study.resolve():
+        raise AleatorError(
+            f"{short(path)} is the result of another study, {older}",
+            "choose another folder with --output, or remove the file",
+        )
+    written = datetime.fromtimestamp(path.stat().st_mtime).isoformat(" ", "minutes")
+    return f"{short(path)} of {written} will be replaced"
+
+
 def make_folder(folder: Path) -> None:
     """Make the folder of the results, before anything that should go there is computed.
 
@@ -141,108 +160,3 @@ def write_json(result: Mapping[str, Any], path: str | Path) -> None:
     Raises AleatorError where the file cannot be written.
     """
     write_text(to_json(result), path)
-
-
-def read_json(path: str | Path) -> dict[str, Any]:
-    """Read an identification that `write_json` wrote.
-
-    Raises AleatorError, naming the file, where it is absent, not JSON, or not an identification.
-    """
-    try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise AleatorError(
-            f"{path}: the file cannot be read: {error.strerror}",
-            "name the identification.json that `aleator identify` wrote",
-        ) from None
-    except (ValueError, RecursionError) as error:
-        raise AleatorError(
-            f"{path}: this is not JSON: {error}", "run `aleator identify` again to write it anew"
-        ) from None
-    missing = [k for k in _NEEDED if not isinstance(document, dict) or k not in document]
-    if missing:
-        raise AleatorError(
-            f"{path}: this is not an identification: it lacks {', '.join(missing)}",
-            "name the identification.json that `aleator identify` wrote",
-        )
-    return dict(document)
-
-
-def uncertain(document: Mapping[str, Any], path: str | Path) -> dict[str, Estimate]:
-    """The identified alpha of a document: name of the hyperparameter -> estimate, with its errors.
-
-    Raises AleatorError where an estimate is missing, or an error or interval is no number.
-
-    >>> uncertain({"alpha": {"x.mean": {"estimate": 1.5}}}, "identification.json")["x.mean"].fixed
-    False
-    """
-    try:
-        return {name: _estimate(entry) for name, entry in document["alpha"].items()}
-    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
-        raise AleatorError(
-            f"{path}: key 'alpha' does not hold an estimate for each hyperparameter",
-            "run `aleator identify` again to write it anew",
-        ) from None
-
-
-def estimates(document: Mapping[str, Any], path: str | Path) -> dict[str, float]:
-    """The identified alpha of a document by name; raises AleatorError as `uncertain` does.
-
-    >>> estimates({"alpha": {"x.mean": {"estimate": 1.5}}}, "identification.json")
-    {'x.mean': 1.5}
-    """
-    return {name: entry.estimate for name, entry in uncertain(document, path).items()}
-
-
-def correlation(
-    document: Mapping[str, Any], path: str | Path
-) -> tuple[list[str], list[list[float]]]:
-    """The names (F,) of the estimates that have an error, and their correlations (F, F).
-
-    Raises AleatorError where they are not as they were written.
-    """
-    entry = document.get("correlation", {"names": [], "matrix": []})
-    try:
-        names = [str(name) for name in entry["names"]]
-        matrix = [[_finite(value) for value in row] for row in entry["matrix"]]
-        if [len(row) for row in matrix] != [len(names)] * len(names):
-            raise ValueError
-    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
-        raise AleatorError(
-            f"{path}: key 'correlation' does not hold a number for each pair of estimates",
-            "run `aleator identify` again to write it anew",
-        ) from None
-    return names, matrix
-
-
-def runs_each(document: Mapping[str, Any]) -> int | None:
-    """How many runs the surface of an experiment took, where the document tells.
-
-    >>> runs_each({"surface": {"runs": 100, "experiments": 8}}), runs_each({"surface": [100, 8]})
-    (12, None)
-    """
-    try:
-        runs, experiments = (_finite(document["surface"][key]) for key in ("runs", "experiments"))
-        return max(round(runs / experiments), 1) if runs else None
-    except (KeyError, OverflowError, TypeError, ValueError, ZeroDivisionError):
-        return None
-
-
-def _estimate(entry: Mapping[str, Any]) -> Estimate:
-    """An estimate, of which only the value must be there."""
-    error, interval = entry.get("standard_error"), entry.get("interval")
-    low, high = (None, None) if interval is None else interval
-    return Estimate(
-        _finite(entry["estimate"]),
-        None if error is None else _finite(error),
-        None,
-        None if interval is None else (_finite(low), _finite(high)),
-        None,
-        bool(entry.get("fixed", False)),
-    )
-
-
-def _finite(value: Any) -> float:
-    if isinstance(value, (bool, str)) or not math.isfinite(value):
-        raise ValueError
-    return float(value)

@@ -208,7 +208,7 @@ def _checked(document: Document) -> str:
 def text(document: Document) -> str:
     """The answer in short: alpha, log-likelihood, warnings, verdict."""
     head, body = laid_out(COLUMNS, [*alpha_rows(document)])
-    sentences = [_likelihood(document)]
+    sentences = [log_likelihood(document)]
     for warning in document["warnings"]:
         sentences += [f"Warning, {warning['about']}: {warning['message']}"]
         sentences += [f"  Remedy: {warning['remedy']}"] if warning["remedy"] else []
@@ -232,7 +232,7 @@ def html(document: Document) -> str:
     return (
         f"<p>{escape(_head(document))}</p>"
         f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
-        f"<p>{escape(_likelihood(document))}</p>{warnings}"
+        f"<p>{escape(log_likelihood(document))}</p>{warnings}"
         + "".join(f"<p><b>{escape(line)}</b></p>" for line in verdicts(document))
         + "".join(f"<p>{escape(line)}</p>" for line in remedies(document))
     )
@@ -254,12 +254,30 @@ def principle(document: Document) -> str:
     return "by maximum likelihood" if prior is None else "by maximum a posteriori"
 
 
-def _likelihood(document: Document) -> str:
+def stated_error(likelihood: Mapping[str, Any]) -> str:
+    """The error of a log-likelihood behind it, where it is known."""
+    error = likelihood.get("error")
+    return "" if error is None else f" +- {number(error, 2)}"
+
+
+def by_name(document: Document) -> str:
+    """What made the log-likelihood and those of the experiments, which sum to it.
+
+    >>> by_name({"density": "level sets"}), by_name({})
+    ('by level sets', '')
+    """
+    name = document.get("density")
+    return f"by {name}" if name else ""
+
+
+def log_likelihood(document: Document) -> str:
+    """The log-likelihood, by what, with the log prior and what the check says: a sentence."""
     found = document["log_likelihood"]
-    line = f"log-likelihood {to_three(found['estimated'])}"
+    value = f"{to_three(found['estimated'])}{stated_error(found)}"
+    line = f"log-likelihood {value} {by_name(document)}".rstrip()
     if (prior := found.get("log_prior")) is not None:
         line += f", log prior {to_three(prior)} (maximum a posteriori)"
-    if found["verified"] is None:
+    if found.get("verified") is None:
         return line
-    error = number(found["verified_standard_error"], 2)
+    error = number(found.get("verified_standard_error"), 2)
     return f"{line}; on the simulator itself {to_three(found['verified'])} +- {error}"

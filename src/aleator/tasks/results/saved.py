@@ -24,9 +24,8 @@ from aleator.simulators import Runner, Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import DEFAULT_PROPAGATION
 from aleator.tasks.individual.session import IndividualSession, Runners, runners, session_of
-from aleator.tasks.results import documents
-from aleator.tasks.results.checked import FORMS, hints_of, require, require_form
 from aleator.tasks.results.identification import Identification
+from aleator.tasks.results.schema import read_answer
 from aleator.tasks.results.second import consistency_in
 from aleator.tasks.results.session import OutcomeSession, Session
 from aleator.tasks.results.values import (
@@ -76,7 +75,7 @@ def load(
     >>> again == found, again.law.marginals["x"].mean
     (True, 1.031)
     """
-    found = from_document(documents.read_json(path), path)
+    found = from_document(read_answer(path))
     if inputs is None:
         return found
     made = None if simulator is None else as_simulator(simulator, vectorized)
@@ -138,91 +137,45 @@ def _runners(
     return lambda asked: Runner(simulator, asked, inputs.names, varying=varying)
 
 
-def from_document(document: Entry, path: str | Path) -> Identification:
-    """The identification of a document; what JSON cannot hold (null) is NaN again.
+def from_document(document: Entry) -> Identification:
+    """The identification of a document that was read; what JSON cannot hold (null) is NaN again.
 
     A log-density that is null because the outcome lies outside the support is minus infinity.
-    Raises AleatorError, naming `path` and the key, for an entry that is not as it was written.
     """
-
-    hints = hints_of(Identification)
-
-    def part(key: str, build: Callable[[Any], Any], default: Any = (), name: str = "") -> Any:
-        try:
-            value = build(document.get(key, default))
-            require(value, hints[name or key])
-            if key in FORMS:
-                require_form(key, value)
-            return value
-        except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
-            raise AleatorError(
-                f"{path}: key '{key}' is not as an identification writes it",
-                "identify again to write it anew",
-            ) from None
-
-    experiments = part("experiments", lambda rows: tuple(map(_any_experiment, rows)))
+    experiments: Any = tuple(map(_any_experiment, document["experiments"]))
+    correlation = document["correlation"]
+    plain = ("density", "propagation", "sound", "search", "baselines", "runs", "runs_by_stage",
+             "seconds", "seed")  # fmt: skip
+    later = ("outcome", "units", "propagation_reason", "versions", "shrinkage", "responses",
+             "law_curves", "pictures", "quadrature")  # fmt: skip
     return Identification(
-        outcome=part("outcome", str, "outcome"),
-        transform=part("transform", Transform, "none"),
-        units=part("units", dict, {}),
-        alpha=part("alpha", lambda rows: {name: _estimate(row) for name, row in rows.items()}),
-        log_likelihood=part("log_likelihood", lambda row: _log_likelihood(row, experiments)),
-        density=part("density", str),
-        propagation=part("propagation", str),
-        propagation_reason=part("propagation_reason", str, ""),
-        sound=part("sound", bool),
-        consistency=part("consistency", lambda _: consistency_in(document)),
-        warnings=part("warnings", lambda rows: tuple(map(_diagnostic, rows))),
+        **{key: document[key] for key in plain},
+        **{key: document[key] for key in later if key in document},
+        surface=document.get("surface"),
+        transform=Transform(document.get("transform", "none")),
+        alpha={name: _estimate(row) for name, row in document["alpha"].items()},
+        log_likelihood=_log_likelihood(document["log_likelihood"], experiments),
+        consistency=consistency_in(document),
+        warnings=tuple(map(_diagnostic, document["warnings"])),
         experiments=experiments,
-        correlation_names=part(
-            "correlation", lambda row: tuple(row["names"]), name="correlation_names"
+        correlation_names=tuple(correlation["names"]),
+        correlation=tuple(map(tuple, correlation["matrix"])),
+        failures=_failures(document.get("failures")),
+        parameter_correlations=tuple(
+            ParameterCorrelation(**{**row, "between": tuple(row["between"])})
+            for row in document.get("parameter_correlations", ())
         ),
-        correlation=part("correlation", _matrix),
-        search=part("search", dict),
-        surface=part("surface", lambda row: None if row is None else dict(row), None),
-        baselines=part("baselines", dict),
-        runs=part("runs", int),
-        runs_by_stage=part("runs_by_stage", dict),
-        seconds=part("seconds", _numbers),
-        seed=part("seed", int),
-        failures=part("failures", _failures, None),
-        versions=part("versions", dict, {}),
-        parameter_correlations=part(
-            "parameter_correlations",
-            lambda rows: tuple(
-                ParameterCorrelation(**{**row, "between": tuple(row["between"])}) for row in rows
-            ),
-        ),
-        observations=part("observations", lambda rows: tuple(map(_observation, rows))),
-        shrinkage=part("shrinkage", dict, {}),
-        quadrature=part("quadrature", _quadrature, None),
-        best_possible=part("best_possible", _best_possible, None),
-        responses=part("responses", dict, {}),
-        law_curves=part("law_curves", dict, {}),
-        pictures=part("pictures", dict, {}),
-        density_distances=part(
-            "density_distances",
-            lambda rows: tuple(DensityDistance(**_numbers(row)) for row in rows),
+        observations=tuple(map(_observation, document.get("observations", ()))),
+        best_possible=_best_possible(document.get("best_possible")),
+        density_distances=tuple(
+            DensityDistance(**_numbers(row)) for row in document.get("density_distances", ())
         ),
     )
-
-
-def _quadrature(row: Entry | None) -> dict[str, Any] | None:
-    if row and row["nodes"] is None:
-        raise ValueError
-    return {**row, "gap": row["gap"]} if row else None
 
 
 def _best_possible(row: Entry | None) -> dict[str, float] | None:
     names = ("log_likelihood", "gap", "p_value", "replicates")
     return None if row is None else {name: float(row[name]) for name in names}
-
-
-def _matrix(row: Entry) -> tuple[tuple[float | None, ...], ...]:
-    matrix, size = tuple(map(tuple, row["matrix"])), len(row["names"])
-    if [len(line) for line in matrix] != [size] * size:
-        raise ValueError
-    return matrix
 
 
 def _estimate(row: Entry) -> Estimate:

@@ -66,6 +66,7 @@ def assemble(
     alpha, hyperparameters = found.alpha, problem.model.hyperparameters
     honest = problem.likelihood.evaluate(alpha)
     surface_error = diagnostics.surface_errors(problem, checked)
+    changed = diagnostics.by_finer_cells(problem, alpha)
     warnings, sound = diagnostics.review(
         problem,
         found,
@@ -77,17 +78,18 @@ def assemble(
         moves,
         ids,
         table.conditions,
+        changed,
     )
     return Identification(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
         log_likelihood=replace(
-            _log_likelihood(honest, checked), log_prior=prior_of(honest, hyperparameters)
+            _log_likelihood(honest, checked, changed), log_prior=prior_of(honest, hyperparameters)
         ),
-        density=problem.model.density.name,
+        density=problem.likelihood.name,
         propagation=problem.name,
         sound=sound,
         warnings=(*warnings, *diagnostics.failure_warnings(failures), *notes),
-        experiments=experiment_reports(problem, alpha, ids, surface_error, checked),
+        experiments=experiment_reports(problem, alpha, honest, ids, surface_error, checked),
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
         search=search_of(found, inference, hyperparameters),
@@ -111,11 +113,17 @@ def assemble(
     )
 
 
-def _log_likelihood(honest: LogLikelihood, checked: Verification | None) -> LogLikelihoodReport:
+def _log_likelihood(
+    honest: LogLikelihood, checked: Verification | None, changed: Array
+) -> LogLikelihoodReport:
+    """With its error; `changed` (N,) is what finer cells changed."""
+    found, cells = honest.likelihood, [float(changed.sum()), float(np.linalg.norm(changed))]
     if checked is None:
-        return LogLikelihoodReport(honest.likelihood, None, None)
+        return LogLikelihoodReport(found, None, None, error=float(np.linalg.norm(cells)) or None)
     if np.all(checked.reached):
-        return LogLikelihoodReport(honest.likelihood, checked.total, checked.standard_error)
+        parts = [found - checked.total, checked.standard_error, *cells]
+        error = float(np.linalg.norm(parts))
+        return LogLikelihoodReport(found, checked.total, checked.standard_error, error=error)
     reached = {
         "experiments": int(checked.reached.sum()),
         "estimated": float(honest.each[checked.reached].sum()),
@@ -133,20 +141,23 @@ def prior_of(at: LogLikelihood, hyperparameters: Sequence[Hyperparameter]) -> fl
 def experiment_reports(
     problem: Problem,
     alpha: Array,
+    honest: LogLikelihood,
     ids: Sequence[str],
     surface_error: Array,
     checked: Verification | None = None,
 ) -> tuple[ExperimentReport, ...]:
-    """What the law alpha says of each experiment, beside its measured outcome."""
+    """What the law alpha says of each experiment, beside its measured outcome.
+
+    Log-densities are those of the `honest` log-likelihood: they sum to the total that is told.
+    """
     moments, fitted = problem.predictive.moments(alpha), problem.predictive.fitted(alpha)
-    log_density = fitted.log_pdf(problem.outcomes)
     pit, quantiles = fitted.cdf(problem.outcomes), fitted.quantile(np.array(QUANTILES))
-    status = diagnostics.statuses(fitted.status, log_density)
+    status = diagnostics.statuses(honest.status, honest.each)
     return tuple(
         ExperimentReport(
             id=ids[l],
             outcome=float(problem.outcomes[l]),
-            log_density=float(log_density[l]),
+            log_density=float(honest.each[l]),
             mean=float(moments.mean[l]),
             standard_deviation=float(moments.sd[l]),
             skewness=float(moments.standardized[l, 3]),

@@ -54,6 +54,8 @@ class ParameterCorrelation:
 class LogLikelihoodReport:
     """The log-likelihood as `estimated` by the densities and as `verified` on the simulator itself.
 
+    `error` is that of `estimated`: its difference from what was verified and the standard error of
+    that together, or without a check what finer nodes change; None where neither is known.
     `verified` is None without a check, and where it did not reach every experiment: `reached` has
     then the number of `experiments` that it did, and their sum as `estimated`, `verified` and
     `standard_error`. `log_prior` is that of the priors, where a hyperparameter has one: the sum of
@@ -65,6 +67,7 @@ class LogLikelihoodReport:
     verified_standard_error: float | None
     reached: Mapping[str, float] | None = None
     log_prior: float | None = None
+    error: float | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,504 @@
+"""What identification.json and ceiling.json hold: read once, and checked for all their readers.
+
+The entries that have a data class are checked by its fields, so that a new field is known here at
+once. In JSON null stands for a number that JSON cannot hold, NaN or infinity.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import cache, reduce
+from operator import or_
+from pathlib import Path
+from types import GenericAlias, UnionType
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
+from typing import get_type_hints as hints_of
+
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model, model_validator
+from pydantic import Field as Known
+from pydantic_core import PydanticCustomError
+
+from aleator.errors import AleatorError, key_path
+from aleator.inference.consistency import Consistency
+from aleator.tasks.results.identification import Identification
+from aleator.tasks.results.values import (
+    QUANTILES,
+    Estimate,
+    ExperimentReport,
+    IndividualReport,
+    LogLikelihoodReport,
+)
+
+Document = dict[str, Any]
+Finite = Annotated[float, Known(allow_inf_nan=False)]
+Number = Finite | None
+Series = list[Number]
+Grid = list[Series]
+NEEDED = ("alpha", "log_likelihood", "experiments")
+"""Keys by which an identification is known as one."""
+DIGITS = 19
+"""Of a whole number that was written: one with more is infinite, as it may be for a float."""
+
+
+def fault(key: str, problem: str) -> PydanticCustomError:
+    """What is wrong with a key within an entry."""
+    return PydanticCustomError("disagrees", "{problem}", {"key": key, "problem": problem})
+
+
+class Entry(BaseModel):
+    """An object of the document; it may have keys that nobody reads."""
+
+    model_config = ConfigDict(strict=True, extra="allow")
+
+
+class Exact(Entry):
+    """An entry of a data class: each key is a field of it."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+def require_equal(key: str, *columns: Sequence[Any] | None) -> None:
+    """Raise a fault unless the columns that are there have one length."""
+    lengths = {len(column) for column in columns if column is not None}
+    if len(lengths) > 1:
+        raise fault(key, f"has series of unequal lengths: {', '.join(map(str, sorted(lengths)))}")
+
+
+def require_shape(key: str, grid: Grid | None, rows: int, columns: int) -> None:
+    """Raise a fault unless a grid has this shape."""
+    if grid is None or [len(row) for row in grid] != [columns] * rows:
+        raise fault(key, f"is no grid of {rows} x {columns} numbers")
+
+
+# ------------------------------------------------------------------------------ parts
+
+
+class Correlation(Entry):
+    """The estimates that have an error, and a number for each pair of them."""
+
+    names: list[str]
+    matrix: Grid
+
+    @model_validator(mode="after")
+    def _square(self) -> Self:
+        require_shape("matrix", self.matrix, len(self.names), len(self.names))
+        return self
+
+
+class Optimum(Entry):
+    """A maximum that the search met."""
+
+    log_likelihood: Number
+    starts: int
+    alpha: dict[str, Number] = {}
+
+
+class Search(Entry):
+    """How the maximum was searched."""
+
+    method: str = ""
+    starts: int = 0
+    evaluations: int = 0
+    distinct_optima: int = 0
+    optima: list[Optimum] = []
+
+
+class Surfaces(Entry):
+    """The surfaces that stood for the simulator."""
+
+    converged: int = 0
+    experiments: int = 0
+    runs: int = 0
+    median_error: Number = None
+    worst_error: Number = None
+    against: str = ""
+    where: str = ""
+
+
+class LeastSquares(Entry):
+    """One value of each parameter for all experiments."""
+
+    parameters: dict[str, Number]
+    rmse: Number
+    log_likelihood: Number
+
+
+class Circe(Entry):
+    """The law by linearization."""
+
+    alpha: dict[str, Number]
+    log_likelihood: Number
+
+
+class Baselines(Entry):
+    """What simpler methods find."""
+
+    least_squares: LeastSquares | None = None
+    circe: Circe | None = None
+
+
+class Quadrature(Entry):
+    """The nodes of the individual integrals."""
+
+    nodes: Finite
+    gap: Number
+
+
+class BestPossible(Entry):
+    """What a law of any family could reach."""
+
+    log_likelihood: Number
+    gap: Number
+    p_value: Number
+    replicates: Number
+
+
+class Study(Entry):
+    """The study file that was identified."""
+
+    file: str | None = None
+    sha256: str | None = None
+    outcome: str | None = None
+
+
+class Simulator(Entry):
+    """The simulator of the study."""
+
+    name: str
+    fingerprint: str | None = None
+    notes: list[str] = []
+
+
+# ------------------------------------------------------------------------------ pictures
+
+
+class Curve(Entry):
+    """A density, and the ends of its band."""
+
+    x: Series
+    density: Series
+    lower: Series | None = None
+    upper: Series | None = None
+
+    @model_validator(mode="after")
+    def _alike(self) -> Self:
+        require_equal("x", self.x, self.density, self.lower, self.upper)
+        if (self.lower is None) != (self.upper is None):
+            raise fault("lower", "has no other end of the band")
+        return self
+
+
+class Contour(Entry):
+    """Closed curves that hold shares of the law of two parameters: x and y of each."""
+
+    between: tuple[str, str]
+    curves: dict[Literal["0.5", "0.95"], tuple[Series, Series]]
+
+    @model_validator(mode="after")
+    def _alike(self) -> Self:
+        for share, curve in self.curves.items():
+            require_equal(f"curves.{share}", *curve)
+        return self
+
+
+class Profile(Entry):
+    """A profile of the likelihood."""
+
+    at: Series
+    below: Series
+
+    @model_validator(mode="after")
+    def _alike(self) -> Self:
+        require_equal("at", self.at, self.below)
+        return self
+
+
+class LikelihoodSurface(Entry):
+    """The likelihood over two estimates, on a square grid of at least four points a side."""
+
+    between: tuple[str, str]
+    correlation: Finite
+    first: Grid
+    second: Grid
+    below: Grid
+
+    @model_validator(mode="after")
+    def _square(self) -> Self:
+        size = max(len(self.below), 4)
+        for key in ("first", "second", "below"):
+            require_shape(key, getattr(self, key), size, size)
+        return self
+
+
+class Shown(Entry):
+    """An observation whose simulated values are drawn."""
+
+    id: str
+    response: str
+    lower: Number
+    upper: Number
+    place: Literal["first", "middle", "last"] = "last"
+    curves: dict[str, Series] = {}
+    map: Grid | None = None
+    values: Series | None = None
+
+
+class Simulated(Entry):
+    """The simulator over its parameters: curves and a map, or its values at nodes."""
+
+    over: dict[str, list[Finite]] = {}
+    map: dict[str, list[Finite]] = {}
+    nodes: dict[str, Series] | None = None
+    shown: list[Shown] = []
+
+    @model_validator(mode="after")
+    def _alike(self) -> Self:
+        sides = [*self.map.values()]
+        if len(sides) not in (0, 2) or any(len(side) < 2 for side in sides):
+            raise fault("map", "has no two sides")
+        if self.nodes is not None:
+            require_equal("nodes", *self.nodes.values())
+        for k, one in enumerate(self.shown):
+            if self.nodes is not None:
+                require_equal(f"shown[{k}].values", one.values or [], *self.nodes.values())
+                continue
+            for name, at in self.over.items():
+                require_equal(f"shown[{k}].curves.{name}", at, one.curves.get(name, []))
+            if sides:
+                require_shape(f"shown[{k}].map", one.map, *map(len, sides))
+        return self
+
+
+class Pictures(Entry):
+    """What a report draws beside the answer."""
+
+    conditions: dict[str, list[Number | str]] = {}
+    laws: dict[str, Curve] = {}
+    contours: list[Contour] = []
+    profiles: dict[str, Profile] = {}
+    surface: LikelihoodSurface | None = None
+    response: Simulated | None = None
+    roughness: Series = []
+    predicted: dict[str, Series] = {}
+
+
+# ------------------------------------------------------------------------------ the documents
+
+
+class Reached(Entry):
+    """The part of the log-likelihood that the check reached."""
+
+    experiments: int
+    estimated: Number
+    verified: Number
+    standard_error: Number
+
+
+class _Answer(Entry):
+    """What identification.json has beside the fields of `Identification`, and what must agree."""
+
+    title: str = ""
+    study: Study | None = None
+    simulator: Simulator | None = None
+    consistent: bool | None = None
+    correlation: Correlation
+    pictures: Pictures = Pictures()
+
+    @model_validator(mode="after")
+    def _agree(self) -> Self:
+        if key_and_problem := _disagreement(self):
+            raise fault(*key_and_problem)
+        return self
+
+
+def _disagreement(answer: Any) -> tuple[str, str] | None:
+    """A key of which the names or lengths are not those of another, and what is wrong with it."""
+    pictures, seen = answer.pictures, answer.observations or ()
+    for key, names in (
+        ("correlation.names", answer.correlation.names),
+        ("pictures.profiles", pictures.profiles),
+        ("pictures.surface.between", pictures.surface.between if pictures.surface else ()),
+    ):
+        if strange := [name for name in names if name not in answer.alpha]:
+            return key, f"names {strange[0]}, which is no key of alpha"
+    if answer.consistency is not None and "consistent" not in answer.model_fields_set:
+        return "consistent", "is missing"
+    ids = {one.id for one in answer.experiments}
+    for k, one in enumerate(seen):
+        if one.id not in ids:
+            return f"observations[{k}].id", "is that of no experiment"
+        if one.response not in (answer.responses or {}):
+            return f"observations[{k}].response", "is no key of responses"
+    if seen:
+        parameters = answer.experiments[0].mean.keys()
+        for k, own in enumerate(answer.experiments):
+            for key in ("mode", "mean", "sd"):
+                if getattr(own, key).keys() != parameters:
+                    return f"experiments[{k}].{key}", "has other parameters than the first one"
+    if pictures.predicted and (
+        pictures.predicted.keys() != {str(p) for p in QUANTILES}
+        or any(len(column) != len(seen) for column in pictures.predicted.values())
+    ):
+        return "pictures.predicted", "has not each quantile of each observation"
+    points = (answer.failures and answer.failures.points) or {}
+    if len({len(column) for column in points.values()}) > 1:
+        return "failures.points", "has series of unequal lengths"
+    sides = pictures.response.map if pictures.response else {}
+    if points and not points.keys() >= sides.keys():
+        return "failures.points", "lacks a parameter of pictures.response.map"
+    return None
+
+
+class _Ceiling(Entry):
+    """What a report takes from ceiling.json."""
+
+    study: Study = Study()
+    log_likelihood: dict[str, Number] = {}
+    bootstrap: dict[str, Number] | None = None
+    points: list[dict[str, Finite]] = []
+
+    @model_validator(mode="after")
+    def _weighted(self) -> Self:
+        for k, point in enumerate(self.points):
+            if "probability" not in point:
+                raise fault(f"points[{k}]", "has no probability")
+        return self
+
+
+# ------------------------------------------------------------------------------ of data classes
+
+
+def entry_of(
+    kind: type, base: type[Entry] = Exact, required: tuple[str, ...] = (), **own: Any
+) -> type[Entry]:
+    """The entry of a data class; those of its fields that have a default need not be there.
+
+    `own` are types and defaults of fields that differ in it; None for one that is not there.
+    """
+    hints = hints_of(kind)
+    known = {
+        field.name: (
+            _in_json(hints[field.name]),
+            ... if field.name in required else _default(field),
+        )
+        for field in fields(kind)
+    }
+    every = {name: value for name, value in (known | own).items() if value is not None}
+    found: type[Entry] = create_model(kind.__name__, __base__=base, **every)
+    return found
+
+
+def _default(field: Field[Any]) -> Any:
+    """What stands for a field that an earlier version did not write."""
+    return ... if (field.default, field.default_factory) == (MISSING, MISSING) else None
+
+
+def _in_json(hint: Any) -> Any:
+    """The type of a value in a document, by that of a field."""
+    if hint is float:
+        return Number
+    if isinstance(hint, type) and is_dataclass(hint):
+        return entry_of(hint)
+    parts = tuple(_in_json(part) for part in get_args(hint))
+    origin = get_origin(hint)
+    if origin in (Union, UnionType):
+        return reduce(or_, parts)
+    if origin in (Mapping, dict):
+        return GenericAlias(dict, parts)
+    return GenericAlias(origin, parts) if origin is not None else hint
+
+
+@cache
+def _answer(individual: bool) -> type[Entry]:
+    """The entry of an identification, of outcomes or of experiments with several observations."""
+    estimate = entry_of(
+        Estimate, estimate=(Finite, ...), interval=(tuple[Number, Number] | None, None)
+    )
+    one = (
+        entry_of(IndividualReport)
+        if individual
+        else entry_of(ExperimentReport, surface_error=(Number, None))
+    )
+    tests = ("discrepancies", "outliers", "tests", "reason")
+    consistency = entry_of(Consistency, required=tests, consistent=None)
+    likelihood = entry_of(LogLikelihoodReport, reached=(Reached | None, None))
+    return entry_of(
+        Identification, _Answer,
+        alpha=(GenericAlias(dict, (str, estimate)), ...),
+        log_likelihood=(likelihood, ...),
+        experiments=(GenericAlias(list, (one,)), ...),
+        consistency=(consistency, None),
+        search=(Search, ...), surface=(Surfaces | None, None), baselines=(Baselines, ...),
+        seconds=(dict[str, Finite], ...), law_curves=(dict[str, Curve], {}),
+        quadrature=(Quadrature | None, None), best_possible=(BestPossible | None, None),
+        correlation=None, correlation_names=None, pictures=None, session=None,
+    )  # fmt: skip
+
+
+# ------------------------------------------------------------------------------ reading
+
+
+def read_answer(path: str | Path) -> Document:
+    """The document of an identification, with all that its readers take as they take it.
+
+    Raises AleatorError, naming the file and the key, where it is absent, not JSON, no
+    identification, or not as an identification writes it.
+    """
+    document = _read(Path(path), "identify")
+    missing = [key for key in NEEDED if key not in document]
+    if missing:
+        raise AleatorError(
+            f"{path}: this is not an identification: it lacks {', '.join(missing)}",
+            "name the identification.json that `aleator identify` wrote",
+        )
+    _check(_answer(bool(document.get("observations"))), document, path, "identify")
+    return document
+
+
+def read_ceiling(path: Path) -> Document:
+    """The document of a ceiling, as `read_answer` that of an identification."""
+    document = _read(path, "ceiling")
+    _check(_Ceiling, document, path, "ceiling")
+    return document
+
+
+def _read(path: Path, command: str) -> Document:
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"), parse_int=_whole)
+    except OSError as error:
+        raise AleatorError(
+            f"{path}: the file cannot be read: {error.strerror}",
+            f"name the file that `aleator {command}` wrote",
+        ) from None
+    except (ValueError, RecursionError) as error:
+        raise AleatorError(
+            f"{path}: this is not JSON: {error}", f"run `aleator {command}` again to write it anew"
+        ) from None
+    return document if isinstance(document, dict) else {}
+
+
+def _whole(digits: str) -> float:
+    return int(digits) if len(digits) <= DIGITS else math.inf
+
+
+def _check(entry: type[Entry], document: Document, path: str | Path, command: str) -> None:
+    """Raise AleatorError, naming the key, where a document is not as its entry says."""
+    try:
+        entry.model_validate_json(json.dumps(document))
+    except ValidationError as error:
+        every = error.errors(include_url=False)
+        first = min(every, key=lambda one: one["type"] == "missing")
+        where = key_path(first["loc"], document, missing=first["type"] == "missing")
+        own = first.get("ctx", {})
+        where = ".".join(part for part in (where, str(own.get("key", ""))) if part)
+        problem = own.get("problem") or first["msg"].replace("Input ", "it ")
+        problem = "it is missing" if first["type"] == "missing" else problem
+        key = re.split(r"[.\[]", where)[0]
+        raise AleatorError(
+            f"{path}: key '{key}' is not as `aleator {command}` writes it: {where}: {problem}",
+            f"run `aleator {command}` again to write the file anew",
+        ) from None
