@@ -122,7 +122,7 @@ class Mixed:
         rest = np.eye(len(self.plan.names)) - np.einsum("lmi,lmj->lij", loads, gain)
         return means, rest + means[:, :, None] * means[:, None, :]
 
-    def rough(self) -> Mixed:
+    def for_replicates(self) -> Mixed:
         """The same: it has no nodes."""
         return self
 

@@ -72,7 +72,6 @@ def consistency_of(
         without_order(columns, experiment, _rising(table, observed.normal), observed.means),
         experiment,
         tuple(fit.hyperparameters[k].name for k in fit.inference.free),
-        fit.inference.covariance,
         names,
         apart(observed.means, pairs),
     )

@@ -18,10 +18,9 @@ from aleator.inference.consistency.contrasts import (
     contrasts_of,
     shared,
 )
-from aleator.inference.consistency.measures import anderson_darling, moments
+from aleator.inference.consistency.measures import moments, standardized
 from aleator.inference.consistency.relations import INDIVIDUAL, Relations, of_size_one
 from aleator.inference.consistency.residuals import Residuals
-from aleator.inference.diagnostics.directions import tangled
 from aleator.types import Array, Flags, Indices
 
 SHAPE, OUTCOMES, SCATTER, TOGETHER = "shape", "outcomes", "scatter", "together"
@@ -46,8 +45,7 @@ class Battery:
     """All tests of a table whose columns are these.
 
     `experiment` (M,) is that of each observation. `names` (F,) are the hyperparameters of the
-    scores, and `covariance` (F, F) that of their estimates, from the information. `groups` are
-    those by which observations may be repeated, by the name of their column. `ordered` tells
+    scores. `groups` are those by which observations may be repeated, by the name of their column. `ordered` tells
     whether neighbours mean anything: those of an experiment, or of a table that was not sorted.
     `relations` are asked of experiments with several observations.
     """
@@ -55,7 +53,6 @@ class Battery:
     contrasts: Contrasts
     experiment: Indices
     names: tuple[str, ...]
-    covariance: Array
     groups: dict[str, Indices]
     ordered: bool
     relations: Relations
@@ -66,7 +63,6 @@ class Battery:
         columns: tuple[Column, ...],
         experiment: Indices,
         names: tuple[str, ...],
-        covariance: Array,
         parameters: tuple[str, ...] = (),
         pairs: tuple[tuple[int, int], ...] = (),
     ) -> Battery:
@@ -77,7 +73,7 @@ class Battery:
         contrasts = contrasts_of(columns, experiment.size)
         asked = (parameters, pairs) if several else ((), ())
         relations = Relations.of(*asked, columns, first)
-        return cls(contrasts, experiment, names, covariance, _groups(columns), ordered, relations)
+        return cls(contrasts, experiment, names, _groups(columns), ordered, relations)
 
     @cached_property
     def several(self) -> bool:
@@ -96,26 +92,24 @@ class Battery:
 
     def values(self, residuals: Residuals) -> Array:
         """The statistics (T,); not finite where one does not exist."""
-        w, scores = residuals.normal, residuals.scores
-        near = np.clip(w, -FARTHEST, FARTHEST)
-        features = np.stack([near, np.abs(near) - np.sqrt(2.0 / np.pi)])
-        parts = [self._shape(w[residuals.known]), self._robust(scores)]
+        near = np.clip(residuals.normal, -FARTHEST, FARTHEST)
+        level, scatter = standardized(near), standardized(np.abs(near))
+        parts = [self._shape(residuals.normal[residuals.known])]
         if self.several:
-            against = of_size_one(scores).T @ self._own.T
-            parts += [self._experiments(near, scores), against.ravel()]
-        parts += [(features @ self._rows.T).ravel(), self._together(near)]
+            scores = of_size_one(residuals.scores)
+            parts += [self._of_experiments(residuals.scores), (scores.T @ self._own.T).ravel()]
+        parts += [self._rows @ level, self.contrasts.weights @ scatter]
+        parts.append(self._together(level, scatter))
         if self.relations.names:
             parts.append(self.relations.values(residuals.means, residuals.products))
         return np.concatenate(parts)
 
     def _of_shape(self) -> Iterator[Subject]:
-        yield Subject(SHAPE, "uniformity", OUTCOMES, skewed=True, one_sided=True)
+        yield Subject(SHAPE, "level", OUTCOMES, least=PINNED)
+        yield Subject(SHAPE, "scale", SCATTER, least=PINNED)
         yield from self._of_moments(OUTCOMES)
         yield Subject(SHAPE, "outlier", OUTCOMES, skewed=True, one_sided=True)
-        for k in self._apart:
-            yield Subject(SHAPE, "sandwich", self.names[k], skewed=True, least=PINNED)
         if self.several:
-            yield Subject(SHAPE, "unequal", SCATTER)
             for name in self.names:
                 if not is_scale(name):
                     yield from self._of_moments(name)
@@ -130,8 +124,8 @@ class Battery:
             for name in self.names:
                 group = SCATTER if is_scale(name) else OUTCOMES
                 yield from self._along(self._whole, group, name)
-        for of in (OUTCOMES, SCATTER):
-            yield from self._along(~self._whole, of, of)
+        yield from self._along(~self._whole, OUTCOMES, OUTCOMES)
+        yield from self._along(np.ones_like(self._whole), SCATTER, SCATTER)
 
     def _along(self, which: Flags, group: str, of: str) -> Iterator[Subject]:
         """The contrasts of some columns; sums of what is squared are skewed."""
@@ -146,17 +140,8 @@ class Battery:
         if self.ordered:
             yield Subject(TOGETHER, "neighbours", OUTCOMES, skewed=True)
         for name in self.groups:
-            yield Subject(TOGETHER, "groups", OUTCOMES, name, skewed=True, one_sided=True)
-
-    @cached_property
-    def _apart(self) -> Indices:
-        """The hyperparameters that others do not stand for.
-
-        Along what can hardly be told apart the likelihood is flat, and a step to the maximum of a
-        replicate ends anywhere: the scores there say nothing of those at the maximum.
-        """
-        size = np.sqrt(np.diag(self.covariance))
-        return np.flatnonzero(~tangled(self.covariance / np.outer(size, size)))
+            for kind, of in (("groups", OUTCOMES), ("unequal", SCATTER)):
+                yield Subject(TOGETHER, kind, of, name, skewed=True, one_sided=True, least=PINNED)
 
     @cached_property
     def _whole(self) -> Flags:
@@ -177,33 +162,22 @@ class Battery:
         return np.asarray(weights - weights.mean(axis=1, keepdims=True))
 
     def _shape(self, w: Array) -> Array:
-        """Of normal scores (M,): Anderson and Darling's, skewness, both tails, and the farthest."""
-        uniformity = np.log(anderson_darling(np.sort(special.ndtr(w))))
-        return np.array([uniformity, *moments(w), -special.log_ndtr(-np.abs(w).max())])
+        """Of normal scores (M,): mean and scatter, then of both freed skewness, tails, farthest."""
+        near = np.clip(w, -FARTHEST, FARTHEST)
+        farthest = -special.log_ndtr(-np.abs(standardized(w)).max())
+        return np.array([near.mean(), np.log(np.mean(near**2)), *moments(w), farthest])
 
-    def _robust(self, scores: Array) -> Array:
-        """Logarithms of variances by the sandwich over those by the information (White)."""
-        outer = scores.T @ scores
-        sandwich = np.einsum("ij,jk,ki->i", self.covariance, outer, self.covariance)
-        return np.asarray(np.log(sandwich / np.diag(self.covariance)))[self._apart]
+    def _of_experiments(self, scores: Array) -> Array:
+        """Moments of the scores (N, K) of experiments by what is no scatter."""
+        kept = [scores[:, k] for k, name in enumerate(self.names) if not is_scale(name)]
+        return np.array([moments(each[each != 0.0]) for each in kept]).ravel()
 
-    def _experiments(self, w: Array, scores: Array) -> Array:
-        """How unequal experiments scatter (after Bartlett), and moments of their scores."""
-        count = np.bincount(self.experiment)
-        square = np.bincount(self.experiment, w**2)[count > 1] / count[count > 1]
-        unequal = np.average(np.log(np.maximum(square, 1e-12)), weights=count[count > 1])
-        found = [float(unequal)]
-        for k, name in enumerate(self.names):
-            if not is_scale(name):
-                found += moments(scores[scores[:, k] != 0.0, k])
-        return np.array(found)
-
-    def _together(self, w: Array) -> Array:
-        """How alike neighbours are, and those of each group."""
-        alike = [shared(group, w) for group in self.groups.values()]
+    def _together(self, level: Array, scatter: Array) -> Array:
+        """How alike neighbours are, and those of each group, in level and in scatter."""
+        alike = [shared(group, of) for group in self.groups.values() for of in (level, scatter)]
         if not self.ordered:
             return np.array(alike)
-        pairs = w[1:] * w[:-1]
+        pairs = level[1:] * level[:-1]
         if self.several:
             pairs = pairs[np.diff(self.experiment) == 0]
         return np.array([np.sum(pairs) / np.sqrt(max(pairs.size, 1)), *alike])

@@ -7,6 +7,16 @@ import numpy as np
 from aleator.types import Array
 
 
+def standardized(values: Array) -> Array:
+    """Values of mean zero and mean square one; zeros where they do not scatter.
+
+    A sum of products of independent ones scatters alike then, whatever their scale and tails.
+    """
+    left = values - values.mean()
+    size = np.sqrt(np.mean(left**2))
+    return np.asarray(left / size if size > 0.0 else left)
+
+
 def moments(w: Array) -> tuple[float, float, float]:
     """Skewness, and a measure of heavy tails twice: as it is, and with the other sign, of light.
 
