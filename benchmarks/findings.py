@@ -250,7 +250,7 @@ def _drift(values: int) -> Callable[[np.random.Generator], pd.DataFrame]:
     def draw(rng: np.random.Generator) -> pd.DataFrame:
         plan = experiments(rng, values)
         own = plan.groupby("id", sort=False).first()
-        return drawn(rng, plan, (own["hot"].to_numpy() - 50.0) / 50.0 + rng.standard_normal(108))
+        return drawn(rng, plan, (own["hot"].to_numpy() - 50.0) / 60.0 + rng.standard_normal(108))
 
     return draw
 
@@ -258,7 +258,7 @@ def _drift(values: int) -> Callable[[np.random.Generator], pd.DataFrame]:
 def _other_bench(rng: np.random.Generator) -> pd.DataFrame:
     plan = experiments(rng)
     plan[f"{HIDDEN}bench"] = 1.0 * (plan["bench"] == "B")
-    return drawn(rng, plan, 1.1 * plan[f"{HIDDEN}bench"].to_numpy() + rng.standard_normal(108))
+    return drawn(rng, plan, 1.0 * plan[f"{HIDDEN}bench"].to_numpy() + rng.standard_normal(108))
 
 
 def _other_curve(rng: np.random.Generator) -> pd.DataFrame:
@@ -267,7 +267,7 @@ def _other_curve(rng: np.random.Generator) -> pd.DataFrame:
 
 
 def _mended_curve(data: pd.DataFrame, seed: int) -> Consistency:
-    bend = Term("c", (load(data) - 2.0) ** 2, (0.0, 1e-4), (True, False))
+    bend = Term("c", (load(data) - 2.0) ** 2, (0.0, 0.0), (True, False))
     return judged(line(data, [Term("a", load(data)), bend]), seed)
 
 
@@ -330,7 +330,7 @@ def _free_times(data: pd.DataFrame, seed: int) -> Consistency:
     terms = [Term("a", load(data))]
     for k, value in enumerate(np.unique(load(data))):
         at = 1.0 * (load(data) == value)
-        terms.append(Term(f"c{k}", at, (0.0, 1e-4), (k > 0, False)))
+        terms.append(Term(f"c{k}", at, (0.0, 0.0), (k > 0, False)))
     return judged(line(data, terms), seed)
 
 

@@ -11,33 +11,33 @@ from scipy import special
 
 from aleator.inference.consistency.columns import LEVELS, ORDER, Column
 from aleator.inference.consistency.contrasts import (
-    FARTHEST,
     MAIN,
     Contrasts,
     Subject,
     contrasts_of,
     shared,
 )
-from aleator.inference.consistency.measures import moments, standardized
+from aleator.inference.consistency.measures import moments, scatter, standardized
 from aleator.inference.consistency.relations import INDIVIDUAL, Relations, of_size_one
 from aleator.inference.consistency.residuals import Residuals
 from aleator.types import Array, Flags, Indices
 
 SHAPE, OUTCOMES, SCATTER, TOGETHER = "shape", "outcomes", "scatter", "together"
-SHARES = {SHAPE: 0.46, OUTCOMES: 0.40, SCATTER: 0.08, TOGETHER: 0.06, INDIVIDUAL: 0.1}
-"""Share of each group of tests in the false alarms: most where most is asked, of every column."""
+SHARES = {SHAPE: 0.35, OUTCOMES: 0.30, SCATTER: 0.25, TOGETHER: 0.06, INDIVIDUAL: 0.1}
+"""Share of each group of tests in the false alarms, chosen by `python -m benchmarks findings`."""
 PINNED = 0.05
-"""Logarithms of a sandwich over information, and contrasts, are taken to scatter at least so much.
+"""What the maximum itself pins is taken to scatter at least so much: mean, scale and contrasts.
 
-The maximum itself pins some of them: where the estimated standard deviation makes the mean square
-of all residuals one, the two variances of a mean are equal but for rounding and rare outliers, and
-where a law follows a column its scores add up to nothing in each part of it.
+Where the standard deviation is identified the mean square of all residuals is nearly one, and where
+a law follows a column its scores add up to nothing in each part of it.
 """
 HEAVY = 4.0
 """The weight of heavy tails among the tests of shape: nothing else sees all of them."""
 REPEATED = 0.7
 """A column is no sign of repeated subjects where it has more distinct values a row."""
 SAME = "the same conditions"
+SHAPES = ("level", "scale", "skewness", "heavy tails", "light tails", "outlier")
+"""The kinds of tests that are about all residuals, or all scores, together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,14 +92,14 @@ class Battery:
 
     def values(self, residuals: Residuals) -> Array:
         """The statistics (T,); not finite where one does not exist."""
-        near = np.clip(residuals.normal, -FARTHEST, FARTHEST)
-        level, scatter = standardized(near), standardized(np.abs(near))
+        level = standardized(residuals.normal)
+        spread = standardized(scatter(residuals.normal))
         parts = [self._shape(residuals.normal[residuals.known])]
         if self.several:
             scores = of_size_one(residuals.scores)
             parts += [self._of_experiments(residuals.scores), (scores.T @ self._own.T).ravel()]
-        parts += [self._rows @ level, self.contrasts.weights @ scatter]
-        parts.append(self._together(level, scatter))
+        parts += [self._rows @ level, self.contrasts.weights @ spread]
+        parts.append(self._together(level, spread))
         if self.relations.names:
             parts.append(self.relations.values(residuals.means, residuals.products))
         return np.concatenate(parts)
@@ -110,9 +110,8 @@ class Battery:
         yield from self._of_moments(OUTCOMES)
         yield Subject(SHAPE, "outlier", OUTCOMES, skewed=True, one_sided=True)
         if self.several:
-            for name in self.names:
-                if not is_scale(name):
-                    yield from self._of_moments(name)
+            for k in self._shaped:
+                yield from self._of_moments(self.names[k])
 
     def _of_moments(self, of: str) -> Iterator[Subject]:
         yield Subject(SHAPE, "skewness", of)
@@ -140,8 +139,17 @@ class Battery:
         if self.ordered:
             yield Subject(TOGETHER, "neighbours", OUTCOMES, skewed=True)
         for name in self.groups:
-            for kind, of in (("groups", OUTCOMES), ("unequal", SCATTER)):
-                yield Subject(TOGETHER, kind, of, name, skewed=True, one_sided=True, least=PINNED)
+            for group, kind, of in ((TOGETHER, "groups", OUTCOMES), (SCATTER, "unequal", SCATTER)):
+                yield Subject(group, kind, of, name, skewed=True, one_sided=True, least=PINNED)
+
+    @cached_property
+    def _shaped(self) -> tuple[int, ...]:
+        """The hyperparameters that say where a parameter's law is: their scores have its shape."""
+        return tuple(
+            k
+            for k, name in enumerate(self.names)
+            if name.split(".")[0] in self.relations.names and not is_scale(name)
+        )
 
     @cached_property
     def _whole(self) -> Flags:
@@ -163,18 +171,17 @@ class Battery:
 
     def _shape(self, w: Array) -> Array:
         """Of normal scores (M,): mean and scatter, then of both freed skewness, tails, farthest."""
-        near = np.clip(w, -FARTHEST, FARTHEST)
         farthest = -special.log_ndtr(-np.abs(standardized(w)).max())
-        return np.array([near.mean(), np.log(np.mean(near**2)), *moments(w), farthest])
+        return np.array([w.mean(), np.log(np.mean(w**2)), *moments(w), farthest])
 
     def _of_experiments(self, scores: Array) -> Array:
-        """Moments of the scores (N, K) of experiments by what is no scatter."""
-        kept = [scores[:, k] for k, name in enumerate(self.names) if not is_scale(name)]
+        """Moments of the scores (N, K) of experiments."""
+        kept = [scores[:, k] for k in self._shaped]
         return np.array([moments(each[each != 0.0]) for each in kept]).ravel()
 
-    def _together(self, level: Array, scatter: Array) -> Array:
+    def _together(self, level: Array, spread: Array) -> Array:
         """How alike neighbours are, and those of each group, in level and in scatter."""
-        alike = [shared(group, of) for group in self.groups.values() for of in (level, scatter)]
+        alike = [shared(group, of) for group in self.groups.values() for of in (level, spread)]
         if not self.ordered:
             return np.array(alike)
         pairs = level[1:] * level[:-1]
