@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any, cast
@@ -101,7 +101,9 @@ def _scale(name: str, free: bool) -> Hyperparameter:
 
 def experiments(rng: np.random.Generator, values: int = 1) -> pd.DataFrame:
     """108 experiments in a random order: loads, temperatures, benches, and batches of nine."""
-    plan = pd.DataFrame(product(LOADS, HOT, BENCHES, range(4)), columns=["load", "hot", "bench", "k"])
+    plan = pd.DataFrame(
+        product(LOADS, HOT, BENCHES, range(4)), columns=["load", "hot", "bench", "k"]
+    )
     plan = plan.drop(columns="k").sample(frac=1.0, random_state=rng).reset_index(drop=True)
     plan["batch"] = [f"batch {k}" for k in rng.permutation(np.arange(len(plan)) // 9)]
     plan["id"] = [f"e{k}" for k in range(len(plan))]
@@ -141,7 +143,7 @@ class Case:
     wrong: Verdict
     mended: Verdict
     named: frozenset[tuple[str, str | None]] = frozenset()
-    slow: bool = field(default=False)
+    slow: bool = False
 
 
 def load(data: pd.DataFrame) -> Array:
@@ -387,7 +389,8 @@ CASES: Mapping[str, Case] = {
         frozenset({("heavy tails", None), ("outlier", None)}), slow=True,
     ),
     "Student's noise, free means": Case(
-        _heavy_times, _free_times, _free_times, frozenset({("heavy tails", None), ("outlier", None)})
+        _heavy_times, _free_times, _free_times,
+        frozenset({("heavy tails", None), ("outlier", None)}),
     ),
     "a gross error": Case(
         _gross_error, exact, _without_error, frozenset({("outlier", None), ("heavy tails", None)})
@@ -413,8 +416,12 @@ CASES: Mapping[str, Case] = {
     "errors that depend on each other": Case(
         _moving_average, plain, _every_second, frozenset({("neighbours", None), ("groups", ORDER)})
     ),
-    "subjects by a column": Case(_subjects(True), plain, _by_subject, frozenset({("groups", "panel")})),
-    "subjects in the rows": Case(_subjects(False), plain, _by_subject, frozenset({("neighbours", None)})),
+    "subjects by a column": Case(
+        _subjects(True), plain, _by_subject, frozenset({("groups", "panel")})
+    ),
+    "subjects in the rows": Case(
+        _subjects(False), plain, _by_subject, frozenset({("neighbours", None)})
+    ),
     "biased times": Case(
         _biased_times, plain, _free_times, frozenset({("groups", "load"), ("contrast", "load")})
     ),
@@ -423,8 +430,9 @@ CASES: Mapping[str, Case] = {
     ),
 } | {
     f"loud by {by}, {kind.__name__}, {values}, {noise}": Case(
-        lambda rng, values=values, by=by, noise=noise: loud(rng, values, by, noise), kind, weighted,
-        frozenset({("contrast", by), ("unequal", by)} | ({("unequal", ORDER)} if by == "no column" else set())),
+        lambda rng, values=values, by=by, noise=noise: loud(rng, values, by, noise),
+        kind, weighted,
+        frozenset({("contrast", by), ("unequal", ORDER if by == "no column" else by)}),
     )
     for kind, values, noise, by in (
         (plain, 1, 0.3, "hot"), (plain, 1, 0.3, "bench"), (plain, 1, 0.3, "batch"),
@@ -478,5 +486,7 @@ def print_findings(console: Console, path: Path, replicates: int) -> None:
         some = [entry["right"] for key, entry in entries.items() if key[0] == name]
         told = [e["told"][0] for e in some if e["consistent"] is False]
         kinds = Counter(f"{kind} of {of}" for kind, of, *_ in told)
-        right.add_row(name, str(len(some)), str(len(told)), ", ".join(f"{k} {n}" for k, n in kinds.items()))
+        right.add_row(
+            name, str(len(some)), str(len(told)), ", ".join(f"{k} {n}" for k, n in kinds.items())
+        )
     console.print(right)

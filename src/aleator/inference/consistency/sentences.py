@@ -111,9 +111,10 @@ def _unequal(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
     of = "experiments" if test.column == ORDER else f"outcomes of different `{test.column}`"
     if test.column == SAME:
         of = "outcomes under different conditions"
+    heavy = ', or take noise of kind "student_t"' if test.column == ORDER else ""
     return (
         f"{of} scatter unequally, more than the law says",
-        "let the noise differ between them by a column of standard deviations",
+        f"let the noise differ between them by a column of standard deviations{heavy}",
     )
 
 
@@ -134,7 +135,7 @@ def _skewness(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG00
 def _outlier(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
     return (
         "an outcome lies farther out than the law says",
-        'look at the outliers named; noise of kind "student_t" makes them count less',
+        'look at the outliers named; noise of kind "student_t", or a skewed law, makes them likely',
     )
 
 
