@@ -143,6 +143,8 @@ class Battery:
         for name in self.groups:
             for group, kind, of in ((TOGETHER, "groups", OUTCOMES), (SCATTER, "unequal", SCATTER)):
                 yield Subject(group, kind, of, name, skewed=True, one_sided=True, least=PINNED)
+        if self.several:
+            yield Subject(SCATTER, "unequal", SCATTER, ORDER, one_sided=True)
 
     @cached_property
     def _shaped(self) -> tuple[int, ...]:
@@ -183,13 +185,21 @@ class Battery:
 
     def _together(self, level: Array, spread: Array) -> Array:
         """How alike neighbours are, and those of each group, in level and in scatter."""
-        alike = [shared(group, of) for group in self.groups.values() for of in (level, spread)]
+        found = [shared(group, of) for group in self.groups.values() for of in (level, spread)]
+        if self.several:
+            found.append(self._unequal(level))
         if not self.ordered:
-            return np.array(alike)
+            return np.array(found)
         pairs = level[1:] * level[:-1]
         if self.several:
             pairs = pairs[np.diff(self.experiment) == 0]
-        return np.array([np.sum(pairs) / np.sqrt(max(pairs.size, 1)), *alike])
+        return np.array([np.sum(pairs) / np.sqrt(max(pairs.size, 1)), *found])
+
+    def _unequal(self, level: Array) -> float:
+        """How unequal experiments scatter (after Bartlett, 1937)."""
+        count = np.bincount(self.experiment)
+        square = np.bincount(self.experiment, level**2)[count > 1] / count[count > 1]
+        return -float(np.average(np.log(np.maximum(square, 1e-12)), weights=count[count > 1]))
 
 
 def is_scale(name: str) -> bool:
