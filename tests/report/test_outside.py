@@ -23,7 +23,8 @@ def test_the_range_of_the_count_holds_though_observations_of_one_experiment_depe
             mean, variance = mean + gain * (y[:, k] - mean), variance * (1.0 - gain)
         end = 1.96 * np.sqrt(1.04)
         columns = {
-            "id": range(300), "value": y.ravel(), "pit": special.ndtr(w.ravel()), "kind": ["measured"] * 300,
+            "id": range(300), "value": y.ravel(), "pit": special.ndtr(w.ravel()),
+            "kind": ["measured"] * 300,
             "q0.025": np.full(300, -end), "q0.975": np.full(300, end),
         }  # fmt: skip
         seen = Measured.__new__(Measured)

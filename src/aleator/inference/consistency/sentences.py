@@ -86,7 +86,8 @@ def _level(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
 def _scale(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
     return (
         f"outcomes scatter {'more' if test.z > 0.0 else 'less'} than the law and the noise say",
-        "let the noise be identified, or a standard deviation of a law that is fixed",
+        "let the noise, or a standard deviation of a law, be identified; where all are, let the "
+        'noise differ by a column of standard deviations, or take noise of kind "student_t"',
     )
 
 
