@@ -90,7 +90,7 @@ def line(
     alpha.append(NOISE if noise is None else noise)
     names = tuple(term.name for term in terms)
     plan = Plan(names, np.stack(curves, axis=2), tuple(designs), tuple(hyperparameters), tied)
-    shown = data[[name for name in data if not name.startswith(HIDDEN)]]
+    shown = data[[name for name in data if not str(name).startswith(HIDDEN)]]
     y = data["y"].to_numpy().reshape(shape) / scale
     return Mixed.of(plan, y, np.array(alpha), shown)
 
@@ -186,7 +186,7 @@ def identified(law: Any, noise: Noise | None) -> Verdict:
     """y = a load by Aleator altogether, with another law or noise."""
 
     def verdict(data: pd.DataFrame, seed: int) -> Consistency:
-        shown = data[[name for name in data if not name.startswith(HIDDEN)]]
+        shown = data[[name for name in data if not str(name).startswith(HIDDEN)]]
         return identify(
             lambda load, a: a * load, shown, Inputs({"a": law}), outcome="y", noise=noise,
             vectorized=True, verification=MonteCarlo(0), seed=seed, best_law=False,
@@ -239,7 +239,9 @@ def _heavy_noise(rng: np.random.Generator) -> pd.DataFrame:
 def _gross_error(rng: np.random.Generator) -> pd.DataFrame:
     data = drawn(rng, experiments(rng))
     at = int(rng.integers(len(data)))
-    data.loc[at, "y"] += 8.0 * np.hypot(NOISE, SD * data.loc[at, "load"])
+    y = data["y"].to_numpy(copy=True)
+    y[at] += 8.0 * np.hypot(NOISE, SD * data["load"].to_numpy()[at])
+    data["y"] = y
     data[f"{HIDDEN}error"] = np.arange(len(data)) == at
     return data
 
