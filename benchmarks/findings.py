@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any, cast
@@ -432,7 +433,7 @@ CASES: Mapping[str, Case] = {
     ),
 } | {
     f"loud by {by}, {kind.__name__}, {values}, {noise}": Case(
-        lambda rng, values=values, by=by, noise=noise: loud(rng, values, by, noise),
+        partial(loud, values=values, by=by, noise=noise),
         kind, weighted,
         frozenset({("contrast", by), ("unequal", ORDER if by == "no column" else by)}),
     )
