@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import faulthandler
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -123,6 +125,8 @@ class _Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""
+        if not faulthandler.is_enabled() and sys.stderr is sys.__stderr__ and sys.stderr:
+            faulthandler.enable()  # a crash of compiled code is not silent
         with misuse_told(ctx):
             return super().invoke(ctx)
 
