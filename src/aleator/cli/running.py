@@ -213,12 +213,14 @@ def folder_of(output: Path | None, study: Path) -> Path:
 
 @contextmanager
 def _folder_kept() -> Iterator[None]:
-    here = os.getcwd()
+    """Go back to where the command was given, which the import of a simulator may have left."""
+    here = click.get_current_context().obj
     try:
         yield
     finally:
-        with suppress(OSError):  # it was removed
-            os.chdir(here)
+        if here is not None:
+            with suppress(OSError):  # it was removed
+                os.chdir(here)
 
 
 def make_place(result: Path, study: Path) -> None:
