@@ -15,6 +15,7 @@ from rich.table import Table
 
 from hardening.damaged import KINDS
 from hardening.failing import failing
+from hardening.formulas import READERS, formulas
 from hardening.judging import DONE, TOLD, Verdict
 from hardening.kills import kills
 from hardening.mutations import mutations
@@ -69,10 +70,24 @@ def tried_failures(count: int, first: int, seed: int, _workers: int) -> bool:
     return sound
 
 
+def tried_formulas(count: int, first: int, seed: int, _workers: int) -> bool:
+    """Hostile formulas: whether none runs, ends in a traceback, or takes long."""
+    found = formulas(range(first, first + count), seed)
+    table = Table("hostile texts", "read all the same", "told in a message", "broken")
+    for name in READERS:
+        done, told = found.counts[name, DONE], found.counts[name, TOLD]
+        table.add_row(name, f"{done:,}", f"{told:,}", f"{count - done - told:,}")
+    CONSOLE.print(table)
+    print(f"slowest: {found.slowest:.2f} s of a processor")
+    print("\n".join(found.broken))
+    return not found.broken
+
+
 PARTS: dict[str, tuple[Callable[[int, int, int, int], bool], int]] = {
     "mutations": (tried_mutations, 10_000),
     "kills": (tried_kills, 200),
     "failures": (tried_failures, 20),
+    "formulas": (tried_formulas, 5000),
 }
 """Each with how many are tried unless a number is given."""
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from hardening import toml
 from hardening.mutation import Damage
-from hardening.sound import RESULTS, STORE, STUDIES
+from hardening.sound import OPTIONS, RESULTS, STORE, STUDIES
 
 KINDS = ("study", "table", "result", "store")
 COLUMNS = {
@@ -60,6 +60,8 @@ OF_STORES = (
     ("runs", "list", "runs.sqlite"),
     ("box", "study.toml", "--quiet"),
 )
+NEAR = 0.7
+"""Share of the studies and tables whose values stay within their kind: most are then read."""
 SLOW = 0.06
 """Share of the damaged studies and tables that are identified, which takes seconds."""
 
@@ -84,8 +86,12 @@ def _study(
     shutil.copytree(sound / name, folder, ignore=shutil.ignore_patterns("out", "*.sqlite*"))
     file, times = folder / ("table.csv" if of_table else "study.toml"), int(chance.integers(1, 4))
     raw = file.read_bytes()
-    how = chance.random()
-    if how < 0.15:
+    how, near = chance.random(), chance.random() < NEAR
+    if near and of_table:
+        _write(file, damage.cells(raw.decode(), times, near))
+    elif near:
+        _write(file, toml.written(damage.varied(STUDIES[name].study, OPTIONS, times)))
+    elif how < 0.15:
         file.write_bytes(damage.bytes(raw, times))
     elif how < 0.4:
         _write(file, damage.text(raw.decode(), times))

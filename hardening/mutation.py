@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 Tree = dict[str, Any]
+Path = tuple[str, ...]
 
 NUMBERS: tuple[Any, ...] = (
     0, 1, -1, 2, 3, 7, -0.0, 0.5, 1e-320, 1e-9, -1e300, 1e300, math.inf, -math.inf, math.nan,
@@ -66,6 +67,23 @@ class Damage:
                          self._add, self._swap))(places)  # fmt: skip
         return changed
 
+    def varied(self, tree: Tree, options: Sequence[tuple[Path, Sequence[Any]]], times: int) -> Tree:
+        """A tree with so many values changed within their kind: other options, nearby numbers."""
+        changed = copy.deepcopy(tree)
+        for _ in range(times):
+            if self._chance.random() < 0.4:
+                numbers = [(h, k) for h, k in _places(changed) if type(h[k]) is float]
+                if numbers:
+                    holder, key = self.choose(numbers)
+                    holder[key] *= self.choose((0.9, 0.95, 1.02, 1.05, 1.1))
+                continue
+            (*path, last), values = self.choose(options)
+            at: Any = changed
+            for key in path:
+                at = self.choose([*at.values()]) if key == "*" else at.setdefault(key, {})
+            at[last] = copy.deepcopy(self.choose(values))
+        return changed
+
     def bytes(self, raw: bytes, times: int) -> bytes:
         """Bytes with so many places changed: overwritten, inserted, removed, cut off."""
         found = bytearray(raw)
@@ -103,15 +121,16 @@ class Damage:
                 lines[at] = " ".join(words)
         return "\n".join(lines)
 
-    def cells(self, text: str, times: int) -> str:
-        """A table as CSV with so many cells, rows or columns changed."""
+    def cells(self, text: str, times: int, near: bool = False) -> str:
+        """A table as CSV with so many cells, rows or columns changed; `near`: mostly numbers."""
         rows = [row for row in csv.reader(io.StringIO(text)) if row]
         for _ in range(times):
             if not rows or not rows[0]:
                 break
-            self.choose((self._cell, self._cell, self._cell, self._row, self._column))(rows)
+            cell = (self._number,) * 9 if near else (self._cell,) * 3
+            self.choose((*cell, self._row, self._column))(rows)
         written = io.StringIO()
-        delimiter = self.choose((",",) * 9 + (";", "\t"))
+        delimiter = "," if near else self.choose((",",) * 9 + (";", "\t"))
         csv.writer(written, delimiter=delimiter, lineterminator="\n").writerows(rows)
         return written.getvalue()
 
@@ -157,6 +176,14 @@ class Damage:
             row[int(self._chance.integers(len(row)))] = str(
                 self.choose(self.choose((NUMBERS, TEXTS)))
             )
+
+    def _number(self, rows: list[list[str]]) -> None:
+        """Another number in the place of one."""
+        row = self.choose(rows[1:] or rows)
+        numbers = [k for k, cell in enumerate(row) if cell.replace(".", "", 1).isdigit()]
+        if numbers:
+            at = self.choose(numbers)
+            row[at] = f"{float(row[at]) * self.choose((0.9, 0.98, 1.05, 1.2)):g}"
 
     def _row(self, rows: list[list[str]]) -> None:
         at = int(self._chance.integers(len(rows)))

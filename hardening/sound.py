@@ -113,6 +113,28 @@ STUDIES = {
     "series": Sound(SERIES, TIMES, NEW["series"]),
     "program": Sound(PROGRAM, TABLE, NEW["plain"]),
 }
+OPTIONS: tuple[tuple[tuple[str, ...], tuple[Any, ...]], ...] = (
+    (("title",), ("", "Springs", "$x$ & <b>", "é" * 100)),
+    (("seed",), (0, 1, 12345, 2**31)),
+    (("search", "starts"), (1, 2, 3)),
+    (("search", "evaluations"), (20, 100)),
+    (("verification", "samples"), (0, 10, 100)),
+    (("noise",), ({"sd": 0.05}, {"sd": 0.1, "kind": "student_t", "df": 5}, {"relative": 0.05})),
+    (("noise",), ({"sd": {"lower": 0.01, "upper": 0.5}},)),
+    (("density",), ({"kind": "gaussian"}, {"kind": "maximum_entropy", "order": 6})),
+    (("density",), ({"kind": "automatic"}, {"kind": "logspline"}, {"kind": "convolution"})),
+    (("propagation",), ({"method": "collocation", "nodes": 7}, {"method": "response_surface"})),
+    (("propagation",), ({"method": "response_surface", "nodes": 4, "max_runs": 60},)),
+    (("experiments", "transform"), ("none", "log")),
+    (("experiments", "delimiter"), (",",)),
+    (("parameters", "*", "law"), ("normal", "truncated_normal", "beta", "gamma", "lognormal")),
+    (("parameters", "*", "box"), ([0.4, 1.6], [0.2, 3.0])),
+    (("parameters", "*", "mean"), (1.0, {"lower": 0.7, "upper": 1.3, "start": 1.1})),
+    (("parameters", "*", "sd"), (0.1, {"lower": 0.02, "upper": 0.3})),
+    (("parameters", "*", "unit"), ("1/N", "%", "")),
+    (("runs",), ({"retries": 1}, {"max_failed": 0.5}, {"store": "other.sqlite"})),
+)
+"""Keys of every study (`*`: of each parameter) with values that are valid by themselves."""
 RESULTS = ("plain", "noisy", "repeated")
 """Studies whose results are damaged, too."""
 STORE = "plain"

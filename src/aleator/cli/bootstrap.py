@@ -14,7 +14,9 @@ from aleator.cli.running import (
     RunOptions,
     folder_of,
     identified,
+    make_place,
     makes_runs,
+    outcome_of,
     running,
     units_in,
 )
@@ -62,9 +64,9 @@ def bootstrap(
     DIR/bootstrap.jsonl: after Ctrl-C, and for more replicates, the same command goes on from there.
     With --workers N processes do the work.
     """
-    folder = folder_of(output, study)
+    folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, verified=False)
-    documents.make_folder(folder)
+    make_place(folder / "bootstrap.json", study_file)
     with running(value, options) as runner, shown(options.quiet) as progress:
         found = resample(
             identified(value, runner, progress, consistency=False),
@@ -75,7 +77,11 @@ def bootstrap(
             folder=folder,
             progress=progress,
         )
-    document = documents.plain({"title": value.title, **units_in(value), **found.to_dict()})
+    entry = documents.linked(
+        {**units_in(value), **found.to_dict()}, value.title, study_file, value.sha256,
+        outcome_of(value), folder,
+    )  # fmt: skip
+    document = documents.plain(entry)
     documents.write_json(document, folder / "bootstrap.json")
     documents.write_text(found.replicates().to_csv(), folder / "bootstrap.csv")
     files = [folder / name for name in ("bootstrap.json", "bootstrap.csv", FINISHED)]

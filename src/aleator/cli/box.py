@@ -7,7 +7,17 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.running import FILE, FOLDER, SEED, RunOptions, makes_runs, running, units_in
+from aleator.cli.running import (
+    FILE,
+    FOLDER,
+    SEED,
+    RunOptions,
+    make_place,
+    makes_runs,
+    outcome_of,
+    running,
+    units_in,
+)
 from aleator.cli.showing import shown
 from aleator.errors import short
 from aleator.report import box as report
@@ -38,7 +48,9 @@ def box(
     A run that raises, or returns no finite number, counts as a failure and does not stop the
     search. Tells for every side of the box which experiment limits it, and where it failed.
     """
-    value = load_study(study).overridden(seed)
+    value, study_file = load_study(study).overridden(seed), study.absolute()
+    if output is not None:
+        make_place(output / "box.json", study_file)
     with running(value, options) as runner, shown(options.quiet) as progress:
         progress.stage("feasible box")
         found = feasible_box(
@@ -49,5 +61,9 @@ def box(
     else:
         Console().print(report.render(found, units_in(value)))
     if output is not None:
-        documents.write_json({**report.document(found), **units_in(value)}, output / "box.json")
+        document = documents.linked(
+            {**report.document(found), **units_in(value)}, value.title, study_file, value.sha256,
+            outcome_of(value), output,
+        )  # fmt: skip
+        documents.write_json(document, output / "box.json")
         click.echo(f"Written: {short(output / 'box.json')}")

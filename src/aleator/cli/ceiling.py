@@ -14,6 +14,7 @@ from aleator.cli.running import (
     RunOptions,
     folder_of,
     identified,
+    make_place,
     makes_runs,
     running,
 )
@@ -23,7 +24,6 @@ from aleator.report import ceiling as report
 from aleator.study import load_study
 from aleator.tasks.ceiling import ceiling as best_possible
 from aleator.tasks.ceiling import require_one_law
-from aleator.tasks.results import documents
 
 
 @click.command()
@@ -63,7 +63,7 @@ def ceiling(
     folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, verified=False)
     require_one_law(value.inputs)
-    documents.make_folder(folder)
+    make_place(folder / "ceiling.json", study_file)
     with running(value, options) as runner, shown(options.quiet) as progress:
         identification = identified(value, runner, progress, consistency=False)
         found = best_possible(

@@ -13,6 +13,7 @@ from aleator.cli.running import (
     SEED,
     RunOptions,
     folder_of,
+    make_place,
     makes_runs,
     running,
 )
@@ -24,7 +25,6 @@ from aleator.study import load_study
 from aleator.tasks.askable import require_askable
 from aleator.tasks.expected_cost import expected_cost
 from aleator.tasks.first_look import first_look, planned_look
-from aleator.tasks.results import documents
 
 
 @click.command()
@@ -54,7 +54,7 @@ def check(
     folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed)
     require_askable(value.experiments, value.inputs, value.noise, value.propagation, value.density)
-    documents.make_folder(folder)
+    make_place(folder / "check.json", study_file)
     with running(value, options) as runner, shown(options.quiet) as progress:
         plan = planned_look(runner, value.experiments, value.inputs)
         options.say(

@@ -14,6 +14,7 @@ from aleator.cli.running import (
     SEED,
     RunOptions,
     identified,
+    make_place,
     makes_runs,
     name_of,
     running,
@@ -77,7 +78,7 @@ def compare(
     """
     folder = output or (Path("out") / "compare").absolute()
     values = _named(studies, seed, not no_verify)
-    documents.make_folder(folder)
+    make_place(folder / "compare.json", studies[0].absolute())
     with ExitStack() as stack:
         runners = {name: stack.enter_context(running(v, options)) for name, v in values.items()}
         progress = stack.enter_context(shown(options.quiet))

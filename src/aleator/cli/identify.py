@@ -18,6 +18,7 @@ from aleator.cli.running import (
     described,
     folder_of,
     identified,
+    make_place,
     makes_runs,
     outcome_of,
     running,
@@ -164,9 +165,7 @@ def identify(
     """Identify the law that STUDY.toml asks for; `HELP` says how."""
     folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
-    documents.make_folder(folder)
-    if note := documents.replaced(folder / IDENTIFICATION, study_file):
-        click.echo(f"aleator: note: {note}", err=True)
+    make_place(folder / IDENTIFICATION, study_file)
     for line in () if options.quiet else value.told():
         say(f"{value.simulator.name}, {line}")
     with running(value, options) as runner, shown(options.quiet) as progress:

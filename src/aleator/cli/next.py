@@ -14,7 +14,9 @@ from aleator.cli.running import (
     SEED,
     RunOptions,
     identified,
+    make_place,
     makes_runs,
+    outcome_of,
     running,
     units_in,
 )
@@ -105,7 +107,7 @@ def next(
     would have to be repeated for the same. Rows with one id are one experiment. Nothing is
     measured; runs of the simulator are made for the candidates.
     """
-    value = load_study(study).overridden(seed, verified=False)
+    value, study_file = load_study(study).overridden(seed, verified=False), study.absolute()
     table = value.read_conditions(candidates)
     # what is wrong here is told before a slow simulator is run
     require_enough_candidates(count, len(table.ids), repeat)
@@ -113,6 +115,8 @@ def next(
     wanted = _predicted(value, for_prediction, quantile, above, below)
     if wanted is not None and about is not None:
         raise AleatorError("--for and --for-prediction contradict each other", "leave one out")
+    if output is not None:
+        make_place(output / "next.json", study_file)
     with running(value, options) as runner, shown(options.quiet) as progress:
         found = identified(value, runner, progress)
         with running(value, replace(options, quiet=True), table) as others:
@@ -131,6 +135,9 @@ def next(
     )
     files = []
     if output is not None:
+        document = documents.linked(
+            document, value.title, study_file, value.sha256, outcome_of(value), output
+        )
         documents.write_json(document, output / "next.json")
         text = plan.table().to_csv(index_label="id", lineterminator="\n")
         documents.write_text(text, output / "next.csv")

@@ -14,7 +14,9 @@ from aleator.cli.running import (
     RunOptions,
     folder_of,
     identified,
+    make_place,
     makes_runs,
+    outcome_of,
     running,
     units_in,
 )
@@ -68,13 +70,16 @@ def posterior(
     """
     for package in (SAMPLER, "arviz_stats", "arviz_base", "h5netcdf"):
         installed(package)
-    folder = folder_of(output, study)
+    folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, verified=False)
-    documents.make_folder(folder)
+    make_place(folder / "posterior.json", study_file)
     with running(value, options) as runner, shown(options.quiet) as progress:
         found = identified(value, runner, progress)
         made = drawn(found, draws, chains, value.seed, progress)
-    document = {"title": value.title, **units_in(value), **made.to_dict()}
+    document = documents.linked(
+        {**units_in(value), **made.to_dict()}, value.title, study_file, value.sha256,
+        outcome_of(value), folder,
+    )  # fmt: skip
     paths = [folder / f"posterior.{kind}" for kind in ("nc", "csv", "json")]
     made.save(paths[0])
     documents.write_text(made.frame().to_csv(index=False), paths[1])

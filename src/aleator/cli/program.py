@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import faulthandler
+import os
 import signal
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import Any
 
@@ -123,6 +126,10 @@ class _Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""
+        if not faulthandler.is_enabled() and sys.stderr is sys.__stderr__ and sys.stderr:
+            faulthandler.enable()  # a crash of compiled code is not silent
+        with suppress(OSError):  # it was removed
+            ctx.obj = os.getcwd()
         with misuse_told(ctx):
             return super().invoke(ctx)
 

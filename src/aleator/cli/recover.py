@@ -15,7 +15,9 @@ from aleator.cli.running import (
     SEED,
     RunOptions,
     identified,
+    make_place,
     makes_runs,
+    outcome_of,
     running,
 )
 from aleator.cli.showing import shown
@@ -27,6 +29,8 @@ from aleator.study import Study, load_study
 from aleator.tasks.recover import recover as recover_law
 from aleator.tasks.results import documents
 from aleator.tasks.results.saved import load
+
+RECOVERY = "recovery.json"
 
 
 @click.command()
@@ -74,7 +78,9 @@ def recover(
     bias with its Monte Carlo error, the scatter, and how often the 95 % interval holds the truth.
     Data sets are identified in as many processes as there are processors, or in N by --workers N.
     """
-    value = load_study(study).overridden(seed, verified=False)
+    value, study_file = load_study(study).overridden(seed, verified=False), study.absolute()
+    if output is not None:
+        make_place(output / RECOVERY, study_file)
     with running(value, options) as runner, shown(options.quiet) as progress:
         alpha = _truth(value, runner, law, truth, progress)
         found = recover_law(
@@ -94,8 +100,11 @@ def recover(
     files = []
     document = {"title": value.title, "seed": value.seed, **recovery.document(found)}
     if output is not None:
-        documents.write_json(document, output / "recovery.json")
-        files.append(output / "recovery.json")
+        document = documents.linked(
+            document, value.title, study_file, value.sha256, outcome_of(value), output
+        )
+        documents.write_json(document, output / RECOVERY)
+        files.append(output / RECOVERY)
     told(recovery, document, files, options.quiet)
 
 

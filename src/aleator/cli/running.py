@@ -7,12 +7,13 @@ import functools
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from aleator.cli.showing import say
 from aleator.errors import AleatorError
@@ -22,7 +23,9 @@ from aleator.simulators import Budget, ProcessPool, Runner, Store, notified
 from aleator.simulators.workers.dask_cluster import dask_executor
 from aleator.simulators.workers.mpi_job import mpi_executor
 from aleator.study import Study
+from aleator.tasks.baselines import start_point
 from aleator.tasks.identify import UNLIMITED, identify
+from aleator.tasks.results import documents
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.units import seen_label
 
@@ -129,16 +132,22 @@ def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
 def running(
     study: Study, options: RunOptions, conditions: Conditions | None = None
 ) -> Iterator[Runner]:
-    """The study's simulator with its workers and the store of its runs; all closed in the end."""
+    """The study's simulator with its workers and the store of its runs; all closed in the end.
+
+    The current folder is then what it was, wherever the simulator went. Raises SimulatorError
+    where the first run of a function would end this process.
+    """
     if options.no_store and options.store is not None:
         raise AleatorError("--store and --no-store contradict each other", "leave one of them out")
     with (
         _workers(options) as executor,
         nullcontext() if options.no_store else Store(options.store or study.store) as kept,
+        _folder_kept(),
     ):
         runner = study.runner(conditions, kept, executor)
         told = None if options.quiet else say
         with closing(study), notified(runner.cache, str(study.file), told):
+            runner.require_survived(np.clip(start_point(study.inputs), *study.inputs.box.T))
             yield runner
 
 
@@ -200,6 +209,28 @@ def name_of(study: Path) -> str:
 def folder_of(output: Path | None, study: Path) -> Path:
     """Where the results of a study go: into `output`, or into out/ and what the study is called."""
     return output or (Path("out") / name_of(study)).absolute()
+
+
+@contextmanager
+def _folder_kept() -> Iterator[None]:
+    """Go back to where the command was given, which the import of a simulator may have left."""
+    here = click.get_current_context().obj
+    try:
+        yield
+    finally:
+        if here is not None:
+            with suppress(OSError):  # it was removed
+                os.chdir(here)
+
+
+def make_place(result: Path, study: Path) -> None:
+    """Make the folder of a result of a study, and say so where an older result will be replaced.
+
+    Raises AleatorError where that is the result of another study.
+    """
+    documents.make_folder(result.parent)
+    if note := documents.replaced(result, study):
+        say(f"note: {note}")
 
 
 def _workers(options: RunOptions) -> AbstractContextManager[Executor | None]:

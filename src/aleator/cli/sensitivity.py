@@ -13,6 +13,7 @@ from aleator.cli.running import (
     SEED,
     RunOptions,
     folder_of,
+    make_place,
     makes_runs,
     running,
 )
@@ -20,7 +21,6 @@ from aleator.cli.showing import shown
 from aleator.plot.sensitivity import save_sensitivity
 from aleator.report import sensitivity as report
 from aleator.study import load_study
-from aleator.tasks.results import documents
 from aleator.tasks.screen import FIRST_RUNS, screen
 
 
@@ -64,7 +64,7 @@ def sensitivity(
     """
     folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed)
-    documents.make_folder(folder)
+    make_place(folder / "sensitivity.json", study_file)
     ids = None if experiments is None else [name.strip() for name in experiments.split(",")]
     with running(value, options) as runner, shown(options.quiet) as progress:
         progress.stage("sensitivity")

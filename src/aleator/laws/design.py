@@ -157,7 +157,6 @@ def _read(formula: str, bounds: FormulaBounds = FormulaBounds()) -> _Formula:
     """A formula as its terms, of which none is evaluated; raises InputsError."""
     # imported where formulas are asked for: it takes half as long as all else together
     from formulaic import Formula, SimpleFormula
-    from formulaic.errors import FormulaicError
     from formulaic.parser import DefaultFormulaParser
 
     if len(formula) > bounds.characters:
@@ -178,7 +177,9 @@ def _read(formula: str, bounds: FormulaBounds = FormulaBounds()) -> _Formula:
             f"{in_short(formula)} has too many operations within each other",
             "write fewer terms; columns can be prepared in the table",
         ) from None
-    except (FormulaicError, SyntaxError, ValueError) as error:
+    except InputsError:
+        raise
+    except Exception as error:  # formulaic has its own, and IndexError, AttributeError, ...
         raise _unreadable(formula, error) from None
     if not isinstance(terms, SimpleFormula):
         raise InputsError(
@@ -189,7 +190,7 @@ def _read(formula: str, bounds: FormulaBounds = FormulaBounds()) -> _Formula:
     for factor in (factor for term in terms for factor in term.factors):
         if factor.eval_method is factor.EvalMethod.LOOKUP:
             names.add(str(factor.expr))
-        elif factor.eval_method is factor.EvalMethod.PYTHON:
+        else:
             read = _Factor(formula, str(factor.expr), bounds)
             names |= read.levels
             numbers |= read.numbers
@@ -215,7 +216,7 @@ def _count(formula: str, node: Any, bounds: FormulaBounds) -> float:
 
 
 class _Factor:
-    """A factor of a formula that is more than a column: what it names as levels and as numbers.
+    """A factor of a formula that is no plain column: what it names as levels and as numbers.
 
     formulaic evaluates it as Python. It is therefore read first: arithmetic of columns, transforms
     of it, or C(column). Raises InputsError for everything else.

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from aleator.plot.style import BLUE, GRAY, VERMILION, WIDTH, empty_figure, save_figure, styled
 from aleator.tasks.results.units import label, seen_label
+from aleator.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,14 +66,20 @@ def save_check(result: Document, folder: str | Path) -> Path:
 
 
 def _panel(axes: Axes, result: Document, response: str, k: int, row: Document) -> None:
-    axes.axhspan(*result["measured"][response], color=_MEASURED, lw=0.0, label="measured", zorder=0)
+    axes.axhspan(
+        *_drawable(result["measured"][response]),
+        color=_MEASURED,
+        lw=0.0,
+        label="measured",
+        zorder=0,
+    )
     lost = set(result["out_of_reach"])
     alpha = float(np.clip(8.0 / max(len(result["observations"]), 1), 0.15, 0.9))
     named = set()
     for each in (e for e in result["observations"] if e["response"] == response):
         outside = each["id"] in lost
         said = "of an experiment out of reach" if outside else "of an experiment"
-        values = np.array(each["by_parameter"][k], dtype=float)
+        values = _drawable(each["by_parameter"][k])
         axes.plot(
             row["values"], values, "-", lw=1.0, marker=".", ms=3.0,
             color=VERMILION if outside else BLUE, alpha=max(alpha, 0.6) if outside else alpha,
@@ -81,3 +89,9 @@ def _panel(axes: Axes, result: Document, response: str, k: int, row: Document) -
     axes.set_xlabel(label(result, row["name"]))
     if not row["influence"]:
         axes.set_title("no influence", color=GRAY)
+
+
+def _drawable(values: ArrayLike) -> Array:
+    """Values cut where matplotlib ends: no axis is longer than the largest number."""
+    most = np.finfo(np.float64).max / 8.0
+    return np.clip(np.asarray(values, dtype=np.float64), -most, most)

@@ -18,7 +18,7 @@ from aleator.simulators.budget import Account, Budget
 from aleator.simulators.cases import Cases
 from aleator.simulators.direct import Direct
 from aleator.simulators.form import Form
-from aleator.simulators.function import as_simulator
+from aleator.simulators.function import FunctionSimulator, as_simulator
 from aleator.simulators.messages import Messages
 from aleator.simulators.protocol import Simulator
 from aleator.simulators.repeats import REPEATABLE, Repeats, differing
@@ -26,6 +26,7 @@ from aleator.simulators.run_cache import RunCache
 from aleator.simulators.run_progress import RunProgress
 from aleator.simulators.runs import Runs
 from aleator.simulators.store import Store
+from aleator.simulators.trial import ending
 from aleator.simulators.units import Units
 from aleator.simulators.workshop import Workshop
 from aleator.types import Array, Indices
@@ -310,6 +311,23 @@ class Runner:
                 return
         column = int(np.argmin(np.isclose(first, again[0], rtol=REPEATABLE, equal_nan=True)))
         raise self._messages.not_repeatable(known, 0, float(first[column]), float(again[0, column]))
+
+    def require_survived(self, x: ArrayLike) -> None:
+        """Try the first experiment at x (n,) of a Python function that would run in this process.
+
+        Nothing is tried where the store has runs of it. Raises SimulatorError where the run ends
+        the process: by `os._exit`, a crash of compiled code, or its STOP (see `ending`).
+        """
+        known = self.cache is not None and self.cache.at_start.runs > 0
+        if self.executor or known or not isinstance(self.simulator, FunctionSimulator):
+            return
+        point, at = np.atleast_2d(np.asarray(x, dtype=np.float64)), np.zeros(1, np.intp)
+        columns = self._bound.columns(self.cases.condition[at], point)
+        if (how := ending(lambda: self.simulator(*columns))) is not None:
+            raise SimulatorError(
+                f"the simulator '{self.simulator.name}' ended the process of its first run ({how})",
+                "let it raise an exception there; with --workers 1 such a run is one that failed",
+            )
 
     def repeat_some(self) -> None:
         """Make some of the runs from now on again, at most 24: a check that costs next to nothing.

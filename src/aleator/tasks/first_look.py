@@ -121,8 +121,9 @@ class Look:
     def without_influence(self) -> Flags:
         """(n',) which moving parameters move no outcome."""
         low, high = self.reached.T
-        whole = np.where(high > low, high - low, np.maximum(np.abs(high), 1e-300))
-        return np.asarray(np.all(~(self.swing > NOTHING * whole[:, None]), axis=0))
+        size = NOTHING * np.maximum(np.abs(high), 1e-300)
+        least = np.where(high > low, NOTHING * high - NOTHING * low, size)
+        return np.asarray(np.all(~(self.swing > least[:, None]), axis=0))
 
 
 def planned_look(runner: Runner, table: Experiments, inputs: Inputs) -> Plan:
