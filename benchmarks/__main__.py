@@ -19,6 +19,7 @@ from benchmarks.densities import density_rows, failure_table
 from benchmarks.economy import print_economy
 from benchmarks.expansions import expansion_rows
 from benchmarks.few_runs import print_few_runs
+from benchmarks.folds import print_folds
 from benchmarks.growth import print_growth
 from benchmarks.identifications import identification_rows
 from benchmarks.individual import individual_rows
@@ -57,6 +58,7 @@ COVERAGE, CLOSED = "coverage", "closed"
 PARTS = (*ROWS, *TABLES, COVERAGE, CLOSED)
 """All parts that are measured unless some are named."""
 LONG: dict[str, Callable[[Console, Path, int], None]] = {
+    "folds": print_folds,
     "power": print_power,
     "right": print_right,
     "verdicts": print_verdicts,

@@ -68,24 +68,22 @@ def as_good(problem: Problem, found: SearchResult, inference: Inference) -> tupl
     """Other optima of a search that are maxima and that a drop of 1.92 does not rule out.
 
     They differ by more than a standard error, and not by the order of equal components only. Cost:
-    one evaluation for each optimum, and a climb with its information for those few.
+    a climb with its information for each of `found.rivals`.
     """
     if not inference.positive:
         return ()
     objective, hyperparameters = problem.objective, problem.model.hyperparameters
     kept: list[Rival] = []
-    for optimum in found.optima[1:]:
-        if found.log_likelihood - objective(optimum.alpha).total > RULED_OUT:
-            continue
+    for other in found.rivals:
         alpha, value = ascend(
-            objective, optimum.alpha, hyperparameters, inference.identified, inference.information
+            objective, other, hyperparameters, inference.identified, inference.information
         )
         alpha = in_order(alpha, problem.model.inputs)
         if any(near(alpha, known.alpha, inference) for known in kept):
             continue
         drop = found.log_likelihood - value
         rival = _judged(objective, hyperparameters, alpha, drop, found.alpha, inference)
-        if rival is not None and rival.moved:
+        if rival is not None and rival.moved and drop < RULED_OUT:
             kept.append(rival)
     return tuple(sorted(kept, key=lambda rival: rival.drop))
 
