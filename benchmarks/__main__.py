@@ -19,6 +19,7 @@ from benchmarks.economy import print_economy
 from benchmarks.expansions import expansion_rows
 from benchmarks.few_runs import print_few_runs
 from benchmarks.findings import print_findings
+from benchmarks.folds import print_folds
 from benchmarks.growth import print_growth
 from benchmarks.identifications import identification_rows
 from benchmarks.individual import individual_rows
@@ -58,6 +59,7 @@ PARTS = (*ROWS, *TABLES, COVERAGE)
 """All parts that are measured unless some are named."""
 LONG: dict[str, Callable[[Console, Path, int], None]] = {
     "findings": print_findings,
+    "folds": print_folds,
     "power": print_power,
     "right": print_right,
     "verdicts": print_verdicts,

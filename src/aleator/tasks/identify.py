@@ -14,6 +14,7 @@ import pandas as pd
 from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.inference import diagnostics
+from aleator.inference.diagnostics.individual import rival_warnings
 from aleator.inference.verification import MonteCarlo, SurfaceEmulator, Verification, verify
 from aleator.inference.verification.kernel import NORMAL
 from aleator.laws.inputs import Inputs
@@ -34,6 +35,7 @@ from aleator.tasks.budget import affordable, spend
 from aleator.tasks.ceiling.quick import best_possible
 from aleator.tasks.consistency import consistency_of
 from aleator.tasks.individual.cost import Timed, cheap
+from aleator.tasks.individual.rivals import as_good
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.near_outcomes import moves_of, nearer
 from aleator.tasks.results import summary
@@ -160,7 +162,12 @@ def _found(
         answer, checked, moves = better, again, moves_of(better, again)
     with ledger.stage("baselines"):
         baselines = baselines_of(answer.problem, question.search, seed)
-    notes = diagnostics.budget_warnings(runner.account, answer.surfaces)
+    with ledger.stage("inference"):
+        rivals = as_good(answer.problem, answer.found, answer.inference)
+    notes = [
+        *rival_warnings(rivals, question.model.hyperparameters, answer.profile.intervals),
+        *diagnostics.budget_warnings(runner.account, answer.surfaces),
+    ]
     if checked is None and _rests_on_more(answer, verification):
         notes.append(diagnostics.UNCHECKED)
     found = summary.assemble(

@@ -28,7 +28,7 @@ LARGEST_CHANGE = 0.5
 """Change of the log-likelihood by the simulator, beyond its error, that refuses an answer."""
 NOTED_GAP = 0.01
 """... from where on it is told."""
-EQUAL = 0.01
+EQUAL = 0.1
 """Maxima whose log-likelihoods differ by less are as high as each other."""
 NOTED_FAILING = 0.02
 """Share of a law at which runs fail that is told."""
@@ -121,11 +121,11 @@ def without_surfaces(lost: Flags, of: Indices, ids: Sequence[str]) -> list[Diagn
 def rival_warnings(
     rivals: Sequence[Rival], hyperparameters: Sequence[Hyperparameter], intervals: Array
 ) -> list[Diagnostic]:
-    """That there is another maximum, and where: outside the intervals (K, 2), which hold others."""
+    """That there is another maximum, and where: as high, or outside the intervals (K, 2)."""
     rivals = [
         rival
         for rival in rivals
-        if any(not _within(rival.alpha[k], intervals[k]) for k in rival.moved)
+        if rival.drop < EQUAL or any(not _within(rival.alpha[k], intervals[k]) for k in rival.moved)
     ]
     if not rivals:
         return []

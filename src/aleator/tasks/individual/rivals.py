@@ -9,8 +9,11 @@ import numpy as np
 from aleator.inference.diagnostics.estimates import LARGEST_EDM
 from aleator.inference.diagnostics.individual import Rival
 from aleator.inference.information import Inference, infer
+from aleator.laws import Hyperparameter
 from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, PlanePanels
-from aleator.search import SearchResult
+from aleator.likelihood.problem import Problem
+from aleator.search import Objective, SearchResult, ascend
+from aleator.search.interface import RULED_OUT
 from aleator.tasks.individual.order import in_order
 from aleator.tasks.individual.settle import Settled, climbed
 from aleator.types import Array
@@ -39,9 +42,9 @@ def rivals(
     likelihood, rule = end.likelihood, end.likelihood.rule
     if isinstance(rule, GaussHermite):
         likelihood = likelihood.by(GaussHermite(min(rule.first, NODES)), end.alpha)
-    arrived = [a.alpha for a in found.ascents if a.converged]
-    if isinstance(rule, PlanePanels):
-        arrived = [alpha for alpha in arrived if _one_of(alpha, others)]
+    arrived = list(others)
+    if not isinstance(rule, PlanePanels):
+        arrived += [a.alpha for a in found.ascents if a.converged]
     for optimum in found.optima[1:]:
         if len(known) > TRIED:
             break
@@ -55,8 +58,32 @@ def rivals(
             continue
         known.append(alpha)
         value = end.likelihood.adapted(alpha).evaluate(alpha).total
-        rival = _judged(held, alpha, value, end, inference)
+        rival = _of_nodes(held, alpha, value, end, inference)
         if rival is not None:
+            kept.append(rival)
+    return tuple(sorted(kept, key=lambda rival: rival.drop))
+
+
+def as_good(problem: Problem, found: SearchResult, inference: Inference) -> tuple[Rival, ...]:
+    """Other optima of a search that are maxima and that a drop of 1.92 does not rule out.
+
+    They differ by more than a standard error, and not by the order of equal components only. Cost:
+    a climb with its information for each of `found.rivals`.
+    """
+    if not inference.positive:
+        return ()
+    objective, hyperparameters = problem.objective, problem.model.hyperparameters
+    kept: list[Rival] = []
+    for other in found.rivals:
+        alpha, value = ascend(
+            objective, other, hyperparameters, inference.identified, inference.information
+        )
+        alpha = in_order(alpha, problem.model.inputs)
+        if any(near(alpha, known.alpha, inference) for known in kept):
+            continue
+        drop = found.log_likelihood - value
+        rival = _judged(objective, hyperparameters, alpha, drop, found.alpha, inference)
+        if rival is not None and rival.moved and drop < RULED_OUT:
             kept.append(rival)
     return tuple(sorted(kept, key=lambda rival: rival.drop))
 
@@ -90,26 +117,36 @@ def followed_rivals(
 ) -> tuple[Rival, ...]:
     """Those of maxima that were followed to their own ends which are maxima indeed."""
     found = [
-        _judged(other.likelihood, other.alpha, other.value, end, inference)
+        _of_nodes(other.likelihood, other.alpha, other.value, end, inference)
         for other in others
         if not near(other.alpha, end.alpha, inference)
     ]
     return tuple(sorted((r for r in found if r is not None), key=lambda rival: rival.drop))
 
 
-def _judged(
+def _of_nodes(
     held: IndividualLikelihood, alpha: Array, value: float, end: Settled, inference: Inference
 ) -> Rival | None:
-    about = infer(held.followed, alpha, held.hyperparameters)
+    objective, drop = held.followed, end.value - value
+    return _judged(objective, held.hyperparameters, alpha, drop, end.alpha, inference)
+
+
+def _judged(
+    objective: Objective,
+    hyperparameters: Sequence[Hyperparameter],
+    alpha: Array,
+    drop: float,
+    here: Array,
+    inference: Inference,
+) -> Rival | None:
+    """What lies lower than `here` (K,) by `drop`, if it is a maximum."""
+    about = infer(objective, alpha, hyperparameters)
     stuck = [a for a, b in zip(about.at_bound, inference.at_bound, strict=True) if a and a != b]
-    if stuck or not about.positive or not about.edm < LARGEST_EDM:
+    if stuck or not about.positive or not about.edm < LARGEST_EDM or not np.isfinite(drop):
         return None
-    drop = end.value - value
-    if not np.isfinite(drop):
-        return None
-    sizes = np.abs(_errors(alpha, end.alpha, inference))
+    sizes = np.abs(_errors(alpha, here, inference))
     moved = tuple(int(k) for k in np.flatnonzero(np.nan_to_num(sizes) > 1.0))
-    return Rival(alpha, end.alpha, drop, moved)
+    return Rival(alpha, here, drop, moved)
 
 
 def _one_of(alpha: Array, known: Sequence[Array]) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aleator.inference.diagnostics.individual import NOTED_GAP
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.likelihood.individual import (
     GaussHermite,
@@ -29,7 +30,7 @@ CLOSE = 0.1
 """Distance in law over which nodes that are held as parameters need not be adapted again."""
 ENOUGH = 2e-3
 """A change of the log-likelihood with more nodes that is none; a hundred-thousandth an experiment
-if that is more."""
+if that is more, up to one that is reported."""
 HARDLY = 0.02
 """A change of the log-likelihood with more nodes that does not matter to an interval."""
 LITTLE = 0.1
@@ -195,7 +196,8 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> S
         if held.rule.centers == 1 and slow and abs(gap) > HARDLY:
             # what is not smooth converges slowly about one centre
             return Settled(held, alpha, gap, _fewest(tried))
-        finer = held.rule.refined(gaps, max(enough, 1e-5 * held.count), variates)
+        none = max(enough, min(1e-5 * held.count, NOTED_GAP))
+        finer = held.rule.refined(gaps, none, variates)
         if finer is None:
             return Settled(held, alpha, gap, _fewest(tried))
         likelihood = held.ruled(finer)

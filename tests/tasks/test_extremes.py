@@ -1,0 +1,175 @@
+"""Responses with extremes, saddles, folds and kinks without noise, against exact likelihoods."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from identifications import unjudged
+from scipy import stats
+
+from aleator import Free, Identification, Inputs, Noise, Normal, TruncatedNormal
+from aleator.inference.diagnostics.estimates import search_refusals
+from aleator.tasks.individual.cost import Timed
+from aleator.types import Array
+
+LEAST = 1e-3
+"""Error of a log-likelihood that is none."""
+COUNT = 60
+BOX = (0.0, 2.0)
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
+
+
+def truncated(mean: float, sd: float) -> stats.rv_continuous:
+    return stats.truncnorm((BOX[0] - mean) / sd, (BOX[1] - mean) / sd, mean, sd)
+
+
+def by_roots(c: Array, y: Array, alpha: Array) -> Array:
+    """y = max(a - c, 0.3 (c - a)): one root on either side of c."""
+    law = truncated(*alpha)
+    return np.asarray(law.pdf(c + y) + law.pdf(c - y / 0.3) / 0.3)
+
+
+def by_both_signs(c: Array, y: Array, alpha: Array) -> Array:
+    """y = a^2 + 0.01 c: the roots are +-r."""
+    r = np.sqrt(y - 0.01 * c)
+    law = stats.norm(*alpha)
+    return np.asarray((law.pdf(r) + law.pdf(-r)) / (2.0 * r))
+
+
+def by_panels(f: Callable[[Array], Array], ends: Array) -> float:
+    half, middle = 0.5 * np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
+    x = middle[:, None] + half[:, None] * NODES
+    return float(np.sum(half[:, None] * WEIGHTS * f(x)))
+
+
+def along_the_fold(c: Array, y: Array, alpha: Array) -> Array:
+    """y = |a - c| + c b: the line b = (y - |a - c|)/c, with a kink at a = c."""
+    first, second = truncated(*alpha[:2]), truncated(*alpha[2:])
+    return np.array([
+        by_panels(
+            lambda a, c=c, y=y: first.pdf(a) * second.pdf((y - np.abs(a - c)) / c) / c,
+            # the line leaves the box of b where |a - c| is y or y - 2 c
+            np.unique(np.clip([*np.linspace(*BOX, 101), c, c - y, c + y, c - y + 2.0 * c,
+                               c + y - 2.0 * c], *BOX)),
+        )
+        for c, y in zip(c, y, strict=True)
+    ])  # fmt: skip
+
+
+def along_hyperbolas(c: Array, y: Array, alpha: Array) -> Array:
+    """y = c (a - 1) (b - 0.8): both branches, by the logarithm of |a - 1|."""
+    first, second = stats.norm(*alpha[:2]), stats.norm(*alpha[2:])
+
+    def both(t: Array, z: float, c: float) -> Array:
+        u = np.exp(t)
+        return np.asarray(
+            (first.pdf(1.0 + u) * second.pdf(0.8 + z / u)
+             + first.pdf(1.0 - u) * second.pdf(0.8 - z / u)) / c
+        )  # fmt: skip
+
+    return np.array([
+        by_panels(lambda t, z=y / c, c=c: both(t, z, c),
+                  np.linspace(np.log(abs(y / c)) - 2.5, 2.5, 301))
+        for c, y in zip(c, y, strict=True)
+    ])  # fmt: skip
+
+
+STUDIES = {
+    "two slopes": (
+        lambda c, a: np.maximum(a - c, 0.3 * (c - a)), by_roots, (0.2, 1.8), {"a": (1.0, 0.3)},
+    ),
+    "mirror": (lambda c, a: a**2 + 0.01 * c, by_both_signs, (0.0, 1.0), {"a": (0.3, 0.4)}),
+    "fold": (
+        lambda c, a, b: np.abs(a - c) + c * b, along_the_fold, (0.2, 1.8),
+        {"a": (1.0, 0.25), "b": (1.0, 0.2)},
+    ),
+    "saddle": (
+        lambda c, a, b: c * (a - 1.0) * (b - 0.8), along_hyperbolas, (0.5, 2.0),
+        {"a": (1.1, 0.3), "b": (0.9, 0.25)},
+    ),
+}  # fmt: skip
+BOXED = ("two slopes", "fold")
+
+
+def study(name: str, seed: int) -> tuple[pd.DataFrame, Inputs]:
+    response, _, ends, laws = STUDIES[name]
+    rng = np.random.default_rng([seed, 28])
+    c = rng.uniform(*ends, COUNT)
+    boxed = name in BOXED
+    x = {
+        n: (truncated(*at) if boxed else stats.norm(*at)).ppf(rng.uniform(1e-9, 1.0, COUNT))
+        for n, at in laws.items()
+    }
+    free = {
+        n: TruncatedNormal(box=BOX)
+        if boxed
+        else Normal(Free(m - 4.0 * sd, m + 4.0 * sd), Free(0.1 * sd, 4.0 * sd))
+        for n, (m, sd) in laws.items()
+    }
+    return pd.DataFrame({"c": c, "y": response(c, **x)}), Inputs(free)
+
+
+def identified(name: str, seed: int, **options: object) -> Identification:
+    table, inputs = study(name, seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return unjudged(STUDIES[name][0], table, inputs, outcome="y", vectorized=True, **options)  # type: ignore[arg-type]
+
+
+def exact(name: str, seed: int, found: Identification) -> float:
+    table, _ = study(name, seed)
+    alpha = np.array([one.estimate for one in found.alpha.values()])
+    f = STUDIES[name][1](table["c"].to_numpy(), table["y"].to_numpy(), alpha)
+    return float(np.log(f).sum())
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [
+        ("two slopes", 2),
+        ("mirror", 3),
+        pytest.param("fold", 1, marks=pytest.mark.slow),
+        pytest.param("saddle", 1, marks=pytest.mark.long),
+    ],
+)
+def test_a_log_likelihood_is_exact_within_its_error(name: str, seed: int) -> None:
+    found = identified(name, seed)
+    reported = found.log_likelihood
+    assert found.sound
+    assert abs(reported.estimated - exact(name, seed, found)) < max(reported.error or 0.0, LEAST)
+
+
+def test_on_surfaces_the_error_is_that_of_the_surfaces_too(monkeypatch) -> None:
+    monkeypatch.setattr("aleator.tasks.identify.cheap", lambda *_: Timed(False))
+    found = identified("mirror", 4)
+    reported = found.log_likelihood
+    assert reported.verified is not None
+    assert reported.error is not None
+    assert abs(reported.estimated - exact("mirror", 4, found)) < 2.0 * reported.error
+
+
+@pytest.mark.parametrize("noise", [None, Noise(0.1)], ids=["exact", "noise"])
+def test_a_law_whose_mirror_image_is_as_good_is_said_so(noise: Noise | None) -> None:
+    rng = np.random.default_rng(31)
+    c, a = rng.uniform(0.0, 1.0, COUNT), rng.normal(0.5, 0.4, COUNT)
+    y = a**2 + 0.01 * c + (0.1 * rng.standard_normal(COUNT) if noise else 0.0)
+    inputs = Inputs({"a": Normal(Free(-1.0, 2.0), Free(0.05, 2.0))})
+    found = unjudged(
+        lambda c, a: a**2 + 0.01 * c, pd.DataFrame({"c": c, "y": y}), inputs, outcome="y",
+        vectorized=True, noise=noise,
+    )  # fmt: skip
+    other = f"a.mean {-found.values['a.mean']:.2g}"
+    assert found.sound
+    assert any("a.mean" in w.concerns and other in w.message for w in found.warnings)
+
+
+def test_a_maximum_is_reached_by_standard_errors() -> None:
+    """What is left to gain is half the square of the distance in standard errors."""
+    at = [SimpleNamespace(positive=True, edm=0.5 * distance**2) for distance in (0.05, 0.5)]
+    assert not search_refusals(at[0], ())  # type: ignore[arg-type]
+    assert search_refusals(at[1], ())  # type: ignore[arg-type]
