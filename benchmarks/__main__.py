@@ -13,13 +13,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks.closed import print_closed
 from benchmarks.coverage import print_coverage
 from benchmarks.densities import density_rows, failure_table
 from benchmarks.economy import print_economy
 from benchmarks.expansions import expansion_rows
 from benchmarks.few_runs import print_few_runs
 from benchmarks.folds import print_folds
+from benchmarks.findings import print_findings
 from benchmarks.growth import print_growth
 from benchmarks.identifications import identification_rows
 from benchmarks.individual import individual_rows
@@ -54,11 +54,12 @@ TABLES: dict[str, Callable[[Console], None]] = {
     "growth": print_growth,
     "limit_states": print_limit_states,
 }
-COVERAGE, CLOSED = "coverage", "closed"
-PARTS = (*ROWS, *TABLES, COVERAGE, CLOSED)
+COVERAGE = "coverage"
+PARTS = (*ROWS, *TABLES, COVERAGE)
 """All parts that are measured unless some are named."""
 LONG: dict[str, Callable[[Console, Path, int], None]] = {
     "folds": print_folds,
+    "findings": print_findings,
     "power": print_power,
     "right": print_right,
     "verdicts": print_verdicts,
@@ -90,8 +91,6 @@ def main() -> None:
             printed(console)
     if COVERAGE in chosen:
         print_coverage(console, options.replicates, options.workers)
-    if CLOSED in chosen:
-        print_closed(console, options.replicates)
     for name, long in LONG.items():
         if name in chosen:
             long(console, Path(f"{name}.jsonl"), options.replicates)

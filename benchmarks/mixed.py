@@ -97,10 +97,16 @@ class Mixed:
 
     @property
     def inputs(self) -> Inputs:
-        """Independent parameters of these names; or two that are correlated."""
-        laws = {name: Normal(Free(-9.0, 9.0), Free(0.01, 9.0)) for name in self.plan.names}
+        """Independent parameters of these names, constants left out; or two that are correlated."""
+        names = [self.plan.names[k] for k in self.scattering]
+        laws = {name: Normal(Free(-9.0, 9.0), Free(0.01, 9.0)) for name in names}
         pair = (self.plan.names[0], self.plan.names[-1])
         return Inputs(laws, {pair: Free(-0.9, 0.9)} if self.plan.tied else None)
+
+    @property
+    def scattering(self) -> Indices:
+        """The places of the parameters that are no constants: their standard deviation is not 0."""
+        return np.flatnonzero(self.alpha[self.plan.places[1]] > 0.0)
 
     def scored(self) -> LogLikelihood:
         """Log-densities (N,) with scores (N, K)."""
@@ -113,16 +119,17 @@ class Mixed:
         return np.asarray(special.ndtr(w[..., 0]).ravel())
 
     def variates(self) -> tuple[Array, Array]:
-        """Means (N, n) and mean products (N, n, n) of the independent variates of b."""
+        """Means (N, s) and mean products (N, s, s) of the independent variates of b."""
         variance, left = _normal(self.plan, self.y, self.alpha)
         root = np.linalg.cholesky(self.plan.ties(self.alpha))
         loads = self.plan.curves @ (self.alpha[self.plan.places[1]][:, None] * root)
         gain = np.linalg.solve(variance, loads)
         means = np.einsum("lmj,lm->lj", gain, left)
         rest = np.eye(len(self.plan.names)) - np.einsum("lmi,lmj->lij", loads, gain)
-        return means, rest + means[:, :, None] * means[:, None, :]
+        products, s = rest + means[:, :, None] * means[:, None, :], self.scattering
+        return means[:, s], products[:, s[:, None], s]
 
-    def rough(self) -> Mixed:
+    def for_replicates(self) -> Mixed:
         """The same: it has no nodes."""
         return self
 

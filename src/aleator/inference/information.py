@@ -25,9 +25,9 @@ class Differences:
 
     A step h is right where the drop I h^2/2 is `drop`, within a factor of `within` either way: a
     hundredth of a standard error, between 0.003 and 0.03. The information of a standard deviation
-    of two units is then within 1e-3 of its closed form (`benchmarks errors`). No step is longer
-    than `share` of the width of the limits: a direction without a bend has no width of its own. At
-    most `tries` steps are tried.
+    of two units is then within 1e-3 of its closed form (`tests/tasks/test_maxima.py`). No step is
+    longer than `share` of the width of the limits: a direction without a bend has no width of its
+    own. At most `tries` steps are tried.
     """
 
     drop: float = 5e-5

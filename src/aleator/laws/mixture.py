@@ -244,6 +244,7 @@ class Mixture(QuantileLaw):
         A step of k-means from random centers (k-means++, Arthur and Vassilvitskii, 2007): every
         other generator finds other groups.
 
+        >>> from aleator.laws import Normal
         >>> law = Mixture((Normal(Free(0, 9), Free(0.01, 1)), Normal(Free(0, 9), Free(0.01, 1))))
         >>> x = np.array([1.0, 1.2, 1.4, 5.9, 6.1])
         >>> values, centers = law.apart(x, np.random.default_rng(1))

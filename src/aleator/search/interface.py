@@ -11,7 +11,7 @@ import numpy as np
 from aleator.laws import Hyperparameter
 from aleator.progress import Progress
 from aleator.search.value import LogLikelihood
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 Scored = Callable[[Array], LogLikelihood]
 """The log-likelihood at one alpha (K,), with its score: all that a search needs to work."""
@@ -91,6 +91,19 @@ SAME_VALUE = 0.01
 """Two ends within this log-likelihood of each other may be the same optimum."""
 
 
+def one_hill(step: Array, scores: Array, free: Indices) -> bool:
+    """Whether two ends a step (K,) apart are on one hill, by the scores (N, K) at the higher one.
+
+    They are within a standard error for each of the F `free` hyperparameters (outer product of
+    scores), as the root of the mean of squares.
+
+    >>> one_hill(np.array([1.0, 0.0]), np.array([[1.2, 0.0], [0.0, 9.0]]), np.arange(2))
+    True
+    """
+    along = scores[:, free] @ step[free]
+    return bool(along @ along < free.size)
+
+
 @dataclass(frozen=True)
 class Ascent:
     """One start: where it began, where it ended, and at what cost."""
@@ -165,12 +178,17 @@ class SearchResult:
         best = self.log_likelihood
         return any(a.converged and best - a.log_likelihood < SAME_VALUE for a in self.ascents)
 
-    def improved(self, alpha: Array, log_likelihood: float) -> SearchResult:
-        """The result with a better optimum in front, met after the starts had ended."""
-        optimum = Optimum(alpha, log_likelihood, starts=0)
+    def improved(self, alpha: Array, at: LogLikelihood, free: Indices) -> SearchResult:
+        """The result with a better optimum in front, met after the starts had ended.
+
+        `at` has the scores there, and the `free` (F,) hyperparameters are those that were sought.
+        """
+        assert at.scores is not None
+        optimum = Optimum(alpha, at.total, starts=0)
+        near = sum(one_hill(a.alpha - alpha, at.scores, free) for a in self.ascents)
         return replace(
-            self, alpha=alpha, log_likelihood=log_likelihood, optima=(optimum, *self.optima),
-            once=len(self.ascents) > 1,
+            self, alpha=alpha, log_likelihood=at.total, optima=(optimum, *self.optima),
+            once=len(self.ascents) > 1 and near < 2,
         )  # fmt: skip
 
     def moved(self, alpha: Array, log_likelihood: float) -> SearchResult:

@@ -9,7 +9,7 @@ import numpy as np
 from aleator.laws import Hyperparameter
 from aleator.search.coordinates import Coordinates
 from aleator.search.counted import FLOOR, CountedObjective
-from aleator.search.interface import SAME_VALUE, Ascent, Optimum, SearchResult
+from aleator.search.interface import SAME_VALUE, Ascent, Optimum, SearchResult, one_hill
 from aleator.search.limits import nowhere_finite
 from aleator.types import Array, Indices
 
@@ -62,19 +62,6 @@ def reached_once(ascents: Sequence[Ascent], objective: CountedObjective, free: I
     scores = objective(best.alpha).scores
     assert scores is not None
     return not any(one_hill(a.alpha - best.alpha, scores, free) for a in others)
-
-
-def one_hill(step: Array, scores: Array, free: Indices) -> bool:
-    """Whether two ends a step (K,) apart are on one hill, by the scores (N, K) at the higher one.
-
-    They are within a standard error for each of the F `free` hyperparameters (outer product of
-    scores), as the root of the mean of squares.
-
-    >>> one_hill(np.array([1.0, 0.0]), np.array([[1.2, 0.0], [0.0, 9.0]]), np.arange(2))
-    True
-    """
-    along = scores[:, free] @ step[free]
-    return bool(along @ along < free.size)
 
 
 def only_point(

@@ -125,10 +125,10 @@ def infer_at(problem: Problem, found: SearchResult) -> tuple[SearchResult, Infer
         if profile.better is None:
             break
         information = inference.information
-        end, value = ascend(
+        end, _ = ascend(
             objective, profile.better, hyperparameters, inference.identified, information
         )
-        found = found.improved(end, value)
+        found = found.improved(end, objective(end), inference.identified)
     return found, inference, profile
 
 

@@ -7,7 +7,7 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from aleator.inference.consistency.battery import SAME, Battery
+from aleator.inference.consistency.battery import SAME, SCATTER, SHAPES, Battery
 from aleator.inference.consistency.columns import (
     LEVELS,
     ORDER,
@@ -72,7 +72,6 @@ def consistency_of(
         without_order(columns, experiment, _rising(table, observed.normal), observed.means),
         experiment,
         tuple(fit.hyperparameters[k].name for k in fit.inference.free),
-        fit.inference.covariance,
         names,
         apart(observed.means, pairs),
     )
@@ -91,7 +90,7 @@ def consistency_of(
         found.together >= LEVEL,
         found.together,
         found.replicates,
-        tuple(told(test, battery.several, within, measured) for test in _distinct(against)),
+        tuple(told(test, battery.several, within, measured) for test in _causes(against, within)),
         outliers_of(observed, table),
         found.tests,
         relations=battery.relations.told(
@@ -143,12 +142,26 @@ def _enough(
     return found
 
 
-def _distinct(tests: list[Statistic]) -> list[Statistic]:
-    """The first of each column, and of those without one; a column says more than all together."""
-    named = any(test.kind == "contrast" for test in tests)
-    first: dict[str | None, Statistic] = {}
-    for test in tests:
-        if named and test.column == SAME:
-            continue
-        first.setdefault(test.column, test)
-    return [*first.values()][:SHOWN]
+def _causes(tests: list[Statistic], within: Collection[str]) -> list[Statistic]:
+    """What is told of the tests that contradict the model, of which each explains others.
+
+    The strongest, and what differs between experiments by a column of them, each column once. A
+    scale that is wrong makes the scatter within experiments odd; groups that differ scatter alike;
+    tails and skewness bring far values; what one column tells, all together tell again; and what
+    differs by a column makes the shape of all residuals odd. None of it is so the other way round.
+    """
+    found = {(test.kind, test.column) for test in tests}
+    inside = {SAME, *within}
+    if ("scale", None) in found:
+        tests = [t for t in tests if t.of != SCATTER or t.column not in inside]
+    if {("skewness", None), ("heavy tails", None)} & found:
+        tests = [t for t in tests if t.kind != "outlier"]
+    tests = [t for t in tests if t.kind != "unequal" or ("groups", t.column) not in found]
+    if any(t.column not in (None, ORDER, SAME) for t in tests):
+        tests = [t for t in tests if t.column != SAME]
+    placed = [t for t in tests if t.column is not None and t.column not in inside]
+    told = (placed if placed and tests[0].kind in SHAPES else tests)[:1]
+    for test in placed:
+        if test.column not in {ORDER, *(t.column for t in told)}:
+            told.append(test)
+    return told[:SHOWN]

@@ -3,7 +3,6 @@ import pytest
 from scipy import stats
 
 from aleator.inference.consistency.calibration import corrected, effective, probabilities
-from aleator.inference.consistency.measures import anderson_darling
 
 NONE = np.zeros(1, dtype=bool)
 ZERO = np.zeros(1)
@@ -58,11 +57,3 @@ def test_copies_of_a_test_do_not_count(copies: int) -> None:
 
 def test_the_smallest_of_independent_p_is_corrected_as_sidak_does() -> None:
     assert corrected(np.array([0.01]), 5.0)[0] == pytest.approx(1.0 - 0.99**5)
-
-
-def test_anderson_and_darling_agree_with_their_integral() -> None:
-    u = np.sort(np.random.default_rng(5).random(30))
-    t = (np.arange(400_000) + 0.5) / 400_000
-    share = np.searchsorted(u, t) / u.size
-    integral = u.size * np.mean((share - t) ** 2 / (t * (1.0 - t)))
-    assert anderson_darling(u) == pytest.approx(integral, rel=1e-3)

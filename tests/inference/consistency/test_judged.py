@@ -100,11 +100,14 @@ def test_a_coefficient_that_follows_a_condition_is_seen_in_its_hyperparameter() 
 
 
 def test_experiments_that_scatter_unequally_are_seen() -> None:
-    rng, z = normal(10)
-    y = z[:, None] + rng.choice([0.3, 0.9], (N, 1)) * rng.standard_normal((N, 4))
-    found = judged(y)
-    assert found.consistent is False
-    assert {test.kind for test in found.tests if test.corrected < 0.05} & {"unequal", "sandwich"}
+    named = 0
+    for seed in range(10, 16):
+        rng, z = normal(seed)
+        y = z[:, None] + rng.choice([0.3, 0.9], (N, 1)) * rng.standard_normal((N, 4))
+        found = judged(y)
+        assert found.consistent is False
+        named += found.discrepancies[0].test.kind == "unequal"
+    assert named >= 3
 
 
 def test_errors_that_depend_on_each_other_are_seen() -> None:
@@ -122,12 +125,6 @@ def test_few_observations_are_not_tested() -> None:
     found = judged(np.arange(4.0))
     assert found.consistent is None
     assert "4 observations" in found.reason
-
-
-def test_a_ratio_that_the_maximum_pins_is_no_discrepancy() -> None:
-    found = judged(stats.t.rvs(3, size=N, random_state=8), load=LOAD)
-    (pinned,) = (t for t in found.tests if (t.kind, t.of) == ("sandwich", "a.mean"))
-    assert pinned.p > 0.5
 
 
 def test_trends_along_conditions_have_a_larger_share_than_parts_and_the_order() -> None:

@@ -12,8 +12,6 @@ from aleator.types import Array, Indices
 
 MAIN = 3.0
 """The weight of the likeliest form of dependence on a column, its trend, among its parts."""
-FARTHEST = 4.0
-"""Normal scores count no more than this in a sum, so that an outlier does not make a trend."""
 
 
 @dataclass(frozen=True)

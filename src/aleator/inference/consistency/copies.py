@@ -1,4 +1,4 @@
-"""Columns that are the outcome once more: in another unit, rounded, or as a rank."""
+"""Columns that the outcome determines: in another unit, rounded, as a rank, or as a bound."""
 
 from __future__ import annotations
 
@@ -25,15 +25,29 @@ def copies_of(
     """The columns whose numbers order the measured values of a response as these are themselves.
 
     Or in reverse. A condition does that only where nothing else scatters; so the columns that the
-    simulator or a law has `asked` for are none.
+    simulator or a law has `asked` for are none. Nor are columns conditions that tell no more than
+    whether an outcome was measured, or is a bound, and which: a second column of the censoring.
     """
     return tuple(
         column
         for column in columns
         if column.name != ORDER
         and not {column.name, *column.alike} & set(asked)
-        and any(_copied(column, seen, k) for k in range(len(seen.responses)))
+        and (
+            any(_copied(column, seen, k) for k in range(len(seen.responses)))
+            or _censoring(column, seen)
+        )
     )
+
+
+def _censoring(column: Column, seen: Observations) -> bool:
+    """Whether the bounds alone give the column: one value for what was measured, and each bound."""
+    if np.all(seen.measured):
+        return False
+    ends = np.where(seen.measured[:, None], 0.0, np.stack([seen.lower, seen.upper], axis=1))
+    kind = np.unique(np.column_stack([seen.measured, ends]), axis=0, return_inverse=True)[1].ravel()
+    pairs = np.unique(np.column_stack([kind, column.group]), axis=0)
+    return bool(len(pairs) == kind.max() + 1)
 
 
 def _copied(column: Column, seen: Observations, response: int) -> bool:

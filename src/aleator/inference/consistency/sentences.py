@@ -76,10 +76,18 @@ def _curved(test: Statistic) -> str:
     )
 
 
-def _uniformity(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
+def _level(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
     return (
-        "the outcomes are not spread as the law says",
-        "choose another law (a mixture, a skewed one), or another kind of noise",
+        f"outcomes are {'larger' if test.z > 0.0 else 'smaller'} than the law says, by and large",
+        "let a mean that is fixed be identified, or mend the simulator, which is biased",
+    )
+
+
+def _scale(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
+    return (
+        f"outcomes scatter {'more' if test.z > 0.0 else 'less'} than the law and the noise say",
+        "let the noise, or a standard deviation of a law, be identified; where all are, let the "
+        'noise differ by a column of standard deviations, or take noise of kind "student_t"',
     )
 
 
@@ -101,11 +109,13 @@ def _light(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
 
 
 def _unequal(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    how = "less" if test.z < 0.0 else "more"
+    of = "experiments" if test.column == ORDER else f"outcomes of different `{test.column}`"
+    if test.column == SAME:
+        of = "outcomes under different conditions"
+    heavy = ', or take noise of kind "student_t"' if test.column == ORDER else ""
     return (
-        f"the scatter within experiments is {how} alike than the noise says",
-        "let the noise differ between experiments by a column of standard deviations, or take "
-        'noise of kind "student_t"',
+        f"{of} scatter unequally, more than the law says",
+        f"let the noise differ between them by a column of standard deviations{heavy}",
     )
 
 
@@ -126,16 +136,7 @@ def _skewness(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG00
 def _outlier(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
     return (
         "an outcome lies farther out than the law says",
-        'look at the outliers named; noise of kind "student_t" makes them count less',
-    )
-
-
-def _sandwich(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    more = "more" if test.z > 0.0 else "less"
-    return (
-        f"experiments disagree on {test.of} {more} than the model says (sandwich against "
-        "information)",
-        "choose another law or kind of noise; until then take the sandwich error",
+        'look at the outliers named; noise of kind "student_t", or a skewed law, makes them likely',
     )
 
 
@@ -192,12 +193,12 @@ def _relation(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG00
 _OTHERS = {
     "pair": _pair,
     "relation": _relation,
-    "uniformity": _uniformity,
+    "level": _level,
+    "scale": _scale,
     "heavy tails": _heavy,
     "light tails": _light,
     "skewness": _skewness,
     "outlier": _outlier,
-    "sandwich": _sandwich,
     "unequal": _unequal,
     "neighbours": _neighbours,
     "groups": _groups,

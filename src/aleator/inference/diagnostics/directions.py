@@ -9,7 +9,7 @@ import numpy as np
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
-from aleator.types import Array, Flags
+from aleator.types import Array
 
 FLAT = 0.02
 """A curvature below this share of that of each hyperparameter alone marks a weak direction."""
@@ -26,18 +26,6 @@ def weak_directions(
     """
     named = _correlated if inference.positive else _flat
     return [*named(inference, [hyperparameters[k] for k in inference.free])]
-
-
-def tangled(correlation: Array) -> Flags:
-    """Which estimates, of correlations (F, F), can hardly be told from others, (F,).
-
-    >>> tangled(np.array([[1.0, 0.99, 0.1], [0.99, 1.0, 0.1], [0.1, 0.1, 1.0]])).tolist()
-    [True, True, False]
-    """
-    found = np.zeros(len(correlation), dtype=np.bool_)
-    for vector in _weakest(correlation):
-        found[_large(vector)] = True
-    return found
 
 
 def _weakest(correlation: Array) -> Array:

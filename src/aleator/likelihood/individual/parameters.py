@@ -125,8 +125,8 @@ def regular(inputs: Inputs) -> bool:
     for i in inputs.scattered:
         law, values = list(inputs.laws.values())[i], start[inputs.slices[i]]
         x = law.quantile(values, probability)
-        for k, value in enumerate(values):
-            step = STEP * max(abs(value), LEAST)
+        for k, (value, h) in enumerate(zip(values, law.hyperparameters, strict=True)):
+            step = STEP * (max(abs(value), LEAST * (h.upper - h.lower)) or LEAST)
             up, down = (law.log_density(_moved(values, k, by), x) for by in (step, -step))
             score = (up - down) / (2.0 * step)
             if not abs(np.mean(score)) <= BIASED * np.sqrt(np.mean(score**2)):

@@ -9,9 +9,8 @@ import numpy as np
 
 from aleator.likelihood.individual import Following, IndividualLikelihood
 from aleator.search import Ascent, Optimum, SearchResult
-from aleator.search.interface import RULED_OUT
+from aleator.search.interface import RULED_OUT, one_hill
 from aleator.search.newton import outer
-from aleator.search.optima import one_hill
 from aleator.tasks.individual.settle import Settled, climbed, settled
 from aleator.types import Array
 

@@ -58,7 +58,8 @@ def inferred(
             break
         others = (alpha, *others)
         end = settled(likelihood, profile.better)
-        found = found.improved(end.alpha, end.value)
+        at = end.likelihood(end.alpha)
+        found = found.improved(end.alpha, at, inference.identified)
     return end, found, inference, profile
 
 

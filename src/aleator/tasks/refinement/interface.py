@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,12 +26,14 @@ from aleator.search import SearchResult, ascend
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, Surface, surfaces_of
 from aleator.surrogates.responses import moving_parameters
-from aleator.tasks.individual.cost import Timed
 from aleator.tasks.region import first_region, widened
 from aleator.types import Array, Flags, Indices
 
+if TYPE_CHECKING:
+    from aleator.tasks.individual.cost import Timed
+
 Search = Callable[[Problem, list[Array]], SearchResult]
-Fast = Callable[[], Timed]
+Fast = Callable[[], "Timed"]
 """Whether the simulator itself may take the place of surfaces; found out at the first call."""
 
 SURFACE, SEARCH = "response surface", "search"

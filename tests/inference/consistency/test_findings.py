@@ -1,0 +1,55 @@
+"""Each finding names its cause: heavy tails, a scale, a column, or a group, and not another."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aleator import Censoring, Experiments
+from aleator.inference.consistency.columns import columns_of
+from aleator.inference.consistency.copies import copies_of
+from benchmarks.findings import CASES, judge
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a mean known wrongly", "noise known wrongly", "a lognormal law", "a gross error",
+        "a mean with a drift", "another curve", "an sd of its own on one bench",
+        "noise that grows", "errors that depend on each other", "subjects by a column",
+        "parameters that are correlated", "loud by hot, plain, 3, 0.1",
+    ],
+)  # fmt: skip
+def test_a_wrong_model_is_found_and_the_cause_is_named_first(name: str) -> None:
+    entries = [judge(name, seed) for seed in range(7000, 7005)]
+    told = [e["wrong"]["told"][0] for e in entries if e["wrong"]["consistent"] is False]
+    assert len(told) >= 4
+    assert sum((kind, column) in CASES[name].named for kind, _, column, _ in told) >= 3
+    assert sum(e["mended"]["consistent"] is False for e in entries) <= 2
+
+
+def test_noise_three_times_as_large_in_a_third_of_the_experiments_is_found() -> None:
+    entries = [judge("loud by hot, plain, 1, 0.3", seed) for seed in range(7000, 7020)]
+    assert sum(e["wrong"]["consistent"] is False for e in entries) >= 16
+
+
+def test_heavy_tails_under_free_means_are_not_called_likeness_of_groups() -> None:
+    name = "Student's noise, free means"
+    for seed in range(7000, 7005):
+        rng = np.random.default_rng([seed, *name.encode()])
+        found = CASES[name].wrong(CASES[name].draw(rng), seed)
+        alike = [t for t in found.tests if (t.kind, t.column) == ("groups", "load")]
+        assert all(t.corrected > 0.05 for t in alike)
+
+
+def test_a_second_column_of_the_censoring_is_no_condition() -> None:
+    rng = np.random.default_rng(3)
+    y = rng.standard_normal(40)
+    frame = pd.DataFrame({"y": np.minimum(y, 0.5), "seen": y <= 0.5, "rig": np.arange(40) % 2})
+    frame["status"] = np.where(y > 0.5, "above", "ok")
+    frame["cut"] = np.where(y > 0.5, 1, 0)
+    table = Experiments.from_frame(
+        frame.drop(columns="seen"), outcome="y",
+        censored=Censoring("status", right="above", measured="ok"),
+    )  # fmt: skip
+    left = {c.name for c in copies_of(columns_of(table), table.observations, ())}
+    assert left == {"cut"}
