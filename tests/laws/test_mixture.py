@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy import integrate, stats
 
-from aleator import By, Constant, Free, Inputs, Normal
+from aleator import By, Free, Inputs, Normal
 from aleator.errors import InputsError
 from aleator.laws import Gamma, LogNormal, Mixture, TruncatedNormal
 
@@ -124,7 +124,6 @@ def test_scores_are_those_of_differences_with_covariates_too(followed):
     "make",
     [
         lambda: Mixture((Normal(0.0, 1.0),)),
-        lambda: Mixture((Normal(0.0, 1.0), Constant(1.0))),
         lambda: Mixture((Normal(0.0, 1.0), TWO)),
         lambda: Mixture((Normal(0.0, 1.0),) * 2, shares=(0.5, 0.5)),
         lambda: Mixture((Normal(0.0, 1.0),) * 2, shares=(Free(0.5, 1.5),)),

@@ -131,7 +131,7 @@ def exact(name: str, seed: int, found: Identification) -> float:
 @pytest.mark.parametrize(
     ("name", "seed"),
     [
-        ("two slopes", 2),
+        pytest.param("two slopes", 2, marks=pytest.mark.slow),
         ("mirror", 3),
         pytest.param("fold", 1, marks=pytest.mark.slow),
         pytest.param("saddle", 1, marks=pytest.mark.long),

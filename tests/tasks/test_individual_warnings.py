@@ -22,6 +22,7 @@ from aleator import (
 from aleator.inference.diagnostics.individual import Rival, rival_warnings
 from aleator.laws import Hyperparameter
 from aleator.observations.censoring import Censoring
+from aleator.tasks.individual.cost import Timed
 
 FRAME = table(straight_line, experiments=12)
 NOISE = Noise(Free(0.01, 5.0))
@@ -110,7 +111,7 @@ def test_censored_values_above_half_are_told() -> None:
 @pytest.mark.parametrize("fast", [True, False], ids=["itself", "surfaces"])
 def test_two_maxima_are_told(monkeypatch: pytest.MonkeyPatch, fast: bool) -> None:
     """y = x^2 t says nothing of the sign of x; surfaces are made exact about one maximum only."""
-    monkeypatch.setattr("aleator.tasks.individual.answer.cheap", lambda *_: fast)
+    monkeypatch.setattr("aleator.tasks.individual.answer.cheap", lambda *_: Timed(fast))
     rng = np.random.default_rng(4)
     frame = pd.DataFrame(
         [

@@ -12,6 +12,7 @@ from aleator.likelihood.individual import OnSurfaces
 from aleator.simulators import Runner
 from aleator.surrogates import build_surface
 from aleator.tasks.individual.check import checked
+from aleator.tasks.individual.cost import Timed
 from aleator.tasks.individual.settle import climbed, settled
 
 REGION = np.array([[-12.0, 14.0], [-6.0, 6.0]])
@@ -37,9 +38,9 @@ def test_surfaces_and_the_simulator_itself_lead_to_one_answer(monkeypatch):
     experiments = Experiments.from_frame(frame, outcome="y", id="id")
     noise = Noise(Free(0.01, 5.0))
     cheap = "aleator.tasks.individual.answer.cheap"
-    monkeypatch.setattr(cheap, lambda *_: True)
+    monkeypatch.setattr(cheap, lambda *_: Timed(True))
     direct = unjudged(line, experiments, PAIR, noise=noise)
-    monkeypatch.setattr(cheap, lambda *_: False)
+    monkeypatch.setattr(cheap, lambda *_: Timed(False))
     surfaced = unjudged(line, experiments, PAIR, noise=noise)
     assert surfaced.sound
     assert surfaced.log_likelihood.estimated == pytest.approx(

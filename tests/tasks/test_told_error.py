@@ -7,6 +7,7 @@ from identifications import unjudged
 from scipy import special, stats
 
 from aleator import Experiments, Free, Inputs, LogNormal, Noise, Normal
+from aleator.tasks.individual.cost import Timed
 from aleator.types import Array
 
 Z = np.linspace(-8.0, 8.0, 4001)
@@ -22,7 +23,7 @@ def decay(time: Array, rate: Array) -> Array:
 @pytest.mark.parametrize("law", [Normal, LogNormal])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_verified_log_likelihood_is_as_exact_as_told(law, seed, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    monkeypatch.setattr("aleator.tasks.individual.answer.cheap", lambda *_: False)
+    monkeypatch.setattr("aleator.tasks.individual.answer.cheap", lambda *_: Timed(False))
     rng = np.random.default_rng(seed)
     rates = np.exp(SD * rng.standard_normal(40))
     y = decay(TIME, rates[ROWS]) + NOISE * rng.standard_normal(120)

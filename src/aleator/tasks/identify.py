@@ -193,9 +193,13 @@ def _doubtful(answer: Answer, moves: Array) -> Flags:
 
 
 def _uncertain(found: Identification) -> bool:
-    """Whether the simulator itself would make an answer on surfaces surer."""
+    """Whether the simulator itself would make an answer on surfaces surer.
+
+    One whose runs fail here and there has holes that surfaces close.
+    """
     reported = found.log_likelihood
-    return not found.sound or reported.reached is not None or (reported.error or 0.0) > EXACT
+    inexact = reported.reached is not None or (reported.error or 0.0) > EXACT
+    return not found.sound or (inexact and found.failures is None)
 
 
 def _fast(runner: Runner, model: Model) -> Timed:

@@ -59,7 +59,7 @@ def cheap(runner: Runner, inputs: Inputs, x: Array, region: Array) -> Timed:
     if SLOW < seconds < AGAIN:
         seconds = min(_timed(runner, first, x) for _ in range(2))
     if seconds > SLOW:
-        return Timed(False, f"a timed run took {_told(seconds)}, and {_told(SLOW)} is the limit")
+        return Timed(False, f"a timed run takes more than {SLOW} s")
     runner.takes_arrays(region)
     together = min(MANY, BRIEF / max(seconds, 1e-9))
     sample = max(SAMPLE, int(together / runner.units))
@@ -71,10 +71,8 @@ def cheap(runner: Runner, inputs: Inputs, x: Array, region: Array) -> Timed:
         total = min(total, _timed(runner, every, x) / sample * evaluations)
         if total < longest:
             break
-    reason = (
-        f"by timed runs all runs of an identification would take about {_told(total)}, and "
-        f"{_told(longest)} is the limit"
-    )
+    verb = "less" if total < longest else "more"
+    reason = f"by timed runs those of an identification would take {verb} than {longest:g} s"
     return Timed(total < longest, reason)
 
 
@@ -82,11 +80,6 @@ def runs_each(inputs: Inputs) -> int:
     """Runs of each unit that an identification without surfaces takes, about."""
     moving = int(moving_parameters(inputs.box).size)
     return int(NODES ** min(inputs.scattering, 3)) * (2 * moving + 1) * EVALUATIONS
-
-
-def _told(seconds: float) -> str:
-    """Seconds to two digits, small ones as milliseconds."""
-    return f"{seconds:.2g} s" if seconds >= 0.1 else f"{1e3 * seconds:.2g} ms"
 
 
 def _timed(runner: Runner, units: Indices, x: Array) -> float:
