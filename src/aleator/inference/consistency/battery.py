@@ -174,8 +174,11 @@ class Battery:
         return np.asarray(weights - weights.mean(axis=1, keepdims=True))
 
     def _shape(self, w: Array) -> Array:
-        """Of normal scores (M,): mean and scatter, then of both freed skewness, tails, farthest."""
-        farthest = -special.log_ndtr(-np.abs(standardized(w)).max())
+        """Of normal scores (M,): mean, scatter, freed of both skewness and tails, and the farthest.
+
+        The farthest is as far as the model says: the outliers that are named are those of the test.
+        """
+        farthest = -special.log_ndtr(-np.abs(w).max())
         return np.array([w.mean(), np.log(np.mean(w**2)), *moments(w), farthest])
 
     def _of_experiments(self, scores: Array) -> Array:
