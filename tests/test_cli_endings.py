@@ -110,7 +110,7 @@ def test_the_answer_of_another_study_is_not_replaced(
     folder: Path, result: str, command: tuple[str, ...]
 ) -> None:
     if command[0] == "posterior":
-        pytest.importorskip("nutpie")
+        pytest.importorskip("mici")
     older = folder / "out" / result
     older.parent.mkdir()
     text = json.dumps({"study": {"file": "../other.toml"}})

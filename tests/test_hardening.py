@@ -7,12 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aleator.errors import AleatorError
+from aleator.study import load_study
 from hardening import judging, toml
 from hardening.damaged import KINDS, damaged
 from hardening.failing import failing
+from hardening.formulas import READERS, WRITTEN, formulas
+from hardening.judging import DONE, TOLD, TRACEBACK
 from hardening.kills import kills
 from hardening.mutation import Damage
-from hardening.sound import STUDIES, prepared
+from hardening.sound import OPTIONS, STUDIES, Sound, prepared, written
 from hardening.ways import Way
 
 
@@ -70,6 +74,38 @@ def test_damage_changes_something() -> None:
     tree = STUDIES["repeated"].study
     changed = [Damage(np.random.default_rng(k)).tree(tree, 1) for k in range(50)]
     assert sum(json.dumps(one) != json.dumps(tree) for one in changed) > 40
+
+
+def test_hostile_formulas_are_read_or_told() -> None:
+    found = formulas(range(60), 5)
+    assert found.broken == ()
+    assert sum(found.counts[name, DONE] for name in READERS) > 5
+    assert sum(found.counts[name, TOLD] for name in READERS) > 50
+
+
+def test_a_formula_that_runs_raises_or_lasts_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(text: str) -> None:
+        if len(text) % 2:
+            Path("X").touch()
+        elif len(text) > 4:
+            raise KeyError("a defect")
+
+    monkeypatch.setitem(READERS, "formulas of covariates", broken)
+    told = " ".join(formulas(range(30), 5).broken)
+    assert WRITTEN in told
+    assert TRACEBACK in told
+
+
+def test_most_varied_studies_are_valid(tmp_path: Path) -> None:
+    sound, valid = STUDIES["plain"], 0
+    for k in range(16):
+        tree = Damage(np.random.default_rng(k)).varied(sound.study, OPTIONS, 2)
+        folder = written(Sound(tree, sound.table, sound.new), tmp_path / str(k))
+        try:
+            valid += bool(load_study(folder / "study.toml"))
+        except AleatorError:
+            continue
+    assert valid > 8
 
 
 @pytest.mark.slow

@@ -325,3 +325,9 @@ def test_a_formula_without_limits_is_told_how_they_are_written() -> None:
     assert 'By("1 + t", lower, upper)' in caught.value.remedy
     with pytest.raises(InputsError, match="is not two numbers"):
         TruncatedNormal(0.3, 1.7)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("text", ["log(``)", "log(`` / ``)", "(" + "9" * 1000 + ")*t", "`" * 99])
+def test_what_a_parser_stumbles_over_is_misuse(text: str) -> None:
+    with pytest.raises(InputsError):
+        Design.of(text, pd.DataFrame({"t": [0.0, 1.0, 2.0, 3.0]}))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,8 +24,9 @@ from aleator import (
     Normal,
     ResponseSurface,
     TruncatedNormal,
+    identify,
 )
-from aleator.errors import ExperimentsError, InputsError
+from aleator.errors import AleatorError, ExperimentsError, InputsError
 
 # ------------------------------------------------------------------------------ a binding box
 
@@ -205,3 +207,21 @@ def test_a_study_in_which_nothing_scatters_is_refused() -> None:
             Inputs({"k": Constant(Free(0.0, 5.0))}),
             outcome="y",
         )
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("noise", 0.6), ("noise", {"y": 0.6}), ("inputs", {"x": Normal(1.0, 0.1)}), ("table", [1.0])],
+)
+def test_what_is_no_value_of_aleator_is_misuse(name: str, value: Any) -> None:
+    given: dict[str, Any] = {
+        "table": pd.DataFrame({"load": [1.0, 2.0], "y": [1.1, 1.8]}),
+        "inputs": Inputs({"x": Normal(Free(0.5, 1.5), 0.1)}),
+        "noise": None,
+        name: value,
+    }
+    with pytest.raises(AleatorError, match="write "):
+        identify(
+            lambda load, x: load * x, given["table"], given["inputs"],
+            outcome="y", noise=given["noise"],
+        )  # fmt: skip

@@ -308,6 +308,7 @@ def _columns(formula: str, of: Any, covariates: Table) -> ModelMatrix:
     whole = covariates.select_dtypes("integer").columns  # a power of whole numbers may overflow
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore", RuntimeWarning)  # what is not finite is told below
             warnings.simplefilter("error", DataMismatchWarning)
             found: ModelMatrix = of.get_model_matrix(
                 covariates.astype(dict.fromkeys(whole, float)), na_action="raise", context=FUNCTIONS

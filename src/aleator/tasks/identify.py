@@ -101,6 +101,13 @@ def identify(
     1.031
     """
     table = _experiments(experiments, outcome)
+    if not isinstance(inputs, Inputs):
+        raise InputsError(
+            f"the inputs are {type(inputs).__name__}, not Inputs", "write Inputs({name: law, ...})"
+        )
+    each = noise.values() if isinstance(noise, Mapping) else () if noise is None else (noise,)
+    if not all(isinstance(one, Noise) for one in each):
+        raise InputsError(f"the noise is {noise!r:.60}, not Noise", "write Noise(sd=...)")
     known = (*table.observations.names, *map(str, table.table.columns), *inputs.names)
     shown = checked_units(units, known)
     runner = as_runner(simulator, table, inputs.names, vectorized, executor)
@@ -282,6 +289,11 @@ def _verified(
 def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -> Experiments:
     if isinstance(experiments, Experiments):
         return experiments
+    if not isinstance(experiments, pd.DataFrame):
+        raise InputsError(
+            f"the experiments are {type(experiments).__name__}, not a data frame or Experiments",
+            "write pandas.DataFrame(...)",
+        )
     if outcome is None:
         raise InputsError(
             "identify got a data frame but not the name of its outcome",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -29,17 +30,21 @@ class Section:
 
 
 def paragraph(text: str, kind: str = "") -> str:
-    """A paragraph of plain text.
+    """A paragraph of plain text; what stands in backticks is code.
 
-    >>> paragraph("a < b")
-    '<p>a &lt; b</p>'
+    >>> paragraph("a < b, see `aleator box`")
+    '<p>a &lt; b, see <code>aleator box</code></p>'
     """
-    return f"<p{_kind(kind)}>{escape(text)}</p>"
+    return f"<p{_kind(kind)}>{_prose(text)}</p>"
 
 
 def missing(what: str, remedy: str) -> str:
     """What a reader would look for here, why it is not there, and what brings it."""
-    return f'<p class="missing">{escape(what)} {escape(remedy)}</p>'
+    return f'<p class="missing">{_prose(what)} {_prose(remedy)}</p>'
+
+
+def _prose(text: str) -> str:
+    return re.sub("`([^`]+)`", r"<code>\1</code>", escape(text))
 
 
 def code(text: str) -> str:
