@@ -18,8 +18,8 @@ from benchmarks.densities import density_rows, failure_table
 from benchmarks.economy import print_economy
 from benchmarks.expansions import expansion_rows
 from benchmarks.few_runs import print_few_runs
-from benchmarks.folds import print_folds
 from benchmarks.findings import print_findings
+from benchmarks.folds import print_folds
 from benchmarks.growth import print_growth
 from benchmarks.identifications import identification_rows
 from benchmarks.individual import individual_rows
