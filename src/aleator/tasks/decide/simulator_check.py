@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.inference.decisions.event import Event
-from aleator.tasks.decide.near import Near, some_of
-from aleator.tasks.decide.points import Points
-from aleator.types import Array
+from aleator.inference.decisions.importance import Mixture, uniform_points
+from aleator.tasks.decide.near import REACH, Near, some_of
+from aleator.tasks.decide.points import Points, normal_points
+from aleator.tasks.decide.sample import chosen_laws, points_at, variates
+from aleator.types import Array, Flags
 
 CHECKS = 20
 LAWS = 32
@@ -18,6 +21,40 @@ LAWS = 32
 DOUBTED = 0.7
 """Share of the runs that are near the ends of the event; the others are anywhere in it."""
 SEED = 11
+POOL = 4096
+"""Points of which those are taken that are not too far out."""
+MISSED = 0.05
+"""Chance that a region is missed which is said to be excluded."""
+
+
+@dataclass(frozen=True)
+class Exploration:
+    """How a surface is tested where nothing is known of it; chosen by `benchmarks limit_states`.
+
+    Each of at most `rounds` rounds makes `runs` fresh runs, spread over the law in equal shares
+    with the law of other `scales`, as far out as `beyond` of the probability lies farther. A run
+    contradicts the surface that misses it by more than `share` of its distance from the event's
+    end and the outcome's standard deviation together. The surface then goes through all of them.
+    """
+
+    runs: int = 64
+    rounds: int = 3
+    scales: tuple[float, ...] = (1.6, 2.6)
+    beyond: float = 0.1
+    share: float = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Explored:
+    """Fresh runs x (R, n), and whether each contradicts a surface.
+
+    `unseen` is the largest probability of a region that runs like these had missed by more than
+    5 % chance.
+    """
+
+    x: Array
+    contrary: Flags
+    unseen: float
 
 
 @dataclass(frozen=True)
@@ -27,6 +64,48 @@ class Correction:
     value: float
     error: float
     runs: int
+
+
+def explored(
+    near: Near, draws: AlphaDraws, event: Event, probability: float, choice: Exploration, seed: int
+) -> Explored:
+    """Runs of the simulator all over the law and its tails, against the surface.
+
+    Sobol' points of the law and wider ones, each under a law of its own.
+    """
+    assert near.surface is not None
+    d = variates(near)
+    farthest = stats.chi2.isf(max(choice.beyond * probability, 1e-300), d)
+    density = Mixture.of_law(d, choice.scales)
+    u = density.drawn(uniform_points(POOL, d + 1, SEED + seed))
+    u = u[np.sum(u**2, axis=1) <= min(farthest, REACH**2)]
+    unseen = unseen_by(density.weights(u), choice.runs) + stats.chi2.sf(min(farthest, REACH**2), d)
+    u, rng = u[: choice.runs], np.random.default_rng([SEED, seed])
+    laws, share = chosen_laws(draws)
+    y, found = near.outcomes(laws, points_at(near, u))
+    mass = (share[:, None] * found.weights).reshape(-1, len(u)).cumsum(axis=0)
+    row = (mass < rng.uniform(size=len(u)) * mass[-1]).sum(axis=0)
+    law, place = np.unravel_index(row * len(u) + np.arange(len(u)), y.shape)
+    x, y = found.x[law, place], y[law, place]
+    run = near.at_runs(laws[law], x, found.score[place])
+    usual = near.outcomes(laws, points_at(near, normal_points(POOL // 16, d, SEED)))[0]
+    scale = np.nan_to_num(event.distance(y)) + float(np.nanstd(usual))
+    apart = np.abs(run - y) > choice.share * scale
+    apart |= np.isnan(run) & event.holds(y)
+    return Explored(x, apart, float(unseen))
+
+
+def unseen_by(weights: Array, runs: int) -> float:
+    """The largest probability of a region that so many runs miss by more than 5 % chance.
+
+    It would have 1 - 0.05^(1/runs) of the density that they were drawn by, about 3/runs; of that
+    share of the points (J,) the law's `weights` over this density are the largest where the
+    region has the most. As of independent runs: of points that are spread evenly it is
+    somewhat less.
+    """
+    share = 1.0 - MISSED ** (1.0 / runs)
+    largest = np.sort(weights)[::-1][: int(np.ceil(share * len(weights)))]
+    return float(np.sum(largest) / len(weights))
 
 
 def corrected(
