@@ -9,7 +9,6 @@ from scipy import stats
 
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.inference.decisions.event import Event
-from aleator.inference.decisions.importance import Mixture, uniform_points
 from aleator.tasks.decide.near import REACH, Near, some_of
 from aleator.tasks.decide.points import Points, normal_points
 from aleator.tasks.decide.sample import chosen_laws, points_at, variates
@@ -22,24 +21,23 @@ DOUBTED = 0.7
 """Share of the runs that are near the ends of the event; the others are anywhere in it."""
 SEED = 11
 POOL = 4096
-"""Points of which those are taken that are not too far out."""
+"""Points by which the probability of an unseen region is computed."""
 MISSED = 0.05
 """Chance that a region is missed which is said to be excluded."""
 
 
 @dataclass(frozen=True)
 class Exploration:
-    """How a surface is tested where nothing is known of it; chosen by `benchmarks limit_states`.
+    """How a surface is tested where nothing is known of it; see `benchmarks limit_states`.
 
-    Each of at most `rounds` rounds makes `runs` fresh runs, spread over the law in equal shares
-    with the law of other `scales`, as far out as `beyond` of the probability lies farther. A run
+    Each of at most `rounds` rounds makes `runs` fresh runs, half of them by the law and half
+    evenly over a ball, so large that `beyond` of the probability lies farther. A run
     contradicts the surface that misses it by more than `share` of its distance from the event's
     end and the outcome's standard deviation together. The surface then goes through all of them.
     """
 
-    runs: int = 64
+    runs: int = 96
     rounds: int = 3
-    scales: tuple[float, ...] = (1.6, 2.6)
     beyond: float = 0.1
     share: float = 0.1
 
@@ -71,16 +69,15 @@ def explored(
 ) -> Explored:
     """Runs of the simulator all over the law and its tails, against the surface.
 
-    Sobol' points of the law and wider ones, each under a law of its own.
+    Sobol' points of the variates, each under a law of its own.
     """
     assert near.surface is not None
     d = variates(near)
-    farthest = stats.chi2.isf(max(choice.beyond * probability, 1e-300), d)
-    density = Mixture.of_law(d, choice.scales)
-    u = density.drawn(uniform_points(POOL, d + 1, SEED + seed))
-    u = u[np.sum(u**2, axis=1) <= min(farthest, REACH**2)]
-    unseen = unseen_by(density.weights(u), choice.runs) + stats.chi2.sf(min(farthest, REACH**2), d)
-    u, rng = u[: choice.runs], np.random.default_rng([SEED, seed])
+    farthest = stats.chi.isf(max(choice.beyond * probability, 1e-300), d)
+    u, _ = _all_over(choice.runs, d, min(farthest, REACH), SEED + seed)
+    _, weights = _all_over(POOL, d, min(farthest, REACH), SEED + seed)
+    unseen = unseen_by(weights, choice.runs)
+    rng = np.random.default_rng([SEED, seed])
     laws, share = chosen_laws(draws)
     y, found = near.outcomes(laws, points_at(near, u))
     mass = (share[:, None] * found.weights).reshape(-1, len(u)).cumsum(axis=0)
@@ -93,6 +90,21 @@ def explored(
     apart = np.abs(run - y) > choice.share * scale
     apart |= np.isnan(run) & event.holds(y)
     return Explored(x, apart, float(unseen))
+
+
+def _all_over(count: int, d: int, radius: float, seed: int) -> tuple[Array, Array]:
+    """Points (J, d), half of the law and half over a ball, and the law over their density (J,).
+
+    Over the ball they are even in one or two variates, and nearer to the middle in more.
+    """
+    flat = min(d, 2)
+    u, z = normal_points(count // 2, d, seed), normal_points(count // 2, d, seed + POOL)
+    length = np.linalg.norm(z, axis=1, keepdims=True)
+    u = np.concatenate([u, z / length * radius * stats.chi.cdf(length, d) ** (1.0 / flat)])
+    r = np.linalg.norm(u, axis=1)
+    ball = np.where(r < radius, flat * r ** (flat - 1) / radius**flat, 0.0)
+    law = stats.chi.pdf(r, d)
+    return u, law / (0.5 * law + 0.5 * ball)
 
 
 def unseen_by(weights: Array, runs: int) -> float:
