@@ -93,9 +93,14 @@ def predict(
     interval of each quantile, too. With --no-uncertainty alpha is taken at its estimate.
 
     With --above, --below or --between: the probability of such an outcome, with a 95 % interval
-    and the standard error of the computation, however rare it is. With --tolerance limits of
-    the outcome, with --reliability a design value. All are in the unit of the outcome, and of what
-    is measured; --no-noise asks for the true value, as whether something fails does.
+    and the standard error of the computation, however rare it is. By a surface, fresh runs of the
+    simulator all over the law look for regions of failure that the surface does not have: where
+    they contradict it the status is "unsettled", and `unseen` is the probability of a region that
+    they do not exclude. `at_estimate` is of the estimate alone; the interval is not its.
+
+    With --tolerance limits of the outcome, with --reliability a design value. All are in the unit
+    of the outcome, and of what is measured; --no-noise asks for the true value, as whether
+    something fails does.
 
     Of experiments with several observations NEW.csv has a row for each prediction; rows with the
     same id are one new experiment. With --of they are further measurements of an experiment that

@@ -17,7 +17,7 @@ Columns = Mapping[Any, Sequence[Any]]
 
 PROBABILITIES: Sequence[Column] = (
     ("id", "left"), ("probability", "right"), ("95 % interval", "right"),
-    ("at estimate", "right"), ("+-", "right"), ("beyond", "right"), ("note", "fold"),
+    ("+-", "right"), ("estimate alone", "right"), ("beyond", "right"), ("note", "fold"),
 )  # fmt: skip
 SMALL = 1e-3
 """Probabilities below are written with a power of ten."""
@@ -30,14 +30,33 @@ def render_probabilities(columns: Columns, title: str) -> RenderableType:
             str(row["id"]),
             _chance(row["probability"]),
             _between(row["lower"], row["upper"], _chance),
-            _chance(row["at_estimate"]),
             _chance(row["error"], 1),
+            _chance(row["at_estimate"]),
             beyond(row.get("beyond")),
             str(row["status"]).replace("_", " ") if row["status"] != "solved" else "",
         )
         for row in _rows(columns)
     ]
-    return Group(Text(title, style="bold"), Rows(_filled(PROBABILITIES, rows), _cells(rows)))
+    table = Rows(_filled(PROBABILITIES, rows), _cells(rows))
+    return Group(Text(title, style="bold"), table, *map(Text, _doubts(columns)))
+
+
+def _doubts(columns: Columns) -> list[str]:
+    """What is not settled, and what no run can exclude, in sentences."""
+    found = []
+    if "unsettled" in columns["status"]:
+        found.append(
+            "unsettled: runs of the simulator contradict the surface, and the probability may be "
+            "wrong by far more than +-. Allow the surface more runs (max_runs)."
+        )
+    unseen = [value for value in columns["unseen"] if not math.isnan(value)]
+    if unseen:
+        found.append(
+            "Fresh runs all over the law look for regions that the surface does not have. By them "
+            f"alone one with a probability above {_chance(max(unseen), 1)} is excluded with 95 % "
+            "confidence, a smaller one is not."
+        )
+    return found
 
 
 def render_limits(columns: Columns, title: str) -> RenderableType:

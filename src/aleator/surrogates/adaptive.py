@@ -18,7 +18,7 @@ from aleator.simulators import Runner
 from aleator.surrogates.afforded import Afforded, everyone, within
 from aleator.surrogates.choice import ResponseSurface
 from aleator.surrogates.conditions import TEXTS, features
-from aleator.surrogates.emulator import Emulator
+from aleator.surrogates.emulator import Emulator, pairs
 from aleator.surrogates.own import OwnSurfaces
 from aleator.surrogates.responses import Run, attempts, moving_parameters
 from aleator.surrogates.samples import Samples
@@ -127,6 +127,11 @@ class AdaptiveSurfaces:
         self.emulator.move(box)
         self.past[:] = np.inf
         self._complete()
+
+    def add(self, x: Array) -> None:
+        """Runs of all experiments at points x (Q, n) of the box, which the surfaces go through."""
+        self.emulator.ask(x, *pairs(np.arange(self.good.size), len(x)))
+        self.move(self.box)
 
     def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
         """Estimate the errors at points (J, n) of a law, or over the box."""

@@ -80,7 +80,7 @@ class Emulator(ABC):
         """Whose error is above `tolerance` of its scatter and `accuracy` of its size."""
         return self.error > np.maximum(tolerance * self.scatter, accuracy * self.level)
 
-    def _ask(self, x: Array, index: Indices, place: Indices) -> None:
+    def ask(self, x: Array, index: Indices, place: Indices) -> None:
         """Run experiments `index` (R,) at the points x[place], for x (Q, n)."""
         outcome = np.asarray(self.run(index, x[place]), dtype=np.float64)
         if outcome.shape != index.shape or np.isinf(outcome).any():

@@ -62,7 +62,7 @@ class OwnSurfaces(Emulator):
         """Run everyone at the points up to `count` of those that are to begin with."""
         fresh = self.start[self.begun : count]
         everyone, place = pairs(np.arange(len(self.prior)), len(fresh))
-        self._ask(fresh, everyone, place)
+        self.ask(fresh, everyone, place)
         self.begun, self.pool = count, first_priors(len(self.box))
         self.stale[:] = True
 
@@ -89,7 +89,7 @@ class OwnSurfaces(Emulator):
             fresh = continued(known, self.axes.inward(draws), count)
         index, place = pairs(members, count)
         allowed = place < most - self.runs[index]
-        self._ask(self.axes.outward(fresh), index[allowed], place[allowed])
+        self.ask(self.axes.outward(fresh), index[allowed], place[allowed])
         if draws is None:
             missed = self._guess(members, inside, fresh) - self.samples.outcome[members, -count:]
             unseen = _root_mean_square(missed)

@@ -123,7 +123,7 @@ class SharedSurface(Emulator):
         even = (even[before[index] + place] + self.shift[index]) % 1.0
         x = self._over_box(even) if draws is None else self._over_law(even, draws)
         allowed = np.flatnonzero(place < most - before[index])
-        self._ask(x[allowed], index[allowed], np.arange(len(allowed)))
+        self.ask(x[allowed], index[allowed], np.arange(len(allowed)))
 
     def _over_box(self, even: Array) -> Array:
         """Points x (R, n) that gather at the faces of the box, for even ones in [0, 1]."""

@@ -22,7 +22,7 @@ from aleator.tasks.decide.near import Near
 from aleator.tasks.decide.probability import interval_about, probability
 from aleator.tasks.decide.question import events_asked
 from aleator.tasks.decide.sample import of_law
-from aleator.tasks.decide.simulator_check import corrected
+from aleator.tasks.decide.simulator_check import corrected, unseen_by
 
 ONE = pd.DataFrame({"load": [1.0]})
 
@@ -181,3 +181,45 @@ def test_values_are_in_the_unit_of_the_outcome() -> None:
                   (-1.0, None, None), (np.nan, None, None)):  # fmt: skip
         with pytest.raises(InputsError):
             events_asked(where, None, *asked)
+
+
+def bump(place: tuple[float, float], width: float) -> Callable[..., np.ndarray]:
+    """A line with a narrow hill away from the point of the line that is most probable."""
+    return lambda load, a, b: (
+        load * (a + 8.0 * np.exp(-((a - place[0]) ** 2 + (b - place[1]) ** 2) / (2.0 * width**2)))
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", [(-2.0, 2.6), (-0.5, -3.3)])
+def test_a_region_that_the_surface_does_not_have_is_not_solved(place: tuple[float, float]) -> None:
+    where = ground(bump(place, 0.5), PAIR)
+    told = found(where, above(4.9), known(PAIR), 20)
+    a = np.linspace(-8.0, 8.0, 2001)
+    y = bump(place, 0.5)(1.0, a[:, None], a)
+    density = stats.norm.pdf(a)
+    exact = float(np.sum((y > 4.9) * density[:, None] * density) * (a[1] - a[0]) ** 2)
+    assert (
+        told.status != "solved" or abs(told.probability - exact) < 4.0 * told.error + 0.01 * exact
+    )
+    assert told.unseen > exact
+
+
+def test_runs_exclude_only_what_they_would_have_met() -> None:
+    """Of points of the law itself, three in a hundred for a hundred runs."""
+    assert unseen_by(np.ones(100_000), 100) == pytest.approx(1.0 - 0.05 ** (1 / 100), rel=1e-3)
+
+
+def test_checks_that_change_the_probability_leave_it_unsettled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where the surface stays 0.08 too low, P(a > 2) is not P(a > 2.08)."""
+    draws, jump = known(ALONE), Event(((2.0, np.inf),))
+    where = ground(lambda load, a: load * a, ALONE)
+    assert found(where, jump, draws, 20).status == "solved"
+    near = Near.of(where, 0, draws)
+    wrong = Near.of(ground(lambda load, a: load * a - 0.08, ALONE), 0, draws)
+    assert wrong.surface is not None
+    monkeypatch.setattr(type(wrong.surface), "error", property(lambda _: 0.1))
+    told = probability(replace(near, surface=wrong.surface), draws, jump, 400)
+    assert told.status == "unsettled"

@@ -41,6 +41,7 @@ class OneSurface:
     ) -> None:
         runner = ground.runner
         self.box, self.progress = ground.inputs.box, progress
+        self._fitted: OnSurfaces | None = None
         self.region = padded(ends, self.box, PAD, LEAST)
         where = slice(place, place + 1)
         self.sites = Sites.seen(runner, runner.unit[where], runner.column[where])
@@ -57,17 +58,29 @@ class OneSurface:
 
     def predictor(self) -> Predictor:
         """As it is now."""
-        return OnSurfaces(self.surfaces.surface(), self.region, ZERO)
+        if self._fitted is None:
+            self._fitted = OnSurfaces(self.surfaces.surface(), self.region, ZERO)
+        return self._fitted
 
     def follow(self, x: Array) -> None:
         """Make it exact at points x (D, n) too, on a region that holds them."""
+        self._reach(x)
+        self._sharpened(x)
+
+    def _reach(self, x: Array) -> None:
+        self._fitted = None
         wanted = hull(self.region, padded(ends_of(x), self.box, PAD, LEAST))
         if np.any(wanted != self.region):
             self.region = wanted
             self.surfaces.move(wanted[moving_parameters(wanted)])
-        self._sharpened(x)
+
+    def learn(self, x: Array) -> None:
+        """Go through runs at points x (R, n) too, on a region that holds them."""
+        self._reach(x)
+        self.surfaces.add(x[:, moving_parameters(self.region)])
 
     def _sharpened(self, x: Array) -> None:
+        self._fitted = None
         where = x[:: max(1, len(x) // MOST)][:, moving_parameters(self.region)]
         self.surfaces.judge(where)
         self.surfaces.refine(where, LEVEL, told(self.progress))

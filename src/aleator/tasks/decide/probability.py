@@ -24,7 +24,13 @@ from aleator.tasks.decide.sample import (
     of_law,
     often,
 )
-from aleator.tasks.decide.simulator_check import CHECKS, Correction, corrected
+from aleator.tasks.decide.simulator_check import (
+    CHECKS,
+    Correction,
+    Exploration,
+    corrected,
+    explored,
+)
 from aleator.tasks.decide.table import heads, in_rows, tails
 from aleator.types import Array, Flags
 
@@ -42,7 +48,8 @@ class Probability:
     `at_estimate` is that of the estimate alone, `error` the standard error of the computation,
     `checks` the runs of the simulator that it was held against. `distance` is that of the
     most probable point of the event, or of its contrary, from the middle of the law of the
-    estimate in standard deviations; NaN where nothing is rare.
+    estimate in standard deviations; NaN where nothing is rare. `unseen` is the largest probability
+    of a region that the fresh runs beside a surface do not exclude; NaN without a surface.
     """
 
     probability: float
@@ -53,6 +60,7 @@ class Probability:
     distance: float
     checks: int
     status: str
+    unseen: float
 
 
 def probabilities(
@@ -72,7 +80,8 @@ def probabilities(
         near = Near.of(ground, place, draws, progress)
         event = events[int(ground.seen.response[place])]
         found.append(probability(near, draws, event, checks, progress))
-    names = ("probability", "lower", "upper", "at_estimate", "error", "distance", "checks")
+    names = ("probability", "lower", "upper", "error", "at_estimate", "distance", "checks",
+             "unseen")  # fmt: skip
     columns = {name: np.array([getattr(p, name) for p in found]) for name in names}
     status = {"status": np.array([p.status for p in found])}
     return in_rows(ground, {**heads(ground, asked), **columns, **tails(ground, asked), **status},
@@ -85,13 +94,17 @@ def probability(
     event: Event,
     checks: int = CHECKS,
     progress: Progress | None = None,
+    choice: Exploration | None = None,
 ) -> Probability:
     """P(y in the event) = sum_a w_a P(y in the event | alpha_a).
 
     By importance sampling from a density that is sought for the event, or for its contrary where
-    that is less likely (`importance_density`). A surface is then held against `checks` runs.
+    that is less likely (`importance_density`). Fresh runs all over the law are then compared with a
+    surface, which goes through them where one contradicts it, and `checks` runs near the event's
+    ends correct it. It is "unsettled" where the last fresh runs contradict the surface, or the
+    checks change the probability by more than the `share` of the choice.
     """
-    asked, turned = event, False
+    asked, turned, choice = event, False, choice or Exploration()
     if near.ground.measured is not None:
         sample = of_law(near)
     else:
@@ -99,6 +112,18 @@ def probability(
         asked = event.contrary if turned else event
         sample = about_event(near, draws, asked)
     told = _Told.of(near, draws, asked, sample)
+    unseen, settled = float("nan"), True
+    for round_ in range(choice.rounds if near.surface is not None else 0):
+        assert near.surface is not None
+        if progress is not None:
+            progress.stage(f"{choice.runs} runs of the simulator look for other regions")
+        seen = explored(near, draws, asked, told.mixed, choice, round_)
+        unseen, settled = seen.unseen, not seen.contrary.any()
+        if settled or round_ == choice.rounds - 1:
+            break
+        near.surface.learn(seen.x)
+        sample = about_event(near, draws, asked)
+        told = _Told.of(near, draws, asked, sample)
     distance = float("nan")
     if sample.density is not None:
         distance = distance_of(near, draws.estimate, asked, sample.replicates)
@@ -107,7 +132,8 @@ def probability(
         if progress is not None:
             progress.stage(f"{checks} runs of the simulator check a probability")
         change = corrected(near, draws, asked, sample.joined, checks)
-    found = told.found(draws, change, sample, distance)
+        settled = settled and abs(change.value) <= choice.share * told.mixed
+    found = told.found(draws, change, sample, distance, unseen, settled)
     return _turned(found) if turned else found
 
 
@@ -161,7 +187,13 @@ class _Told:
         return float(np.hypot(points, STUDENT * np.std(means, ddof=1) / np.sqrt(BATCHES)))
 
     def found(
-        self, draws: AlphaDraws, change: Correction, sample: Sample, distance: float
+        self,
+        draws: AlphaDraws,
+        change: Correction,
+        sample: Sample,
+        distance: float,
+        unseen: float,
+        settled: bool,
     ) -> Probability:
         """The probability with its interval, corrected by the simulator's runs in proportion."""
         mixed = self.mixed
@@ -171,11 +203,11 @@ class _Told:
         ends = interval_about(whole, own[1:], self.weights)
         if draws.certain:
             ends = np.full(2, np.nan)
-        status = "solved" if sample.reached else "not_reached"
+        status = "unsettled" if not settled else "solved" if sample.reached else "not_reached"
         return Probability(
             whole, float(ends[0]), float(ends[1]), float(own[0]),
             float(np.hypot(self.error, change.error)), distance, change.runs,
-            "runs_failed" if self.lost > LOST else status,
+            "runs_failed" if self.lost > LOST else status, unseen,
         )  # fmt: skip
 
 
@@ -206,5 +238,5 @@ def _turned(found: Probability) -> Probability:
     """That of the contrary event."""
     return Probability(
         1.0 - found.probability, 1.0 - found.upper, 1.0 - found.lower, 1.0 - found.at_estimate,
-        found.error, found.distance, found.checks, found.status,
+        found.error, found.distance, found.checks, found.status, found.unseen,
     )  # fmt: skip
