@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,6 +31,9 @@ Points = tuple[Array, Array]
 """Points x (K, s) of a level set, and their weights (K,)."""
 Set = Callable[[float, float], Points]
 """The level set {x: eta(c, x) = y} of one experiment, by c and y."""
+
+Curve = Callable[..., Any]
+"""A function of conditions and parameters, or of a condition where it gives places."""
 
 PANELS, GAUSS = 1500, np.polynomial.legendre.leggauss(4)
 """Panels of an integral along a curve, and the points of each."""
@@ -87,7 +91,9 @@ class Shape:
     range: tuple[float, float] = (0.5, 2.0)
 
 
-def roots(response: Callable[..., Array], breaks: Callable[[float], list[float]]) -> Callable:
+def roots(
+    response: Callable[..., Array], breaks: Callable[[float], list[float]]
+) -> Callable[[tuple[Law, ...]], Set]:
     """Level sets of one parameter: a root of each monotone branch between `breaks`."""
 
     def level(laws: tuple[Law, ...]) -> Set:
@@ -113,7 +119,7 @@ def roots(response: Callable[..., Array], breaks: Callable[[float], list[float]]
     return level
 
 
-def graph(g: Callable, k: Callable, breaks: Callable) -> Callable:
+def graph(g: Curve, k: Curve, breaks: Curve) -> Callable[[tuple[Law, ...]], Set]:
     """Level sets of y = g(c, a) + k(c) b, by a: smooth between `breaks` of a."""
 
     def level(laws: tuple[Law, ...]) -> Set:
@@ -131,7 +137,7 @@ def graph(g: Callable, k: Callable, breaks: Callable) -> Callable:
     return level
 
 
-def ellipse(inner: Callable, m: float, n: float, k: float) -> Callable:
+def ellipse(inner: Curve, m: float, n: float, k: float) -> Callable[[tuple[Law, ...]], Set]:
     """Level sets of y = f((a - m)^2 + k (b - n)^2), where `inner` gives r^2 and dr^2/dy."""
 
     def level(_: tuple[Law, ...]) -> Set:
@@ -147,7 +153,7 @@ def ellipse(inner: Callable, m: float, n: float, k: float) -> Callable:
     return level
 
 
-def saddle(m: float, n: float) -> Callable:
+def saddle(m: float, n: float) -> Callable[[tuple[Law, ...]], Set]:
     """Level sets of y = c (a - m)(b - n): hyperbolas."""
 
     def level(laws: tuple[Law, ...]) -> Set:
@@ -165,7 +171,7 @@ def saddle(m: float, n: float) -> Callable:
     return level
 
 
-def either(largest: bool) -> Callable:
+def either(largest: bool) -> Callable[[tuple[Law, ...]], Set]:
     """Level sets of y = max(a, c b), or of the smallest: two half lines."""
 
     def level(laws: tuple[Law, ...]) -> Set:
@@ -184,7 +190,8 @@ def either(largest: bool) -> Callable:
                 x = np.empty((along.size, 2))
                 x[:, k], x[:, other] = at, along
                 parts.append((x, (half[:, None] * GAUSS[1]).ravel() / scale))
-            return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+            x_of, weights_of = zip(*parts, strict=True)
+            return np.concatenate(x_of), np.concatenate(weights_of)
 
         return points
 
@@ -198,11 +205,13 @@ def _nothing(_: float) -> list[float]:
 A, B = (0.0, 2.0), (-1.0, 3.0)
 
 
-def _one(name: str, response: Callable, breaks: Callable, law: Law, c=(0.5, 2.0)) -> Shape:
+def _one(name: str, response: Curve, breaks: Curve, law: Law,
+         c: tuple[float, float] = (0.5, 2.0)) -> Shape:  # fmt: skip
     return Shape(name, response, roots(response, breaks), (law,), c)
 
 
-def _two(name: str, g: Callable, k: Callable, breaks: Callable, *laws: Law, c=(0.5, 2.0)) -> Shape:
+def _two(name: str, g: Curve, k: Curve, breaks: Curve, *laws: Law,
+         c: tuple[float, float] = (0.5, 2.0)) -> Shape:  # fmt: skip
     return Shape(name, lambda c, a, b: g(c, a) + k(c) * b, graph(g, k, breaks), laws, c)
 
 
@@ -298,11 +307,11 @@ class Study:
             time.sleep(SLOW)
         return y
 
-    def identified(self, **options: object) -> Identification:
+    def identified(self, **options: Any) -> Identification:
         """What `identify` reports by default settings."""
         return identify(
             self.simulator(), self.table(), self.inputs, outcome="y", vectorized=True, **options
-        )  # type: ignore[arg-type]
+        )
 
 
 class Exact:
@@ -366,9 +375,9 @@ def measured(study: Study) -> dict[str, object]:
         "seed": study.seed,
         "slow": study.slow,
         "sound": found.sound,
-        "consistent": None if found.consistency is None else found.consistency.consistent,
+        "consistent": found.consistent,
         "off": reported.estimated - exact.total(alpha),
-        "error": getattr(reported, "error", None),
+        "error": reported.error,
         "verified": None if reported.verified is None else reported.verified - exact.total(alpha),
         "verified_error": reported.verified_standard_error,
         "deficit": exact.total(best) - exact.total(alpha),
