@@ -41,6 +41,13 @@ def by_both_signs(c: Array, y: Array, alpha: Array) -> Array:
     return np.asarray((law.pdf(r) + law.pdf(-r)) / (2.0 * r))
 
 
+def beside_a_maximum(c: Array, y: Array, alpha: Array) -> Array:
+    """y = 2 - (a - c)^2: the roots are c +- r."""
+    r = np.sqrt(2.0 - y)
+    law = truncated(*alpha)
+    return np.asarray((law.pdf(c + r) + law.pdf(c - r)) / (2.0 * r))
+
+
 def by_panels(f: Callable[[Array], Array], ends: Array) -> float:
     half, middle = 0.5 * np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
     x = middle[:, None] + half[:, None] * NODES
@@ -84,6 +91,9 @@ STUDIES = {
         lambda c, a: np.maximum(a - c, 0.3 * (c - a)), by_roots, (0.2, 1.8), {"a": (1.0, 0.3)},
     ),
     "mirror": (lambda c, a: a**2 + 0.01 * c, by_both_signs, (0.0, 1.0), {"a": (0.3, 0.4)}),
+    "maximum": (
+        lambda c, a: 2.0 - (a - c) ** 2, beside_a_maximum, (0.6, 1.4), {"a": (1.0, 0.25)},
+    ),
     "fold": (
         lambda c, a, b: np.abs(a - c) + c * b, along_the_fold, (0.2, 1.8),
         {"a": (1.0, 0.25), "b": (1.0, 0.2)},
@@ -93,7 +103,7 @@ STUDIES = {
         {"a": (1.1, 0.3), "b": (0.9, 0.25)},
     ),
 }  # fmt: skip
-BOXED = ("two slopes", "fold")
+BOXED = ("two slopes", "maximum", "fold")
 
 
 def study(name: str, seed: int) -> tuple[pd.DataFrame, Inputs]:
@@ -133,6 +143,8 @@ def exact(name: str, seed: int, found: Identification) -> float:
     [
         pytest.param("two slopes", 2, marks=pytest.mark.slow),
         ("mirror", 3),
+        ("mirror", 13),
+        ("maximum", 5),
         pytest.param("fold", 1, marks=pytest.mark.slow),
         pytest.param("saddle", 1, marks=pytest.mark.long),
     ],
