@@ -35,15 +35,16 @@ def paragraph(text: str, kind: str = "") -> str:
     >>> paragraph("a < b, see `aleator box`")
     '<p>a &lt; b, see <code>aleator box</code></p>'
     """
-    return f"<p{_kind(kind)}>{_prose(text)}</p>"
+    return f"<p{_kind(kind)}>{prose(text)}</p>"
 
 
 def missing(what: str, remedy: str) -> str:
     """What a reader would look for here, why it is not there, and what brings it."""
-    return f'<p class="missing">{_prose(what)} {_prose(remedy)}</p>'
+    return f'<p class="missing">{prose(what)} {prose(remedy)}</p>'
 
 
-def _prose(text: str) -> str:
+def prose(text: str) -> str:
+    """Plain text as HTML; what stands in backticks is code."""
     return re.sub("`([^`]+)`", r"<code>\1</code>", escape(text))
 
 

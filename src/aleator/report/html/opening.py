@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from html import escape
 from typing import Any
 
-from aleator.report.html.markup import Section, paragraph
+from aleator.report.html.markup import Section, paragraph, prose
 from aleator.tasks.results.printed import left_out, log_likelihood, number, second_verdict, verdict
 
 Document = Mapping[str, Any]
@@ -31,7 +31,7 @@ def warnings(document: Document) -> Section:
 def _verdict(sentence: str, good: bool | None) -> str:
     head, colon, rest = sentence.partition(":")
     kind = "unknown" if good is None else "good" if good else "bad"
-    return f'<p class="verdict {kind}"><strong>{escape(head)}</strong>{colon}{escape(rest)}</p>'
+    return f'<p class="verdict {kind}"><strong>{escape(head)}</strong>{colon}{prose(rest)}</p>'
 
 
 def _identified(document: Document) -> str:
@@ -65,11 +65,11 @@ def _contradicted(document: Document) -> Iterator[str]:
 
 
 def _item(head: str, message: str, remedy: str | None, id: str | None = None) -> str:
-    mended = f'<span class="remedy">Remedy: {escape(remedy)}</span>' if remedy else ""
+    mended = f'<span class="remedy">Remedy: {prose(remedy)}</span>' if remedy else ""
     pick = (
         f' <button type="button" data-pick="{escape(id)}">Mark it</button>'
         if id is not None
         else ""
     )
-    said = f"<strong>{escape(head)}:</strong> {escape(message)}"
+    said = f"<strong>{escape(head)}:</strong> {prose(message)}"
     return f'<p class="warning">{said}{pick}{mended}</p>'
