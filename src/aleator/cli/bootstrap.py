@@ -14,9 +14,9 @@ from aleator.cli.running import (
     RunOptions,
     folder_of,
     identified,
+    linked,
     make_place,
     makes_runs,
-    outcome_of,
     running,
     units_in,
 )
@@ -77,10 +77,7 @@ def bootstrap(
             folder=folder,
             progress=progress,
         )
-    entry = documents.linked(
-        {**units_in(value), **found.to_dict()}, value.title, study_file, value.sha256,
-        outcome_of(value), folder,
-    )  # fmt: skip
+    entry = linked({**units_in(value), **found.to_dict()}, value, study_file, folder)
     document = documents.plain(entry)
     documents.write_json(document, folder / "bootstrap.json")
     documents.write_text(found.replicates().to_csv(), folder / "bootstrap.csv")

@@ -12,9 +12,9 @@ from aleator.cli.running import (
     FOLDER,
     SEED,
     RunOptions,
+    linked,
     make_place,
     makes_runs,
-    outcome_of,
     running,
     units_in,
 )
@@ -61,9 +61,6 @@ def box(
     else:
         Console().print(report.render(found, units_in(value)))
     if output is not None:
-        document = documents.linked(
-            {**report.document(found), **units_in(value)}, value.title, study_file, value.sha256,
-            outcome_of(value), output,
-        )  # fmt: skip
+        document = linked({**report.document(found), **units_in(value)}, value, study_file, output)
         documents.write_json(document, output / "box.json")
         click.echo(f"Written: {short(output / 'box.json')}")

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import click
 from rich.console import Console, RenderableType
 
-from aleator.cli.running import outcome_of, units_in
+from aleator.cli.running import linked, units_in
 from aleator.cli.showing import can_draw
 from aleator.errors import short
 from aleator.study import Study
@@ -45,9 +45,7 @@ def ended(
     A `table` is written as name.csv; `draw` writes a figure of the document into the folder, where
     matplotlib is installed.
     """
-    entry = documents.linked(
-        {**made, **units_in(study)}, study.title, file, study.sha256, outcome_of(study), folder
-    )
+    entry = linked({**made, **units_in(study)}, study, file, folder)
     document, files = documents.plain(entry), [folder / f"{name}.json"]
     documents.write_json(document, files[0])
     if table is not None:

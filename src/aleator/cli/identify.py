@@ -18,9 +18,9 @@ from aleator.cli.running import (
     described,
     folder_of,
     identified,
+    linked,
     make_place,
     makes_runs,
-    outcome_of,
     running,
 )
 from aleator.cli.showing import can_draw, can_report, say, shown
@@ -174,9 +174,7 @@ def identify(
         if not no_figures:
             result = pictured(result, progress)
     called = {"simulator": described(value)}
-    document = documents.linked(
-        result.to_dict() | called, value.title, study_file, value.sha256, outcome_of(value), folder
-    )
+    document = linked(result.to_dict() | called, value, study_file, folder)
     documents.write_json(document, folder / IDENTIFICATION)
     files = [short(folder / IDENTIFICATION)]
     if not no_figures:

@@ -14,9 +14,9 @@ from aleator.cli.running import (
     SEED,
     RunOptions,
     identified,
+    linked,
     make_place,
     makes_runs,
-    outcome_of,
     running,
     units_in,
 )
@@ -135,9 +135,7 @@ def next(
     )
     files = []
     if output is not None:
-        document = documents.linked(
-            document, value.title, study_file, value.sha256, outcome_of(value), output
-        )
+        document = linked(document, value, study_file, output)
         documents.write_json(document, output / "next.json")
         text = plan.table().to_csv(index_label="id", lineterminator="\n")
         documents.write_text(text, output / "next.csv")

@@ -14,9 +14,9 @@ from aleator.cli.running import (
     RunOptions,
     folder_of,
     identified,
+    linked,
     make_place,
     makes_runs,
-    outcome_of,
     running,
     units_in,
 )
@@ -76,10 +76,7 @@ def posterior(
     with running(value, options) as runner, shown(options.quiet) as progress:
         found = identified(value, runner, progress)
         made = drawn(found, draws, chains, value.seed, progress)
-    document = documents.linked(
-        {**units_in(value), **made.to_dict()}, value.title, study_file, value.sha256,
-        outcome_of(value), folder,
-    )  # fmt: skip
+    document = linked({**units_in(value), **made.to_dict()}, value, study_file, folder)
     paths = [folder / f"posterior.{kind}" for kind in ("nc", "csv", "json")]
     made.save(paths[0])
     documents.write_text(made.frame().to_csv(index=False), paths[1])

@@ -15,9 +15,9 @@ from aleator.cli.running import (
     SEED,
     RunOptions,
     identified,
+    linked,
     make_place,
     makes_runs,
-    outcome_of,
     running,
 )
 from aleator.cli.showing import shown
@@ -100,9 +100,7 @@ def recover(
     files = []
     document = {"title": value.title, "seed": value.seed, **recovery.document(found)}
     if output is not None:
-        document = documents.linked(
-            document, value.title, study_file, value.sha256, outcome_of(value), output
-        )
+        document = linked(document, value, study_file, output)
         documents.write_json(document, output / RECOVERY)
         files.append(output / RECOVERY)
     told(recovery, document, files, options.quiet)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import functools
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, fields
@@ -199,6 +199,15 @@ def outcome_of(study: Study) -> str:
     """What the likelihood sees of an experiment, as reports and figures call it."""
     known = units_in(study)
     return ", ".join(seen_label(known, name) for name in known["responses"])
+
+
+def linked(
+    result: Mapping[str, Any], study: Study, study_file: Path, folder: Path
+) -> dict[str, Any]:
+    """The document of a result of a study that is written to `folder`."""
+    return documents.linked(
+        result, study.title, study_file, study.sha256, outcome_of(study), folder
+    )
 
 
 def name_of(study: Path) -> str:

@@ -28,7 +28,9 @@ MISSED = 0.05
 
 @dataclass(frozen=True)
 class Exploration:
-    """How a surface is tested where nothing is known of it; see `benchmarks limit_states`.
+    """How a surface is tested where nothing is known of it.
+
+    Chosen by trials with three hills off the design point; `benchmarks limit_states` measures it.
 
     Each of at most `rounds` rounds makes `runs` fresh runs, half of them by the law and half
     evenly over a ball, so large that `beyond` of the probability lies farther. A run
