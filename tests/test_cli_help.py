@@ -22,7 +22,6 @@ from aleator import (
     Free,
     GradientMultistart,
     Inputs,
-    LogSpline,
     MaximumEntropy,
     MonteCarlo,
     Normal,
@@ -105,7 +104,7 @@ def test_the_defaults_of_a_study_file_are_those_of_the_library() -> None:
     text = shown("identify")
     choices = {
         "propagation": ResponseSurface(), "gradient": GradientMultistart(),
-        "maximum_entropy": MaximumEntropy(), "convolution": Convolution(), "logspline": LogSpline(),
+        "maximum_entropy": MaximumEntropy(), "convolution": Convolution(),
     }  # fmt: skip
     for kind, choice in choices.items():
         part = text[text.index(f"[{kind}]" if kind == "propagation" else f'"{kind}" (') :]

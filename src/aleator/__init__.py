@@ -7,7 +7,6 @@ if TYPE_CHECKING:
     from aleator.densities import Convolution as Convolution
     from aleator.densities import Gaussian as Gaussian
     from aleator.densities import GaussianMixture as GaussianMixture
-    from aleator.densities import LogSpline as LogSpline
     from aleator.densities import MaximumEntropy as MaximumEntropy
     from aleator.densities.distances import earth_movers_distance as earth_movers_distance
     from aleator.errors import AleatorError as AleatorError
@@ -110,7 +109,7 @@ _HOMES = {
     "expansion": ["Projection", "SparseProjection", "Regression"],
     "expansion.sobol": ["sobol_indices"],
     "polynomials.indices": ["TotalDegree", "Hyperbolic", "Anisotropic"],
-    "densities": ["Convolution", "MaximumEntropy", "Gaussian", "GaussianMixture", "LogSpline"],
+    "densities": ["Convolution", "MaximumEntropy", "Gaussian", "GaussianMixture"],
     "densities.distances": ["earth_movers_distance"],
     "search": [
         "GradientMultistart", "GeneticAlgorithm", "DifferentialEvolution", "CMAES", "CustomSearch",

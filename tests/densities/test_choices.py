@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic_core import PydanticCustomError
 
-from aleator.densities import Convolution, Gaussian, GaussianMixture, LogSpline, MaximumEntropy
+from aleator.densities import Convolution, Gaussian, GaussianMixture, MaximumEntropy
 from aleator.study.sections import DENSITIES
 
 
@@ -17,10 +17,6 @@ from aleator.study.sections import DENSITIES
         ({"kind": "gaussian"}, Gaussian()),
         ({"kind": "gaussian_mixture"}, GaussianMixture()),
         ({"kind": "convolution", "points": 50}, Convolution(50)),
-        (
-            {"kind": "logspline", "knots": 12, "smoothing": 1e-3},
-            LogSpline(12, smoothing=1e-3),
-        ),
         ({"kind": "automatic"}, None),
         ({}, None),
     ],
@@ -33,8 +29,8 @@ def test_the_study_file_names_every_density(section: dict, choice: object) -> No
     ("kind", "key", "owner"),
     [
         ("gaussian", "order", "maximum_entropy"),
-        ("convolution", "knots", "logspline"),
-        ("logspline", "points", "convolution"),
+        ("convolution", "order", "maximum_entropy"),
+        ("maximum_entropy", "points", "convolution"),
         ("gaussian_mixture", "order", "maximum_entropy"),
     ],
 )

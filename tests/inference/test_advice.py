@@ -22,7 +22,7 @@ from aleator import (
     Normal,
     ResponseSurface,
 )
-from aleator.densities import Convolution, Density, LogSpline, NodeDensity
+from aleator.densities import Convolution, Density, NodeDensity
 from aleator.laws import Law
 from aleator.quadrature import Cubature, GermGrid, SobolPoints
 from aleator.types import Array
@@ -130,10 +130,6 @@ def test_too_few_nodes_are_told_and_more_of_them_end_it() -> None:
         (
             Convolution(), GermGrid(201),
             'raise the nodes: propagation.nodes = {rule = "germ_grid", per_dimension = 301}',
-        ),
-        (
-            LogSpline(8), None,
-            'raise the nodes: propagation.nodes = {rule = "germ_grid", per_dimension = 601}',
         ),
         (
             Convolution(), SobolPoints(256),

@@ -69,7 +69,7 @@ def test_noise_of_a_thousandth_of_the_scatter_is_found_exactly() -> None:
 
 def test_a_convolution_without_noise_needs_a_lattice() -> None:
     problem = replace(NOISY, noise=None)
-    with pytest.raises(InputsError, match="LogSpline"):
+    with pytest.raises(InputsError, match="GermGrid"):
         identified(
             problem, problem.draw(0, np.array([0.8, 0.4])), density=Convolution(),
             propagation=ResponseSurface(nodes=SobolPoints(256)),

@@ -24,7 +24,7 @@ from aleator.cli.running import (
     running,
 )
 from aleator.cli.showing import can_draw, can_report, say, shown
-from aleator.densities import Convolution, LogSpline, MaximumEntropy
+from aleator.densities import Convolution, MaximumEntropy
 from aleator.errors import short
 from aleator.inference.verification.choice import ALONE, FEW
 from aleator.laws import LogNormal
@@ -110,8 +110,7 @@ Further keys, with their defaults:
                 and for two where these move an estimate, the convolution for three
                 where it does; else maximum entropy of order {STAND_IN.order}.
                 Or "maximum_entropy" ({_defaults(MaximumEntropy, "order")}), "gaussian",
-                "gaussian_mixture", "convolution" ({_defaults(Convolution, "points")})
-                or "logspline" ({_defaults(LogSpline, "knots", "smoothing")})
+                "gaussian_mixture" or "convolution" ({_defaults(Convolution, "points")})
   [search]      method = "gradient" ({_defaults(GradientMultistart, "starts", "evaluations")}),
                 "genetic", "differential_evolution" or "cmaes"
   [verification] samples: runs an experiment for the check on the simulator, 0 for

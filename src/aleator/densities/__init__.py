@@ -19,7 +19,6 @@ from aleator.densities.interface import (
     Sensitivity,
     Status,
 )
-from aleator.densities.logspline import FittedLogSpline, LogSpline
 from aleator.densities.maximum_entropy import FittedMaximumEntropy, MaximumEntropy
 from aleator.densities.standardized import StandardizedDensity
 
@@ -36,8 +35,6 @@ __all__ = [
     "FittedConvolution",
     "GaussianMixture",
     "FittedGaussianMixture",
-    "LogSpline",
-    "FittedLogSpline",
     "FittedGaussian",
     "FittedMaximumEntropy",
     "Sensitivity",

@@ -146,7 +146,7 @@ class Model:
                 'without noise the density "convolution" takes at most three scattering '
                 "parameters, and response surfaces with `nodes` left out or given as a number, or "
                 "nodes that are a GermGrid",
-                "add noise ([noise] sd, or noise=Noise(...)), or take MaximumEntropy or LogSpline",
+                "add noise ([noise] sd, or noise=Noise(...)), or take MaximumEntropy",
             )
         if self.noise is not None and not self.noise.normal:
             raise InputsError(

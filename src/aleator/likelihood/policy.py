@@ -91,7 +91,7 @@ def density_remedy(model: Model) -> str:
         return "lower the tolerance of the surface, or take more points of the convolution"
     if model.noise is not None or model.lattice:
         return 'take density.kind = "convolution", which is exact, or a higher order'
-    return 'take a higher order (6) or density.kind = "logspline", and compare'
+    return "take a higher order (6), and compare"
 
 
 def _more_nodes(problem: Problem) -> QuadraturePropagation | None:

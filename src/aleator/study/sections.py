@@ -12,7 +12,6 @@ from aleator.densities import (
     Density,
     Gaussian,
     GaussianMixture,
-    LogSpline,
     MaximumEntropy,
     NodeDensity,
 )
@@ -96,7 +95,6 @@ DENSITIES: Kinds[Density | NodeDensity | None] = Kinds(
         "gaussian": Gaussian,
         "gaussian_mixture": GaussianMixture,
         "convolution": Convolution,
-        "logspline": LogSpline,
     },
     "automatic",
 )

@@ -40,7 +40,7 @@ MOMENTS_STAND_IN = Diagnostic(
     "density",
     "the exact density would need more nodes than are used, because the outcome bends too much or "
     "the noise is too small; a density with four moments of the outcome was taken in its place",
-    'compare with kind = "maximum_entropy" of order 6, or with kind = "logspline"',
+    'compare with kind = "maximum_entropy" of order 6',
 )
 LARGEST_QUADRATURE_GAP = 0.1
 """Change of the log-likelihood with more nodes at which they are too few."""
