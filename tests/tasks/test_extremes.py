@@ -12,9 +12,16 @@ import pytest
 from identifications import unjudged
 from scipy import stats
 
-from aleator import Free, Identification, Inputs, Noise, Normal, TruncatedNormal
+from aleator import (
+    Free,
+    Identification,
+    Inputs,
+    Noise,
+    Normal,
+    ResponseSurface,
+    TruncatedNormal,
+)
 from aleator.inference.diagnostics.estimates import search_refusals
-from aleator.tasks.individual.cost import Timed
 from aleator.types import Array
 
 LEAST = 1e-3
@@ -156,9 +163,8 @@ def test_a_log_likelihood_is_exact_within_its_error(name: str, seed: int) -> Non
     assert abs(reported.estimated - exact(name, seed, found)) < max(reported.error or 0.0, LEAST)
 
 
-def test_on_surfaces_the_error_is_that_of_the_surfaces_too(monkeypatch) -> None:
-    monkeypatch.setattr("aleator.tasks.identify.cheap", lambda *_: Timed(False))
-    found = identified("mirror", 4)
+def test_on_surfaces_the_error_is_that_of_the_surfaces_too() -> None:
+    found = identified("mirror", 4, propagation=ResponseSurface(surfaces="own"))
     reported = found.log_likelihood
     assert reported.verified is not None
     assert reported.error is not None

@@ -22,7 +22,6 @@ from aleator import (
 from aleator.inference.diagnostics.individual import Rival, rival_warnings
 from aleator.laws import Hyperparameter
 from aleator.observations.censoring import Censoring
-from aleator.tasks.individual.cost import Timed
 
 FRAME = table(straight_line, experiments=12)
 NOISE = Noise(Free(0.01, 5.0))
@@ -35,12 +34,13 @@ def line(time, a, b):
 
 
 def identified(
-    model, frame, inputs=PAIR, vectorized=True, starts=2, samples=1000, **keys
+    model, frame, inputs=PAIR, vectorized=True, starts=2, samples=1000, surfaces=None, **keys
 ) -> Identification:
     experiments = Experiments.from_frame(frame, outcome="y", id="id", **keys)
     return unjudged(
         model, experiments, inputs, vectorized=vectorized, noise=NOISE,
         search=GradientMultistart(starts=starts), verification=MonteCarlo(samples),
+        propagation=aleator.ResponseSurface(surfaces=surfaces),
     )  # fmt: skip
 
 
@@ -108,10 +108,9 @@ def test_censored_values_above_half_are_told() -> None:
     assert told(found, "only bounds are known") == ()
 
 
-@pytest.mark.parametrize("fast", [True, False], ids=["itself", "surfaces"])
-def test_two_maxima_are_told(monkeypatch: pytest.MonkeyPatch, fast: bool) -> None:
+@pytest.mark.parametrize("surfaces", ["none", "own"])
+def test_two_maxima_are_told(surfaces: str) -> None:
     """y = x^2 t says nothing of the sign of x; surfaces are made exact about one maximum only."""
-    monkeypatch.setattr("aleator.tasks.individual.answer.cheap", lambda *_: Timed(fast))
     rng = np.random.default_rng(4)
     frame = pd.DataFrame(
         [
@@ -121,7 +120,7 @@ def test_two_maxima_are_told(monkeypatch: pytest.MonkeyPatch, fast: bool) -> Non
         ]
     )
     inputs = Inputs({"x": Normal(Free(-4.0, 4.0), Free(0.01, 2.0))})
-    found = identified(lambda time, x: x**2 * time, frame, inputs, starts=6)
+    found = identified(lambda time, x: x**2 * time, frame, inputs, starts=6, surfaces=surfaces)
     assert told(found, "two maxima", "x.mean") == ("x.mean",)
     single = identified(line, FRAME, starts=4)
     assert not any("maxima" in warning.message for warning in single.warnings)

@@ -7,12 +7,11 @@ import pytest
 from identifications import unjudged
 from individual_cases import ALPHA, PAIR, decay, likelihood_of, straight_line, table
 
-from aleator import Experiments, Free, Noise
+from aleator import Experiments, Free, Noise, ResponseSurface
 from aleator.likelihood.individual import OnSurfaces
 from aleator.simulators import Runner
 from aleator.surrogates import build_surface
 from aleator.tasks.individual.check import checked
-from aleator.tasks.individual.cost import Timed
 from aleator.tasks.individual.settle import climbed, settled
 
 REGION = np.array([[-12.0, 14.0], [-6.0, 6.0]])
@@ -33,15 +32,14 @@ def test_it_settles_where_no_step_and_no_node_gains():
 
 
 @pytest.mark.slow
-def test_surfaces_and_the_simulator_itself_lead_to_one_answer(monkeypatch):
+def test_surfaces_and_the_simulator_itself_lead_to_one_answer():
     frame = table(straight_line, experiments=15)
     experiments = Experiments.from_frame(frame, outcome="y", id="id")
     noise = Noise(Free(0.01, 5.0))
-    cheap = "aleator.tasks.individual.answer.cheap"
-    monkeypatch.setattr(cheap, lambda *_: Timed(True))
-    direct = unjudged(line, experiments, PAIR, noise=noise)
-    monkeypatch.setattr(cheap, lambda *_: Timed(False))
-    surfaced = unjudged(line, experiments, PAIR, noise=noise)
+    direct, surfaced = (
+        unjudged(line, experiments, PAIR, noise=noise, propagation=ResponseSurface(surfaces=way))
+        for way in ("none", "own")
+    )
     assert surfaced.sound
     assert surfaced.log_likelihood.estimated == pytest.approx(
         direct.log_likelihood.estimated, abs=0.01

@@ -14,9 +14,8 @@ from aleator.observations.experiments import Experiments
 from aleator.simulators import FunctionSimulator, Runner
 from aleator.study.propagation import PROPAGATIONS
 from aleator.surrogates import AdaptiveSurfaces, surfaces_of
-from aleator.surrogates.choice import Sharing
+from aleator.surrogates.choice import Surfaces
 from aleator.surrogates.own import OwnSurfaces
-from aleator.surrogates.shared import SharedSurface
 
 RNG = np.random.default_rng(8)
 EFFECTS = RNG.normal(size=(40, 2))
@@ -42,45 +41,8 @@ def runner_of(function, **conditions) -> Runner:
     )
 
 
-def first(runner: Runner, choice: Sharing) -> AdaptiveSurfaces:
+def first(runner: Runner, choice: Surfaces | None) -> AdaptiveSurfaces:
     return surfaces_of(runner, REGION, ResponseSurface(surfaces=choice))
-
-
-def test_experiments_that_their_conditions_explain_share_a_surface() -> None:
-    runner = runner_of(smooth, speed=RNG.uniform(1.0, 2.0, 40), load=RNG.uniform(0.0, 5.0, 40))
-    surfaces = first(runner, "automatic")
-    assert isinstance(surfaces.emulator, SharedSurface)
-    assert surfaces.emulator.runs.tolist() == [8] * 40
-    surfaces.separate()
-    assert isinstance(surfaces.emulator, SharedSurface)
-
-
-@pytest.mark.long
-def test_experiments_whose_shared_surface_is_full_go_on_with_their_own() -> None:
-    runner = runner_of(smooth, speed=RNG.uniform(1.0, 2.0, 40), load=RNG.uniform(0.0, 5.0, 40))
-    surfaces = first(runner, "automatic")
-    shared = surfaces.emulator
-    assert isinstance(shared, SharedSurface)
-    while not shared.full:
-        surfaces.sharpen(np.ones(40, dtype=np.bool_), WHERE)
-    surfaces.separate()
-    assert isinstance(surfaces.emulator, OwnSurfaces)
-    assert np.all(surfaces.emulator.runs > shared.runs)
-    assert surfaces.total_runs == runner.runs
-
-
-def test_experiments_that_no_condition_explains_have_their_own_and_no_run_is_lost() -> None:
-    runner = runner_of(unexplained, specimen=np.arange(40.0))
-    surfaces = first(runner, "automatic")
-    assert isinstance(surfaces.emulator, OwnSurfaces)
-    assert surfaces.total_runs == runner.runs
-    assert np.all(surfaces.emulator.runs > 8)
-    surfaces.judge(WHERE)
-    surfaces.refine(WHERE, 0.05)
-    truth = np.sin(1.5 * EFFECTS @ WHERE.T)
-    error = surfaces.surface().evaluate(WHERE) - truth
-    assert np.quantile(np.sqrt((error**2).mean(axis=1)), 0.9) < 0.05
-    assert np.all(surfaces.emulator.runs < 60)
 
 
 @pytest.mark.parametrize("conditions", [{}, {"load": np.full(40, 2.0)}])
@@ -91,7 +53,7 @@ def test_without_conditions_that_vary_there_is_nothing_to_share(
         return a * load + b
 
     runner = runner_of(alone, **conditions)
-    assert isinstance(first(runner, "automatic").emulator, OwnSurfaces)
+    assert isinstance(first(runner, "own").emulator, OwnSurfaces)
     with pytest.raises(InputsError, match="cannot share a surface"):
         first(runner, "shared")
 
@@ -101,13 +63,10 @@ def test_each_has_its_own_unless_asked() -> None:
     assert isinstance(surfaces_of(runner, REGION, ResponseSurface()).emulator, OwnSurfaces)
 
 
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [(None, "own"), (False, "own"), (True, "shared"), ("automatic", "automatic")],
-)
-def test_the_key_of_the_study(value: object, expected: Sharing) -> None:
-    section = PROPAGATIONS.read({} if value is None else {"shared": value})
-    assert section.build(Path()).surfaces == expected
+@pytest.mark.parametrize("value", [None, "none", "own", "shared"])
+def test_the_key_of_the_study(value: Surfaces | None) -> None:
+    section = PROPAGATIONS.read({} if value is None else {"surfaces": value})
+    assert section.build(Path()).surfaces == value
 
 
 def test_a_shared_surface_has_no_tolerance_of_its_own() -> None:

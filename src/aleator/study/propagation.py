@@ -23,7 +23,7 @@ from aleator.quadrature import (
 )
 from aleator.study.kinds import Choice, Kinds
 from aleator.surrogates import ResponseSurface
-from aleator.surrogates.choice import Sharing
+from aleator.surrogates.choice import Surfaces
 
 RULES: Kinds[Cubature] = Kinds(
     "aleator.cubatures",
@@ -57,22 +57,16 @@ Nodes = Annotated[
 ]
 
 
-_SURFACES: dict[bool | str, Sharing] = {False: "own", True: "shared", "automatic": "automatic"}
-
-
 def response_surface(
     folder: Path,
     tolerance: float | None = None,
     max_runs: int = 1000,
     nodes: Nodes | None = None,
-    shared: bool | Literal["automatic"] = False,
+    surfaces: Surfaces | None = None,
 ) -> ResponseSurface:
     """One surface an experiment, in rounds or of one tolerance."""
     return ResponseSurface(
-        tolerance=tolerance,
-        max_runs=max_runs,
-        nodes=_nodes(nodes, folder),
-        surfaces=_SURFACES[shared],
+        tolerance=tolerance, max_runs=max_runs, nodes=_nodes(nodes, folder), surfaces=surfaces
     )
 
 

@@ -45,9 +45,6 @@ BULK = [0.005, 0.995]
 """Probabilities between which a law is looked at for steps."""
 MANY = 150
 """Runs of its own after which an experiment is given up whose outcome has a step (`steps`)."""
-WORTH = 0.3
-"""Estimated error of the first shared surface, over the outcome's scatter on the box, that nine
-experiments of ten must meet; with more each has its own surface."""
 ALIKE = 0.01
 """The same of few runs, that no experiment may be above if these are to be enough: one feature that
 so few runs miss is met by those of another experiment."""
@@ -169,14 +166,6 @@ class AdaptiveSurfaces:
             if not members.any():
                 return
             self.sharpen(members, draws)
-
-    def separate(self) -> None:
-        """Give each experiment its own surface where a shared one has all the runs it takes."""
-        if self.choice.surfaces != "automatic" or not isinstance(self.emulator, SharedSurface):
-            return
-        if self.emulator.full:
-            self.emulator = _own_instead(self.emulator)
-            self._judge_again()
 
     def surface(self) -> Surface:
         """The surfaces as they are, with the errors that were judged last."""
@@ -327,16 +316,14 @@ def few_runs(n: int, choice: ResponseSurface, experiments: int) -> int:
 def _first_emulator(
     run: Run, box: Array, experiments: int, choice: ResponseSurface, conditions: Array | None
 ) -> Emulator:
-    """A shared surface if the user asks, or it promises enough; else a surface for each."""
+    """A shared surface if the user asks for it, else a surface for each."""
     n = len(box)
-    if choice.surfaces != "own" and conditions is not None and SharedSurface.fits(experiments, n):
+    if choice.surfaces == "shared":
+        if conditions is None or not SharedSurface.fits(experiments, n):
+            raise _nothing_to_share(conditions, experiments)
         shared = SharedSurface(run, box, conditions)
         shared.judge(_points_of(box))
-        if choice.surfaces == "shared" or _promises(shared):
-            return shared
-        return _own_instead(shared)
-    if choice.surfaces == "shared":
-        raise _nothing_to_share(conditions, experiments)
+        return shared
     first = first_runs(n, choice)
     if choice.max_runs < first:
         raise InputsError(
@@ -348,19 +335,8 @@ def _first_emulator(
     )
 
 
-def _own_instead(shared: SharedSurface) -> OwnSurfaces:
-    """A surface for each experiment instead, from the runs that it has and some more."""
-    first = first_runs(len(shared.box), ResponseSurface())
-    return OwnSurfaces(shared.run, shared.box, shared.samples, first)
-
-
-def _promises(shared: SharedSurface) -> bool:
-    relative = shared.error / np.where(shared.scatter > 0.0, shared.scatter, np.inf)
-    return float(np.quantile(relative, 0.9)) <= WORTH
-
-
 def _nothing_to_share(conditions: Array | None, experiments: int) -> InputsError:
-    remedy = "leave out shared = true: each experiment then has its own surface"
+    remedy = 'take surfaces = "own": each experiment then has its own surface'
     if conditions is None:
         return InputsError(
             "experiments cannot share a surface: no condition that the simulator uses varies, or "

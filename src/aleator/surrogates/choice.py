@@ -9,7 +9,7 @@ from aleator.errors import InputsError
 from aleator.quadrature import Cubature
 from aleator.surrogates.points import CANDIDATES
 
-Sharing = Literal["own", "shared", "automatic"]
+Surfaces = Literal["none", "own", "shared"]
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,9 @@ class ResponseSurface:
     nodes: Gauss nodes a parameter, or a cubature, when the surfaces are propagated; None leaves it
     open.
     surfaces: "own": each experiment has a surface of its own. "shared": one surface, over
-    conditions and parameters, serves all experiments. "automatic": the estimated error of a shared
-    one decides. A tolerance needs "own".
+    conditions and parameters, serves all experiments. "none": the simulator itself is run at every
+    node. None: no surfaces of a simulator that takes arrays, own ones of any other. A tolerance
+    and nodes go with surfaces of their own.
 
     Raises InputsError for a value outside these ranges.
 
@@ -38,7 +39,7 @@ class ResponseSurface:
     max_runs: int = 1000
     accuracy: float = 1e-6
     nodes: int | Cubature | None = None
-    surfaces: Sharing = "own"
+    surfaces: Surfaces | None = None
 
     @property
     def name(self) -> str:
@@ -56,13 +57,13 @@ class ResponseSurface:
             ("accuracy", 0.0 <= self.accuracy < 1.0, "choose one in [0, 1), e.g. 1e-6"),
             (
                 "surfaces",
-                self.surfaces in get_args(Sharing),
-                f"choose one of {', '.join(get_args(Sharing))}",
+                self.surfaces in (None, *get_args(Surfaces)),
+                f"choose one of {', '.join(get_args(Surfaces))}",
             ),
             (
                 "surfaces",
-                self.surfaces == "own" or self.tolerance is None,
-                "leave out the tolerance: a shared surface is made exact where the law is",
+                self.surfaces in (None, "own") or self.tolerance is None,
+                "leave out the tolerance, which is one of own surfaces",
             ),
             ("nodes", not isinstance(self.nodes, int) or self.nodes >= 1, "choose at least 1"),
         )

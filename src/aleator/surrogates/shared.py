@@ -27,8 +27,6 @@ from aleator.types import Array, Flags, Indices
 FIRST = 800
 # Runs that one fit may have: its cost is their number cubed.
 MOST = 4000
-# Runs an experiment with which it may as well have its own surface.
-EACH = 40
 # Runs from which the covariance is learned, and steps of that: at first, and later.
 LEARNED = 500
 STEPS = (60, 20)
@@ -70,12 +68,6 @@ class SharedSurface(Emulator):
     def fits(experiments: int, n: int) -> bool:
         """Whether one fit takes the first runs and as many again."""
         return 2 * experiments * first_shared_runs(experiments, n) <= MOST
-
-    @property
-    def full(self) -> bool:
-        """Whether there are all the runs that one fit takes."""
-        experiments = len(self.conditions)
-        return int(self.runs.sum()) + experiments > min(MOST, EACH * experiments)
 
     def move(self, box: Array) -> None:
         """Take the surfaces to another box; runs outside still tell of it."""

@@ -12,21 +12,23 @@ from functools import partial
 
 import numpy as np
 
+from aleator.errors import InputsError
 from aleator.inference.information import Inference, infer
 from aleator.inference.profile import Profile, profile_intervals
+from aleator.likelihood.level_sets import traceable
 from aleator.likelihood.model import Model
 from aleator.likelihood.policy import better_model
 from aleator.likelihood.problem import Problem
 from aleator.search import Search, SearchResult, WarmStart, ascend
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces
-from aleator.tasks.baselines import baselines_of
-from aleator.tasks.individual.cost import Timed
+from aleator.tasks.baselines import baselines_of, start_point
+from aleator.tasks.direct import way_of
 from aleator.tasks.kept_search import kept_search
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.many import of_many
 from aleator.tasks.refinement.choice import refinement_of
-from aleator.tasks.refinement.interface import SEARCH, Fast, Refined, Refinement, climbed
+from aleator.tasks.refinement.interface import SEARCH, Refined, Refinement, climbed
 from aleator.types import Array
 
 WIDER = 3
@@ -35,17 +37,9 @@ CLIMBS = 3
 """Times that a profile may meet a better maximum."""
 
 
-def never() -> Timed:
-    """The simulator itself is not to be asked."""
-    return Timed(False)
-
-
 @dataclass(frozen=True)
 class Question:
-    """Outcomes (N,) of the runner's experiments, and the choices by which they are explained.
-
-    `fast` tells whether the simulator itself may take the place of surfaces.
-    """
+    """Outcomes (N,) of the runner's experiments, and the choices by which they are explained."""
 
     runner: Runner
     outcomes: Array
@@ -53,11 +47,6 @@ class Question:
     model: Model
     search: Search
     seed: int
-    fast: Fast = never
-
-    def directly(self) -> Question:
-        """The same on the simulator itself."""
-        return replace(self, model=self.model.directly())
 
 
 @dataclass(frozen=True)
@@ -66,6 +55,7 @@ class Answer:
 
     `stands_in` tells that four moments serve although the exact density was tried. `surfaces` are
     those that the problem's are of, with what they may still become; None for collocation.
+    `reason` says why there are surfaces, or none.
     """
 
     problem: Problem
@@ -74,20 +64,19 @@ class Answer:
     profile: Profile
     stands_in: bool
     surfaces: AdaptiveSurfaces | None
+    reason: str
 
 
 def answered(question: Question, ledger: Ledger) -> Answer:
     """Search until no other density does better at the answer, then see how sure it is.
 
     A density that is open gives way at most twice: moments to the exact one, and that to moments.
-    Surfaces that take too many runs give way to the simulator itself where it is fast.
     """
-    search, tried, refined = question.search, [question.model], None
+    model, reason = _placed(question)
+    search, tried, refined = question.search, [model], None
     while True:
         way = _way(question, tried[-1], search, ledger)
         refined = way.resumed(refined) if refined else way.search(question.seed)
-        if way.outgrown(refined):
-            return answered(question.directly(), ledger)
         better = better_model(refined.problem, refined.found.alpha)
         if better is None:
             break
@@ -99,7 +88,30 @@ def answered(question: Question, ledger: Ledger) -> Answer:
     refined, inference, profile = _sure(way, refined, ledger)
     problem, found = refined.problem, refined.found
     stands_in = any(model.exact for model in tried) and not tried[-1].exact
-    return Answer(problem, found, inference, profile, stands_in, refined.surfaces)
+    return Answer(problem, found, inference, profile, stands_in, refined.surfaces, reason)
+
+
+def _placed(question: Question) -> tuple[Model, str]:
+    """The model on the simulator itself or on surfaces, and why.
+
+    Level sets of the simulator itself take no other density, and no noise.
+    """
+    model, runner = question.model, question.runner
+    choice = model.surfaces
+    if choice is None:
+        return model, ""
+    open_ = model.open and model.follows and model.noise is None and traceable(model.inputs)
+    if not open_:
+        if choice.surfaces == "none":
+            raise InputsError(
+                'surfaces = "none": one outcome an experiment has an integral over the simulator '
+                "itself with noise, or with at most two scattering parameters, and no [density]",
+                'leave out surfaces, or take method = "collocation"',
+            )
+        return model, ""
+    start = np.clip(start_point(model.inputs), *model.inputs.box.T)
+    way = way_of(runner, choice, start, model.inputs.box)
+    return (model.directly() if way.direct else model), way.reason
 
 
 def sharpened(
@@ -165,7 +177,7 @@ def _way(question: Question, model: Model, search: Search, ledger: Ledger) -> Re
     own = _Search(question.runner, search, question.seed, ledger)
     return refinement_of(
         question.runner, question.outcomes, model, own, ledger.stage, ledger.progress,
-        question.ids, question.fast,
+        question.ids,
     )  # fmt: skip
 
 

@@ -15,8 +15,8 @@ from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import few_runs, first_runs
 from aleator.tasks.baselines import start_point
+from aleator.tasks.direct import runs_each, way_of
 from aleator.tasks.first_look import Plan
-from aleator.tasks.individual.cost import cheap, runs_each
 from aleator.tasks.individual.identify import wanted
 
 GROWTH = (1.0, 5.0)
@@ -32,8 +32,8 @@ PROBED = 70
 class Cost:
     """Runs that an identification takes, from `least` to `most`.
 
-    `direct` says that the simulator is so fast that it is asked itself, without surfaces, and its
-    runs are not kept.
+    `direct` says that the simulator itself is run at every node, without surfaces, and its runs
+    are not kept.
     """
 
     least: int
@@ -53,8 +53,8 @@ def expected_cost(
 ) -> Cost | None:
     """How many runs `identify` will make; None where it says nothing beforehand (collocation).
 
-    A simulator that may be fast is timed by some runs more. The numbers are those that studies
-    took (docs/study.md); one whose outcome bends much within the law takes more.
+    The numbers are those that studies took (docs/study.md); one whose outcome bends much within
+    the law takes more.
     """
     if not isinstance(propagation, ResponseSurface):
         return None
@@ -62,7 +62,7 @@ def expected_cost(
     at = plan.x[0]
     if alone and not inputs.regressed:
         at = start_point(inputs).clip(*inputs.box.T)
-    if alone and cheap(runner, inputs, at, plan.region):
+    if alone and way_of(runner, propagation, at, plan.region).direct:
         each = runs_each(inputs)
         return Cost(each * runner.units, each * runner.units, True)
     moving = len(plan.moving)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from aleator.inference.diagnostics.individual import rival_warnings
 from aleator.inference.verification import MonteCarlo, SurfaceEmulator, Verification, verify
 from aleator.inference.verification.kernel import NORMAL
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.level_sets import traceable
 from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Experiments
@@ -28,13 +26,12 @@ from aleator.search import Search
 from aleator.simulators import Budget, Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks import individual
-from aleator.tasks.answer import Answer, Question, answered, never
+from aleator.tasks.answer import Answer, Question, answered
 from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH, require_enough
 from aleator.tasks.baselines import baselines_of, start_point
 from aleator.tasks.budget import affordable, spend
 from aleator.tasks.ceiling.quick import best_possible
 from aleator.tasks.consistency import consistency_of
-from aleator.tasks.individual.cost import Timed, cheap
 from aleator.tasks.individual.rivals import as_good
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.near_outcomes import moves_of, nearer
@@ -45,8 +42,6 @@ from aleator.types import Array, Flags
 
 DEFAULT_VERIFICATION = MonteCarlo()
 UNLIMITED = Budget()
-EXACT = 0.1
-"""Error of a log-likelihood by surfaces, without noise, above which a fast simulator is asked."""
 NEARER = 3
 """Rounds of runs near the outcomes that the check doubts."""
 
@@ -137,17 +132,11 @@ def identify(
     assert noise is None or isinstance(noise, Noise)
     model = Model.of(inputs, noise, propagation, density)
     require_enough(table, model.hyperparameters)
-    fast = cache(partial(_fast, runner, model) if density is None else never)
-    question = Question(runner, table.outcomes, table.ids, model, search, seed, fast)
+    question = Question(runner, table.outcomes, table.ids, model, search, seed)
     with diagnostics.boxes_proposed(runner, inputs):
         with ledger.stage("repeated run"):
             runner.require_repeatable(np.clip(start_point(inputs), *inputs.box.T))
         found = _found(question, table, verification, ledger)
-        if found.surface is not None and _uncertain(found) and question.fast():
-            found = _found(question.directly(), table, verification, ledger)
-        if fast.cache_info().currsize:
-            # it was seen whether the simulator is fast, and that decided
-            found = replace(found, propagation_reason=fast().reason)
     return _judged(replace(found, units=shown), taken, consistency, best_law, ledger)
 
 
@@ -183,6 +172,7 @@ def _found(
         seed=seed, failures=diagnostics.failure_report(runner),
         notes=[*notes, *([diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [])],
     )  # fmt: skip
+    found = replace(found, propagation_reason=answer.reason)
     if found.sound and not (answer.surfaces and answer.surfaces.broken):
         return found
     jumps = diagnostics.step_warnings(answer.surfaces, question.model.inputs)
@@ -197,25 +187,6 @@ def _doubtful(answer: Answer, moves: Array) -> Flags:
     doubtful: Flags = moves > diagnostics.DOUBTFUL
     unreached = answer.problem.unreached
     return doubtful | unreached if unreached.size else doubtful
-
-
-def _uncertain(found: Identification) -> bool:
-    """Whether the simulator itself would make an answer on surfaces surer.
-
-    One whose runs fail here and there has holes that surfaces close.
-    """
-    reported = found.log_likelihood
-    inexact = reported.reached is not None or (reported.error or 0.0) > EXACT
-    return not found.sound or (inexact and found.failures is None)
-
-
-def _fast(runner: Runner, model: Model) -> Timed:
-    """Whether a simulator without noise may be asked itself, at very many points."""
-    if model.noise is not None or not model.follows or not traceable(model.inputs):
-        return Timed(False)
-    if runner.account.budget.runs is not None:
-        return Timed(False)
-    return cheap(runner, model.inputs, start_point(model.inputs), model.inputs.box)
 
 
 def _judged(

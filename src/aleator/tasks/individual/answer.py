@@ -27,8 +27,8 @@ from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
 from aleator.surrogates.responses import moving_parameters
 from aleator.tasks.baselines import start_point
-from aleator.tasks.individual.cost import Timed, cheap
-from aleator.tasks.individual.failed import fails_here_and_there, lost_observations
+from aleator.tasks.direct import way_of
+from aleator.tasks.individual.failed import lost_observations
 from aleator.tasks.individual.guess import PooledFit, guesses, pooled_fit
 from aleator.tasks.individual.highest import highest, told
 from aleator.tasks.individual.infer import inferred
@@ -113,7 +113,7 @@ class Answer:
     """A maximum, and how sure it is; without surfaces the simulator itself was integrated over.
 
     `question` is what was answered in the end: without observations that no run gives a value of.
-    `reason` says why this way was taken, where timed runs decided.
+    `reason` says why this way was taken.
     """
 
     question: Question
@@ -133,13 +133,8 @@ def answered(question: Question, ledger: Ledger) -> Answer:
     hyperparameters = (*inputs.hyperparameters, *question.errors.hyperparameters)
     region = first_region(inputs, hyperparameters, len(question.table.ids))
     start = start_point(inputs)
-    # a budget of runs is not for a simulator that is run at every node
-    timed = Timed(False)
-    if runner.account.budget.runs is None:
-        timed = cheap(runner, inputs, start, region)
-    if timed and fails_here_and_there(runner, start, region):
-        timed = Timed(False, f"{timed.reason}, but runs fail here and there")
-    if timed:
+    way = way_of(runner, question.surfaces, start, region)
+    if way.direct:
         question = question.without(
             lost_observations(runner, region, question.unit, question.column)
         )
@@ -154,8 +149,7 @@ def answered(question: Question, ledger: Ledger) -> Answer:
                              ledger.progress)  # fmt: skip
         question, begun = question.without(begun.lost), begun.without_lost()
         searched = _Searched(question, ledger)
-        way = ByResponseSurfaces(runner, question.likelihood, searched, ledger)
-        surfaced = way.answer(begun)
+        surfaced = ByResponseSurfaces(runner, question.likelihood, searched, ledger).answer(begun)
         # surfaces are exact near the answer: it is as far as they know
         tops, surfaces = told(surfaced.settled, surfaced.found), surfaced.surfaces
         lower = surfaced.others
@@ -165,7 +159,7 @@ def answered(question: Question, ledger: Ledger) -> Answer:
         others = others or followed_rivals(lower, end, inference)
     with ledger.stage("baselines"):
         fit = pooled_fit(end.likelihood, question.measured, start_point(question.inputs))
-    return Answer(question, end, found, inference, profile, fit, surfaces, others, timed.reason)
+    return Answer(question, end, found, inference, profile, fit, surfaces, others, way.reason)
 
 
 @dataclass(frozen=True, eq=False)

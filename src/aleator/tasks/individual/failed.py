@@ -14,8 +14,6 @@ TRIED = 128
 """Points at which a run must give no value of an observation for that to be lost."""
 POINTS = 64
 """Points of each law at which runs are looked at."""
-LINE = 33
-"""Points of a line on which failures are looked for that lie alone."""
 
 
 def lost_observations(runner: Runner, region: Array, unit: Indices, column: Indices) -> Flags:
@@ -33,27 +31,6 @@ def lost_observations(runner: Runner, region: Array, unit: Indices, column: Indi
         found = runner.straight(units, np.tile(x, (units.size, 1)))
         lost[left] = np.isnan(found[place, column[left]])
     return lost & (not np.all(lost))
-
-
-def fails_here_and_there(runner: Runner, x: Array, region: Array) -> bool:
-    """Whether single runs of a fast simulator fail between others that do not.
-
-    On lines through x (n,) along each side of a region (n, 2). An integral over such a simulator
-    itself is one over holes, of which each set of nodes meets others; a surface goes over them.
-    Cost: 33 runs a unit and parameter.
-    """
-    share = np.linspace(0.02, 0.98, LINE)
-    units = np.arange(runner.units)
-    for k, (low, high) in enumerate(region):
-        if not low < high:
-            continue
-        points = np.tile(x, (LINE, 1))
-        points[:, k] = low + share * (high - low)
-        values = runner.straight(np.repeat(units, LINE), np.tile(points, (units.size, 1)))
-        failed = np.isnan(values).all(axis=1).reshape(units.size, LINE)
-        if np.any(failed[:, 1:-1] & ~failed[:, :-2] & ~failed[:, 2:]):
-            return True
-    return False
 
 
 def failing_share(likelihood: IndividualLikelihood, alpha: Array) -> Array:

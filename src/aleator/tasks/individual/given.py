@@ -17,7 +17,7 @@ from aleator.observations.noise import Noise
 from aleator.progress import Progress
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.individual.cost import cheap
+from aleator.tasks.direct import way_of
 from aleator.tasks.individual.population import FAR, held_region
 from aleator.tasks.individual.session import IndividualSession
 from aleator.tasks.results.values import Estimate, in_order
@@ -47,16 +47,18 @@ def predicted(
     names = conditions.observations.names
     known = (*inputs.hyperparameters, *noise_hyperparameters(noise, names))
     alpha = in_order(values, known)[: inputs.size]
+    surfaces = propagation if isinstance(propagation, ResponseSurface) else ResponseSurface()
     session = IndividualSession(
         inputs, noise, conditions.responses, None, lambda _: runner, None,
-        _on_simulator(runner, inputs, alpha, len(conditions.ids)),
-        propagation if isinstance(propagation, ResponseSurface) else ResponseSurface(),
+        _on_simulator(runner, surfaces, inputs, alpha, len(conditions.ids)), surfaces,
     )  # fmt: skip
     at = AlphaDraws.at(in_order(values, known))
     return session.predict(conditions, at, conditions.transform, quantiles, progress)
 
 
-def _on_simulator(runner: Runner, inputs: Inputs, alpha: Array, experiments: int) -> bool:
+def _on_simulator(
+    runner: Runner, choice: ResponseSurface, inputs: Inputs, alpha: Array, experiments: int
+) -> bool:
     middle = np.zeros((experiments, len(inputs.classes), inputs.scattering))
     x = inputs.individual(alpha, middle, slice(0, experiments)).x[0, 0]
-    return cheap(runner, inputs, x, held_region(inputs, [alpha], experiments, FAR)).cheap
+    return way_of(runner, choice, x, held_region(inputs, [alpha], experiments, FAR)).direct

@@ -63,7 +63,7 @@ def wanted(
 def _all_open(propagation: ResponseSurface | Collocation) -> bool:
     """Whether surfaces are left to follow the answer, and to whatever nodes it takes."""
     return isinstance(propagation, ResponseSurface) and (
-        propagation.surfaces == "own"
+        propagation.surfaces != "shared"
         and propagation.tolerance is None
         and propagation.nodes is None
     )
@@ -157,7 +157,7 @@ def asked(
     if surfaces.surfaces == "shared":
         raise InputsError(
             "one surface for all experiments takes one exact outcome each",
-            "leave out shared = true: each experiment has surfaces of its own",
+            'leave out surfaces = "shared": each experiment has surfaces of its own',
         )
     if noise is None and table.simple and not inputs.regressed:
         raise InputsError(

@@ -12,7 +12,7 @@ from aleator.simulators import Runner
 from aleator.surrogates import surfaces_of
 from aleator.tasks.likely import law_draws, wide_draws
 from aleator.tasks.refinement.collocated import Collocated
-from aleator.tasks.refinement.interface import Fast, Refinement, Search
+from aleator.tasks.refinement.interface import Refinement, Search
 from aleator.tasks.refinement.on_region import OnRegion
 from aleator.tasks.refinement.under_law import UnderLaw
 from aleator.tasks.region import own_region
@@ -27,13 +27,12 @@ def refinement_of(
     stage: Callable[[str], AbstractContextManager[None]],
     progress: Progress,
     ids: Sequence[str],
-    fast: Fast,
 ) -> Refinement:
     """The way that goes with the user's choice of the propagation."""
     if model.surfaces is None:
-        return Collocated(runner, outcomes, model, full, stage, progress, ids, fast)
+        return Collocated(runner, outcomes, model, full, stage, progress, ids)
     kind = UnderLaw if model.follows else OnRegion
-    return kind(runner, outcomes, model, full, stage, progress, ids, fast)
+    return kind(runner, outcomes, model, full, stage, progress, ids)
 
 
 def under_law(

@@ -13,7 +13,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,19 +28,12 @@ from aleator.surrogates.responses import moving_parameters
 from aleator.tasks.region import first_region, widened
 from aleator.types import Array, Flags, Indices
 
-if TYPE_CHECKING:
-    from aleator.tasks.individual.cost import Timed
-
 Search = Callable[[Problem, list[Array]], SearchResult]
-Fast = Callable[[], "Timed"]
-"""Whether the simulator itself may take the place of surfaces; found out at the first call."""
 
 SURFACE, SEARCH = "response surface", "search"
 """What the rounds and searches are called in the account of runs and seconds."""
 FINEST = 1e-3
 """Estimated error of a surface, over the scatter, below which no error can matter to an answer."""
-ENOUGH = 300
-"""Runs an experiment after which a fast simulator is asked itself."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +53,7 @@ class Refined:
 class Refinement(ABC):
     """How an identification goes on from one answer to a better one.
 
-    `full` is the user's search from guesses; `stage` accounts for runs and seconds; of a `fast`
-    simulator surfaces end where runs no longer make them exact.
+    `full` is the user's search from guesses; `stage` accounts for runs and seconds.
     """
 
     runner: Runner
@@ -72,7 +63,6 @@ class Refinement(ABC):
     stage: Callable[[str], AbstractContextManager[None]]
     progress: Progress
     ids: Sequence[str]
-    fast: Fast
 
     @abstractmethod
     def search(self, seed: int) -> Refined:
@@ -91,14 +81,6 @@ class Refinement(ABC):
                 surfaces.sharpen(np.arange(surfaces.good.size) == condition, some)
             problem = self._problem(surfaces, refined.problem.region)
         return replace(refined, problem=problem, found=self.full(problem, [refined.found.alpha]))
-
-    def outgrown(self, refined: Refined) -> bool:
-        """Whether the simulator itself serves better than surfaces: of many runs, or of steps."""
-        surfaces = refined.surfaces
-        if surfaces is None:
-            return False
-        many = surfaces.total_runs > ENOUGH * surfaces.good.size
-        return (many or surfaces.broken) and self.fast().cheap
 
     @abstractmethod
     def hold(self, refined: Refined, inference: Inference, intervals: Array) -> Refined | None:

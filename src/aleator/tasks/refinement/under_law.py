@@ -86,8 +86,6 @@ class UnderLaw(Refinement):
         """
         level, calm = surfaces.level, False
         for _ in range(ROUNDS):
-            if self.outgrown(refined):
-                break
             inference = self._look(refined, surfaces)
             finished = calm and level < surfaces.level
             if not finished:
@@ -143,7 +141,6 @@ class UnderLaw(Refinement):
         region = problem.region if better is None else better
         if better is not None:
             surfaces.move(moving(region))
-        surfaces.separate()
         members = surfaces.wanting(level)
         if members.any():
             surfaces.sharpen(members, wide_draws(self.model.inputs, likely, region))

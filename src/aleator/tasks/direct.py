@@ -1,0 +1,77 @@
+"""Whether a likelihood is integrated over the simulator itself, or over surfaces of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.laws.inputs import Inputs
+from aleator.simulators import Runner
+from aleator.surrogates import ResponseSurface
+from aleator.surrogates.responses import moving_parameters
+from aleator.types import Array
+
+EVALUATIONS = 400
+"""Evaluations of the likelihood that an identification takes, about."""
+NODES = 9
+"""Nodes a variate that an identification comes to, about; of more than three variates fewer."""
+LINE = 33
+"""Points of a line on which failures are looked for that lie alone."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """Whether the simulator itself is integrated over, and the `reason` in words."""
+
+    direct: bool
+    reason: str
+
+
+def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> Way:
+    """The way of a study: the simulator itself where it takes arrays, else surfaces.
+
+    The choice says otherwise by `surfaces`, or by what only surfaces have. A budget of runs is for
+    surfaces, and so is a simulator of which single runs fail between others that do not. `x` (n,)
+    is a point of the `region` (n, 2) where the laws may be. No time is measured, so that the same
+    study goes the same way on every machine. Cost: 16 runs of a function of numbers, and
+    33 runs a unit and parameter of one that takes arrays.
+    """
+    if choice.surfaces == "none":
+        runner.takes_arrays(region)
+        return Way(True, 'surfaces = "none"')
+    if choice.surfaces is not None:
+        return Way(False, f'surfaces = "{choice.surfaces}"')
+    if runner.account.budget.runs is not None:
+        return Way(False, "runs have a budget")
+    if not runner.takes_arrays(region):
+        return Way(False, "the simulator makes one run at a time")
+    if fails_here_and_there(runner, x, region):
+        return Way(False, "the simulator takes arrays, but runs fail here and there")
+    return Way(True, "the simulator takes arrays")
+
+
+def runs_each(inputs: Inputs) -> int:
+    """Runs of each unit that an identification without surfaces takes, about."""
+    moving = int(moving_parameters(inputs.box).size)
+    return int(NODES ** min(inputs.scattering, 3)) * (2 * moving + 1) * EVALUATIONS
+
+
+def fails_here_and_there(runner: Runner, x: Array, region: Array) -> bool:
+    """Whether single runs of a simulator fail between others that do not.
+
+    On lines through x (n,) along each side of a region (n, 2). An integral over such a simulator
+    itself is one over holes, of which each set of nodes meets others; a surface goes over them.
+    """
+    share = np.linspace(0.02, 0.98, LINE)
+    units = np.arange(runner.units)
+    for k, (low, high) in enumerate(region):
+        if not low < high:
+            continue
+        points = np.tile(x, (LINE, 1))
+        points[:, k] = low + share * (high - low)
+        values = runner.straight(np.repeat(units, LINE), np.tile(points, (units.size, 1)))
+        failed = np.isnan(values).all(axis=1).reshape(units.size, LINE)
+        if np.any(failed[:, 1:-1] & ~failed[:, :-2] & ~failed[:, 2:]):
+            return True
+    return False
