@@ -63,7 +63,7 @@ DIR/parameters.png. Progress goes to the standard error.
 Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
 known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
 same result. Every study in that folder reuses a run if simulator, conditions and parameters
-are equal. (Of a simulator so fast that it is run at every node none are kept.) Whether the
+are equal. (Of a simulator that takes arrays, and is run at every node, none are kept.) Whether the
 simulator is the same is judged by the source of its package or folder: see `aleator runs --help`
 if anything else that matters has changed.
 
@@ -102,7 +102,8 @@ Further keys, with their defaults:
                 column; relative; kind = "normal" or "student_t" (df);
                 [noise.RESPONSE] for each response
   [propagation] method = "response_surface" (tolerance: as exact as the answer needs;
-                {_defaults(ResponseSurface, "max_runs")}, nodes, shared = false)
+                {_defaults(ResponseSurface, "max_runs")}, nodes; surfaces =
+                "none", "own" or "shared": left out, none of a simulator that takes arrays)
                 or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
   [density]     kind = "automatic": with noise none, but an integral over individual
                 parameters; the convolution where one outcome an experiment has more

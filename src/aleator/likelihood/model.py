@@ -125,7 +125,7 @@ class Model:
         return chosen and self.noise is None and traceable(self.inputs)
 
     def directly(self) -> Model:
-        """The same on a fast simulator itself, at the nodes of a lattice."""
+        """The same on the simulator itself, at the nodes of a lattice."""
         nodes = GermGrid(GRID[self.inputs.scattering])
         return replace(
             self, propagation=Collocation(nodes, fast=True), density=Convolution(), open=False

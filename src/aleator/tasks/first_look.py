@@ -28,8 +28,6 @@ RUNS = 500
 """Runs that are made for some of the conditions where all would take more, or long."""
 FEWEST = 3
 """Conditions that are looked at, at least."""
-SHORT = 60.0
-"""Seconds that the conditions left may take, as the first runs were timed, to be looked at too."""
 MOST_FAILED = 0.9
 """Share of failed runs at which there is nothing to look at."""
 SURE = 3.0
@@ -152,16 +150,15 @@ def first_look(
     noise: Noise | Mapping[str, Noise] | None = None,
     progress: Progress | None = None,
 ) -> Look:
-    """Make the runs of a plan; where they turn out to be fast, those of all other conditions too.
+    """Make the runs of a plan; of a simulator that takes arrays those of all other conditions too.
 
     A run that fails stops nothing. Raises SimulatorError where nine of ten do.
     """
     progress = progress or Silent()
     cases = plan.cases
     values = _run(runner, cases, plan.x, progress)
-    seconds = runner.seconds
     rest = np.setdiff1d(np.arange(plan.count), cases)
-    if rest.size and seconds * rest.size * len(plan.x) < SHORT:
+    if rest.size and runner.takes_arrays(plan.region):
         values |= _run(runner, rest, plan.x, progress)
     single, seen = of_values(runner, table), table.observations
     case = runner.cases.condition[single.unit]

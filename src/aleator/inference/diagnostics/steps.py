@@ -29,8 +29,8 @@ def step_warnings(surfaces: AdaptiveSurfaces | None, inputs: Inputs) -> list[Dia
             f"{surfaces.good.size} surfaces, which more runs hardly make exact: in one of them by "
             f"{sharpest.size:.3g} from {_place(names, sharpest.here)} to "
             f"{_place(names, sharpest.there)}",
-            "narrow the box to one side of the jump; or make the simulator fast and let it take "
-            "arrays: one of some microseconds a run is asked itself, without surfaces",
+            "narrow the box to one side of the jump; or let the simulator take arrays: it is then "
+            "integrated over itself, without surfaces",
         )
     ]
 
