@@ -175,7 +175,7 @@ def from_document(document: Entry) -> Identification:
 
 def _best_possible(row: Entry | None) -> dict[str, float] | None:
     names = ("log_likelihood", "gap", "p_value", "replicates")
-    return None if row is None else {name: float(row[name]) for name in names}
+    return None if row is None else {name: _number(row[name]) for name in names}
 
 
 def _estimate(row: Entry) -> Estimate:
