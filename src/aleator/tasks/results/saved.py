@@ -197,7 +197,11 @@ def _any_experiment(row: Entry) -> ExperimentReport | IndividualReport:
 
 
 def _individual(row: Entry) -> IndividualReport:
-    parts = {key: _numbers(row[key]) for key in ("mode", "mean", "sd")}
+    parts: dict[str, Any] = {key: _numbers(row[key]) for key in ("mode", "mean", "sd")}
+    classes = row.get("components") or {}
+    parts["components"] = {
+        name: tuple(map(_number, each)) for name, each in classes.items()
+    } or None
     return IndividualReport(**{**row, **parts, "log_density": _log_density(row)})
 
 
