@@ -84,7 +84,7 @@ def tried_formulas(count: int, first: int, seed: int, _workers: int) -> bool:
 
 
 PARTS: dict[str, tuple[Callable[[int, int, int, int], bool], int]] = {
-    "mutations": (tried_mutations, 10_000),
+    "mutations": (tried_mutations, 2_000 * len(KINDS)),
     "kills": (tried_kills, 200),
     "failures": (tried_failures, 20),
     "formulas": (tried_formulas, 5000),

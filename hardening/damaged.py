@@ -12,9 +12,8 @@ import numpy as np
 
 from hardening import toml
 from hardening.mutation import Damage
-from hardening.sound import OPTIONS, RESULTS, STORE, STUDIES
+from hardening.sound import OPTIONS, REPLICATED, RESULTS, STORE, STUDIES
 
-KINDS = ("study", "table", "result", "store")
 COLUMNS = {
     "runs": ("x", "outcome", "failure", "log", "seconds", "host", "time", "attempt", '"case"'),
     "cases": ("hash", "conditions", "parameters", "simulator"),
@@ -25,29 +24,32 @@ PREDICT = ("predict", "out/identification.json", "--conditions", "new.csv", "--q
 LIGHT = (
     ("box", "study.toml", "--quiet"),
     ("sensitivity", "study.toml", "--quiet", "--no-figures", "--output", "out"),
-    ("runs", "list", "study.toml"),
 )
-OF_RESULTS = (
-    *[("report", "out")] * 6,
-    PREDICT,
-    (*PREDICT, "--no-uncertainty"),
-    (*PREDICT, "--no-uncertainty", "--no-noise"),
-    (*PREDICT, "--no-uncertainty", "--above", "3"),
-    (*PREDICT, "--reliability", "0.99", "--no-uncertainty"),
-    (*PREDICT, "--of", "A"),
-    (*PREDICT, "--output", "told.json"),
-    (
-        "recover",
-        "study.toml",
-        "--law",
-        "out/identification.json",
-        "--replicates",
-        "2",
-        "--workers",
-        "1",
-        "--quiet",
+READERS: dict[str, tuple[tuple[str, ...], ...]] = {
+    "result, report": (("report", "out"),),
+    "result, compared": (("report", "before", "--compare", "out"),),
+    "result, predict": (
+        PREDICT,
+        (*PREDICT, "--no-uncertainty"),
+        (*PREDICT, "--no-uncertainty", "--no-noise"),
+        (*PREDICT, "--of", "A"),
+        (*PREDICT, "--output", "told.json"),
     ),
-)
+    "result, decide": (
+        (*PREDICT, "--no-uncertainty", "--above", "3"),
+        (*PREDICT, "--reliability", "0.99", "--no-uncertainty"),
+        (*PREDICT, "--no-uncertainty", "--below", "2", "--response", "length"),
+    ),
+    "result, recover": (
+        (
+            *("recover", "study.toml", "--law", "out/identification.json"),
+            *("--replicates", "2", "--workers", "1", "--quiet"),
+        ),
+    ),
+    "replicates": (("bootstrap", "study.toml", "--quiet", "--replicates", "3", "--output", "out"),),
+}
+"""Who reads a damaged result, and with which commands."""
+KINDS = ("study", "table", "store", *READERS)
 OF_STORES = (
     ("runs", "list", "study.toml"),
     ("runs", "show", "study.toml"),
@@ -60,8 +62,8 @@ OF_STORES = (
     ("runs", "list", "runs.sqlite"),
     ("box", "study.toml", "--quiet"),
 )
-NEAR = 0.7
-"""Share of the studies and tables whose values stay within their kind: most are then read."""
+NEAR = 0.8
+"""Share of studies, tables and results whose values stay within their kind: most are then read."""
 SLOW = 0.06
 """Share of the damaged studies and tables that are identified, which takes seconds."""
 
@@ -72,8 +74,8 @@ def damaged(number: int, seed: int, sound: Path, folder: Path) -> tuple[str, tup
     damage, kind = Damage(chance), KINDS[number % len(KINDS)]
     if kind == "store":
         return kind, _store(damage, chance, sound, folder)
-    if kind == "result":
-        return kind, _result(damage, chance, sound, folder)
+    if kind in READERS:
+        return kind, _result(damage, chance, sound, folder, kind)
     return kind, _study(damage, chance, sound, folder, of_table=kind == "table")
 
 
@@ -99,32 +101,36 @@ def _study(
         _write(file, damage.cells(raw.decode(), times))
     else:
         _write(file, toml.written(damage.tree(STUDIES[name].study, times)))
-    return IDENTIFY if slow else damage.choose(LIGHT[:2] if name != "program" else LIGHT)
+    return IDENTIFY if slow else damage.choose(LIGHT)
 
 
 def _result(
-    damage: Damage, chance: np.random.Generator, sound: Path, folder: Path
+    damage: Damage, chance: np.random.Generator, sound: Path, folder: Path, kind: str
 ) -> tuple[str, ...]:
-    name = str(damage.choose(("plain", *RESULTS)))
+    name = REPLICATED if kind == "replicates" else str(damage.choose(RESULTS))
     shutil.copytree(sound / name, folder)
-    command: tuple[str, ...] = damage.choose(OF_RESULTS)
-    replicates = folder / "out" / "bootstrap.jsonl"
-    if replicates.exists() and chance.random() < 0.2:
-        lines = replicates.read_text().splitlines()
+    command: tuple[str, ...] = damage.choose(READERS[kind])
+    near, how, times = chance.random() < NEAR, chance.random(), int(chance.integers(1, 4))
+    changed = damage.nearby if near else damage.tree
+    if kind == "replicates":
+        file = folder / "out" / "bootstrap.jsonl"
+        lines = file.read_text().splitlines()
         at = int(chance.integers(len(lines)))
-        lines[at] = json.dumps(damage.tree(json.loads(lines[at]), 1))
-        _write(replicates, "\n".join(lines) + "\n")
-        return ("bootstrap", "study.toml", "--quiet", "--replicates", "3", "--output", "out")
-    file, times = folder / "out" / "identification.json", int(chance.integers(1, 4))
-    how = chance.random()
-    if how < 0.15:
-        file.write_bytes(damage.bytes(file.read_bytes(), times))
+        lines[at] = json.dumps(changed(json.loads(lines[at]), times))
+        _write(file, "\n".join(lines) + "\n")
+        return command
+    if kind == "result, compared":
+        shutil.copytree(folder / "out", folder / "before")
+    file = folder / "out" / "identification.json"
+    if how < 0.1 and command[0] == "predict":
+        table = folder / "new.csv"
+        _write(table, damage.cells(table.read_text(), times, near))
+    elif near or how > 0.4:
+        _write(file, json.dumps(changed(json.loads(file.read_text()), times)))
     elif how < 0.25:
-        _write(file, damage.text(file.read_text(), times))
-    elif how < 0.4:
-        _write(folder / "new.csv", damage.cells((folder / "new.csv").read_text(), times))
+        file.write_bytes(damage.bytes(file.read_bytes(), times))
     else:
-        _write(file, json.dumps(damage.tree(json.loads(file.read_text()), times)))
+        _write(file, damage.text(file.read_text(), times))
     return command
 
 

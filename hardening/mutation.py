@@ -84,6 +84,21 @@ class Damage:
             at[last] = copy.deepcopy(self.choose(values))
         return changed
 
+    def nearby(self, tree: Tree, times: int) -> Tree:
+        """A tree with so many numbers changed as a result may have them: nearby, of the other sign,
+        0, or null, which stands for NaN. Every branch is as likely as the next one."""
+        changed = copy.deepcopy(tree)
+        for _ in range(times):
+            at: Any = changed
+            while True:
+                key = self.choose([*at] if isinstance(at, dict) else range(len(at)))
+                if not (isinstance(at[key], (dict, list)) and at[key]):
+                    break
+                at = at[key]
+            if type(at[key]) is float:
+                at[key] = self.choose((0.9 * at[key], 1.1 * at[key], -at[key], 0.0, None))
+        return changed
+
     def bytes(self, raw: bytes, times: int) -> bytes:
         """Bytes with so many places changed: overwritten, inserted, removed, cut off."""
         found = bytearray(raw)
@@ -127,8 +142,10 @@ class Damage:
         for _ in range(times):
             if not rows or not rows[0]:
                 break
-            cell = (self._number,) * 9 if near else (self._cell,) * 3
-            self.choose((*cell, self._row, self._column))(rows)
+            if near and self._chance.random() < 0.9:
+                self._number(rows)
+            else:
+                self.choose((self._cell,) * 3 + (self._row, self._column))(rows)
         written = io.StringIO()
         delimiter = "," if near else self.choose((",",) * 9 + (";", "\t"))
         csv.writer(written, delimiter=delimiter, lineterminator="\n").writerows(rows)

@@ -94,7 +94,11 @@ PROGRAM = {
         "keep": "none",
     },
 }
-NEW = {"plain": "load\n2.5\n6\n", "repeated": "load,temperature\n1.5,35\n", "series": "time\n1.5\n"}
+NEW = {
+    "plain": "load\n2.5\n6\n",
+    "repeated": "unit,load,temperature\nN,1.5,35\n",
+    "series": "unit,time\nN,1.5\n",
+}
 
 
 @dataclass(frozen=True)
@@ -113,6 +117,7 @@ STUDIES = {
     "series": Sound(SERIES, TIMES, NEW["series"]),
     "program": Sound(PROGRAM, TABLE, NEW["plain"]),
 }
+MOMENTS = {"mean": {"lower": 0.7, "upper": 1.3}, "sd": {"lower": 0.02, "upper": 0.3}}
 OPTIONS: tuple[tuple[tuple[str, ...], tuple[Any, ...]], ...] = (
     (("title",), ("", "Springs", "$x$ & <b>", "é" * 100)),
     (("seed",), (0, 1, 12345, 2**31)),
@@ -127,16 +132,24 @@ OPTIONS: tuple[tuple[tuple[str, ...], tuple[Any, ...]], ...] = (
     (("propagation",), ({"method": "response_surface", "nodes": 4, "max_runs": 60},)),
     (("experiments", "transform"), ("none", "log")),
     (("experiments", "delimiter"), (",",)),
-    (("parameters", "*", "law"), ("normal", "truncated_normal", "beta", "gamma", "lognormal")),
-    (("parameters", "*", "box"), ([0.4, 1.6], [0.2, 3.0])),
+    (
+        ("parameters", "*"),
+        tuple({"law": law, **MOMENTS} for law in ("normal", "gamma", "lognormal")),
+    ),
+    (("parameters", "*"), ({"law": "beta", "box": [0.3, 1.7], **MOMENTS},)),
+    (("parameters", "*"), ({"law": "truncated_normal", "box": [0.2, 3.0], **MOMENTS},)),
     (("parameters", "*", "mean"), (1.0, {"lower": 0.7, "upper": 1.3, "start": 1.1})),
     (("parameters", "*", "sd"), (0.1, {"lower": 0.02, "upper": 0.3})),
     (("parameters", "*", "unit"), ("1/N", "%", "")),
-    (("runs",), ({"retries": 1}, {"max_failed": 0.5}, {"store": "other.sqlite"})),
+    (("simulator", "retries"), (0, 1)),
+    (("simulator", "max_failed"), (0.0, 0.5)),
+    (("simulator", "store"), ("other.sqlite",)),
 )
 """Keys of every study (`*`: of each parameter) with values that are valid by themselves."""
 RESULTS = ("plain", "noisy", "repeated")
 """Studies whose results are damaged, too."""
+REPLICATED = "noisy"
+"""The one of them that has replicates of a bootstrap, too."""
 STORE = "plain"
 """The study whose store of runs is damaged."""
 
@@ -161,7 +174,7 @@ def prepared(folder: Path) -> None:
             _run("identify", "study.toml", "--quiet", "--output", "out")
         if name == STORE:
             _run("runs", "export", "study.toml", "runs.csv")
-        if name == "noisy":
+        if name == REPLICATED:
             _run("bootstrap", "study.toml", "--quiet", "--replicates", "3", "--output", "out")
         shutil.rmtree("__pycache__", ignore_errors=True)
     os.chdir(here)

@@ -84,6 +84,26 @@ def test_a_crash_of_a_later_run_is_not_silent(folder: Path) -> None:
     assert "model.py" in done.stderr
 
 
+@LINUX
+@pytest.mark.parametrize("end", [f"load > 3 and {ENDS[name][0]}" for name in ("exit", "stop")])
+def test_an_end_of_a_later_run_is_not_silent(folder: Path, end: str) -> None:
+    simulated(folder, end)
+    command = [sys.executable, "-m", "aleator", "check", "study.toml", "--no-figures"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "'length' ended it" in done.stderr
+    assert "--workers 1" in done.stderr
+
+
+@LINUX
+def test_a_command_that_ends_of_itself_says_nothing_of_ends(
+    folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run("check", "study.toml", "--no-figures").exit_code == 0
+    simulated(folder, "None.no")
+    assert run("check", "study.toml", "--no-figures").exit_code == 2
+    assert "ended it" not in capfd.readouterr().err
+
+
 def test_the_next_command_is_printed_with_its_path(folder: Path) -> None:
     simulated(folder, "os.chdir('/')")
     done = run("check", "study.toml", "--no-figures")
@@ -119,6 +139,35 @@ def test_the_answer_of_another_study_is_not_replaced(
     assert done.exit_code == 2, done.output
     assert "another study" in done.stderr
     assert older.read_text() == text
+
+
+@pytest.mark.parametrize("name", ["told.csv", "told.json"])
+def test_a_table_of_predictions_is_replaced_but_not_silently(folder: Path, name: str) -> None:
+    assert run("identify", "study.toml", "--output", "out", "--quiet").exit_code == 0
+    given = ("predict", "out/identification.json", "--conditions", "new.csv", "--no-uncertainty")
+    first, second = (run(*given, "--output", name) for _ in range(2))
+    assert (first.exit_code, second.exit_code) == (0, 0), second.output
+    assert "will be replaced" not in first.stderr
+    assert f"{name} of" in second.stderr
+    if name.endswith(".json"):
+        (folder / name).write_text(json.dumps({"study": {"file": "other.toml"}}))
+        assert run(*given, "--output", name).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("schema", "--output", "file"),
+        ("clutch", "bench", "--seed", "1", "--output", "file"),
+    ],
+)
+@pytest.mark.usefixtures("folder")
+def test_no_command_replaces_a_file_silently(command: tuple[str, ...]) -> None:
+    given = tuple(part.replace("file", "file.csv") for part in command)
+    first, second = (run(*given) for _ in range(2))
+    assert (first.exit_code, second.exit_code) == (0, 0), second.output
+    assert "will be replaced" not in first.stderr
+    assert "file.csv of" in second.stderr
 
 
 @pytest.mark.parametrize("command", ["check", "box", "bootstrap"])

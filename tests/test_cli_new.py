@@ -173,8 +173,34 @@ def test_the_logarithm_is_taken_of_what_spans_many_decades(decades: float, log: 
     found = tomllib.loads(Path("study.toml").read_text())
     assert found["experiments"]["outcome"] == "count"  # it has a bound, the room has none
     assert found["experiments"].get("transform") == ("log" if log else None)
-    spread = np.std(np.log(count) if log else count, ddof=1)
-    assert found["noise"]["sd"]["upper"] == pytest.approx(2.0 * spread, rel=0.5)
+
+
+@pytest.mark.usefixtures("folder")
+def test_noise_that_one_value_an_experiment_does_not_tell_must_be_known() -> None:
+    lengths = (0.93, 2.1, 3.2, 3.7, 5.4, 5.8, ">6", 7.6)
+    rows = [f"{k},{length}" for k, length in enumerate(lengths, 1)]
+    Path("springs.csv").write_text("\n".join(["load,length", *rows, ""]))
+    Path("model.py").write_text("def length(load, softness=1.0):\n    return load * softness\n")
+    done = run("new", "springs.csv", "--function", "model.py:length", "--outcome", "length")
+    assert done.exit_code == 0, done.output
+    sd = tomllib.loads(Path("study.toml").read_text())["noise"]["sd"]
+    assert sd == pytest.approx(0.02)  # 1 % of the scatter
+    assert "noise: 0.02 is assumed" in done.output
+    assert identified(Path("study.toml"))["noise.sd"] == sd
+
+
+def test_rows_of_one_experiment_are_seen_where_an_fmu_takes_the_times(folder: Path) -> None:
+    shutil.copy(compiled(2, folder), folder / "cooling.fmu")
+    rows = [f"{cup},{time},{360 - time - cup}" for cup in range(1, 7) for time in (10, 20, 30)]
+    (folder / "cups.csv").write_text("\n".join(["cup,time,T", *rows, ""]))
+    done = run("new", "--fmu", "cooling.fmu", "--outcome", "T", "--parameter", "surface.k=0.5:2")
+    assert done.exit_code == 0, done.output
+    assert "18 rows of 6 experiments, named by the column cup" in done.output
+    assert "not used" not in done.output
+    written = tomllib.loads(Path("study.toml").read_text())
+    assert written["experiments"]["id"] == "cup"
+    assert written["experiments"]["conditions"] == ["time"]
+    assert written["noise"]["sd"]["lower"] > 0.0
 
 
 def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import json
+import math
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -241,6 +244,16 @@ def test_the_report_has_a_line_that_agrees(right: Identification, wrong: Identif
 def test_an_answer_read_from_a_file_keeps_it(wrong: Identification, tmp_path) -> None:
     wrong.save(tmp_path / "identification.json")
     assert load(tmp_path / "identification.json").best_possible == wrong.best_possible
+
+
+def test_a_number_of_it_that_json_cannot_hold_is_read(
+    wrong: Identification, tmp_path: Path
+) -> None:
+    document = {**wrong.to_dict(), "best_possible": {**(wrong.best_possible or {}), "gap": None}}
+    (tmp_path / "identification.json").write_text(json.dumps(document))
+    read = load(tmp_path / "identification.json").best_possible
+    assert read is not None
+    assert math.isnan(read["gap"])
 
 
 def test_what_takes_longer_is_left_to_the_command(

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import io
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 from identifications import unjudged
 from reports import printed
+from rich.console import Console
 from scipy import stats
 
 from aleator import Constant, Experiments, Free, GradientMultistart, Identification, Inputs
 
 from aleator import Mixture, Noise, Normal, ResponseSurface  # isort: skip
 from aleator.errors import InputsError
+from aleator.report.terminal import render
 from aleator.search.value import LogLikelihood
+from aleator.tasks.results.saved import load
 from aleator.types import Array
 
 pytestmark = pytest.mark.usefixtures("unreported")
@@ -148,6 +154,37 @@ def test_latent_classes_beside_a_parameter_that_scatters() -> None:
     mean = found.predict(pd.DataFrame({"t": [2.0]}))["mean"][0]
     expected = 2.0 * found.law.marginals["x"].mean + v["b.mean"]
     assert mean == pytest.approx(expected, abs=0.02)
+
+
+def test_latent_classes_have_the_probabilities_of_bayes(tmp_path: Path) -> None:
+    """P(c | y_l) = w_c prod_j phi(y_lj; v_c, sd) / sum over the components, in closed form."""
+    rng = np.random.default_rng(28)
+    level = np.where(np.arange(20) % 4 == 0, 1.6, 0.9)
+    y = level[:, None] + 0.5 * rng.standard_normal((20, 3))
+    table = pd.DataFrame({"unit": np.repeat(np.arange(20), 3), "y": y.ravel()})
+    law = Mixture((Constant(Free(0.2, 1.2)), Constant(Free(1.0, 3.0))))
+    found = unjudged(
+        lambda x: x, Experiments.from_frame(table, outcome="y", id="unit"), Inputs({"x": law}),
+        noise=Noise(Free(0.05, 2.0)), vectorized=True,
+    )  # fmt: skip
+    low, high, share, sd = (
+        found.values[name] for name in ("x.1.value", "x.2.value", "x.1.share", "noise.sd")
+    )
+    joint = np.stack(
+        [
+            w * np.prod(stats.norm.pdf(y, v, sd), axis=1)
+            for w, v in ((share, low), (1.0 - share, high))
+        ]
+    )
+    told = found.individuals[["x.1.probability", "x.2.probability"]].to_numpy().T
+    assert told == pytest.approx(joint / joint.sum(axis=0), abs=1e-6)
+    assert 0.1 < np.min(np.max(told, axis=0)) < 0.9  # some experiments are unsure
+    found.save(tmp_path / "found.json")
+    assert load(tmp_path / "found.json").experiments == found.experiments
+    first = f"1 of {np.sum(told[0] > 0.5)}"
+    text = io.StringIO()
+    Console(width=100, file=text).print(render(found.to_dict()))
+    assert first in text.getvalue()
 
 
 def test_points_without_noise_are_refused() -> None:

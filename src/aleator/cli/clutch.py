@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from aleator import clutch as wet_clutch
-from aleator.cli.running import FILE
+from aleator.cli.running import FILE, make_place
 from aleator.tasks.results import documents
 
 
@@ -36,5 +36,6 @@ def bench(seed: int, kind: str, output: Path | None) -> None:
     if output is None:
         click.echo(text, nl=False)
     else:
+        make_place(output)
         documents.write_text(text, output)
         click.echo(f"Written: {output}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
@@ -14,7 +15,15 @@ from rich.console import Console
 
 from aleator.cli.deciding import Asked, asks
 from aleator.cli.predict_notes import expected_runs, held, made_runs, untested
-from aleator.cli.running import FILE, RESULT, RunOptions, makes_runs, running, units_in
+from aleator.cli.running import (
+    FILE,
+    RESULT,
+    RunOptions,
+    make_place,
+    makes_runs,
+    running,
+    units_in,
+)
 from aleator.cli.showing import shown
 from aleator.errors import AleatorError, short
 from aleator.inference.decisions.alpha_draws import AlphaDraws, alpha_draws
@@ -111,6 +120,8 @@ def predict(
     if value.sha256 != documents.study_entry(document).get("sha256"):
         click.echo(f"aleator: note: {value.file} has changed since the identification", err=True)
     table = value.read_conditions(Path(short(new)))
+    if output is not None:
+        make_place(output, value.file)
     with (
         running(value, options, table) as runner,
         running(value, options) if of else nullcontext() as measured,
@@ -135,7 +146,7 @@ def predict(
         row = found["row"].to_numpy() - 1 if "row" in found else _rows_of(found, table)
         for name in reversed([name for name in table.conditions if name not in found]):
             found.insert(1, name, table.conditions[name].to_numpy()[row])
-        _write(found, document, output)
+        _write(found, document, value.file, output)
         click.echo(f"Written: {short(output)}")
     else:
         found["id"] = _labels(found, table)
@@ -163,12 +174,13 @@ def _show(found: pd.DataFrame, asked: Asked, value: Study) -> None:
             Console().print(asked.rendered(part, label(units_in(value), response.name)))
 
 
-def _write(found: pd.DataFrame, document: Mapping[str, Any], output: Path) -> None:
+def _write(found: pd.DataFrame, document: Mapping[str, Any], study: Path, output: Path) -> None:
     """Write a table as CSV, or as JSON where the file is called so."""
     if output.suffix.lower() == ".json":
         rows = found.to_dict("records")
-        title, study = document.get("title"), documents.study_entry(document)
-        documents.write_json({"title": title, "study": study, "rows": rows}, output)
+        entry, file = documents.study_entry(document), os.path.relpath(study, output.parent)
+        told = {"title": document.get("title"), "study": {**entry, "file": file}, "rows": rows}
+        documents.write_json(told, output)
     else:
         documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
 

@@ -135,7 +135,7 @@ def running(
     """The study's simulator with its workers and the store of its runs; all closed in the end.
 
     The current folder is then what it was, wherever the simulator went. Raises SimulatorError
-    where the first run of a function would end this process.
+    where the first run of a function would end this process; a later one's end is said.
     """
     if options.no_store and options.store is not None:
         raise AleatorError("--store and --no-store contradict each other", "leave one of them out")
@@ -146,8 +146,12 @@ def running(
     ):
         runner = study.runner(conditions, kept, executor)
         told = None if options.quiet else say
-        with closing(study), notified(runner.cache, str(study.file), told):
-            runner.require_survived(np.clip(start_point(study.inputs), *study.inputs.box.T))
+        first = np.clip(start_point(study.inputs), *study.inputs.box.T)
+        with (
+            closing(study),
+            notified(runner.cache, str(study.file), told),
+            runner.survived(first),
+        ):
             yield runner
 
 
@@ -232,10 +236,10 @@ def _folder_kept() -> Iterator[None]:
                 os.chdir(here)
 
 
-def make_place(result: Path, study: Path) -> None:
-    """Make the folder of a result of a study, and say so where an older result will be replaced.
+def make_place(result: Path, study: Path | None = None) -> None:
+    """Make the folder of a file that a command writes, and say so where an older one is replaced.
 
-    Raises AleatorError where that is the result of another study.
+    Raises AleatorError where that is the result of another study than this one.
     """
     documents.make_folder(result.parent)
     if note := documents.replaced(result, study):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from aleator.cli.running import RESULT
+from aleator.cli.running import RESULT, make_place
 from aleator.errors import short
 from aleator.study.schema import study_schema
 from aleator.tasks.results import documents
@@ -32,6 +32,7 @@ def schema(output: Path | None) -> None:
     if output is None:
         click.echo(text, nl=False)
         return
+    make_place(output)
     documents.write_text(text, output)
     click.echo(f"Written: {short(output)}")
 

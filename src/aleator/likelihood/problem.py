@@ -57,7 +57,8 @@ class Forward:
     def given(self, outcomes: Array) -> Problem:
         """The inverse problem that measured outcomes (N,) make of it."""
         own = (self.model, self.predictive, self.response, self.surface, self.region)
-        return Problem(*own, self.condition, outcomes)
+        none = np.zeros(len(outcomes), dtype=np.bool_)
+        return Problem(*own, self.condition, outcomes, unreached=none)
 
     def by(self, model: Model) -> Forward:
         """The same response under other choices of density."""
@@ -75,7 +76,7 @@ class Problem(Forward):
 
     outcomes: Array
     levels: LevelLikelihood | None = None
-    unreached: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    unreached: Flags = field(kw_only=True)
 
     @property
     def by_densities(self) -> Likelihood:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import fmean, pstdev
 from typing import Any
@@ -67,7 +68,20 @@ def shrinkage(result: Result) -> RenderableType | None:
         "Parameters of the experiments. Shrinkage: 0 % where the observations of an experiment "
         "alone say what its own parameter is, 100 % where only the law does."
     )
-    return Group(Text(head), Rows(columns, rows))
+    return Group(Text(head), Rows(columns, rows), *_components(result))
+
+
+def _components(result: Result) -> Iterator[Text]:
+    """How many experiments are most probably of each component of a mixture."""
+    every = [entry.get("components") or {} for entry in result["experiments"]]
+    for name in every[0]:
+        most = Counter(max(enumerate(p[name], 1), key=_probability)[0] for p in every)
+        said = ", ".join(f"{c} of {number}" for c, number in sorted(most.items()))
+        yield Text(f"{label(result, name)}: the most probable component is {said} experiments.")
+
+
+def _probability(component: tuple[int, float | None]) -> float:
+    return component[1] or 0.0
 
 
 def relations(result: Result) -> RenderableType | None:

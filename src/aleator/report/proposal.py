@@ -12,6 +12,7 @@ from aleator.study.proposed_laws import Proposed
 
 LAST = r"(\S+)\s*\Z"
 """What a program prints last."""
+KNOWN = "the number that is known: one value an experiment hardly tells it from the law"
 SHOWN = 20  # variables of an FMU that are listed
 
 
@@ -51,6 +52,8 @@ def notes(proposal: Proposal) -> list[str]:
         said.append(f"the same in every row, not used: {', '.join(roles.constant)}")
     if proposal.censored:
         said.append(f"censored values: {', '.join(proposal.censored)}")
+    said += [f"noise: {sd:g} is assumed; write {KNOWN}" for sd in proposal.noise.values()
+             if isinstance(sd, float)]  # fmt: skip
     if proposal.series:
         said.append(f"a run serves all rows of an experiment, with arrays of "
                     f"{', '.join(proposal.within)}")  # fmt: skip
@@ -263,15 +266,11 @@ def _variable(offer: Offer, each: Given) -> str:
 def _noise(proposal: Proposal) -> list[str]:
     several = len(proposal.outcomes) > 1
     if not proposal.noise:
-        limits = next(iter(proposal.scale.values()), None)
         return [
             "# Without [noise] the parameters alone explain all scatter. With it:",
             "# [noise]",
-            f"# sd = {ends(limits)}" if limits else "# sd = ...",
+            f"# sd = ...  # {KNOWN}",
         ]
-    sought = "identified; a number would be known"
-    if not (proposal.repeated or several):
-        sought = "identified, hardly from one value an experiment: better the number that is known"
     lines: list[str] = []
     for name, sd in proposal.noise.items():
         lines += [""] if lines else []
@@ -280,6 +279,10 @@ def _noise(proposal: Proposal) -> list[str]:
         lines.append(remarked(head, f"measurement noise, normal{of}"))
         if isinstance(sd, str):
             lines.append(line("sd", sd, "the column with the sd of each measured value"))
+        elif isinstance(sd, float):
+            lines.append(
+                line("sd", sd, f"assumed, 1 % of the scatter of all values; write {KNOWN}")
+            )
         else:
-            lines.append(remarked(f"sd = {ends(sd)}", sought))
+            lines.append(remarked(f"sd = {ends(sd)}", "identified; a number would be known"))
     return lines

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,7 @@ from aleator.simulators.run_cache import RunCache
 from aleator.simulators.run_progress import RunProgress
 from aleator.simulators.runs import Runs
 from aleator.simulators.store import Store
-from aleator.simulators.trial import ending
+from aleator.simulators.trial import ending, watched
 from aleator.simulators.units import Units
 from aleator.simulators.workshop import Workshop
 from aleator.types import Array, Indices
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 MAX_FAILED = 0.2
 """Share of failed runs at which a study stops."""
+_APART = "with --workers 1 such a run is one that failed"
 FEW = 10
 """Failures of which no share is too large yet."""
 
@@ -312,22 +313,33 @@ class Runner:
         column = int(np.argmin(np.isclose(first, again[0], rtol=REPEATABLE, equal_nan=True)))
         raise self._messages.not_repeatable(known, 0, float(first[column]), float(again[0, column]))
 
-    def require_survived(self, x: ArrayLike) -> None:
-        """Try the first experiment at x (n,) of a Python function that would run in this process.
+    @contextmanager
+    def survived(self, x: ArrayLike) -> Iterator[None]:
+        """Runs of a Python function within: one that ends this process does not do so silently.
 
-        Nothing is tried where the store has runs of it. Raises SimulatorError where the run ends
-        the process: by `os._exit`, a crash of compiled code, or its STOP (see `ending`).
+        By `os._exit`, a crash of compiled code, or its STOP. First the first experiment at x (n,)
+        is tried in a copy of the process, unless the store has runs: raises SimulatorError where
+        that ends the copy (see `ending`). A later end is said on the standard error (`watched`).
+        Workers and other simulators have processes of their own: nothing is tried or watched.
         """
-        known = self.cache is not None and self.cache.at_start.runs > 0
-        if self.executor or known or not isinstance(self.simulator, FunctionSimulator):
+        if self.executor or not isinstance(self.simulator, FunctionSimulator):
+            yield
             return
-        point, at = np.atleast_2d(np.asarray(x, dtype=np.float64)), np.zeros(1, np.intp)
-        columns = self._bound.columns(self.cases.condition[at], point)
-        if (how := ending(lambda: self.simulator(*columns))) is not None:
-            raise SimulatorError(
-                f"the simulator '{self.simulator.name}' ended the process of its first run ({how})",
-                "let it raise an exception there; with --workers 1 such a run is one that failed",
-            )
+        if self.cache is None or not self.cache.at_start.runs:
+            point, at = np.atleast_2d(np.asarray(x, dtype=np.float64)), np.zeros(1, np.intp)
+            columns = self._bound.columns(self.cases.condition[at], point)
+            if (how := ending(lambda: self.simulator(*columns))) is not None:
+                raise SimulatorError(
+                    f"the simulator '{self.simulator.name}' ended the process of its first run "
+                    f"({how})",
+                    f"let it raise an exception there; {_APART}",
+                )
+        with watched(
+            "aleator: error: the process ended before the command did: the simulator "
+            f"'{self.simulator.name}' ended it (os._exit, a crash, STOP), or a signal. There is "
+            f"no answer.\n  Remedy: let the simulator raise an exception there; {_APART}"
+        ):
+            yield
 
     def repeat_some(self) -> None:
         """Make some of the runs from now on again, at most 24: a check that costs next to nothing.

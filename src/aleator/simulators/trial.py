@@ -1,19 +1,23 @@
-"""The first run of a Python function, tried in a copy of this process, which it may end."""
+"""Python functions that end the process they run in: the first run is tried, a later end said."""
 
 from __future__ import annotations
 
 import faulthandler
 import os
 import signal
+import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 APART = 10.0
 """Seconds after which the trial of a slower run is broken off: how that ends is not known then."""
 _PAUSE = 0.001
 _RETURNED = 77
+_WATCH = 'read -r _ || printf "%s\\n" "$1" >&2'
+"""A line comes when all is well; the end of the pipe without one is that of its writer."""
 
 
 def ending(call: Callable[[], object]) -> str | None:
@@ -49,6 +53,25 @@ def ending(call: Callable[[], object]) -> str | None:
         return f"signal {os.WTERMSIG(status)}, {signal.strsignal(os.WTERMSIG(status))}"
     code = os.waitstatus_to_exitcode(status)
     return None if code == _RETURNED else f"exit code {code}"
+
+
+@contextmanager
+def watched(words: str) -> Iterator[None]:
+    """Have `words` written to the standard error if this process ends before the block does.
+
+    By a shell that waits for a line of this process; the exit code stays what ended the process.
+    On systems without a POSIX shell nothing is written.
+    """
+    if os.name != "posix":
+        yield
+        return
+    watcher = subprocess.Popen(
+        ["/bin/sh", "-c", _WATCH, "sh", words], stdin=subprocess.PIPE, start_new_session=True
+    )
+    try:
+        yield
+    finally:
+        watcher.communicate(b"\n")
 
 
 def _end_with(call: Callable[[], object]) -> None:

@@ -26,6 +26,8 @@ SOME, MANY = 2.0, 3.0
 SMALLEST, LARGEST = 1e-3, 2.0
 """Limits of the noise over the standard deviation of all measured values: where no parameter
 scatters the noise is all of it, and its interval reaches beyond."""
+ASSUMED = 0.01
+"""The same share as a noise that must be known: small beside the law's scatter."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +36,11 @@ class Proposal:
 
     `parameters` come as the simulator has them; `untouched` are those that keep the value that the
     simulator gives them. `noise` has limits for the sd of each outcome, or the name of the column
-    that tells it; empty where each experiment has one exact outcome. `scale` are the limits that it
-    could have. `decades` are outcomes that span some, and `log` is whether there is one only, which
-    spans so many that its logarithm is taken. `units` are those that heads of columns or
-    the FMU state. `unlike` names columns that look like something that the simulator takes.
+    that tells it, or an assumed number where it must be known: one value an experiment hardly tells
+    it from the law. It is empty where each experiment has one exact outcome. `decades` are outcomes
+    that span some, and `log` is whether there is one only, whose logarithm is taken. `units` are
+    those that heads of columns or the FMU state. `unlike` names columns that look like something
+    that the simulator takes.
     `censored` says of each outcome how the table tells bounds, `covariates` has the columns that a
     law may follow with their terms in a formula. `series` is whether the simulator is to be called
     once for all rows of an experiment; `within` are the conditions that vary there.
@@ -54,8 +57,7 @@ class Proposal:
     offer: Offer
     parameters: tuple[Proposed, ...]
     untouched: tuple[Given, ...]
-    noise: Mapping[str, Limits | str]
-    scale: Mapping[str, Limits]
+    noise: Mapping[str, Limits | str | float]
     decades: tuple[str, ...]
     log: bool
     units: Mapping[str, str]
@@ -75,8 +77,7 @@ class Proposal:
     @property
     def conditions(self) -> tuple[str, ...]:
         """The columns that the simulator is given, the times of a simulation among them."""
-        own = self.roles.conditions
-        return (*own, self.time) if self.time and self.time not in own else own
+        return self.roles.conditions
 
     @property
     def incomplete(self) -> tuple[str, ...]:
@@ -120,7 +121,8 @@ def roles_of(sheet: Sheet, offer: Offer, outcomes: Sequence[str]) -> Roles:
                 f"the simulator takes '{name}': it cannot be the outcome",
                 f"the outcome is what it returns; it takes {', '.join(offer.names)}",
             )
-    return roles_in(sheet.table, offer.names, outcomes)
+    times = _time(sheet, offer, outcomes)
+    return roles_in(sheet.table, (*offer.names, *((times,) if times else ())), outcomes)
 
 
 def proposed(
@@ -148,20 +150,23 @@ def proposed(
     parameters, untouched = parameters_of(offer, roles, most, chosen)
     decades = {name: decades_of(sheet.table, name) for name in outcomes}
     log = len(decades) == 1 and decades[outcomes[0]] >= MANY and not roles.errors
-    scale = {name: noise_limits(spread_of(sheet.table, name, log=log)) for name in outcomes}
-    bare = {name: limits for name, limits in scale.items() if limits is not None}
+    spread = {name: spread_of(sheet.table, name, log=log) for name in outcomes}
+    spread = {name: one for name, one in spread.items() if math.isfinite(one) and one > 0.0}
     bounds = {name: censoring_of(sheet.table, name, roles.others) for name in outcomes}
     censored = {name: one for name, one in bounds.items() if one is not None}
     telling = {name for one in censored.values() for name in one.columns}
     left = [name for name in roles.others if name not in telling]
     within = tuple(name for name in roles.conditions if varies_within(sheet.table, name, id))
-    several = experiments < len(sheet.table) or len(outcomes) > 1 or bool(censored)
-    noise: dict[str, Limits | str] = {**bare} if several else {}
+    noise: dict[str, Limits | str | float] = {}
+    if experiments < len(sheet.table) or len(outcomes) > 1:
+        noise = {name: noise_limits(one) for name, one in spread.items()}
+    elif censored:
+        noise = {name: _rounded(ASSUMED * one, math.floor) for name, one in spread.items()}
     if len(roles.errors) == 1 and len(outcomes) == 1:
         noise = {outcomes[0]: roles.errors[0]}
     return Proposal(
         title, file, sheet, tuple(outcomes), id, roles, experiments, offer, parameters, untouched,
-        noise, bare, tuple(n for n in outcomes if decades[n] >= SOME), log,
+        noise, tuple(n for n in outcomes if decades[n] >= SOME), log,
         _units(sheet.table, roles, outcomes, parameters),
         _unlike(sheet, offer, roles, (*outcomes, id)),
         censored, covariates_in(sheet.table, left, id), within,
@@ -170,14 +175,12 @@ def proposed(
     )  # fmt: skip
 
 
-def noise_limits(spread: float) -> Limits | None:
+def noise_limits(spread: float) -> Limits:
     """Round limits of the noise: from a thousandth of the spread of all values to twice as much.
 
     >>> noise_limits(3.73)
     (0.003, 8.0)
     """
-    if not (math.isfinite(spread) and spread > 0.0):
-        return None
     return _rounded(SMALLEST * spread, math.floor), _rounded(LARGEST * spread, math.ceil)
 
 

@@ -185,8 +185,7 @@ def _doubtful(answer: Answer, moves: Array) -> Flags:
     Without noise also those whose outcome lies at an extreme of the surface.
     """
     doubtful: Flags = moves > diagnostics.DOUBTFUL
-    unreached = answer.problem.unreached
-    return doubtful | unreached if unreached.size else doubtful
+    return doubtful | answer.problem.unreached
 
 
 def _judged(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,8 @@ class IndividualParameters:
     simulated value of each observation under its individual law. `shrinkage` (n,) is
     1 - sd_l(E[theta_l | y_l]) with theta the variate of each parameter, whose sd is one: 0 where
     the observations alone say what each x is, 1 where only the law does (Savic and Karlsson,
-    2009); NaN for a constant.
+    2009); NaN for a constant. `components` (N, C) of each parameter with a mixture are the
+    probabilities P(c | y_l, alpha) of its components.
     """
 
     mode: Array
@@ -28,6 +30,7 @@ class IndividualParameters:
     sd: Array
     predicted: Array
     shrinkage: Array
+    components: Mapping[str, Array]
 
 
 def individual_parameters(likelihood: IndividualLikelihood, alpha: Array) -> IndividualParameters:
@@ -36,11 +39,13 @@ def individual_parameters(likelihood: IndividualLikelihood, alpha: Array) -> Ind
     n = len(inputs.names)
     mode, mean, sd = (np.empty((count, n)) for _ in range(3))
     variate = np.empty((count, inputs.scattering))
+    of_class = np.empty((count, len(inputs.classes)))
     predicted = np.empty(likelihood.layout.experiment.size)
     for block in likelihood.blocks:
         part, owner = block.experiments, block.owner
         found = likelihood.at(alpha, block, likelihood.nodes.xi[part])
         share = mean_of(found.sums + likelihood.nodes.log_weight[part])[1]
+        of_class[part] = share.reshape(len(share), len(inputs.classes), -1).sum(axis=2)
         x = found.individual.x
         mean[part] = np.einsum("lj,ljn->ln", share, x)
         sd[part] = np.sqrt(np.einsum("lj,ljn->ln", share, (x - mean[part, None]) ** 2))
@@ -54,7 +59,12 @@ def individual_parameters(likelihood: IndividualLikelihood, alpha: Array) -> Ind
         mode[part] = np.take_along_axis(x_of_modes, best, axis=1)[:, 0]
     shrinkage = np.full(n, np.nan)
     shrinkage[list(inputs.scattered)] = 1.0 - np.std(variate, axis=0)
-    return IndividualParameters(mode, mean, sd, predicted, shrinkage)
+    components = {
+        name: of_class @ (own[:, None] == np.arange(own.max() + 1))
+        for name, own in zip(inputs.names, inputs.classes.T, strict=True)
+        if own.max() > 0
+    }
+    return IndividualParameters(mode, mean, sd, predicted, shrinkage, components)
 
 
 def individual_points(

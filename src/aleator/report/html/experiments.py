@@ -88,6 +88,11 @@ def _individual(entry: Document) -> dict[str, str]:
         "observations": str(entry["observations"]),
         "log-density": number(entry["log_density"]),
         **parts,
+        **{
+            f"{name}.{c} probability": number(one, 3)
+            for name, each in (entry.get("components") or {}).items()
+            for c, one in enumerate(each, start=1)
+        },
     }
 
 

@@ -200,6 +200,7 @@ def _individuals(
             mean=dict(zip(names, found.mean[l].tolist(), strict=True)),
             sd=dict(zip(names, found.sd[l].tolist(), strict=True)),
             status=Status(int(status[l])).name.lower(),
+            components={name: tuple(p[l].tolist()) for name, p in found.components.items()} or None,
         )
         for l in range(len(ids))
     )

@@ -100,10 +100,11 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def replaced(path: Path, study: Path) -> str | None:
-    """What is said before a result of the study takes the place of an older one; None for none.
+def replaced(path: Path, study: Path | None = None) -> str | None:
+    """What is said before a file takes the place of an older one; None where there is none.
 
-    Raises AleatorError where the older one is that of another study: it is not lost silently.
+    Raises AleatorError where the older one is the result of another study than this one: it is not
+    lost silently.
     """
     try:
         older = study_entry(json.loads(path.read_text(encoding="utf-8"))).get("file")
@@ -111,7 +112,7 @@ def replaced(path: Path, study: Path) -> str | None:
         return None
     except (OSError, ValueError, AttributeError, RecursionError):
         older = None
-    if isinstance(older, str) and (path.parent / older).resolve() != study.resolve():
+    if study and isinstance(older, str) and (path.parent / older).resolve() != study.resolve():
         raise AleatorError(
             f"{short(path)} is the result of another study, {older}",
             "choose another folder with --output, or remove the file",

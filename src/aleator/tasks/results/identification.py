@@ -183,8 +183,8 @@ class Identification(Decided):
         """A row for each experiment with individual parameters, by its id.
 
         Columns ``observations``, ``log_density``, and ``x.mode``, ``x.mean``, ``x.sd`` of each
-        parameter x given the observations of the experiment. Without columns for experiments of
-        one outcome.
+        parameter x given the observations of the experiment; ``x.1.probability`` and so on of the
+        components of a mixture. Without columns for experiments of one outcome.
         """
         own = [e for e in self.experiments if isinstance(e, IndividualReport)]
         rows = [
@@ -193,6 +193,11 @@ class Identification(Decided):
                 f"{name}.{what}": getattr(e, what)[name]
                 for name in e.mean
                 for what in ("mode", "mean", "sd")
+            }
+            | {
+                f"{name}.{c}.probability": one
+                for name, each in (e.components or {}).items()
+                for c, one in enumerate(each, start=1)
             }
             for e in own
         ]

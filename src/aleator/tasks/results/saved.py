@@ -175,7 +175,7 @@ def from_document(document: Entry) -> Identification:
 
 def _best_possible(row: Entry | None) -> dict[str, float] | None:
     names = ("log_likelihood", "gap", "p_value", "replicates")
-    return None if row is None else {name: float(row[name]) for name in names}
+    return None if row is None else {name: _number(row[name]) for name in names}
 
 
 def _estimate(row: Entry) -> Estimate:
@@ -197,7 +197,11 @@ def _any_experiment(row: Entry) -> ExperimentReport | IndividualReport:
 
 
 def _individual(row: Entry) -> IndividualReport:
-    parts = {key: _numbers(row[key]) for key in ("mode", "mean", "sd")}
+    parts: dict[str, Any] = {key: _numbers(row[key]) for key in ("mode", "mean", "sd")}
+    classes = row.get("components") or {}
+    parts["components"] = {
+        name: tuple(map(_number, each)) for name, each in classes.items()
+    } or None
     return IndividualReport(**{**row, **parts, "log_density": _log_density(row)})
 
 

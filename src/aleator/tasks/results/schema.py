@@ -339,6 +339,10 @@ def _disagreement(answer: Any) -> tuple[str, str] | None:
             for key in ("mode", "mean", "sd"):
                 if getattr(own, key).keys() != parameters:
                     return f"experiments[{k}].{key}", "has other parameters than the first one"
+            counts = {name: len(each) for name, each in (own.components or {}).items()}
+            first = {n: len(p) for n, p in (answer.experiments[0].components or {}).items()}
+            if counts != first or 0 in counts.values():
+                return f"experiments[{k}].components", "are not those of the first one"
     if pictures.predicted and (
         pictures.predicted.keys() != {str(p) for p in QUANTILES}
         or any(len(column) != len(seen) for column in pictures.predicted.values())

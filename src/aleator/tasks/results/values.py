@@ -99,7 +99,8 @@ class IndividualReport:
     """What is known of one experiment with several observations.
 
     `log_density` is the logarithm of the density of all its observations together. `mode`, `mean`
-    and `sd` are those of its parameters given its observations (the individual law), by name.
+    and `sd` are those of its parameters given its observations (the individual law), by name;
+    `components` has the probability of each component of a mixture given them (latent classes).
     """
 
     id: str
@@ -109,6 +110,7 @@ class IndividualReport:
     mean: Mapping[str, float]
     sd: Mapping[str, float]
     status: str
+    components: Mapping[str, tuple[float, ...]] | None = None
 
 
 @dataclass(frozen=True)
