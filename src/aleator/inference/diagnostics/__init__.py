@@ -3,7 +3,7 @@
 from aleator.inference.diagnostics.budget import UNCHECKED, budget_warnings
 from aleator.inference.diagnostics.check import score_steps
 from aleator.inference.diagnostics.failures import boxes_proposed, failure_report, failure_warnings
-from aleator.inference.diagnostics.levels import by_finer_cells
+from aleator.inference.diagnostics.levels import by_finer_cells, cells_error
 from aleator.inference.diagnostics.near_outcomes import ACCURACY, Doubt, doubt
 from aleator.inference.diagnostics.reach import shortfalls, unreachable
 from aleator.inference.diagnostics.review import MOMENTS_STAND_IN, review, statuses
@@ -18,6 +18,7 @@ __all__ = [
     "boxes_proposed",
     "budget_warnings",
     "by_finer_cells",
+    "cells_error",
     "doubt",
     "failure_report",
     "failure_warnings",
