@@ -95,9 +95,7 @@ class Shape:
     range: tuple[float, float] = (0.5, 2.0)
 
 
-def roots(
-    response: Callable[..., Array], breaks: Callable[[float], list[float]]
-) -> Level:
+def roots(response: Callable[..., Array], breaks: Callable[[float], list[float]]) -> Level:
     """Level sets of one parameter: a root of each monotone branch between `breaks`."""
 
     def level(laws: tuple[Law, ...], _: int) -> Set:

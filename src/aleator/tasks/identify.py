@@ -280,7 +280,8 @@ def _verified(
         seed=seed, lower=problem.predictive.lower, upper=problem.predictive.upper,
         observation=model.noise.kind if model.noise else NORMAL,
         emulator=emulator, condition=problem.condition, expected=expected, known=known,
-        progress=progress, most=most, steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
+        progress=progress, most=most,
+        steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
     )  # fmt: skip
 
 

@@ -68,8 +68,8 @@ def review(
 ) -> tuple[tuple[Diagnostic, ...], bool]:
     """All warnings, and whether the answer is sound.
 
-    `doubted` is what surfaces have wrong near the outcomes, `conditions` has a row an experiment, and `changed` (2, N) is
-    that of `by_finer_cells`.
+    `doubted` is what surfaces have wrong near the outcomes, `conditions` has a row an experiment,
+    and `changed` (2, N) is that of `by_finer_cells`.
     """
     hyperparameters = problem.model.hyperparameters
     refusals = [

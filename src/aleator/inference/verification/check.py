@@ -76,10 +76,11 @@ def verify(
     outcome: the smaller they are, the fewer runs are made if the choice leaves them open. `known`
     (N,) are the emulator's densities where they are known exactly, by level sets; otherwise they
     are found along lines. Where `steps` (K,) are positive, of about a quarter of a standard error,
-    and the densities are those of lines, the score is told too. With `most`, from 2 on, no experiment has more runs near
-    its outcome, and none is looked at again. The bias -var/2 of the logarithm is corrected. A run
-    that failed, NaN, is left out: the density is that of an outcome where there is one. Cost: see
-    `MonteCarlo`, and LEVELS times 512 runs for an experiment far out without an emulator.
+    and the densities are those of lines, the score is told too. With `most`, from 2 on, no
+    experiment has more runs near its outcome, and none is looked at again. The bias -var/2 of the
+    logarithm is corrected. A run that failed, NaN, is left out: the density is that of an outcome
+    where there is one. Cost: see `MonteCarlo`, and LEVELS times 512 runs for an experiment far out
+    without an emulator.
     """
     count = measured.size
     bench = _Bench(

@@ -135,7 +135,7 @@ class Refinement(ABC):
         return self._on(surfaces, region)
 
     def _on(self, surfaces: AdaptiveSurfaces, region: Array) -> Problem:
-        """The likelihood on a region, with surfaces that are exact all over it if that is chosen."""
+        """The likelihood on a region, by surfaces that are exact all over it if so chosen."""
         if not self.model.follows:
             surfaces.refine(None, surfaces.level, told(self.progress))
         return self._prepared(region, surfaces.surface())

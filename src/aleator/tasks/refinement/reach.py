@@ -35,7 +35,7 @@ class Reach:
     looks: int = 32
     starts: int = 3
     steps: int = 60
-    near: float = 1e-3
+    near: float = 1e-4
     rounds: int = 5
 
 
@@ -105,9 +105,7 @@ def sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> boo
     for condition in granted.tolist():
         points, values = _by_surface(surfaces, condition)
         away = np.abs(values - outcomes[lost == condition][:, None]).min(axis=0)
-        surfaces.sharpen(
-            np.arange(members.size) == condition, points[np.argsort(away)[:DRAWS]]
-        )
+        surfaces.sharpen(np.arange(members.size) == condition, points[np.argsort(away)[:DRAWS]])
     return bool(granted.size)
 
 

@@ -84,7 +84,7 @@ def assemble(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
         log_likelihood=replace(
             _log_likelihood(honest, checked, diagnostics.cells_error(problem, changed), doubted),
-            log_prior=prior_of(honest, hyperparameters)
+            log_prior=prior_of(honest, hyperparameters),
         ),
         density=problem.likelihood.name,
         propagation=problem.name,
