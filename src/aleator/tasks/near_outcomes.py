@@ -34,12 +34,9 @@ def doubt_of(answer: Answer, checked: Verification | None) -> Doubt:
 
 
 def nearer(question: Question, answer: Answer, doubtful: Flags, ledger: Ledger) -> Answer | None:
-    """The answer with more runs near the outcomes of some experiments (N,); None without any.
-
-    Nor of a fast simulator, which is asked itself where the answer on surfaces is not sound.
-    """
+    """The answer with more runs near the outcomes of some experiments (N,); None without any."""
     surfaces, condition = answer.surfaces, answer.problem.condition
-    if surfaces is None or not doubtful.any() or question.fast():
+    if surfaces is None or not doubtful.any():
         return None
     members = np.isin(np.arange(surfaces.good.size), condition[doubtful])
     rows = np.flatnonzero(doubtful & surfaces.granted(members)[condition])
