@@ -29,7 +29,8 @@ class Reach:
     An ascent from the point that the surface says is nearest, then one from each of the best
     `starts` of `looks` points of the support, each of at most `steps` runs a parameter. An outcome
     that is missed by less than the share `near` of all that the outcome changes is not taken to be
-    out of reach. Surfaces get runs up to `rounds` times.
+    out of reach. Surfaces get runs up to `rounds` times, drawn from the `draws` nearest of
+    `candidates` points of the region.
     """
 
     looks: int = 32
@@ -37,11 +38,11 @@ class Reach:
     steps: int = 60
     near: float = 1e-4
     rounds: int = 5
+    candidates: int = 4096
+    draws: int = 512
 
 
 REACH = Reach()
-CANDIDATES, DRAWS = 4096, 512
-"""Points of a region that a surface is asked at, and how many of them its runs are drawn from."""
 
 
 def support(inputs: Inputs) -> Array:
@@ -105,7 +106,9 @@ def sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> boo
     for condition in granted.tolist():
         points, values = _by_surface(surfaces, condition)
         away = np.abs(values - outcomes[lost == condition][:, None]).min(axis=0)
-        surfaces.sharpen(np.arange(members.size) == condition, points[np.argsort(away)[:DRAWS]])
+        surfaces.sharpen(
+            np.arange(members.size) == condition, points[np.argsort(away)[: REACH.draws]]
+        )
     return bool(granted.size)
 
 
@@ -122,5 +125,5 @@ def _by_surface(surfaces: AdaptiveSurfaces, condition: int) -> tuple[Array, Arra
     """Points (4096, n) all over the region, and what the surface of a condition says there."""
     box = surfaces.box
     axes = Axes(box, logarithms(box))
-    points = axes.outward(2.0 * qmc.Sobol(len(box), rng=0).random(CANDIDATES) - 1.0)
+    points = axes.outward(2.0 * qmc.Sobol(len(box), rng=0).random(REACH.candidates) - 1.0)
     return points, surfaces.surface().take(np.array([condition])).evaluate(points)[0]
