@@ -37,18 +37,14 @@ from aleator.tasks.consistency import consistency_of
 from aleator.tasks.individual.cost import Timed, cheap
 from aleator.tasks.individual.rivals import as_good
 from aleator.tasks.ledger import Ledger
-from aleator.tasks.near_outcomes import moves_of, nearer
+from aleator.tasks.near_outcomes import doubt_of, nearer
 from aleator.tasks.results import summary
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.units import checked_units
-from aleator.types import Array, Flags
+from aleator.types import Flags
 
 DEFAULT_VERIFICATION = MonteCarlo()
 UNLIMITED = Budget()
-EXACT = 0.1
-"""Error of a log-likelihood by surfaces, without noise, above which a fast simulator is asked."""
-NEARER = 3
-"""Rounds of runs near the outcomes that the check doubts."""
 
 
 def identify(
@@ -158,15 +154,15 @@ def _found(
     runner, seed = question.runner, question.seed
     answer = answered(question, ledger)
     checked = _checked(answer, runner, verification, seed, ledger)
-    moves = moves_of(answer, checked)
-    for _ in range(NEARER):
-        better = nearer(question, answer, _doubtful(answer, moves), ledger)
+    doubted = doubt_of(answer, checked)
+    for _ in range(diagnostics.ACCURACY.rounds):
+        better = nearer(question, answer, _doubtful(answer, doubted), ledger)
         if better is None:
             break
         again = _checked(better, runner, verification, seed, ledger)
         if again is None:
             break
-        answer, checked, moves = better, again, moves_of(better, again)
+        answer, checked, doubted = better, again, doubt_of(better, again)
     with ledger.stage("baselines"):
         baselines = baselines_of(answer.problem, question.search, seed)
     with ledger.stage("inference"):
@@ -179,8 +175,8 @@ def _found(
         notes.append(diagnostics.UNCHECKED)
     found = summary.assemble(
         table, answer.problem, answer.found, answer.inference, answer.profile, checked,
-        baselines, runner.simulator, moves=moves, seconds=ledger.seconds, runs_by_stage=ledger.runs,
-        seed=seed, failures=diagnostics.failure_report(runner),
+        baselines, runner.simulator, doubted=doubted, seconds=ledger.seconds,
+        runs_by_stage=ledger.runs, seed=seed, failures=diagnostics.failure_report(runner),
         notes=[*notes, *([diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [])],
     )  # fmt: skip
     if found.sound and not (answer.surfaces and answer.surfaces.broken):
@@ -189,22 +185,23 @@ def _found(
     return replace(found, warnings=(*found.warnings, *jumps))
 
 
-def _doubtful(answer: Answer, moves: Array) -> Flags:
+def _doubtful(answer: Answer, doubted: diagnostics.Doubt) -> Flags:
     """Experiments (N,) whose surfaces are to be more exact near the measured outcomes.
 
     Without noise also those whose outcome lies at an extreme of the surface.
     """
-    doubtful: Flags = moves > diagnostics.DOUBTFUL
-    return doubtful | answer.problem.unreached
+    return doubted.wanting | answer.problem.unreached
 
 
 def _uncertain(found: Identification) -> bool:
     """Whether the simulator itself would make an answer on surfaces surer.
 
+    An error that twice the check's own explains is none of the surfaces (random study 22).
     One whose runs fail here and there has holes that surfaces close.
     """
     reported = found.log_likelihood
-    inexact = reported.reached is not None or (reported.error or 0.0) > EXACT
+    error = (reported.error or 0.0) - 2.0 * (reported.verified_standard_error or 0.0)
+    inexact = reported.reached is not None or error > diagnostics.ACCURACY.log_likelihood
     return not found.sound or (inexact and found.failures is None)
 
 
@@ -272,16 +269,19 @@ def _verified(
     """The log-likelihood by Monte Carlo on the simulator itself, surfaces as control variate."""
     problem, alpha = answer.problem, answer.found.alpha
     model, surface = problem.model, problem.surface
-    emulator = expected = None
+    emulator = expected = known = None
     if surface is not None:
         emulator = SurfaceEmulator(surface, problem.region, problem.condition)
         expected = surface.error[problem.condition]
+        if problem.levels is not None:
+            known = np.exp(problem.levels.evaluate(alpha).each)
     return verify(
         runner.attempt, model.inputs, alpha, model.noise_sd(alpha), problem.outcomes, choice,
         seed=seed, lower=problem.predictive.lower, upper=problem.predictive.upper,
         observation=model.noise.kind if model.noise else NORMAL,
-        emulator=emulator, condition=problem.condition, expected=expected, progress=progress,
-        most=most, steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
+        emulator=emulator, condition=problem.condition, expected=expected, known=known,
+        progress=progress, most=most,
+        steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
     )  # fmt: skip
 
 
