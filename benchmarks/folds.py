@@ -24,13 +24,24 @@ from rich.console import Console
 from rich.table import Table
 from scipy import optimize, stats
 
-from aleator import Free, Identification, Inputs, LogNormal, Normal, TruncatedNormal, identify
+from aleator import (
+    Free,
+    Identification,
+    Inputs,
+    LogNormal,
+    Normal,
+    ResponseSurface,
+    TruncatedNormal,
+    identify,
+)
 from aleator.types import Array
 
 Points = tuple[Array, Array]
 """Points x (K, s) of a level set, and their weights (K,)."""
 Set = Callable[[float, float], Points]
 """The level set {x: eta(c, x) = y} of one experiment, by c and y."""
+Level = Callable[..., Set]
+"""Level sets by the laws, and by how many panels an integral along one has."""
 
 Curve = Callable[..., Any]
 """A function of conditions and parameters, or of a condition where it gives places."""
@@ -39,8 +50,8 @@ PANELS, GAUSS = 1500, np.polynomial.legendre.leggauss(4)
 """Panels of an integral along a curve, and the points of each."""
 WIDE = 12.0
 """Standard deviations beyond which a law without a box is taken to end."""
-SLOW = 3e-3
-"""Seconds of a run of a slow simulator."""
+SEED = 5001
+"""The first of three seeds."""
 
 
 @dataclass(frozen=True)
@@ -86,17 +97,15 @@ class Shape:
 
     name: str
     response: Callable[..., Array]
-    level: Callable[[tuple[Law, ...]], Set]
+    level: Level
     laws: tuple[Law, ...]
     range: tuple[float, float] = (0.5, 2.0)
 
 
-def roots(
-    response: Callable[..., Array], breaks: Callable[[float], list[float]]
-) -> Callable[[tuple[Law, ...]], Set]:
+def roots(response: Callable[..., Array], breaks: Callable[[float], list[float]]) -> Level:
     """Level sets of one parameter: a root of each monotone branch between `breaks`."""
 
-    def level(laws: tuple[Law, ...]) -> Set:
+    def level(laws: tuple[Law, ...], _: int) -> Set:
         low, high = laws[0].ends
 
         def points(c: float, y: float) -> Points:
@@ -119,28 +128,32 @@ def roots(
     return level
 
 
-def graph(g: Curve, k: Curve, breaks: Curve) -> Callable[[tuple[Law, ...]], Set]:
+def _panels(ends: Array) -> Points:
+    """Points and weights of Gauss between rising ends."""
+    half, middle = 0.5 * np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
+    return (middle[:, None] + half[:, None] * GAUSS[0]).ravel(), (half[:, None] * GAUSS[1]).ravel()
+
+
+def graph(g: Curve, k: Curve, breaks: Curve) -> Level:
     """Level sets of y = g(c, a) + k(c) b, by a: smooth between `breaks` of a."""
 
-    def level(laws: tuple[Law, ...]) -> Set:
+    def level(laws: tuple[Law, ...], panels: int) -> Set:
         low, high = laws[0].ends
 
         def points(c: float, y: float) -> Points:
-            ends = np.unique(np.clip([*np.linspace(low, high, PANELS + 1), *breaks(c)], low, high))
-            half, middle = 0.5 * np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
-            a = (middle[:, None] + half[:, None] * GAUSS[0]).ravel()
-            weight = (half[:, None] * GAUSS[1]).ravel() / abs(k(c))
-            return np.stack([a, (y - g(c, a)) / k(c)], axis=1), weight
+            ends = np.unique(np.clip([*np.linspace(low, high, panels + 1), *breaks(c)], low, high))
+            a, weight = _panels(ends)
+            return np.stack([a, (y - g(c, a)) / k(c)], axis=1), weight / abs(k(c))
 
         return points
 
     return level
 
 
-def ellipse(inner: Curve, m: float, n: float, k: float) -> Callable[[tuple[Law, ...]], Set]:
+def ellipse(inner: Curve, m: float, n: float, k: float) -> Level:
     """Level sets of y = f((a - m)^2 + k (b - n)^2), where `inner` gives r^2 and dr^2/dy."""
 
-    def level(_: tuple[Law, ...]) -> Set:
+    def level(_: tuple[Law, ...], __: int) -> Set:
         def points(c: float, y: float) -> Points:
             square, slope = inner(c, y)
             angle = 2.0 * np.pi * (np.arange(4000) + 0.5) / 4000
@@ -153,28 +166,31 @@ def ellipse(inner: Curve, m: float, n: float, k: float) -> Callable[[tuple[Law, 
     return level
 
 
-def saddle(m: float, n: float) -> Callable[[tuple[Law, ...]], Set]:
+def saddle(m: float, n: float) -> Level:
     """Level sets of y = c (a - m)(b - n): hyperbolas."""
 
-    def level(laws: tuple[Law, ...]) -> Set:
+    def level(laws: tuple[Law, ...], panels: int) -> Set:
         reach = max(abs(end - at) for law, at in zip(laws, (m, n), strict=True) for end in law.ends)
 
         def points(c: float, y: float) -> Points:
             z = y / c
-            t = np.linspace(np.log(abs(z) / reach), np.log(reach), 6001)
+            a, b = (np.abs(np.subtract(law.ends, at)) for law, at in zip(laws, (m, n), strict=True))
+            low, high = np.log(abs(z) / reach), np.log(reach)
+            # the curve leaves a box where a or b is at an end of it
+            leaves = np.clip(np.log([*a, *(abs(z) / b)]), low, high)
+            t, weight = _panels(np.unique([*np.linspace(low, high, panels + 1), *leaves]))
             u = np.concatenate([np.exp(t), -np.exp(t)])
-            weight = np.full(u.size, (t[1] - t[0]) / c)
-            return np.stack([m + u, n + z / u], axis=1), weight
+            return np.stack([m + u, n + z / u], axis=1), np.tile(weight, 2) / c
 
         return points
 
     return level
 
 
-def either(largest: bool) -> Callable[[tuple[Law, ...]], Set]:
+def either(largest: bool) -> Level:
     """Level sets of y = max(a, c b), or of the smallest: two half lines."""
 
-    def level(laws: tuple[Law, ...]) -> Set:
+    def level(laws: tuple[Law, ...], panels: int) -> Set:
         def points(c: float, y: float) -> Points:
             parts = []
             for k, (at, scale) in enumerate([(y, 1.0), (y / c, c)]):
@@ -184,7 +200,7 @@ def either(largest: bool) -> Callable[[tuple[Law, ...]], Set]:
                 low, high = (low, min(edge, high)) if largest else (max(edge, low), high)
                 if high <= low:
                     continue
-                ends = np.linspace(low, high, PANELS + 1)
+                ends = np.linspace(low, high, panels + 1)
                 half, middle = 0.5 * np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
                 along = (middle[:, None] + half[:, None] * GAUSS[0]).ravel()
                 x = np.empty((along.size, 2))
@@ -265,7 +281,7 @@ SHAPES = (
 
 @dataclass(frozen=True)
 class Study:
-    """Outcomes of a shape, drawn with a seed."""
+    """Outcomes of a shape, drawn with a seed; of a `slow` simulator surfaces are made."""
 
     shape: Shape
     seed: int
@@ -287,44 +303,34 @@ class Study:
         """The laws that are identified."""
         return Inputs({n: law.free() for n, law in zip("ab", self.shape.laws, strict=False)})
 
-    def simulator(self) -> Callable[..., Array]:
-        """Vectorized, or so slow that surfaces stand for it."""
-        response = self.shape.response
-        if len(self.shape.laws) == 1:
-
-            def run(c: Array, a: Array) -> Array:
-                return self._waited(response(c, a))
-
-            return run
-
-        def run_two(c: Array, a: Array, b: Array) -> Array:
-            return self._waited(response(c, a, b))
-
-        return run_two
-
-    def _waited(self, y: Array) -> Array:
-        if self.slow:
-            time.sleep(SLOW)
-        return y
-
     def identified(self, **options: Any) -> Identification:
-        """What `identify` reports by default settings."""
+        """What `identify` reports on the simulator itself, or on surfaces of it."""
+        choice = ResponseSurface(surfaces="own" if self.slow else None)
         return identify(
-            self.simulator(), self.table(), self.inputs, outcome="y", vectorized=True, **options
-        )
+            self.shape.response, self.table(), self.inputs, outcome="y", vectorized=True,
+            propagation=choice, **options,
+        )  # fmt: skip
 
 
 class Exact:
-    """The exact log-likelihood of a study, at any alpha."""
+    """The exact log-likelihood of a study, at any alpha near one that is given."""
 
-    def __init__(self, study: Study) -> None:
-        level = study.shape.level(study.shape.laws)
+    def __init__(self, study: Study, alpha: Array) -> None:
+        laws = study.shape.laws
+        narrow = max(law.sd / sd for law, sd in zip(laws, alpha[1::2], strict=True))
+        level = study.shape.level(laws, round(PANELS * max(1.0, narrow)))
         table = study.table()
         sets = [level(c, y) for c, y in zip(table["c"], table["y"], strict=True)]
         self.laws = study.shape.laws
-        self.x, self.weight = (np.concatenate(part) for part in zip(*sets, strict=True))
-        self.start = np.cumsum([0, *(len(weight) for _, weight in sets[:-1])])
-        self.empty = np.array([len(weight) == 0 for _, weight in sets])
+        owner = np.repeat(np.arange(len(sets)), [len(weight) for _, weight in sets])
+        x, weight = (np.concatenate(part) for part in zip(*sets, strict=True))
+        # points that no law near alpha has anything at cost time only
+        wide = [law.of(mean, 3.0 * sd).pdf(x[:, k]) for k, (law, mean, sd) in
+                enumerate(zip(laws, alpha[::2], alpha[1::2], strict=True))]  # fmt: skip
+        kept = np.prod(wide, axis=0) > 0.0
+        kept &= np.prod([p > 1e-20 * p.max() for p in wide], axis=0, dtype=bool)
+        self.owner, self.x, self.weight = owner[kept], x[kept], weight[kept]
+        self.count = len(sets)
 
     def each(self, alpha: Array) -> Array:
         """Log-densities (N,)."""
@@ -332,7 +338,7 @@ class Exact:
         for k, law in enumerate(self.laws):
             p *= law.of(*alpha[2 * k : 2 * k + 2]).pdf(self.x[:, k])
         with np.errstate(divide="ignore"):
-            return np.log(np.where(self.empty, 0.0, np.add.reduceat(p, self.start)))
+            return np.log(np.bincount(self.owner, p, minlength=self.count))
 
     def total(self, alpha: Array) -> float:
         """The log-likelihood."""
@@ -363,8 +369,8 @@ def measured(study: Study) -> dict[str, object]:
         warnings.simplefilter("ignore")
         found = study.identified()
     seconds = time.process_time() - began
-    exact = Exact(study)
     alpha = np.array([one.estimate for one in found.alpha.values()])
+    exact = Exact(study, alpha)
     errors = np.array([one.standard_error or np.nan for one in found.alpha.values()])
     steps = np.where(np.isfinite(errors), errors, 0.1 * np.abs(alpha) + 1e-3)
     limits = np.array([(h.lower, h.upper) for h in study.inputs.hyperparameters])
@@ -390,9 +396,9 @@ def measured(study: Study) -> dict[str, object]:
 
 
 def studies() -> tuple[Study, ...]:
-    """Every shape three times by arrays, and once by a simulator that is slow."""
-    fast = [Study(shape, seed) for shape in SHAPES for seed in (1, 2, 3)]
-    return (*fast, *(Study(shape, 4, 30, slow=True) for shape in SHAPES))
+    """Every shape twice on the simulator itself, and once on surfaces."""
+    fast = [Study(shape, SEED + k) for k in (0, 1) for shape in SHAPES]
+    return (*fast, *(Study(shape, SEED + 2, 30, slow=True) for shape in SHAPES))
 
 
 def print_folds(console: Console, path: Path, _: int) -> None:

@@ -1,7 +1,8 @@
-"""Without noise, simulators with kinks and jumps: a fast one is asked itself where surfaces end."""
+"""Without noise, simulators with kinks and jumps: those that take arrays are run themselves."""
 
 from __future__ import annotations
 
+import json
 import re
 import time
 
@@ -17,6 +18,7 @@ from aleator import (
     Identification,
     Inputs,
     LogNormal,
+    Noise,
     Normal,
     ResponseSurface,
     identify,
@@ -24,6 +26,7 @@ from aleator import (
 from aleator.search import GradientMultistart
 
 Array = NDArray[np.float64]
+OWN = ResponseSurface(surfaces="own")
 LAW = Inputs({"a": Normal(Free(0.0, 2.0), Free(0.01, 0.6))})
 
 
@@ -101,17 +104,46 @@ def test_an_outcome_in_the_gap_of_the_jump_is_not_explained() -> None:
     assert told.concerns == ("8",)
 
 
-def test_a_slow_simulator_keeps_its_surfaces() -> None:
-    """Runs of some milliseconds are not made in millions."""
+def one_by_one(c: float, a: float) -> float:
+    """The jump by numbers, not by arrays."""
+    return a * c + (1.0 if a > 1.0 else 0.0)
 
-    def slow(c: Array, a: Array) -> Array:
-        time.sleep(0.003)
-        return jump(c, a)
 
+def test_a_simulator_of_one_run_at_a_time_gets_surfaces_however_fast() -> None:
     rows, _ = table(12)
-    found = found_of(rows, slow, consistency=False, propagation=ResponseSurface(max_runs=30))
-    assert found.propagation != "direct"
+    choice = ResponseSurface(max_runs=30)
+    found = identify(
+        one_by_one, rows, LAW, outcome="y", search=GradientMultistart(4), best_law=False,
+        consistency=False, propagation=choice,
+    )  # fmt: skip
+    assert found.propagation == "response_surface"
     assert found.runs < 12 * 200
+
+
+@pytest.mark.parametrize("noise", [None, Noise(0.05)])
+def test_no_clock_decides(noise: Noise | None) -> None:
+    """The same function, fast and slowed: the same answer to the last bit."""
+
+    def model(c: Array, a: Array) -> Array:
+        return a * c + 0.1 * a**2
+
+    def slowed(c: Array, a: Array) -> Array:
+        time.sleep(0.01)
+        return model(c, a)
+
+    rng = np.random.default_rng(9)
+    c, a = rng.uniform(0.5, 2.0, 8), rng.normal(1.0, 0.2, 8)
+    rows = pd.DataFrame({"c": c, "y": model(c, a)})
+    answers = [
+        identify(
+            one, rows, LAW, outcome="y", vectorized=True, noise=noise, consistency=False,
+            search=GradientMultistart(2), best_law=False,
+        )
+        for one in (model, slowed)
+    ]  # fmt: skip
+    first, second = (answer.to_dict() | {"seconds": None, "simulator": None} for answer in answers)
+    assert json.dumps(first) == json.dumps(second)
+    assert first["propagation_reason"] == "the simulator takes arrays"
 
 
 def test_a_budget_and_a_choice_of_surfaces_are_kept() -> None:
@@ -126,17 +158,15 @@ def test_a_budget_and_a_choice_of_surfaces_are_kept() -> None:
 
 def test_a_smooth_simulator_is_not_asked_more_than_its_surfaces_need() -> None:
     rows, _ = table()
-    found = found_of(rows.assign(y=rows["c"] * 1.1), lambda c, a: c * np.exp(0.2 * a))
+    found = found_of(
+        rows.assign(y=rows["c"] * 1.1), lambda c, a: c * np.exp(0.2 * a), propagation=OWN
+    )
     assert found.runs < 40 * 30
 
 
-def test_a_slow_simulator_that_jumps_is_given_up_and_told_where() -> None:
-    def slow(c: Array, a: Array) -> Array:
-        time.sleep(0.003)
-        return jump(c, a)
-
+def test_surfaces_of_a_simulator_that_jumps_are_given_up_and_it_is_said_where() -> None:
     rows, a = table(10)
-    found = found_of(rows, slow, consistency=False)
+    found = found_of(rows, consistency=False, propagation=OWN)
     off = abs(found.alpha["a.mean"].estimate - a.mean())
     assert found.sound
     assert off < 0.3 * a.std() / 10**0.5
@@ -152,7 +182,7 @@ def test_a_pole_far_from_the_law_is_no_jump() -> None:
     law = Inputs({"a": LogNormal(Free(0.3, 4.0), Free(0.01, 2.0))})
     found = identify(
         lambda c, a: c / a, pd.DataFrame({"c": c, "y": c / a}), law, outcome="y", vectorized=True,
-        search=GradientMultistart(4), consistency=False, best_law=False,
+        search=GradientMultistart(4), consistency=False, best_law=False, propagation=OWN,
     )  # fmt: skip
     assert found.sound
     assert found.propagation == "response_surface"

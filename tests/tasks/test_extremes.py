@@ -16,17 +16,23 @@ from aleator import (
     Free,
     Identification,
     Inputs,
+    LogNormal,
     Noise,
     Normal,
     ResponseSurface,
     TruncatedNormal,
 )
+from aleator.errors import ExperimentsError
+from aleator.inference.diagnostics import by_finer_cells, cells_error
 from aleator.inference.diagnostics.estimates import search_refusals
+from aleator.likelihood.level_sets import LevelLikelihood
+from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array
 
 LEAST = 1e-3
 """Error of a log-likelihood that is none."""
 COUNT = 60
+OWN = ResponseSurface(surfaces="own")
 BOX = (0.0, 2.0)
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 
@@ -164,11 +170,100 @@ def test_a_log_likelihood_is_exact_within_its_error(name: str, seed: int) -> Non
 
 
 def test_on_surfaces_the_error_is_that_of_the_surfaces_too() -> None:
-    found = identified("mirror", 4, propagation=ResponseSurface(surfaces="own"))
+    found = identified("mirror", 4, propagation=OWN)
     reported = found.log_likelihood
     assert reported.verified is not None
     assert reported.error is not None
     assert abs(reported.estimated - exact("mirror", 4, found)) < 2.0 * reported.error
+
+
+def bump(seed: int, count: int) -> tuple[pd.DataFrame, Array]:
+    """y = exp(-(a - c)^2/0.72) + 0.2 c, with the roots' distance from c."""
+    rng = np.random.default_rng([seed, *b"bump"])
+    c = rng.uniform(0.3, 1.7, count)
+    a = truncated(1.0, 0.3).ppf(rng.uniform(1e-12, 1.0, count))
+    height = np.exp(-0.5 * ((a - c) / 0.6) ** 2)
+    return pd.DataFrame({"c": c, "y": height + 0.2 * c}), 0.6 * np.sqrt(-2.0 * np.log(height))
+
+
+@pytest.mark.parametrize(
+    ("seed", "count"), [(2811, 30), pytest.param(2811, 60, marks=pytest.mark.slow)]
+)
+def test_a_bump_by_surfaces_is_accepted_with_an_error_that_holds(seed: int, count: int) -> None:
+    """Outcomes within 3e-5 of the maximum: a kernel smears them, and small errors matter."""
+    table, r = bump(seed, count)
+    found = unjudged(
+        lambda c, a: np.exp(-0.5 * ((a - c) / 0.6) ** 2) + 0.2 * c, table,
+        Inputs({"a": TruncatedNormal(box=BOX)}), outcome="y", vectorized=True, propagation=OWN,
+    )  # fmt: skip
+    law = truncated(*[one.estimate for one in found.alpha.values()])
+    c, height = table["c"].to_numpy(), np.exp(-0.5 * (r / 0.6) ** 2)
+    f = (law.pdf(c + r) + law.pdf(c - r)) / (height * r / 0.36)
+    assert found.sound
+    assert found.log_likelihood.error is not None
+    assert found.log_likelihood.error < 0.15
+    assert abs(found.log_likelihood.estimated - np.log(f).sum()) < found.log_likelihood.error
+
+
+def valley(seed: int) -> tuple[pd.DataFrame, Array]:
+    """y = log(a/c)^2 + 0.2 c, a lognormal, with |log(a/c)|."""
+    rng = np.random.default_rng([seed, *b"valley, lognormal"])
+    c = rng.uniform(0.5, 1.5, COUNT)
+    width = np.sqrt(np.log1p(0.16))
+    law = stats.lognorm(width, scale=np.exp(-0.5 * width**2))
+    r = np.abs(np.log(law.ppf(rng.uniform(1e-12, 1.0, COUNT)) / c))
+    return pd.DataFrame({"c": c, "y": r**2 + 0.2 * c}), r
+
+
+LOGNORMAL = Inputs({"a": LogNormal(Free(0.2, 3.0), Free(0.01, 2.0))})
+
+
+@pytest.mark.parametrize("seed", [811, 2811])
+def test_an_outcome_at_the_floor_of_a_valley_is_in_reach(seed: int) -> None:
+    table, r = valley(seed)
+    found = unjudged(
+        lambda c, a: np.log(a / c) ** 2 + 0.2 * c, table, LOGNORMAL, outcome="y", vectorized=True,
+        propagation=OWN,
+    )  # fmt: skip
+    mean, sd = (one.estimate for one in found.alpha.values())
+    width = np.sqrt(np.log1p((sd / mean) ** 2))
+    law = stats.lognorm(width, scale=mean * np.exp(-0.5 * width**2))
+    a = table["c"].to_numpy() * np.exp(np.stack([r, -r]))
+    exact = np.log(np.sum(law.pdf(a) * a / (2.0 * r), axis=0)).sum()
+    assert found.sound
+    assert found.log_likelihood.error is not None
+    assert abs(found.log_likelihood.estimated - exact) < found.log_likelihood.error < 0.1
+
+
+def test_an_outcome_below_the_floor_of_a_valley_is_not() -> None:
+    table, _ = valley(5)
+    table.loc[7, "y"] = 0.2 * table.loc[7, "c"] - 0.1
+    with pytest.raises(ExperimentsError, match="experiment 8: "):
+        unjudged(
+            lambda c, a: np.log(a / c) ** 2 + 0.2 * c, table, LOGNORMAL, outcome="y",
+            vectorized=True,
+        )  # fmt: skip
+
+
+def test_the_error_of_cells_beside_a_kink_holds() -> None:
+    """y = min(a, c b): one halving of the cells may change nothing by chance, two do not."""
+    inputs = Inputs({n: Normal(Free(0.0, 2.0), Free(0.05, 1.0)) for n in "ab"})
+    alpha = np.array([1.02, 0.25, 0.97, 0.2])
+    first, second = stats.norm(*alpha[:2]), stats.norm(*alpha[2:])
+    shares = []
+    for seed in range(4):
+        rng = np.random.default_rng([seed, 82])
+        c = rng.uniform(0.5, 2.0, COUNT)
+        y = np.minimum(first.rvs(COUNT, rng), c * second.rvs(COUNT, rng))
+        simulator = DirectResponse(
+            lambda index, x, c=c: np.minimum(x[:, 0], c[index] * x[:, 1]), COUNT, inputs.box
+        )
+        levels = LevelLikelihood(inputs, simulator, inputs.box, np.arange(COUNT), y, 96)
+        problem = SimpleNamespace(levels=levels, outcomes=y)
+        f = first.pdf(y) * second.sf(y / c) + second.pdf(y / c) / c * first.sf(y)
+        error = cells_error(problem, by_finer_cells(problem, alpha))  # type: ignore[arg-type]
+        shares.append(abs(levels.evaluate(alpha).total - np.log(f).sum()) / error)
+    assert max(shares) < 1.0
 
 
 @pytest.mark.parametrize("noise", [None, Noise(0.1)], ids=["exact", "noise"])

@@ -34,16 +34,14 @@ from aleator.tasks.ceiling.quick import best_possible
 from aleator.tasks.consistency import consistency_of
 from aleator.tasks.individual.rivals import as_good
 from aleator.tasks.ledger import Ledger
-from aleator.tasks.near_outcomes import moves_of, nearer
+from aleator.tasks.near_outcomes import doubt_of, nearer
 from aleator.tasks.results import summary
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.units import checked_units
-from aleator.types import Array, Flags
+from aleator.types import Flags
 
 DEFAULT_VERIFICATION = MonteCarlo()
 UNLIMITED = Budget()
-NEARER = 3
-"""Rounds of runs near the outcomes that the check doubts."""
 
 
 def identify(
@@ -147,15 +145,15 @@ def _found(
     runner, seed = question.runner, question.seed
     answer = answered(question, ledger)
     checked = _checked(answer, runner, verification, seed, ledger)
-    moves = moves_of(answer, checked)
-    for _ in range(NEARER):
-        better = nearer(question, answer, _doubtful(answer, moves), ledger)
+    doubted = doubt_of(answer, checked)
+    for _ in range(diagnostics.ACCURACY.rounds):
+        better = nearer(question, answer, _doubtful(answer, doubted), ledger)
         if better is None:
             break
         again = _checked(better, runner, verification, seed, ledger)
         if again is None:
             break
-        answer, checked, moves = better, again, moves_of(better, again)
+        answer, checked, doubted = better, again, doubt_of(better, again)
     with ledger.stage("baselines"):
         baselines = baselines_of(answer.problem, question.search, seed)
     with ledger.stage("inference"):
@@ -168,8 +166,8 @@ def _found(
         notes.append(diagnostics.UNCHECKED)
     found = summary.assemble(
         table, answer.problem, answer.found, answer.inference, answer.profile, checked,
-        baselines, runner.simulator, moves=moves, seconds=ledger.seconds, runs_by_stage=ledger.runs,
-        seed=seed, failures=diagnostics.failure_report(runner),
+        baselines, runner.simulator, doubted=doubted, seconds=ledger.seconds,
+        runs_by_stage=ledger.runs, seed=seed, failures=diagnostics.failure_report(runner),
         notes=[*notes, *([diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [])],
     )  # fmt: skip
     found = replace(found, propagation_reason=answer.reason)
@@ -179,13 +177,12 @@ def _found(
     return replace(found, warnings=(*found.warnings, *jumps))
 
 
-def _doubtful(answer: Answer, moves: Array) -> Flags:
+def _doubtful(answer: Answer, doubted: diagnostics.Doubt) -> Flags:
     """Experiments (N,) whose surfaces are to be more exact near the measured outcomes.
 
     Without noise also those whose outcome lies at an extreme of the surface.
     """
-    doubtful: Flags = moves > diagnostics.DOUBTFUL
-    return doubtful | answer.problem.unreached
+    return doubted.wanting | answer.problem.unreached
 
 
 def _judged(
@@ -243,16 +240,19 @@ def _verified(
     """The log-likelihood by Monte Carlo on the simulator itself, surfaces as control variate."""
     problem, alpha = answer.problem, answer.found.alpha
     model, surface = problem.model, problem.surface
-    emulator = expected = None
+    emulator = expected = known = None
     if surface is not None:
         emulator = SurfaceEmulator(surface, problem.region, problem.condition)
         expected = surface.error[problem.condition]
+        if problem.levels is not None:
+            known = np.exp(problem.levels.evaluate(alpha).each)
     return verify(
         runner.attempt, model.inputs, alpha, model.noise_sd(alpha), problem.outcomes, choice,
         seed=seed, lower=problem.predictive.lower, upper=problem.predictive.upper,
         observation=model.noise.kind if model.noise else NORMAL,
-        emulator=emulator, condition=problem.condition, expected=expected, progress=progress,
-        most=most, steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
+        emulator=emulator, condition=problem.condition, expected=expected, known=known,
+        progress=progress, most=most,
+        steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
     )  # fmt: skip
 
 

@@ -6,9 +6,11 @@ its log-density may rest on what a surface has wrong there: the check on the sim
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from aleator.inference.diagnostics import doubt
+from aleator.inference.diagnostics import Doubt, doubt
 from aleator.inference.verification import Verification
 from aleator.tasks.answer import Answer, Question, sharpened
 from aleator.tasks.ledger import Ledger
@@ -19,16 +21,16 @@ TRIED = 16
 """Draws of likely laws for each one that is taken: those with the nearest outcomes."""
 
 
-def moves_of(answer: Answer, checked: Verification | None) -> Array:
-    """Standard errors (N,) that each surface's error near the outcome moves an estimate, at most.
+def doubt_of(answer: Answer, checked: Verification | None) -> Doubt:
+    """What each surface's error near the outcome does to the answer, at most.
 
-    NaN where that is not known, and where the outcome has a step: that is told, and no run helps.
+    An estimate's move is not known where the outcome has a step: that is told, and no run helps.
     """
     problem, surfaces = answer.problem, answer.surfaces
-    moves = doubt(problem, answer.inference, answer.found.alpha, checked)
+    found = doubt(problem, answer.inference, answer.found.alpha, checked)
     if surfaces is None:
-        return moves
-    return np.where(surfaces.stepped[problem.condition], np.nan, moves)
+        return found
+    return replace(found, moves=np.where(surfaces.stepped[problem.condition], np.nan, found.moves))
 
 
 def nearer(question: Question, answer: Answer, doubtful: Flags, ledger: Ledger) -> Answer | None:

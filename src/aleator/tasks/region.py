@@ -165,13 +165,6 @@ def interval_region(
     return within(inputs.box, whole + np.where(beyond, pad, 0.0))
 
 
-def widened(region: Array, box: Array) -> Array:
-    """The region twice as wide about its middle, within the box."""
-    middle, half = region.mean(axis=1), np.diff(region, axis=1)[:, 0]
-    half = np.maximum(half, 0.05 * np.diff(box, axis=1)[:, 0])
-    return within(box, np.stack([middle - half, middle + half], axis=1))
-
-
 def _likely_region(problem: Problem, alpha: Array, likely: Sequence[Array] | None) -> Array:
     """Region of the laws at alpha and at the likely ones, or some standard errors off."""
     inputs, hyperparameters = problem.model.inputs, problem.model.hyperparameters

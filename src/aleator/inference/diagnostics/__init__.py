@@ -3,26 +3,28 @@
 from aleator.inference.diagnostics.budget import UNCHECKED, budget_warnings
 from aleator.inference.diagnostics.check import score_steps
 from aleator.inference.diagnostics.failures import boxes_proposed, failure_report, failure_warnings
-from aleator.inference.diagnostics.levels import by_finer_cells
-from aleator.inference.diagnostics.near_outcomes import DOUBTFUL, doubt
-from aleator.inference.diagnostics.reach import refuse_unreachable, unreachable
+from aleator.inference.diagnostics.levels import by_finer_cells, cells_error
+from aleator.inference.diagnostics.near_outcomes import ACCURACY, Doubt, doubt
+from aleator.inference.diagnostics.reach import shortfalls, unreachable
 from aleator.inference.diagnostics.review import MOMENTS_STAND_IN, review, statuses
 from aleator.inference.diagnostics.steps import step_warnings
 from aleator.inference.diagnostics.surfaces import surface_errors, surface_report
 
 __all__ = [
-    "DOUBTFUL",
+    "ACCURACY",
     "MOMENTS_STAND_IN",
     "UNCHECKED",
+    "Doubt",
     "boxes_proposed",
     "budget_warnings",
     "by_finer_cells",
+    "cells_error",
     "doubt",
     "failure_report",
     "failure_warnings",
-    "refuse_unreachable",
     "review",
     "score_steps",
+    "shortfalls",
     "statuses",
     "step_warnings",
     "surface_errors",

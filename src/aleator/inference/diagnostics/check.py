@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import chosen, named
+from aleator.inference.diagnostics.near_outcomes import Doubt
 from aleator.inference.information import Inference
 from aleator.inference.verification import FEW_SAMPLES, Movement, Verification, movement
 from aleator.laws import Hyperparameter
@@ -94,15 +95,15 @@ def total_refusals(
     inference: Inference,
     problem: Problem,
     alpha: Array,
-    moves: Array,
+    doubted: Doubt,
 ) -> list[Diagnostic]:
     """A difference in the total that moves an estimate, where only the surfaces can have made it.
 
     The likelihood is exact but for them, where it is that of level sets. They have not made it
     where all that the runs saw of their errors near the outcomes, all to one side, moves no
-    estimate (`moves` (N,), see `doubt`): the check's kernel smears what ends within its width.
+    estimate (see `doubt`): the check's kernel smears what ends within its width.
     """
-    if checked is None or problem.levels is None or np.sum(moves) < LARGEST_MOVE:
+    if checked is None or problem.levels is None or np.sum(doubted.moves) < LARGEST_MOVE:
         return []
     return _total(honest, checked, _step(checked, inference, problem, alpha), problem)
 

@@ -5,24 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.errors import ExperimentsError
 from aleator.likelihood.likelihood import Likelihood
 from aleator.types import Array
 
 
-def unreachable(likelihood: Likelihood) -> NDArray[np.intp]:
-    """Experiments whose outcome has likelihood zero for every admissible alpha."""
-    low, high = _reach(likelihood)
-    return np.flatnonzero((likelihood.outcomes < low) | (likelihood.outcomes > high))
+def shortfalls(likelihood: Likelihood) -> tuple[Array, Array]:
+    """How far outcomes (N,) lie above what is reached, or below it (negative); zero inside.
+
+    And the outcomes (N,) without noise that come nearest to explaining them.
+    """
+    y, (low, high) = likelihood.outcomes, _reach(likelihood)
+    bare = likelihood.predictive.range(0.0)
+    short = np.maximum(y - high, 0.0) + np.minimum(y - low, 0.0)
+    return short, y - np.where(short > 0.0, high - bare[1], np.where(short, low - bare[0], 0.0))
 
 
-def refuse_unreachable(likelihood: Likelihood, ids: Sequence[str]) -> None:
-    """Raise ExperimentsError that names the experiments outside the reachable range."""
-    outside, y = unreachable(likelihood), likelihood.outcomes
-    if outside.size == 0:
-        return
+def unreachable(likelihood: Likelihood, ids: Sequence[str]) -> ExperimentsError:
+    """What names the experiments outside the reachable range."""
+    outside, y = np.flatnonzero(shortfalls(likelihood)[0]), likelihood.outcomes
     low, high = _reach(likelihood)
     named = "; ".join(
         f"experiment {ids[l]}: outcome {y[l]:.6g}, reachable [{low[l]:.6g}, {high[l]:.6g}]"
@@ -33,8 +35,8 @@ def refuse_unreachable(likelihood: Likelihood, ids: Sequence[str]) -> None:
     remedy += (
         "allow more noise" if likelihood.predictive.noise else "add measurement noise ([noise] sd)"
     )
-    raise ExperimentsError(
-        f"{outside.size} outcome(s) lie outside the range that the simulator reaches on the box, "
+    return ExperimentsError(
+        f"{outside.size} outcome(s) lie outside the range that the simulator reaches, "
         f"so that no law explains them: {named}{more}",
         remedy,
     )

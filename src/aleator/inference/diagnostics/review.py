@@ -25,7 +25,7 @@ from aleator.inference.diagnostics.levels import (
     unreached_refusals,
 )
 from aleator.inference.diagnostics.naming import chosen, named
-from aleator.inference.diagnostics.near_outcomes import doubt_refusals
+from aleator.inference.diagnostics.near_outcomes import Doubt, doubt_refusals
 from aleator.inference.diagnostics.surfaces import surface_refusals, surface_warnings
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
@@ -61,24 +61,24 @@ def review(
     honest: LogLikelihood,
     checked: Verification | None,
     surface_error: Array,
-    moves: Array,
+    doubted: Doubt,
     ids: Sequence[str],
     conditions: pd.DataFrame,
     changed: Array,
 ) -> tuple[tuple[Diagnostic, ...], bool]:
     """All warnings, and whether the answer is sound.
 
-    `moves` (N,) are those of `doubt`, `conditions` has a row an experiment, and `changed` (N,) is
-    that of `by_finer_cells`.
+    `doubted` is what surfaces have wrong near the outcomes, `conditions` has a row an experiment,
+    and `changed` (2, N) is that of `by_finer_cells`.
     """
     hyperparameters = problem.model.hyperparameters
     refusals = [
         *_density_warnings(honest, ids),
         *search_refusals(inference, hyperparameters),
         *check.refusals(honest, checked, ids),
-        *check.total_refusals(honest, checked, inference, problem, found.alpha, moves),
+        *check.total_refusals(honest, checked, inference, problem, found.alpha, doubted),
         *surface_refusals(problem, found.alpha, checked, surface_error, ids),
-        *doubt_refusals(moves, ids),
+        *doubt_refusals(doubted, ids),
         *level_refusals(changed, ids),
         *unreached_refusals(problem, ids),
         *_quadrature_refusals(quadrature_gap(problem, found.alpha), problem),

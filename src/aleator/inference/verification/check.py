@@ -55,6 +55,7 @@ def verify(
     emulator: Emulator | None = None,
     condition: Indices | None = None,
     expected: Array | None = None,
+    known: Array | None = None,
     steps: Array | None = None,
     most: int | None = None,
     progress: Progress | None = None,
@@ -72,12 +73,14 @@ def verify(
     `lower` and `upper` (N,) are the ends of the noise-free outcome's range, where its density may
     end abruptly; the kernel is then one-sided. `condition` (N,) numbers the conditions: equal ones
     share runs. `expected` (N,) are the errors that the emulator expects of itself, in units of the
-    outcome: the smaller they are, the fewer runs are made if the choice leaves them open. Where
-    `steps` (K,) are positive, of about a quarter of a
-    standard error, the score is told too. With `most`, from 2 on, no experiment has more runs near
-    its outcome, and none is looked at again. The bias -var/2 of the logarithm is corrected. A run
-    that failed, NaN, is left out: the density is that of an outcome where there is one. Cost: see
-    `MonteCarlo`, and LEVELS times 512 runs for an experiment far out without an emulator.
+    outcome: the smaller they are, the fewer runs are made if the choice leaves them open. `known`
+    (N,) are the emulator's densities where they are known exactly, by level sets; otherwise they
+    are found along lines. Where `steps` (K,) are positive, of about a quarter of a standard error,
+    and the densities are those of lines, the score is told too. With `most`, from 2 on, no
+    experiment has more runs near its outcome, and none is looked at again. The bias -var/2 of the
+    logarithm is corrected. A run that failed, NaN, is left out: the density is that of an outcome
+    where there is one. Cost: see `MonteCarlo`, and LEVELS times 512 runs for an experiment far out
+    without an emulator.
     """
     count = measured.size
     bench = _Bench(
@@ -93,7 +96,7 @@ def verify(
     if emulator is None or observation != NORMAL:
         return bench.by_samples(emulator)
     of_whom = np.arange(count) if condition is None else condition
-    return bench.by_control(emulator, of_whom, choice, expected, steps, most)
+    return bench.by_control(emulator, of_whom, choice, expected, known, steps, most)
 
 
 @dataclass(frozen=True)
@@ -144,6 +147,7 @@ class _Bench:
         condition: Indices,
         choice: MonteCarlo,
         expected: Array | None,
+        exact: Array | None,
         steps: Array | None,
         most: int | None,
     ) -> Verification:
@@ -171,7 +175,7 @@ class _Bench:
         ]
         control = Control(emulator, inputs, sampler.alpha, self.y, candidates.steepest, self.seed)
         by = corrected(candidates, sample, kernel)
-        found = self._controlled(control, by, effective(candidates, kernel))
+        found = self._controlled(control, by, effective(candidates, kernel), exact)
         doubtful = np.flatnonzero(~found.reached & within(self.y, self.ends, self.noise_sd))
         told = found.effective >= FEW_SAMPLES
         again = doubtful[np.argsort(found.effective[doubtful])][: max(2, self.y.size // ONE_IN)]
@@ -185,7 +189,7 @@ class _Bench:
         squares += variance(candidates, sample, kernel, factor)
         bias = by.bias_of_sum(factor) + float(np.abs(found.bias[alone].sum()))
         score = None
-        if steps is not None and by_control.all():
+        if steps is not None and exact is None and by_control.all():
             score = control.score(
                 candidates, sample, found.density, self.noise_sd, steps, condition
             )
@@ -193,9 +197,15 @@ class _Bench:
         contradicted = ~found.reached & told
         return _verification(found, squares, bias, candidates.scatter, rough, contradicted, score)
 
-    def _controlled(self, control: Control, by: Corrected, many: Array) -> _Densities:
-        lines = control.lines()
-        known = control.known(lines, self.noise_sd)
+    def _controlled(
+        self, control: Control, by: Corrected, many: Array, exact: Array | None
+    ) -> _Densities:
+        coarse = 0.0
+        if exact is None:
+            lines = control.lines()
+            known, coarse = control.known(lines, self.noise_sd), lines[0][1].coarseness
+        else:
+            known = np.repeat(exact[:, None], REPLICATES, axis=1)
         density = known.mean(axis=1) + by.correction
         f = np.where(density > 0.0, density, 1.0)
         sure = (density > 0.0) & (np.hypot(by.error, by.lower) < ROUGH * f)
@@ -204,7 +214,7 @@ class _Bench:
             by.error / f,
             by.bias / f,
             known / f[:, None],
-            np.full(self.y.size, lines[0][1].coarseness),
+            np.full(self.y.size, coarse),
             many,
             sure & (many >= FEW_SAMPLES),
         )

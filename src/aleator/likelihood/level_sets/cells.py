@@ -223,10 +223,12 @@ def _slopes(eta: Array, whose: Indices, corners: Indices, sides: tuple[Array, ..
         first = corners + (middle - 1 - place) * apart
         low, here, high = (eta[whose[:, None], first + k * apart] for k in range(3))
         before, after = side[middle] - side[middle - 1], side[middle + 1] - side[middle]
-        rise, next_rise = (here - low) / before, (high - here) / after
-        # the derivative of the parabola through three points, at the one that is the corner
-        bend = (next_rise - rise) / (before + after)
-        found.append(rise + bend * (2.0 * side[place] - side[middle - 1] - side[middle]))
+        # an outcome beside may be infinite: a cell with such slopes is not smooth
+        with np.errstate(invalid="ignore"):
+            rise, next_rise = (here - low) / before, (high - here) / after
+            # the derivative of the parabola through three points, at the one that is the corner
+            bend = (next_rise - rise) / (before + after)
+            found.append(rise + bend * (2.0 * side[place] - side[middle - 1] - side[middle]))
     return np.stack(found, axis=-1)
 
 

@@ -132,9 +132,12 @@ class LevelLikelihood:
         """The same experiments with other outcomes (N,)."""
         return self._with(self.response, self.condition, outcomes, self.cells)
 
-    def coarse(self) -> LevelLikelihood:
-        """The same on grids of half as many cells: for a search, and for drawn experiments."""
-        return self._with(self.response, self.condition, self.outcomes, self._answers // 2)
+    def coarse(self, times: int = 2) -> LevelLikelihood:
+        """The same on grids of half as many cells: for a search, and for drawn experiments.
+
+        Or of so many `times` fewer cells a parameter, to tell what cells change.
+        """
+        return self._with(self.response, self.condition, self.outcomes, self._answers // times)
 
     def fine(self) -> LevelLikelihood:
         """The same on the grids of an answer."""

@@ -48,7 +48,7 @@ TRIES = 20
 
 @dataclass(frozen=True, eq=False)
 class IndividualFit:
-    """A `Fit`: the likelihood with nodes adapted to alpha, on surfaces or a fast simulator.
+    """A `Fit`: the likelihood with nodes adapted to alpha, on surfaces or the simulator itself.
 
     `few` is the rule with the fewest nodes of which more hardly change the log-likelihood. The
     nodes of a `held` fit serve for other observations and the alpha of these.
@@ -73,7 +73,7 @@ class IndividualFit:
 
     @property
     def region(self) -> Array:
-        """That of the surfaces; of a fast simulator the box."""
+        """That of the surfaces; of the simulator itself the box."""
         predictor = self.likelihood.predictor
         return predictor.region if isinstance(predictor, OnSurfaces) else self.inputs.box
 

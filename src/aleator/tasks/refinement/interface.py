@@ -24,9 +24,10 @@ from aleator.progress import Progress
 from aleator.search import SearchResult, ascend
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, Surface, surfaces_of
-from aleator.surrogates.responses import moving_parameters
-from aleator.tasks.region import first_region, widened
-from aleator.types import Array, Flags, Indices
+from aleator.surrogates.responses import attempts, moving_parameters
+from aleator.tasks.refinement.reach import REACH, holding, reached, sharpened, support
+from aleator.tasks.region import first_region
+from aleator.types import Array
 
 Search = Callable[[Problem, list[Array]], SearchResult]
 
@@ -87,33 +88,39 @@ class Refinement(ABC):
         """The answer on surfaces that hold the laws at the ends of the intervals, or None if so."""
 
     def _problem(self, surfaces: AdaptiveSurfaces, region: Array) -> Problem:
-        """The likelihood, on a region that is widened until every outcome lies within reach.
+        """The likelihood, on a region where every outcome that the simulator reaches lies in reach.
 
-        Raises ExperimentsError where one does not though surfaces are exact on the inputs' box.
+        Those that a surface still misses by its own error are left to later rounds. Raises
+        ExperimentsError for an outcome that the simulator itself does not reach.
         """
-        box = self.model.inputs.box
-        while True:
-            if not self.model.follows:
-                surfaces.refine(None, surfaces.level, told(self.progress))
-            problem = self._prepared(region, surfaces.surface())
-            lost = diagnostics.unreachable(problem.by_densities)
+        inputs = self.model.inputs
+        for _ in range(REACH.rounds):
+            problem = self._on(surfaces, region)
+            short, nearest = diagnostics.shortfalls(problem.by_densities)
+            lost = np.flatnonzero(short)
             if not lost.size:
                 return problem
-            if not np.array_equal(region, box):
-                region = widened(region, box)
+            farthest = int(lost[np.argmax(np.abs(short[lost]))])
+            x = reached(
+                attempts(self.runner, region), surfaces, int(problem.condition[farthest]),
+                float(nearest[farthest]), float(np.sign(short[farthest])),
+                support(inputs)[moving_parameters(region)],
+            )  # fmt: skip
+            if x is None:
+                raise diagnostics.unreachable(problem.by_densities, self.ids)
+            wider = holding(region, x, inputs.box)
+            if not np.array_equal(wider, region):
+                region = wider
                 surfaces.move(moving(region))
-            elif not self._sharpened(surfaces, problem.condition[lost]):
-                diagnostics.refuse_unreachable(problem.by_densities, self.ids)
+            elif not sharpened(surfaces, problem.condition[lost], problem.outcomes[lost]):
+                return problem
+        return self._on(surfaces, region)
 
-    def _sharpened(self, surfaces: AdaptiveSurfaces, lost: Indices) -> bool:
-        """Whether some of the conditions `lost` have more runs now, all over the region."""
-        where, noise_sd = surfaces.where, surfaces.noise_sd
-        surfaces.judge(surfaces.everywhere(), noise_sd)
-        members: Flags = surfaces.wanting(FINEST) & np.isin(np.arange(surfaces.good.size), lost)
-        if members.any():
-            surfaces.sharpen(members, surfaces.everywhere())
-        surfaces.judge(where, noise_sd)
-        return bool(members.any())
+    def _on(self, surfaces: AdaptiveSurfaces, region: Array) -> Problem:
+        """The likelihood on a region, by surfaces that are exact all over it if so chosen."""
+        if not self.model.follows:
+            surfaces.refine(None, surfaces.level, told(self.progress))
+        return self._prepared(region, surfaces.surface())
 
     def _prepared(self, region: Array, surface: Surface | None) -> Problem:
         return prepare(self.runner, self.outcomes, self.model, region, self.progress, surface)

@@ -54,7 +54,7 @@ def assemble(
     baselines: tuple[LeastSquares, LinearGaussian],
     simulator: Simulator,
     *,
-    moves: Array,
+    doubted: diagnostics.Doubt,
     seconds: Mapping[str, float],
     runs_by_stage: Mapping[str, int],
     seed: int,
@@ -75,7 +75,7 @@ def assemble(
         honest,
         checked,
         surface_error,
-        moves,
+        doubted,
         ids,
         table.conditions,
         changed,
@@ -83,7 +83,8 @@ def assemble(
     return Identification(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
         log_likelihood=replace(
-            _log_likelihood(honest, checked, changed), log_prior=prior_of(honest, hyperparameters)
+            _log_likelihood(honest, checked, diagnostics.cells_error(problem, changed), doubted),
+            log_prior=prior_of(honest, hyperparameters),
         ),
         density=problem.likelihood.name,
         propagation=problem.name,
@@ -114,16 +115,20 @@ def assemble(
 
 
 def _log_likelihood(
-    honest: LogLikelihood, checked: Verification | None, changed: Array
+    honest: LogLikelihood,
+    checked: Verification | None,
+    cells: float,
+    doubted: diagnostics.Doubt,
 ) -> LogLikelihoodReport:
-    """With its error; `changed` (N,) is what finer cells changed."""
-    found, cells = honest.likelihood, [float(changed.sum()), float(np.linalg.norm(changed))]
+    """With its error, of which `cells` is that of level sets."""
+    found = honest.likelihood
     if checked is None:
-        return LogLikelihoodReport(found, None, None, error=float(np.linalg.norm(cells)) or None)
+        return LogLikelihoodReport(found, None, None, error=cells or None)
     if np.all(checked.reached):
-        parts = [found - checked.total, checked.standard_error, *cells]
+        parts = [found - checked.total, checked.standard_error, doubted.error, cells]
         error = float(np.linalg.norm(parts))
-        return LogLikelihoodReport(found, checked.total, checked.standard_error, error=error)
+        known = error if np.isfinite(error) else None
+        return LogLikelihoodReport(found, checked.total, checked.standard_error, error=known)
     reached = {
         "experiments": int(checked.reached.sum()),
         "estimated": float(honest.each[checked.reached].sum()),
