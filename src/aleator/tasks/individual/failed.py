@@ -17,7 +17,7 @@ POINTS = 64
 
 
 def lost_observations(runner: Runner, region: Array, unit: Indices, column: Indices) -> Flags:
-    """Which observations (M,) a simulator that takes arrays gives no value of at 128 points of a region (n, 2).
+    """Which observations (M,) a simulator gives no value of at 128 points of a region (n, 2).
 
     None where that is so of all: the simulator may work in a small part of the region only.
     """
