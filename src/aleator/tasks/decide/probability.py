@@ -10,30 +10,36 @@ from scipy import stats
 
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.inference.decisions.event import Event
+from aleator.inference.decisions.importance import CrossEntropy
 from aleator.inference.decisions.weighted import quantiles
 from aleator.progress import Progress
 from aleator.tasks.decide.forecast import LOST
 from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.near import Near
+from aleator.tasks.decide.near import Exploration, Near
 from aleator.tasks.decide.sample import (
     EACH,
     REPLICATES,
     Sample,
     about_event,
+    by_some,
     distance_of,
     of_law,
     often,
+    sought,
 )
 from aleator.tasks.decide.simulator_check import (
     CHECKS,
     Correction,
-    Exploration,
+    Doubt,
     corrected,
     explored,
+    settling,
 )
 from aleator.tasks.decide.table import heads, in_rows, tails
 from aleator.types import Array, Flags
 
+import os
+TRACE = os.environ.get('TRACE')
 CONTENT = 0.95
 LEVEL = np.array([0.025, 0.975])
 BATCHES = 16
@@ -111,19 +117,11 @@ def probability(
         turned = often(near, draws, event)
         asked = event.contrary if turned else event
         sample = about_event(near, draws, asked)
+    found = _Explored(sample, float("nan"), True)
+    if near.surface is not None:
+        found = _explored(near, draws, asked, sample, choice, progress)
+    sample, settled = found.sample, found.settled
     told = _Told.of(near, draws, asked, sample)
-    unseen, settled = float("nan"), True
-    for round_ in range(choice.rounds if near.surface is not None else 0):
-        assert near.surface is not None
-        if progress is not None:
-            progress.stage(f"{choice.runs} runs of the simulator look for other regions")
-        seen = explored(near, draws, asked, told.mixed, choice, round_)
-        unseen, settled = seen.unseen, not seen.contrary.any()
-        if settled or round_ == choice.rounds - 1:
-            break
-        near.surface.learn(seen.x)
-        sample = about_event(near, draws, asked)
-        told = _Told.of(near, draws, asked, sample)
     distance = float("nan")
     if sample.density is not None:
         distance = distance_of(near, draws.estimate, asked, sample.replicates)
@@ -133,8 +131,60 @@ def probability(
             progress.stage(f"{checks} runs of the simulator check a probability")
         change = corrected(near, draws, asked, sample.joined, checks)
         settled = settled and abs(change.value) <= choice.share * told.mixed
-    found = told.found(draws, change, sample, distance, unseen, settled)
-    return _turned(found) if turned else found
+    whole = told.found(draws, change, sample, distance, found.unseen, settled)
+    return _turned(whole) if turned else whole
+
+
+@dataclass(frozen=True, eq=False)
+class _Explored:
+    """A sample by a surface that was explored; `settled` says whether more would change little."""
+
+    sample: Sample
+    unseen: float
+    settled: bool
+
+
+def _explored(
+    near: Near,
+    draws: AlphaDraws,
+    event: Event,
+    sample: Sample,
+    choice: Exploration,
+    progress: Progress | None,
+) -> _Explored:
+    """Rounds of fresh runs all over the law, and of runs where kriging doubts (`Exploration`)."""
+    surface, most, round_ = near.surface, near.ground.surfaces.max_runs, 0
+    assert surface is not None
+    while True:
+        if progress is not None:
+            progress.stage(f"{choice.runs} runs of the simulator look for other regions")
+        before = near.fixed
+        probability = by_some(before, draws, event, sample.joined)
+        seen = explored(near, draws, event, probability, choice, round_)
+        surface.learn(seen.x)
+        sample, certain = _sharpened(near, draws, event, choice)
+        now, was = (by_some(one, draws, event, sample.joined) for one in (near, before))
+        settled = certain and abs(now - was) <= choice.share * now
+        if TRACE:
+            print(f"    round {round_} runs {surface.runs} P {was:.3e} {now:.3e} certain {certain} contrary {seen.contrary.sum()}")
+        if settled and not seen.contrary.any() or surface.runs + 2 * choice.runs > most:
+            return _Explored(sample, seen.unseen, settled)
+        round_ += 1
+
+
+def _sharpened(
+    near: Near, draws: AlphaDraws, event: Event, choice: Exploration
+) -> tuple[Sample, bool]:
+    """The sample where the surface is certain of the event, and whether it is."""
+    assert near.surface is not None
+    sample, runs = sought(near, draws, event, CrossEntropy()), 0
+    while True:
+        doubt = Doubt.of(near, draws, event, sample.joined)
+        certain = bool(doubt.wrong.sum() <= choice.doubt * doubt.probability)
+        if certain or runs + choice.batch > choice.runs:
+            return sample, certain
+        near.surface.correct(settling(near, doubt, choice.batch))
+        sample, runs = sought(near, draws, event, CrossEntropy()), runs + choice.batch
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,23 +73,24 @@ def about_event(
     laws, choice = chosen_laws(draws), choice or CrossEntropy()
     if near.surface is not None:
         near.surface.follow(near.wide(laws[0][:FOLLOWED], FAR, PLACED))
-    before, found = np.nan, _about(near, laws, event, choice)
+    before, found = np.nan, sought(near, draws, event, choice)
     for _ in range(ROUNDS if near.surface is not None and found.reached else 0):
         assert near.surface is not None
         points = found.replicates[0]
         away, weights = missed(near, laws, event, points)
-        now = float(np.sum(points.weights * np.sum(weights, axis=0, where=away == 0.0)))
+        now = float(np.sum(weights, where=away == 0.0))
         if abs(now - before) < STILL * now:
             break
         before = now
         x = near.outcomes(laws[0][:FOLLOWED], _heavy(points, away, weights))[1].x
         near.surface.follow(x.reshape(-1, x.shape[2]))
-        found = _about(near, laws, event, choice)
+        found = sought(near, draws, event, choice)
     return found
 
 
-def _about(near: Near, laws: tuple[Array, Array], event: Event, choice: CrossEntropy) -> Sample:
-    """By the surface as it is, or by the simulator."""
+def sought(near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy) -> Sample:
+    """The same by the surface as it is, or by the simulator."""
+    laws = chosen_laws(draws)
     density, reached = importance_density(
         lambda u: missed(near, laws, event, points_at(near, u)), variates(near), choice
     )
@@ -99,7 +100,7 @@ def _about(near: Near, laws: tuple[Array, Array], event: Event, choice: CrossEnt
 
 def _heavy(points: Points, away: Array, weights: Array) -> Points:
     """A quarter of the points: those of the event that weigh most, and the nearest others."""
-    mass = points.weights * np.sum(weights, axis=0, where=away == 0.0)
+    mass = np.sum(weights, axis=0, where=away == 0.0)
     order = np.lexsort((np.min(away, axis=0), -mass))[: len(mass) // 4]
     return Points(points.xi[order], points.score[order], points.weights[order])
 
@@ -140,6 +141,12 @@ def missed(
     shape = (-1, len(points.score))
     weights = found.weights * laws[1][:, None] * len(points.score)
     return event.missed(y).reshape(shape), weights.reshape(shape)
+
+
+def by_some(near: Near, draws: AlphaDraws, event: Event, points: Points) -> float:
+    """The probability of an event by points, under the laws that its density is sought for."""
+    away, weights = missed(near, chosen_laws(draws), event, points)
+    return float(np.sum(weights, where=away == 0.0)) / len(points.score)
 
 
 def often(near: Near, draws: AlphaDraws, event: Event) -> bool:
