@@ -18,6 +18,7 @@ from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.near import Exploration, Near
 from aleator.tasks.decide.sample import (
     EACH,
+    FOLLOWED,
     REPLICATES,
     Sample,
     about_event,
@@ -25,6 +26,7 @@ from aleator.tasks.decide.sample import (
     distance_of,
     of_law,
     often,
+    possible,
     sought,
 )
 from aleator.tasks.decide.simulator_check import (
@@ -177,14 +179,15 @@ def _sharpened(
 ) -> tuple[Sample, bool]:
     """The sample where the surface is certain of the event, and whether it is."""
     assert near.surface is not None
-    sample, runs = sought(near, draws, event, CrossEntropy()), 0
+    runs, seek = 0, CrossEntropy()
     while True:
-        doubt = Doubt.of(near, draws, event, sample.joined)
+        points = possible(near, draws, event, seek).joined
+        doubt = Doubt.of(near, draws, event, points, FOLLOWED)
         certain = bool(doubt.wrong.sum() <= choice.doubt * doubt.probability)
         if certain or runs + choice.batch > choice.runs:
-            return sample, certain
+            return sought(near, draws, event, seek), certain
         near.surface.correct(settling(near, doubt, choice.batch))
-        sample, runs = sought(near, draws, event, CrossEntropy()), runs + choice.batch
+        runs += choice.batch
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from aleator.inference.decisions.event import Event
 from aleator.tasks.decide.near import REACH, Exploration, Near
 from aleator.tasks.decide.points import Points, normal_points
 from aleator.tasks.decide.predictors import MOST
-from aleator.tasks.decide.sample import chosen_laws, points_at, variates
+from aleator.tasks.decide.sample import LAWS, chosen_laws, points_at, variates
 from aleator.types import Array, Flags
 
 CHECKS = 20
@@ -55,9 +55,9 @@ class Doubt:
     apart: Array
 
     @classmethod
-    def of(cls, near: Near, draws: AlphaDraws, event: Event, points: Points) -> Doubt:
-        """By some of the points and laws."""
-        laws, share = chosen_laws(draws)
+    def of(cls, near: Near, draws: AlphaDraws, event: Event, points: Points, count: int) -> Doubt:
+        """By some of the points and so many laws."""
+        laws, share = chosen_laws(draws, count)
         y, apart, found = near.possible(laws, points.thinned(POOL // len(laws)))
         mass = share[:, None] * found.weights
         away = np.nan_to_num(event.distance(y), nan=np.inf)
@@ -189,7 +189,7 @@ def corrected(
     point. Where all agree the correction is zero, and its error is that mass of which one of R + 1
     might differ. What is in the event far from where the surface sees it is not found.
     """
-    known = Doubt.of(near, draws, event, points)
+    known = Doubt.of(near, draws, event, points, LAWS)
     doubt = known.mass * np.exp(-known.away / np.maximum(known.apart, np.finfo(float).tiny))
     parts = ((DOUBTED, doubt), (1.0 - DOUBTED, known.mass * known.within))
     chance = np.sum([share * part / part.sum() for share, part in parts if part.sum() > 0.0], axis=0)
@@ -202,6 +202,6 @@ def corrected(
     run = near.at_runs(known.alphas[law], known.x[law, place], known.score[place])
     ratio = known.mass[law, place] / chance[law, place]
     apart = (event.holds(run).astype(float) - known.within[law, place]) * ratio
-    doubted = float(doubt.sum()) / (checks + 1)
+    doubted = float(known.wrong.sum()) / (checks + 1)
     error = np.hypot(float(np.std(apart, ddof=1)) / np.sqrt(checks), doubted)
     return Correction(float(apart.mean()), float(error), checks)
