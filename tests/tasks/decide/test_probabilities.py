@@ -18,7 +18,7 @@ from aleator.observations.experiments import Conditions
 from aleator.simulators import Runner, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.near import Near
+from aleator.tasks.decide.near import Kriged, Near
 from aleator.tasks.decide.probability import interval_about, probability
 from aleator.tasks.decide.question import events_asked
 from aleator.tasks.decide.sample import of_law
@@ -134,14 +134,19 @@ def test_a_slow_simulator_is_run_some_tens_of_times_and_checked() -> None:
     assert where.runner.runs < 200
 
 
-def test_runs_correct_a_surface_that_is_wrong() -> None:
+def doubtful(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Surfaces have a standard deviation of 0.1 wherever they are asked."""
+    monkeypatch.setattr(Kriged, "deviation", lambda _, x: np.full(len(x), 0.1))
+
+
+def test_runs_correct_a_surface_that_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     """A surface whose outcomes are 0.1 too small: P(a > 1.9) in place of P(a > 2)."""
+    doubtful(monkeypatch)
     draws = known(ALONE)
     right = ground(lambda load, a: load * a, ALONE)
     near = Near.of(right, 0, draws)
     wrong = Near.of(ground(lambda load, a: load * a - 0.1, ALONE), 0, draws)
     assert wrong.surface is not None
-    wrong.surface.surfaces.emulator.error[:] = 0.1
     mixed = replace(near, surface=wrong.surface)
     change = corrected(mixed, draws, above(1.9), of_law(mixed).joined, 400)
     exact = stats.norm.sf(1.9) - stats.norm.sf(2.0)
@@ -220,6 +225,6 @@ def test_checks_that_change_the_probability_leave_it_unsettled(
     near = Near.of(where, 0, draws)
     wrong = Near.of(ground(lambda load, a: load * a - 0.08, ALONE), 0, draws)
     assert wrong.surface is not None
-    monkeypatch.setattr(type(wrong.surface), "error", property(lambda _: 0.1))
+    doubtful(monkeypatch)
     told = probability(replace(near, surface=wrong.surface), draws, jump, 400)
     assert told.status == "unsettled"

@@ -132,7 +132,7 @@ def probability(
         if progress is not None:
             progress.stage(f"{checks} runs of the simulator check a probability")
         change = corrected(near, draws, asked, sample.joined, checks)
-        settled = settled and abs(change.value) <= choice.share * told.mixed
+        settled = settled and np.hypot(change.value, change.error) <= choice.share * told.mixed
     whole = told.found(draws, change, sample, distance, found.unseen, settled)
     return _turned(whole) if turned else whole
 
@@ -181,9 +181,11 @@ def _sharpened(
     assert near.surface is not None
     runs, seek = 0, CrossEntropy()
     while True:
-        points = possible(near, draws, event, seek).joined
-        doubt = Doubt.of(near, draws, event, points, FOLLOWED)
-        certain = bool(doubt.wrong.sum() <= choice.doubt * doubt.probability)
+        seen = possible(near, draws, event, seek)
+        doubt = Doubt.of(near, draws, event, seen.joined, FOLLOWED)
+        certain = not seen.reached or bool(
+            doubt.wrong.sum() <= choice.doubt * doubt.probability
+        )
         if certain or runs + choice.batch > choice.runs:
             return sought(near, draws, event, seek), certain
         near.surface.correct(settling(near, doubt, choice.batch))

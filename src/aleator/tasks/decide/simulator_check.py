@@ -148,7 +148,12 @@ def settling(near: Near, doubt: Doubt, count: int) -> Array:
 
 def _beyond(away: Array, apart: Array) -> Array:
     """Phi(-d/s) of distances and standard deviations."""
-    return np.asarray(special.ndtr(-away / np.maximum(apart, np.finfo(float).tiny)))
+    return np.asarray(special.ndtr(-_deviations(away, apart)))
+
+
+def _deviations(away: Array, apart: Array) -> Array:
+    with np.errstate(over="ignore"):
+        return np.asarray(away / np.maximum(apart, np.finfo(float).tiny))
 
 
 def _all_over(count: int, d: int, radius: float, seed: int) -> tuple[Array, Array]:
@@ -190,7 +195,7 @@ def corrected(
     might differ. What is in the event far from where the surface sees it is not found.
     """
     known = Doubt.of(near, draws, event, points, LAWS)
-    doubt = known.mass * np.exp(-known.away / np.maximum(known.apart, np.finfo(float).tiny))
+    doubt = known.mass * np.exp(-_deviations(known.away, known.apart))
     parts = ((DOUBTED, doubt), (1.0 - DOUBTED, known.mass * known.within))
     chance = np.sum([share * part / part.sum() for share, part in parts if part.sum() > 0.0], axis=0)
     if not np.sum(chance) > 0.0:
