@@ -118,11 +118,6 @@ class OneSurface:
         self.covariance = Covariance.first(moving.size, moving.size, NONE)
         self._sharpened(x)
 
-    @property
-    def error(self) -> float:
-        """The estimated error, where it was asked last."""
-        return float(self.surfaces.emulator.error[0])
-
     def predictor(self) -> OnSurfaces | Kriged:
         """As it is now."""
         return self._kriged or self._polynomial()

@@ -40,8 +40,6 @@ from aleator.tasks.decide.simulator_check import (
 from aleator.tasks.decide.table import heads, in_rows, tails
 from aleator.types import Array, Flags
 
-import os
-TRACE = os.environ.get('TRACE')
 CONTENT = 0.95
 LEVEL = np.array([0.025, 0.975])
 BATCHES = 16
@@ -107,9 +105,9 @@ def probability(
     """P(y in the event) = sum_a w_a P(y in the event | alpha_a).
 
     By importance sampling from a density that is sought for the event, or for its contrary where
-    that is less likely (`importance_density`). Fresh runs all over the law are then compared with a
-    surface, which goes through them where one contradicts it, and `checks` runs near the event's
-    ends correct it. It is "unsettled" where the last fresh runs contradict the surface, or the
+    that is less likely (`importance_density`). A surface is first made certain of the event by
+    fresh runs (`Exploration`), and `checks` runs near the event's ends correct it. It is
+    "unsettled" where the surface is not certain in the end, or where the last fresh runs or the
     checks change the probability by more than the `share` of the choice.
     """
     asked, turned, choice = event, False, choice or Exploration()
@@ -167,9 +165,7 @@ def _explored(
         sample, certain = _sharpened(near, draws, event, choice)
         now, was = (by_some(one, draws, event, sample.joined) for one in (near, before))
         settled = certain and abs(now - was) <= choice.share * now
-        if TRACE:
-            print(f"    round {round_} runs {surface.runs} P {was:.3e} {now:.3e} certain {certain} contrary {seen.contrary.sum()}")
-        if settled and not seen.contrary.any() or surface.runs + 2 * choice.runs > most:
+        if (settled and not seen.contrary.any()) or surface.runs + 2 * choice.runs > most:
             return _Explored(sample, seen.unseen, settled)
         round_ += 1
 
@@ -183,9 +179,7 @@ def _sharpened(
     while True:
         seen = possible(near, draws, event, seek)
         doubt = Doubt.of(near, draws, event, seen.joined, FOLLOWED)
-        certain = not seen.reached or bool(
-            doubt.wrong.sum() <= choice.doubt * doubt.probability
-        )
+        certain = not seen.reached or bool(doubt.wrong.sum() <= choice.doubt * doubt.probability)
         if certain or runs + choice.batch > choice.runs:
             return sought(near, draws, event, seek), certain
         near.surface.correct(settling(near, doubt, choice.batch))

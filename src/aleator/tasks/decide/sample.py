@@ -111,6 +111,8 @@ def possible(near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy) 
 def _sought(
     near: Near, away: Callable[[Points], tuple[Array, Array]], choice: CrossEntropy
 ) -> Sample:
+    if near.ground.measured is not None:
+        return of_law(near)
     density, reached = importance_density(
         lambda u: away(points_at(near, u)), variates(near), choice
     )
@@ -161,9 +163,7 @@ def missed(
     return _by_law(event.missed(y), found, laws[1], points)
 
 
-def _by_law(
-    away: Array, found: Parameters, share: Array, points: Points
-) -> tuple[Array, Array]:
+def _by_law(away: Array, found: Parameters, share: Array, points: Points) -> tuple[Array, Array]:
     """A row for each law and class."""
     shape = (-1, len(points.score))
     weights = found.weights * share[:, None] * len(points.score)

@@ -127,8 +127,7 @@ def settling(near: Near, doubt: Doubt, count: int) -> Array:
     wrong = doubt.wrong.ravel()
     top = np.argsort(-wrong, kind="stable")[:MOST]
     x, mass, away, apart = (
-        part.reshape(wrong.size, -1)[top]
-        for part in (doubt.x, doubt.mass, doubt.away, doubt.apart)
+        part.reshape(wrong.size, -1)[top] for part in (doubt.x, doubt.mass, doubt.away, doubt.apart)
     )
     surface = near.surface.kriged
     joint, noise = surface.joint(x), surface.missed.noise
@@ -197,7 +196,9 @@ def corrected(
     known = Doubt.of(near, draws, event, points, LAWS)
     doubt = known.mass * np.exp(-_deviations(known.away, known.apart))
     parts = ((DOUBTED, doubt), (1.0 - DOUBTED, known.mass * known.within))
-    chance = np.sum([share * part / part.sum() for share, part in parts if part.sum() > 0.0], axis=0)
+    chance = np.sum(
+        [share * part / part.sum() for share, part in parts if part.sum() > 0.0], axis=0
+    )
     if not np.sum(chance) > 0.0:
         return Correction(0.0, 0.0, 0)
     chance = chance / chance.sum()
