@@ -84,7 +84,7 @@ class Kriged:
         z = self.trend.inward(x)
         _, nearest = cKDTree(self.missed.u).query(z, 1 + z.shape[1])
         surprise = np.abs(self.missed.surprise)[nearest].max(axis=1)
-        return self.missed.deviation(_alike(z), z) * np.maximum(surprise, 1.0)
+        return np.asarray(self.missed.deviation(_alike(z), z) * np.maximum(surprise, 1.0))
 
     def joint(self, x: Array) -> Array:
         """Their covariances (D, D)."""
