@@ -240,6 +240,7 @@ def test_checks_that_change_the_probability_leave_it_unsettled(
     """Where the surface stays 0.08 too low, P(a > 2) is not P(a > 2.08)."""
     draws, jump = known(ALONE), Event(((2.0, np.inf),))
     where = ground(lambda load, a: load * a, ALONE)
+    where = replace(where, surfaces=ResponseSurface(max_runs=100))
     assert found(where, jump, draws, 20).status == "solved"
     near = Near.of(where, 0, draws)
     wrong = Near.of(ground(lambda load, a: load * a - 0.08, ALONE), 0, draws)
