@@ -223,7 +223,7 @@ def test_a_hill_off_the_design_point_is_part_of_the_event(place: tuple[float, fl
     ],
 )
 def test_regions_and_kinks_by_few_runs(response: Callable[..., np.ndarray], limit: float) -> None:
-    """Two regions, and a kink: a polynomial alone takes a thousand runs, and stays unsettled."""
+    """Two regions, and a kink, which no polynomial has."""
     where = ground(response, PAIR)
     agrees(found(where, above(limit), known(PAIR), 20), by_cells(response, limit), 0.1)
     assert where.runner.runs < 400
