@@ -83,7 +83,7 @@ def _stages(likelihood: IndividualLikelihood, alpha: Array, block: Block) -> tup
     z = modes.reshape(experiments, classes * centers, s)
     with np.errstate(all="ignore"):
         _, scores, outer = likelihood.of_observations(alpha, block, z)
-    known = np.isfinite(outer).all(axis=(2, 3)) & np.isfinite(scores).all(axis=2)
+    known = np.isfinite(outer.sum(axis=(2, 3)) + scores.sum(axis=2))
     scores = _before(np.where(known[..., None], scores, 0.0), block) - z[block.owner]
     information = _before(np.where(known[..., None, None], outer, 0.0), block) + np.eye(s)
     size = np.linalg.slogdet(information)[1]

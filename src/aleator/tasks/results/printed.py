@@ -178,13 +178,13 @@ def remedies(document: Document) -> list[str]:
 def left_out(copies: Sequence[str]) -> str:
     """Why columns had no say in the second verdict, and what to do if they should.
 
-    >>> left_out(["travel_in"])[:55]
-    '`travel_in`, whose order is that of the outcome itself,'
+    >>> left_out(["travel_in"])[:41]
+    '`travel_in`, which the outcome determines'
     """
     return (
-        f"{_columns(copies)}, whose order is that of the outcome itself, as of the outcome in "
-        "another unit or of its rank. If it is a condition of the tests, let the simulator or a "
-        "law take it."
+        f"{_columns(copies)}, which the outcome determines, as in another unit, a rank, a class "
+        "(pass or fail) or a ratio. If it is a condition of the tests, let the simulator or a law "
+        "take it."
     )
 
 
