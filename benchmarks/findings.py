@@ -5,8 +5,8 @@ as the remedy has it. `python -m benchmarks findings --replicates 100` prints ho
 called inconsistent, how many have the cause as their first finding, and how many of the mended
 models are called inconsistent: 5 % would be right. Then right models of all kinds of noise. Lines
 with normal laws are fitted in closed form (`mixed`), the others identified by Aleator. All data are
-synthetic. The data sets are kept in a file, and none is judged twice. With seeds from 52000 29 of 443
-right models were called inconsistent (6.5 %); docs/statistics/consistency.md has all shares.
+synthetic. The data sets are kept in a file, and none is judged twice. Of 443 right models
+with seeds from 52000 29 were called inconsistent; docs/statistics/consistency.md has all shares.
 """
 
 from __future__ import annotations
