@@ -5,7 +5,8 @@ as the remedy has it. `python -m benchmarks findings --replicates 100` prints ho
 called inconsistent, how many have the cause as their first finding, and how many of the mended
 models are called inconsistent: 5 % would be right. Then right models of all kinds of noise. Lines
 with normal laws are fitted in closed form (`mixed`), the others identified by Aleator. All data are
-synthetic. The data sets are kept in a file, and none is judged twice.
+synthetic. The data sets are kept in a file, and none is judged twice. Of 443 right models
+with seeds from 52000 29 were called inconsistent; docs/statistics/consistency.md has all shares.
 """
 
 from __future__ import annotations
@@ -361,8 +362,8 @@ def _lines(tied: bool) -> Verdict:
 
 
 def _skewed_series(rng: np.random.Generator) -> pd.DataFrame:
-    z = (np.exp(0.6 * rng.standard_normal(60)) - np.exp(0.18)) / 0.7
-    return drawn(rng, experiments(rng, 3)[:180], z)
+    a = np.exp(0.5 * rng.standard_normal(60))
+    return drawn(rng, experiments(rng, 3)[:180], (a - MEAN) / SD)
 
 
 ORDER = "the order of the rows"

@@ -90,11 +90,13 @@ class Levels:
         r, v = self.y.mean(axis=1) - self.alpha[0], tau**2 + s**2 / m
         by = 0.5 * (r**2 / v - 1.0) / v
         columns = [r / v, 2.0 * tau * by]
+        each = -0.5 * (np.log(v) + r**2 / v)
         if m > 1:
             within = np.sum((self.y - self.y.mean(axis=1, keepdims=True)) ** 2, axis=1)
             columns += [2.0 * s / m * by + within / s**3 - (m - 1) / s]
+            each = each - 0.5 * within / s**2 - (m - 1) * np.log(s)
         scores = np.stack(columns, axis=1)
-        return SimpleNamespace(scores=scores, score=scores.sum(axis=0))
+        return SimpleNamespace(scores=scores, score=scores.sum(axis=0), total=each.sum())
 
     def probabilities(self, points: int | None = None) -> Array:  # noqa: ARG002
         """By the normal law of each outcome given the earlier ones."""

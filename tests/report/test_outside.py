@@ -1,13 +1,16 @@
 """How many outcomes lie outside 95 %: the range of the count is that of independent values."""
 
+import io
 import re
 from types import SimpleNamespace
 
 import numpy as np
-from scipy import special
+from rich.console import Console
+from scipy import special, stats
 
 from aleator.report.html.predicted import _caption
 from aleator.report.html.rows import Measured
+from aleator.report.individual import worst
 
 
 def test_the_range_of_the_count_holds_though_observations_of_one_experiment_depend() -> None:
@@ -34,3 +37,19 @@ def test_the_range_of_the_count_holds_though_observations_of_one_experiment_depe
         beyond, _, low, high = map(int, re.findall(r"\d+", text)[:4])
         inside += low <= beyond <= high
     assert inside >= 180
+
+
+def test_the_text_report_counts_values_given_the_earlier_ones_of_their_experiment() -> None:
+    pit = [0.01, 0.5, 0.99, 0.6, 0.3, 0.7] * 20
+    rows = [
+        {
+            "id": "1", "row": k + 1, "response": "y", "lower": 1.0, "upper": 1.0, "predicted": 1.0,
+            "scale": 0.1, "residual": 0.0, "conditions": {}, "pit": p,
+        }
+        for k, p in enumerate(pit)
+    ]  # fmt: skip
+    console = Console(record=True, width=120, file=io.StringIO())
+    console.print(worst({"observations": rows, "responses": {"y": "none"}}))
+    found = re.findall(r"(\d+) of (\d+) are, and (\d+) to (\d+)", console.export_text())
+    low, high = stats.binom.ppf([0.025, 0.975], 120, 0.05).astype(int)
+    assert [tuple(map(int, row)) for row in found] == [(40, 120, low, high)]

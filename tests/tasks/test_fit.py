@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
 from identifications import unjudged
 from scipy import stats
 
-from aleator import Free, Identification, Inputs, MonteCarlo, Noise, Normal
+from aleator import Experiments, Free, Identification, Inputs, MonteCarlo, Noise, Normal
 from aleator.inference.fit import climbed, stepped
+from aleator.laws.hyperparameter import Hyperparameter
+from aleator.search.value import LogLikelihood
 
 COUNT = 60
 
@@ -124,3 +129,56 @@ def test_where_nothing_is_identified_a_fit_stays_where_it_is() -> None:
     other = fit.drawn(rng)
     for end in (stepped(other), climbed(other)):
         assert end.alpha.tolist() == fit.alpha.tolist()
+
+
+def test_probabilities_of_series_that_tell_their_parameters_are_those_of_the_normal_law() -> None:
+    rng = np.random.default_rng(21)
+    times = np.linspace(0.1, 1.0, 12)
+    own = rng.normal([1.0, 2.0], [0.3, 0.4], (20, 2))
+    y = own @ np.array([np.ones(12), times]) + 0.01 * rng.standard_normal((20, 12))
+    table = pd.DataFrame(
+        {"id": np.repeat(np.arange(20), 12), "t": np.tile(times, 20), "y": y.ravel()}
+    )
+    law = Inputs({"a": Normal(1.0, 0.3), "b": Normal(2.0, 0.4)})
+    fit = unjudged(
+        lambda t, a, b: a + b * t, Experiments.from_frame(table, outcome="y", id="id"), law,
+        vectorized=True, noise=Noise(0.01), verification=MonteCarlo(0),
+    ).fit  # fmt: skip
+    curve = np.stack([0.3 * np.ones(12), 0.4 * times], axis=1)
+    root = np.linalg.cholesky(curve @ curve.T + 1e-4 * np.eye(12))
+    exact = np.linalg.solve(root, (y - 1.0 - 2.0 * times).T).T
+    w = stats.norm.ppf(fit.probabilities(256)).reshape(20, 12)
+    assert np.mean(np.isfinite(w)) > 0.95
+    assert np.sqrt(np.nanmean((w - exact) ** 2)) < 0.15
+    w = stats.norm.ppf(fit.probabilities(1024)).reshape(20, 12)
+    assert np.mean(np.isfinite(w)) > 0.98
+    assert np.sqrt(np.nanmean((w - exact) ** 2)) < 0.1
+
+
+@dataclass(frozen=True)
+class Product:
+    """log L = -((a b - 1)/0.01)^2/2 + 3 a: data tell a product of two factors, and hardly more."""
+
+    alpha: np.ndarray
+    hyperparameters = tuple(Hyperparameter(name, 0.1, 9.0, 1.0, True) for name in "ab")
+    inference = SimpleNamespace(
+        identified=np.arange(2), information=1e4 * np.ones((2, 2)) + np.diag([0.0, 4.0])
+    )
+
+    def scored(self) -> LogLikelihood:
+        a, b = self.alpha
+        miss = (1.0 - a * b) / 1e-4
+        value = np.array([-0.5e4 * (a * b - 1.0) ** 2 + 3.0 * a])
+        return LogLikelihood(value, np.array([[miss * b + 3.0, miss * a]]), np.zeros(1, dtype=int))
+
+    def at(self, alpha: np.ndarray) -> Product:
+        return Product(alpha)
+
+
+def test_a_step_along_a_ridge_never_ends_lower() -> None:
+    begun = Product(np.ones(2))
+    whole = np.linalg.solve(begun.inference.information, begun.scored().score)
+    assert Product(begun.alpha + whole).scored().total < begun.scored().total - 10.0
+    end = stepped(begun)
+    assert begun.scored().total < end.scored().total
+    assert np.any(end.alpha != begun.alpha)

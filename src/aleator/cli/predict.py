@@ -103,9 +103,10 @@ def predict(
 
     With --above, --below or --between: the probability of such an outcome, with a 95 % interval
     and the standard error of the computation, however rare it is. By a surface, fresh runs of the
-    simulator all over the law look for regions of failure that the surface does not have: where
-    they contradict it the status is "unsettled", and `unseen` is the probability of a region that
-    they do not exclude. `at_estimate` is of the estimate alone; the interval is not its.
+    simulator all over the law look for regions of failure that the surface does not have, and more
+    are made where it leaves open which outcomes are in the event. Where the last of them still
+    change the probability the status is "unsettled", and `unseen` is the probability of a region
+    that they do not exclude. `at_estimate` is of the estimate alone; the interval is not its.
 
     With --tolerance limits of the outcome, with --reliability a design value. All are in the unit
     of the outcome, and of what is measured; --no-noise asks for the true value, as whether

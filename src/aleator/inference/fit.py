@@ -17,7 +17,7 @@ from aleator.inference.information import Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Experiments
-from aleator.search.newton import ARRIVED, ascended, held
+from aleator.search.newton import ARRIVED, TRIES, ascended, held
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
@@ -164,19 +164,25 @@ def stepped(fit: AnyFit) -> AnyFit:
     """The fit one Newton step nearer to its maximum, by the information of the identification.
 
     For data drawn at the identified alpha the step ends within 1/N of the maximum, where the
-    maximum itself is 1/sqrt(N) away: what a bootstrap of many replicates needs, at one evaluation.
+    maximum itself is 1/sqrt(N) away: what a bootstrap of many replicates needs. Along a ridge a
+    whole step may lead far down, so it is halved until it does not.
     """
     moving = fit.inference.identified
     if not moving.size:
         return fit
-    score = fit.scored().score[moving]
+    begun = fit.scored()
+    score = begun.score[moving]
     limits, here = limits_of(fit.hyperparameters, moving), fit.alpha[moving]
     free = np.flatnonzero(~held(here, score, *limits) & np.isfinite(score))
     step = np.zeros(moving.size)
     step[free] = np.linalg.lstsq(fit.inference.information[np.ix_(free, free)], score[free])[0]
-    alpha = fit.alpha.copy()
-    alpha[moving] = np.clip(here + step, *limits)
-    return fit.at(alpha)
+    for half in range(TRIES):
+        alpha = fit.alpha.copy()
+        alpha[moving] = np.clip(here + 0.5**half * step, *limits)
+        there = fit.at(alpha)
+        if there.scored().total >= begun.total:
+            return there
+    return fit
 
 
 def climbed(fit: AnyFit, weights: Array | None = None, arrived: float = ARRIVED) -> AnyFit:

@@ -46,8 +46,9 @@ def _doubts(columns: Columns) -> list[str]:
     found = []
     if "unsettled" in columns["status"]:
         found.append(
-            "unsettled: runs of the simulator contradict the surface, and the probability may be "
-            "wrong by far more than +-. Allow the surface more runs (max_runs)."
+            "unsettled: the last runs of the simulator still change the probability, or leave open "
+            "which outcomes are in the event: it may be wrong by far more than +-. Allow the "
+            "surface more runs (max_runs)."
         )
     unseen = [value for value in columns["unseen"] if not math.isnan(value)]
     if unseen:

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from aleator.report.rows import Rows
 from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import NONE, by_name, number, principle
+from aleator.tasks.results.printed import NONE, by_name, number, outside, principle
 from aleator.tasks.results.units import label, unit_of, with_unit
 
 Result = Mapping[str, Any]
@@ -131,8 +131,12 @@ def worst(result: Result) -> RenderableType | None:
         for entry in found
     ]  # fmt: skip
     logs = [name for name, transform in result["responses"].items() if transform == "log"]
-    note = Text(f"Of {', '.join(logs)} the logarithms.") if logs else None
-    return Group(Rows(columns, rows), *([note] if note else []))
+    notes = [f"Of {', '.join(logs)} the logarithms."] if logs else []
+    exact = [entry for entry in result["observations"] if entry["lower"] == entry["upper"]]
+    known = [entry["pit"] for entry in exact if entry["pit"] is not None]
+    given = "Outside their 95 %, given the earlier observations of their experiments, "
+    notes += [given + outside(known)] if known else []
+    return Group(Rows(columns, rows), *map(Text, notes))
 
 
 def place(entry: Mapping[str, Any], several: bool) -> str:

@@ -20,6 +20,7 @@ from aleator.tasks.results.printed import (
     alpha_rows,
     by_name,
     number,
+    outside,
     principle,
     remedies,
     second_verdict,
@@ -270,7 +271,9 @@ def _worst(result: Result) -> RenderableType | None:
         ("95 % range", "right"), ("P(below)", "right"), ("density", "fold"),
     )  # fmt: skip
     log = result.get("transform") == "log"
-    return Rows(columns, [_explained(experiment, log) for experiment in worst])
+    known = [e["pit"] for e in result["experiments"] if e.get("pit") is not None]
+    note = [Text("Outside their 95 % " + outside(known))] if known else []
+    return Group(Rows(columns, [_explained(experiment, log) for experiment in worst]), *note)
 
 
 def _explained(experiment: Mapping[str, Any], log: bool) -> tuple[str, ...]:

@@ -33,6 +33,8 @@ RANK = 8
 OWN = (1e-4, 3.0)
 SCALE = (0.05, 10.0)
 NOISE = (3e-4, 0.3)
+# The part of an experiment that is alone, and has nothing for itself: its square is zero.
+NONE = 1e-200
 
 
 @dataclass(frozen=True)
@@ -45,16 +47,16 @@ class Covariance:
     noise: float
 
     @classmethod
-    def first(cls, inputs: int, parameters: int) -> Covariance:
+    def first(cls, inputs: int, parameters: int, own: float = 0.1) -> Covariance:
         """Nothing is known: every input counts alike."""
         mix = 0.5 * np.eye(inputs, min(inputs, RANK))
         mix[RANK:] = 0.5 / np.sqrt(RANK)
-        return cls(mix, 0.1, np.ones(parameters), 0.01)
+        return cls(mix, own, np.ones(parameters), 0.01)
 
     @property
     def vector(self) -> Array:
         """All numbers in one row, those that are positive as logarithms."""
-        rest = np.log([self.own, *self.scale, self.noise])
+        rest = np.log([max(self.own, NONE), *self.scale, self.noise])
         return np.concatenate([self.mix.ravel(), rest])
 
     def moved(self, vector: Array) -> Covariance:
@@ -127,7 +129,8 @@ def learned(start: Covariance, index: Indices, u: Array, y: Array, iterations: i
     def loss(vector: Array) -> tuple[float, Array]:
         return _loss(start.moved(vector), index, u, (y - level) / unit)
 
-    positive = [np.log(OWN), *[np.log(SCALE)] * n, np.log(NOISE)]
+    own, noise = (OWN, NOISE) if start.own > NONE else ((NONE, NONE), (NOISE[0], NOISE[0]))
+    positive = [np.log(own), *[np.log(SCALE)] * n, np.log(noise)]
     bounds = [(-20.0, 20.0)] * start.mix.size + [(low, high) for low, high in positive]
     found = minimize(
         loss, start.vector, jac=True, method="L-BFGS-B", bounds=bounds,
@@ -179,6 +182,20 @@ class Posterior:
         left = np.maximum(prior - (known**2).sum(axis=0), 0.0)
         return np.asarray(self.unit * np.sqrt(self.variance * left))
 
+    @property
+    def noise(self) -> float:
+        """The variance of a run about the outcome."""
+        return self.unit**2 * self.variance * self.covariance.noise**2
+
+    @single_threaded
+    def joint(self, index: Indices, u: Array) -> Array:
+        """Covariances (R, R) of the outcomes that are still possible, for few points."""
+        known = solve_triangular(
+            self.factor, self._between(index, u).T, lower=True, check_finite=False
+        )
+        prior = _between(self.covariance, index, u, index, u)
+        return np.asarray(self.unit**2 * self.variance * (prior - known.T @ known))
+
     def _between(self, index: Indices, u: Array) -> Array:
         return _between(self.covariance, index, u, self.index, self.u)
 
@@ -188,6 +205,8 @@ def _between(covariance: Covariance, index: Indices, u: Array, other: Indices, v
     n = len(covariance.scale)
     out = _matern(_squared(u @ covariance.mix, v @ covariance.mix))[0]
     out += CONSTANT + LINEAR * (u @ v.T)
+    if covariance.own**2 == 0.0:
+        return np.asarray(out)
     row, column = np.nonzero(index[:, None] == other)
     gap = (u[row, -n:] - v[column, -n:]) * covariance.scale
     out[row, column] += covariance.own**2 * _matern((gap**2).sum(axis=1))[0]

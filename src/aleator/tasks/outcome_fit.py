@@ -71,7 +71,7 @@ class OutcomeFit:
 
     def scored(self) -> LogLikelihood:
         """Log-densities (N,) with scores (N, K); a smooth continuation where there is none."""
-        return self.objective()(self.alpha)
+        return self._scored
 
     def objective(self) -> Callable[[Array], LogLikelihood]:
         """The continued log-likelihood."""
@@ -221,6 +221,10 @@ class OutcomeFit:
         rows = np.arange(self.count)
         y = (1.0 - share) * table[rows, place] + share * table[rows, place + 1]
         return np.where(np.isfinite(y), y, self.problem.outcomes)
+
+    @cached_property
+    def _scored(self) -> LogLikelihood:
+        return self.objective()(self.alpha)
 
     @cached_property
     def _here(self) -> Located:

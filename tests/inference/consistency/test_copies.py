@@ -23,7 +23,17 @@ RNG = np.random.default_rng(8)
 
 
 def copies(table: Experiments, *asked: str) -> list[str]:
-    return [c.name for c in copies_of(columns_of(table), table.observations, asked)]
+    """Of a model that knows the mean under each of the asked conditions."""
+    seen = table.observations
+    frame = table.table.iloc[seen.row].assign(w=seen.lower)
+    known = frame.groupby([*asked])["w"] if asked else None
+    w = (
+        frame["w"]
+        if known is None
+        else (frame["w"] - known.transform("mean")) / known.transform("std")
+    )
+    found = copies_of(columns_of(table), table, asked, w.to_numpy())
+    return [c.name for c in found]
 
 
 def loaded(count: int = 40) -> pd.DataFrame:
@@ -51,8 +61,53 @@ def test_a_condition_is_no_copy_though_the_outcome_follows_it_closely() -> None:
     assert copies(Experiments.from_frame(close, outcome="y")) == []
     # few levels that no outcomes overlap, and a condition that the simulator takes
     apart = pd.DataFrame({"load": np.repeat([1.0, 2.0, 3.0], 20), "force": np.arange(60.0)})
-    apart["y"] = apart["load"] + 0.001 * apart["force"]
-    assert copies(Experiments.from_frame(apart, outcome="y"), "force") == []
+    apart["y"] = apart["load"] + 0.001 * apart["force"] + 0.05 * RNG.standard_normal(60)
+    table = Experiments.from_frame(apart, outcome="y")
+    assert copies_of(columns_of(table), table, ("force",), apart["y"].to_numpy()) == ()
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda t: t["y"] > 18.0,
+        lambda t: np.where(t["y"] > 18.0, "pass", "fail"),
+        lambda t: pd.cut(t["y"], [-99.0, 11.0, 16.0, 21.0, 99.0], labels=[1, 2, 3, 4]).astype(int),
+        lambda t: t["y"] / t["load"],
+        lambda t: np.round(t["load"] / t["y"], 5),
+        lambda t: t["y"] - 3.0 * t["load"],
+    ],
+)
+def test_classes_ratios_and_differences_of_the_outcome_are_left_out(made) -> None:  # type: ignore[no-untyped-def]
+    rng = np.random.default_rng(5)
+    for load in (np.tile([1.0, 2.0], 30), rng.uniform(1.0, 2.0, 60)):
+        frame = pd.DataFrame({"load": load, "rig": rng.permutation(60) % 3})
+        frame["batch"] = rng.permutation(60) // 12
+        frame["y"] = 10.0 * load * (1.0 + 0.2 * rng.standard_normal(60))
+        frame["made"] = made(frame)
+        table = Experiments.from_frame(frame, outcome="y")
+        found = copies_of(columns_of(table), table, ("load",), frame["y"] / load)
+        assert [c.name for c in found] == ["made"]
+
+
+def test_a_rank_under_each_load_and_a_condition_of_the_load_alone() -> None:
+    frame = loaded().assign(rank=lambda t: t["y"].groupby(t["load"]).rank())
+    frame["heavy"] = np.where(frame["load"] > 1.5, "heavy", "light")
+    frame["y"] = np.where(frame["load"] > 1.5, 50.0, 0.0) + frame["y"]
+    table = Experiments.from_frame(frame, outcome="y")
+    found = copies_of(columns_of(table), table, ("load",), RNG.standard_normal(40))
+    assert [c.name for c in found] == ["rank"]
+
+
+def test_the_largest_and_the_mean_of_a_series_are_left_out() -> None:
+    rng = np.random.default_rng(6)
+    frame = pd.DataFrame({"id": np.repeat(np.arange(30), 4), "t": np.tile(np.arange(4.0), 30)})
+    frame["hot"] = np.repeat(rng.standard_normal(30), 4)
+    frame["y"] = np.repeat(rng.standard_normal(30), 4) * frame["t"] + rng.standard_normal(120)
+    whole = frame.groupby("id")["y"]
+    frame["peak"], frame["average"] = whole.transform("max"), whole.transform("mean")
+    table = Experiments.from_frame(frame, outcome="y", id="id")
+    found = copies_of(columns_of(table), table, ("t",), rng.standard_normal(120))
+    assert [c.name for c in found] == ["peak", "average"]
 
 
 def test_what_is_known_of_bounds_is_not_compared() -> None:

@@ -51,5 +51,5 @@ def test_a_second_column_of_the_censoring_is_no_condition() -> None:
         frame.drop(columns="seen"), outcome="y",
         censored=Censoring("status", right="above", measured="ok"),
     )  # fmt: skip
-    left = {c.name for c in copies_of(columns_of(table), table.observations, ())}
+    left = {c.name for c in copies_of(columns_of(table), table, (), table.observations.lower)}
     assert left == {"cut"}

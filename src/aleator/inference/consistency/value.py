@@ -74,7 +74,7 @@ class Consistency:
     `discrepancies` are the strongest of those that contradict it, `outliers` the observations that
     one in twenty right models would not have. `replicates` under the fitted model say what is
     usual. `relations` are those of the individual parameters of experiments with several
-    observations. `copies` are columns that order the experiments as the outcome does: left out.
+    observations. `copies` are columns that the outcome determines: left out.
     """
 
     consistent: bool | None

@@ -281,15 +281,24 @@ class IndividualLikelihood:
 
     def _curved(self, alpha: Array, block: Block, z: Array) -> tuple[Array, Array, Array]:
         """The log-density of variates z (B, P, s) given the observations, by Gauss and Newton."""
+        found, gradient, outer = self.of_observations(alpha, block, z)
+        value = found.sums - 0.5 * np.sum(z**2, axis=2)
+        return value, block.summed(gradient) - z, block.summed(outer) + np.eye(z.shape[2])
+
+    def of_observations(
+        self, alpha: Array, block: Block, z: Array
+    ) -> tuple[Evaluated, Array, Array]:
+        """What each observation says of variates z (B, P, s): its score (m, P, s) and information.
+
+        The information (m, P, s, s) is that of Gauss and Newton.
+        """
         found = self.at(alpha, block, z)
         by_xi = found.individual.by_variates()[block.owner]
         slopes = np.einsum("nmp,mpns->mps", found.slopes, by_xi)
         of_errors = alpha[self.inputs.size :]
         curvature = self.errors.curvature(of_errors, found.eta, block.rows)
-        value = found.sums - 0.5 * np.sum(z**2, axis=2)
-        gradient = block.summed(found.terms.d_eta[..., None] * slopes) - z
         outer = curvature[..., None, None] * slopes[..., :, None] * slopes[..., None, :]
-        return value, gradient, block.summed(outer) + np.eye(z.shape[2])
+        return found, found.terms.d_eta[..., None] * slopes, outer
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,9 +39,15 @@ class OnSurfaces:
         """The surfaces and their gradients; a coordinate beyond the region has none."""
         return self._evaluated(block, x, slopes=True)
 
+    def inward(self, x: Array) -> Array:
+        """The coordinates (..., n) of the surfaces, those of the region's nearest points."""
+        return self.surface.axes.inward(self._inside(x)[..., self._moving])
+
+    def _inside(self, x: Array) -> Array:
+        return np.clip(x, self.region[:, 0], self.region[:, 1])
+
     def _evaluated(self, block: Block, x: Array, slopes: bool) -> tuple[Array, Array]:
-        inside = np.clip(x, self.region[:, 0], self.region[:, 1])
-        z = self.surface.axes.inward(inside[..., self._moving])
+        inside, z = self._inside(x), self.inward(x)
         experiments, nodes, n = z.shape
         flat = z.reshape(-1, n)
         indices = self.surface.indices

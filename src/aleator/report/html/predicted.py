@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import binom
 
 from aleator.report.html import colors
 from aleator.report.html.chart import Chart, axes, legend_below, points, shared
 from aleator.report.html.markup import Section, missing
 from aleator.report.html.rows import Measured
+from aleator.tasks.results.printed import outside as independent
 
 MARKS = {
     "circle": ("measured", colors.INK),
@@ -121,14 +121,8 @@ def _caption(seen: Measured, source: Any) -> str:
     pit = seen.array("pit")
     pit = pit[exact & np.isfinite(pit)]
     if pit.size:
-        # given the earlier ones of their experiment they are independent, so that counts are
-        # binomial; those of the diamonds are not
-        fewest, most = binom.ppf([0.025, 0.975], pit.size, 0.05).astype(int)
-        beyond = int(np.sum(np.abs(pit - 0.5) > 0.475))
-        text += (
-            f"Given the earlier observations of its experiment, {beyond} of {pit.size:,} are, "
-            f"and {fewest} to {most} would be of a right model, in 95 % of all cases."
-        )
+        # each given the earlier ones: those of the diamonds are not independent
+        text += "Given the earlier observations of its experiment, " + independent(pit.tolist())
     if not exact.all():
         text += " Triangles are bounds: the value lies above, or below."
     drawn = len(source.data["id"])

@@ -61,7 +61,7 @@ def limits(
     for row, place in enumerate(which.tolist()):
         if progress is not None:
             progress.stage(f"limits {row + 1} of {which.size}")
-        near = Near.of(ground, place, draws, progress)
+        near = Near.of(ground, place, draws, progress, ground.surfaces.max_runs)
         back = ground.seen.responses[ground.seen.response[place]].transform.inverse
         if asked.side == "both":
             low, high = _interval(near, draws, asked)

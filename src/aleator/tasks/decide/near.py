@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from aleator.blocks import blocks
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.likelihood.individual import Direct, Layout, OnSurfaces, Predictor
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.problem import told
 from aleator.progress import Progress
 from aleator.surrogates import AdaptiveSurfaces
+from aleator.surrogates.kriging import NONE, Covariance, Posterior, learned
 from aleator.surrogates.responses import moving_parameters
+from aleator.surrogates.samples import Samples
+from aleator.surrogates.shared import STEPS
 from aleator.surrogates.sites import Sites
 from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.points import (
+    LARGEST,
     Parameters,
     Points,
     law_points,
@@ -33,34 +39,93 @@ REACH = 6.5
 ZERO = np.zeros(1, dtype=np.intp)
 
 
+@dataclass(frozen=True)
+class Exploration:
+    """How a surface is tested and made exact where an event may be; chosen by trials.
+
+    `benchmarks limit_states` measures it. A polynomial has at most `runs` runs. Each round then
+    makes `runs` fresh ones, half of them by the law and half evenly over a ball, so large that
+    `beyond` of the probability lies farther, and at most as many in batches of `batch`, where
+    kriging doubts on which side of the event's ends the outcome is: until the expected
+    probability of its mistakes is at most `doubt` of that of the event. A fresh run contradicts
+    the surface that misses it by more than kriging leaves possible and `share` of its distance from
+    the event's end and the outcome's standard deviation together: then there is another round, as
+    there is where the round changes the probability by more than `share` of itself. Rounds end
+    where the next might need more than the surface's `max_runs`.
+    """
+
+    runs: int = 96
+    batch: int = 8
+    beyond: float = 0.1
+    share: float = 0.1
+    doubt: float = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Kriged:
+    """A polynomial surface of one value, and kriging of what it misses at the runs."""
+
+    trend: OnSurfaces
+    missed: Posterior
+
+    def values(self, block: Block, x: Array) -> Array:
+        """Values (1, J) at points x (1, J, n): those of the runs, where they were made."""
+        found, z = self.trend.values(block, x), self.trend.inward(x[0])
+        for part in blocks(len(z), len(self.missed.u), LARGEST):
+            found[0, part] += self.missed.mean(_alike(z[part]), z[part])
+        return found
+
+    def deviation(self, x: Array) -> Array:
+        """Standard deviations (D,) of the values at points x (D, n) that the runs leave possible.
+
+        As many times larger as the nearest runs surprise the others, once left out: one
+        covariance serves all of the region, and a hill in it is not expected.
+        """
+        z = self.trend.inward(x)
+        _, nearest = cKDTree(self.missed.u).query(z, 1 + z.shape[1])
+        surprise = np.abs(self.missed.surprise)[nearest].max(axis=1)
+        return np.asarray(self.missed.deviation(_alike(z), z) * np.maximum(surprise, 1.0))
+
+    def joint(self, x: Array) -> Array:
+        """Their covariances (D, D)."""
+        z = self.trend.inward(x)
+        return self.missed.joint(_alike(z), z)
+
+
 class OneSurface:
-    """A surface of one value, made exact where it is asked; the runs that it has are kept."""
+    """A surface of one value, made exact where it is asked; the runs that it has are kept.
+
+    It is a polynomial of at most `most` runs, until it is `kriged`; then kriging corrects it.
+    `further` are runs that the polynomial does not go through.
+    """
 
     def __init__(
-        self, ground: Ground, place: int, x: Array, ends: Array, progress: Progress | None
-    ) -> None:
+        self, ground: Ground, place: int, x: Array, ends: Array, progress: Progress | None,
+        most: int,
+    ) -> None:  # fmt: skip
         runner = ground.runner
         self.box, self.progress = ground.inputs.box, progress
-        self._fitted: OnSurfaces | None = None
+        self._trend: OnSurfaces | None = None
+        self._kriged: Kriged | None = None
         self.region = padded(ends, self.box, PAD, LEAST)
         where = slice(place, place + 1)
         self.sites = Sites.seen(runner, runner.unit[where], runner.column[where])
         moving = moving_parameters(self.region)
-        self.surfaces = AdaptiveSurfaces(
-            self.sites.run(runner, self.region), self.region[moving], 1, ground.surfaces
-        )
+        choice = replace(ground.surfaces, max_runs=min(most, ground.surfaces.max_runs))
+        self.run = self.sites.run(runner, self.region)
+        self.surfaces = AdaptiveSurfaces(self.run, self.region[moving], 1, choice)
+        self.further = Samples.none(1, moving.size)
+        self.covariance = Covariance.first(moving.size, moving.size, NONE)
         self._sharpened(x)
 
-    @property
-    def error(self) -> float:
-        """The estimated error, where it was asked last."""
-        return float(self.surfaces.emulator.error[0])
-
-    def predictor(self) -> Predictor:
+    def predictor(self) -> OnSurfaces | Kriged:
         """As it is now."""
-        if self._fitted is None:
-            self._fitted = OnSurfaces(self.surfaces.surface(), self.region, ZERO)
-        return self._fitted
+        return self._kriged or self._polynomial()
+
+    def _polynomial(self) -> OnSurfaces:
+        if self._trend is None:
+            self._trend = OnSurfaces(self.surfaces.surface(), self.region, ZERO)
+        return self._trend
 
     def follow(self, x: Array) -> None:
         """Make it exact at points x (D, n) too, on a region that holds them."""
@@ -68,7 +133,7 @@ class OneSurface:
         self._sharpened(x)
 
     def _reach(self, x: Array) -> None:
-        self._fitted = None
+        self._trend = self._kriged = None
         wanted = hull(self.region, padded(ends_of(x), self.box, PAD, LEAST))
         if np.any(wanted != self.region):
             self.region = wanted
@@ -79,11 +144,46 @@ class OneSurface:
         self._reach(x)
         self.surfaces.add(x[:, moving_parameters(self.region)])
 
+    @property
+    def runs(self) -> int:
+        """Runs that it has been made of."""
+        return self.surfaces.total_runs + len(self.further.x)
+
+    @property
+    def kriged(self) -> Kriged:
+        """As it is, corrected by kriging from now on."""
+        if self._kriged is None:
+            self._kriged = self._through_runs(STEPS[0])
+        return self._kriged
+
+    def correct(self, x: Array) -> None:
+        """Go through runs at points x (R, n) too, moved into the region, by kriging alone."""
+        where = np.clip(x, *self.region.T)[:, moving_parameters(self.region)]
+        self.further = self.further.joined(
+            where, _alike(where), np.arange(len(x)), self.run(_alike(where), where)
+        )
+        self._kriged = self._through_runs(STEPS[1])
+
+    def _through_runs(self, steps: int) -> Kriged:
+        """Kriging of what the polynomial misses at all runs; its covariance is learned on."""
+        trend = self._polynomial()
+        both = (self.surfaces.emulator.samples.inside(self.surfaces.box), self.further)
+        x, y = (np.concatenate(part) for part in zip(*(s.listed[1:] for s in both), strict=True))
+        z = trend.surface.axes.inward(x)
+        missed = y - trend.surface.evaluate(x)[0]
+        self.covariance = learned(self.covariance, _alike(z), z, missed, steps)
+        return Kriged(trend, Posterior.of(self.covariance, _alike(z), z, missed))
+
     def _sharpened(self, x: Array) -> None:
-        self._fitted = None
+        self._trend = self._kriged = None
         where = x[:: max(1, len(x) // MOST)][:, moving_parameters(self.region)]
         self.surfaces.judge(where)
         self.surfaces.refine(where, LEVEL, told(self.progress))
+
+
+def _alike(z: Array) -> Indices:
+    """Runs at points z (R, n) are all of one experiment."""
+    return np.zeros(len(z), dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +194,21 @@ class Near:
     place: int
     block: Block
     surface: OneSurface | None
-    direct: Predictor | None
+    direct: Predictor | Kriged | None
 
     @classmethod
     def of(
-        cls, ground: Ground, place: int, draws: AlphaDraws, progress: Progress | None = None
+        cls,
+        ground: Ground,
+        place: int,
+        draws: AlphaDraws,
+        progress: Progress | None = None,
+        most: int = Exploration.runs,
     ) -> Near:
-        """With a surface about the laws of all draws, unless the simulator itself is asked."""
+        """With a surface about the laws of all draws, unless the simulator itself is asked.
+
+        The surface is a polynomial of at most `most` runs.
+        """
         runner, where = ground.runner, slice(place, place + 1)
         layout = Layout(1, ZERO, runner.unit[where], runner.column[where])
         x, ends = law_points(ground, draws, ground.experiment(place))
@@ -109,8 +217,13 @@ class Near:
             runner.takes_arrays(ends)
             return cls(ground, place, layout.alone(0), None,
                        Direct(runner, moving, ground.inputs.box))  # fmt: skip
-        surface = OneSurface(ground, place, x, ends, progress)
+        surface = OneSurface(ground, place, x, ends, progress, most)
         return cls(ground, place, layout.alone(0), surface, None)
+
+    @property
+    def fixed(self) -> Near:
+        """With its surface as it is now."""
+        return replace(self, surface=None, direct=self.predictor)
 
     @property
     def experiment(self) -> int:
@@ -118,7 +231,7 @@ class Near:
         return self.ground.experiment(self.place)
 
     @property
-    def predictor(self) -> Predictor:
+    def predictor(self) -> Predictor | Kriged:
         """What answers for the simulator."""
         if self.surface is not None:
             return self.surface.predictor()
@@ -128,9 +241,22 @@ class Near:
     def outcomes(self, alphas: Array, points: Points) -> tuple[Array, Parameters]:
         """Outcomes (A, J) at the points under each law, and the parameters there."""
         found = parameters(self.ground, alphas, self.experiment, points)
-        eta = simulated(self.predictor, self.block, found.x)
+        eta = simulated(self.predictor.values, self.block, found.x)
         rows = slice(self.place, self.place + 1)
         return measured(self.ground, alphas, eta, found.score, rows)[0], found
+
+    def possible(self, alphas: Array, points: Points) -> tuple[Array, Array, Parameters]:
+        """Outcomes (A, J) by a surface, and their standard deviations that its runs leave."""
+        assert self.surface is not None
+        surface = self.surface.kriged
+        found = parameters(self.ground, alphas, self.experiment, points)
+        eta = simulated(surface.values, self.block, found.x)
+        apart = surface.deviation(found.x.reshape(-1, found.x.shape[2])).reshape(eta.shape)
+        rows = slice(self.place, self.place + 1)
+        y, moved = (
+            measured(self.ground, alphas, part, found.score, rows)[0] for part in (eta, eta + apart)
+        )
+        return y, np.abs(moved - y), found
 
     def at_runs(self, alphas: Array, x: Array, score: Array) -> Array:
         """Outcomes (R,) of runs of the simulator at x (R, n), each under an alpha of its own."""

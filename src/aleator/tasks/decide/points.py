@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +47,11 @@ class Points:
         """Scrambled Sobol' points of the standard normal law."""
         u = normal_points(count, variates + 1, seed)
         return cls(u[:, :variates], u[:, variates], np.ones(count))
+
+    def thinned(self, count: int) -> Points:
+        """So many of them, evenly along."""
+        step = max(1, len(self.score) // count)
+        return Points(self.xi[::step], self.score[::step], self.weights[::step])
 
     @classmethod
     def joined(cls, parts: Sequence[Points]) -> Points:
@@ -106,15 +111,15 @@ def _of_measured(ground: Ground, alphas: Array, experiment: int, points: Points)
     return Parameters(np.stack(x), np.stack(weights), score)
 
 
-def simulated(predictor: Predictor, block: Block, x: Array) -> Array:
-    """Simulated values (m, A, J) of one experiment at x (A, J, n)."""
+def simulated(values: Callable[[Block, Array], Array], block: Block, x: Array) -> Array:
+    """Simulated `values` (m, A, J) of one experiment at x (A, J, n)."""
     laws, points, n = x.shape
     size = block.owner.size
     found = np.empty((size, laws, points))
     for rows in blocks(laws, points * size, LARGEST):
         part = x[rows]
         with np.errstate(all="ignore"):
-            eta = predictor.values(block, part.reshape(1, -1, n))
+            eta = values(block, part.reshape(1, -1, n))
         found[:, rows] = eta.reshape(size, len(part), points)
     return found
 

@@ -41,7 +41,7 @@ def widened(
         if known is None or ground.inputs.regressed or ground.measured is not None:
             known = parameters(ground, alphas, l, points)
         block = ground.layout.alone(l)
-        eta = simulated(predictor, block, known.x)
+        eta = simulated(predictor.values, block, known.x)
         y = measured(ground, alphas, eta, known.score, block.rows)
         for k, own in enumerate(y, block.rows.start):
             values = _Values.of(own, known.weights, draws, probabilities)

@@ -10,26 +10,32 @@ from scipy import stats
 
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.inference.decisions.event import Event
+from aleator.inference.decisions.importance import CrossEntropy
 from aleator.inference.decisions.weighted import quantiles
 from aleator.progress import Progress
 from aleator.tasks.decide.forecast import LOST
 from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.near import Near
+from aleator.tasks.decide.near import Exploration, Near
 from aleator.tasks.decide.sample import (
     EACH,
+    FOLLOWED,
     REPLICATES,
     Sample,
     about_event,
+    by_some,
     distance_of,
     of_law,
     often,
+    possible,
+    sought,
 )
 from aleator.tasks.decide.simulator_check import (
     CHECKS,
     Correction,
-    Exploration,
+    Doubt,
     corrected,
     explored,
+    settling,
 )
 from aleator.tasks.decide.table import heads, in_rows, tails
 from aleator.types import Array, Flags
@@ -99,9 +105,9 @@ def probability(
     """P(y in the event) = sum_a w_a P(y in the event | alpha_a).
 
     By importance sampling from a density that is sought for the event, or for its contrary where
-    that is less likely (`importance_density`). Fresh runs all over the law are then compared with a
-    surface, which goes through them where one contradicts it, and `checks` runs near the event's
-    ends correct it. It is "unsettled" where the last fresh runs contradict the surface, or the
+    that is less likely (`importance_density`). A surface is first made certain of the event by
+    fresh runs (`Exploration`), and `checks` runs near the event's ends correct it. It is
+    "unsettled" where the surface is not certain in the end, or where the last fresh runs or the
     checks change the probability by more than the `share` of the choice.
     """
     asked, turned, choice = event, False, choice or Exploration()
@@ -111,19 +117,11 @@ def probability(
         turned = often(near, draws, event)
         asked = event.contrary if turned else event
         sample = about_event(near, draws, asked)
+    found = _Explored(sample, float("nan"), True)
+    if near.surface is not None:
+        found = _explored(near, draws, asked, sample, choice, progress)
+    sample, settled = found.sample, found.settled
     told = _Told.of(near, draws, asked, sample)
-    unseen, settled = float("nan"), True
-    for round_ in range(choice.rounds if near.surface is not None else 0):
-        assert near.surface is not None
-        if progress is not None:
-            progress.stage(f"{choice.runs} runs of the simulator look for other regions")
-        seen = explored(near, draws, asked, told.mixed, choice, round_)
-        unseen, settled = seen.unseen, not seen.contrary.any()
-        if settled or round_ == choice.rounds - 1:
-            break
-        near.surface.learn(seen.x)
-        sample = about_event(near, draws, asked)
-        told = _Told.of(near, draws, asked, sample)
     distance = float("nan")
     if sample.density is not None:
         distance = distance_of(near, draws.estimate, asked, sample.replicates)
@@ -132,9 +130,60 @@ def probability(
         if progress is not None:
             progress.stage(f"{checks} runs of the simulator check a probability")
         change = corrected(near, draws, asked, sample.joined, checks)
-        settled = settled and abs(change.value) <= choice.share * told.mixed
-    found = told.found(draws, change, sample, distance, unseen, settled)
-    return _turned(found) if turned else found
+        settled = settled and np.hypot(change.value, change.error) <= choice.share * told.mixed
+    whole = told.found(draws, change, sample, distance, found.unseen, settled)
+    return _turned(whole) if turned else whole
+
+
+@dataclass(frozen=True, eq=False)
+class _Explored:
+    """A sample by a surface that was explored; `settled` says whether more would change little."""
+
+    sample: Sample
+    unseen: float
+    settled: bool
+
+
+def _explored(
+    near: Near,
+    draws: AlphaDraws,
+    event: Event,
+    sample: Sample,
+    choice: Exploration,
+    progress: Progress | None,
+) -> _Explored:
+    """Rounds of fresh runs all over the law, and of runs where kriging doubts (`Exploration`)."""
+    surface, most, round_ = near.surface, near.ground.surfaces.max_runs, 0
+    assert surface is not None
+    while True:
+        if progress is not None:
+            progress.stage(f"{choice.runs} runs of the simulator look for other regions")
+        before = near.fixed
+        probability = by_some(before, draws, event, sample.joined)
+        seen = explored(near, draws, event, probability, choice, round_)
+        surface.learn(seen.x)
+        sample, certain = _sharpened(near, draws, event, choice)
+        now, was = (by_some(one, draws, event, sample.joined) for one in (near, before))
+        settled = certain and abs(now - was) <= choice.share * now
+        if (settled and not seen.contrary.any()) or surface.runs + 2 * choice.runs > most:
+            return _Explored(sample, seen.unseen, settled)
+        round_ += 1
+
+
+def _sharpened(
+    near: Near, draws: AlphaDraws, event: Event, choice: Exploration
+) -> tuple[Sample, bool]:
+    """The sample where the surface is certain of the event, and whether it is."""
+    assert near.surface is not None
+    runs, seek = 0, CrossEntropy()
+    while True:
+        seen = possible(near, draws, event, seek)
+        doubt = Doubt.of(near, draws, event, seen.joined, FOLLOWED)
+        certain = not seen.reached or bool(doubt.wrong.sum() <= choice.doubt * doubt.probability)
+        if certain or runs + choice.batch > choice.runs:
+            return sought(near, draws, event, seek), certain
+        near.surface.correct(settling(near, doubt, choice.batch))
+        runs += choice.batch
 
 
 @dataclass(frozen=True, eq=False)

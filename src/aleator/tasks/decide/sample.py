@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from aleator.inference.decisions.importance import (
     uniform_points,
 )
 from aleator.tasks.decide.near import Near, some_of
-from aleator.tasks.decide.points import Points
+from aleator.tasks.decide.points import Parameters, Points
 from aleator.types import Array, Flags
 
 REPLICATES = 16
@@ -31,6 +31,8 @@ PLACED = 24
 """Such points for each law."""
 FOLLOWED = 8
 """Laws by which a surface is placed."""
+SURE = 2.0
+"""Standard deviations of kriging within which an outcome is possible."""
 ROUNDS = 6
 STILL = 0.02
 """A relative change of the probability by a surface that is none."""
@@ -73,25 +75,46 @@ def about_event(
     laws, choice = chosen_laws(draws), choice or CrossEntropy()
     if near.surface is not None:
         near.surface.follow(near.wide(laws[0][:FOLLOWED], FAR, PLACED))
-    before, found = np.nan, _about(near, laws, event, choice)
+    before, found = np.nan, sought(near, draws, event, choice)
     for _ in range(ROUNDS if near.surface is not None and found.reached else 0):
         assert near.surface is not None
         points = found.replicates[0]
         away, weights = missed(near, laws, event, points)
-        now = float(np.sum(points.weights * np.sum(weights, axis=0, where=away == 0.0)))
+        now = float(np.sum(weights, where=away == 0.0))
         if abs(now - before) < STILL * now:
             break
         before = now
         x = near.outcomes(laws[0][:FOLLOWED], _heavy(points, away, weights))[1].x
         near.surface.follow(x.reshape(-1, x.shape[2]))
-        found = _about(near, laws, event, choice)
+        found = sought(near, draws, event, choice)
     return found
 
 
-def _about(near: Near, laws: tuple[Array, Array], event: Event, choice: CrossEntropy) -> Sample:
-    """By the surface as it is, or by the simulator."""
+def sought(near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy) -> Sample:
+    """The same by the surface as it is, or by the simulator."""
+    laws = chosen_laws(draws)
+    return _sought(near, lambda points: missed(near, laws, event, points), choice)
+
+
+def possible(near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy) -> Sample:
+    """Points about all that may be in the event: within two standard deviations of kriging."""
+    laws = chosen_laws(draws, FOLLOWED)
+
+    def away(points: Points) -> tuple[Array, Array]:
+        y, apart, found = near.possible(laws[0], points)
+        least = np.maximum(event.missed(y) - SURE * apart, 0.0)
+        return _by_law(least, found, laws[1], points)
+
+    return _sought(near, away, choice)
+
+
+def _sought(
+    near: Near, away: Callable[[Points], tuple[Array, Array]], choice: CrossEntropy
+) -> Sample:
+    if near.ground.measured is not None:
+        return of_law(near)
     density, reached = importance_density(
-        lambda u: missed(near, laws, event, points_at(near, u)), variates(near), choice
+        lambda u: away(points_at(near, u)), variates(near), choice
     )
     seeds = range(100, 100 + REPLICATES)
     return Sample(tuple(drawn(near, density, EACH, seed) for seed in seeds), density, reached)
@@ -99,7 +122,7 @@ def _about(near: Near, laws: tuple[Array, Array], event: Event, choice: CrossEnt
 
 def _heavy(points: Points, away: Array, weights: Array) -> Points:
     """A quarter of the points: those of the event that weigh most, and the nearest others."""
-    mass = points.weights * np.sum(weights, axis=0, where=away == 0.0)
+    mass = np.sum(weights, axis=0, where=away == 0.0)
     order = np.lexsort((np.min(away, axis=0), -mass))[: len(mass) // 4]
     return Points(points.xi[order], points.score[order], points.weights[order])
 
@@ -137,9 +160,20 @@ def missed(
 ) -> tuple[Array, Array]:
     """By how much (L, J) each law and class misses the event at the points, and its weight."""
     y, found = near.outcomes(laws[0], points)
+    return _by_law(event.missed(y), found, laws[1], points)
+
+
+def _by_law(away: Array, found: Parameters, share: Array, points: Points) -> tuple[Array, Array]:
+    """A row for each law and class."""
     shape = (-1, len(points.score))
-    weights = found.weights * laws[1][:, None] * len(points.score)
-    return event.missed(y).reshape(shape), weights.reshape(shape)
+    weights = found.weights * share[:, None] * len(points.score)
+    return away.reshape(shape), weights.reshape(shape)
+
+
+def by_some(near: Near, draws: AlphaDraws, event: Event, points: Points) -> float:
+    """The probability of an event by points, under the laws that its density is sought for."""
+    away, weights = missed(near, chosen_laws(draws), event, points)
+    return float(np.sum(weights, where=away == 0.0)) / len(points.score)
 
 
 def often(near: Near, draws: AlphaDraws, event: Event) -> bool:

@@ -19,6 +19,8 @@ FEWEST = 20.0
 """Effective points below which a probability is not told; a sixteenth of few."""
 IMPOSSIBLE = -1e5
 """A logarithm of a density below this is as good as none."""
+STAGES = 4
+"""Individual laws, from that of no observation to that of nearly all, that points lie about."""
 SEED = 20
 
 
@@ -50,9 +52,8 @@ def _of_block(
     share: Array,
     count: int,
 ) -> Array:
-    nodes, rows = likelihood.nodes, block.rows
-    part = block.experiments
-    xi, log_weight = proposed(nodes.modes[part], nodes.information[part], count)
+    rows, part = block.rows, block.experiments
+    xi, log_weight = proposed(*_stages(likelihood, alpha, block), count)
     inputs, of_errors = likelihood.inputs, alpha[likelihood.inputs.size :]
     with np.errstate(all="ignore"):
         individual = inputs.individual(alpha[: inputs.size], xi, part)
@@ -63,16 +64,45 @@ def _of_block(
         if not np.array_equal(lower, upper):
             above = _cdf(likelihood, of_errors, upper, eta, rows)
     prior = individual.log_weight + log_weight
-    known = mean_of(_before(terms, block) + prior[block.owner])[1]
+    possible = np.where(np.isnan(terms), IMPOSSIBLE, np.maximum(terms, IMPOSSIBLE))
+    known = mean_of(_before(possible, block) + prior[block.owner])[1]
     effective = 1.0 / np.maximum(np.sum(known**2, axis=1), 1e-300)
     low, high = np.sum(known * below, axis=1), np.sum(known * above, axis=1)
     return np.where(effective > min(FEWEST, count / 16), low + share * (high - low), np.nan)
 
 
+def _stages(likelihood: IndividualLikelihood, alpha: Array, block: Block) -> tuple[Array, Array]:
+    """Centers (B, C, M, s) and information of the individual laws as observations come in.
+
+    Of those after none, one, two, ... observations some are chosen, whose information grows evenly
+    from the law's own to that before the last observation: by the logarithm of its determinant.
+    About each mode the center is a Newton step away.
+    """
+    modes = likelihood.nodes.modes[block.experiments]
+    experiments, classes, centers, s = modes.shape
+    z = modes.reshape(experiments, classes * centers, s)
+    with np.errstate(all="ignore"):
+        _, scores, outer = likelihood.of_observations(alpha, block, z)
+    known = np.isfinite(outer.sum(axis=(2, 3)) + scores.sum(axis=2))
+    scores = _before(np.where(known[..., None], scores, 0.0), block) - z[block.owner]
+    information = _before(np.where(known[..., None, None], outer, 0.0), block) + np.eye(s)
+    size = np.linalg.slogdet(information)[1]
+    count = np.bincount(block.owner, minlength=experiments)
+    rows = block.starts[:, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)
+    size = size[rows]
+    shares = np.arange(1, STAGES + 1) / STAGES
+    gap = np.abs(size[..., None] - shares * size[:, -1:, :, None])
+    chosen = np.take_along_axis(rows[..., None], np.argmin(gap, axis=1), axis=1)
+    at = chosen, np.arange(z.shape[1])[None, :, None]
+    stage = information[at]
+    step = np.linalg.solve(stage, scores[at][..., None])[..., 0]
+    whole = (experiments, classes, centers * STAGES, s)
+    return (z[:, :, None] + step).reshape(whole), stage.reshape(*whole, s)
+
+
 def _before(terms: Array, block: Block) -> Array:
-    """The sums (m, J) of the terms of the same experiment before each observation."""
-    possible = np.where(np.isnan(terms), IMPOSSIBLE, np.maximum(terms, IMPOSSIBLE))
-    running = np.cumsum(possible, axis=0) - possible
+    """The sums (m, ...) of the terms of the same experiment before each observation."""
+    running = np.cumsum(terms, axis=0) - terms
     return np.asarray(running - running[block.starts[block.owner]])
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import special
@@ -84,7 +85,7 @@ class IndividualFit:
 
     def scored(self) -> LogLikelihood:
         """Log-densities (N,) with scores (N, K), nodes as they are."""
-        return self.likelihood(self.alpha)
+        return self._scored
 
     def objective(self) -> Callable[[Array], LogLikelihood]:
         """The log-likelihood by alpha: nodes follow it, but importance points, whose error does."""
@@ -246,6 +247,10 @@ class IndividualFit:
         known = np.zeros(0, dtype=np.intp)
         simulator = Direct(Remembered(runner), known, self.inputs.box)
         return replace(self, likelihood=replace(self.likelihood, predictor=simulator))
+
+    @cached_property
+    def _scored(self) -> LogLikelihood:
+        return self.likelihood(self.alpha)
 
     @property
     def _alone(self) -> bool:

@@ -17,7 +17,7 @@ from aleator.observations.noise import Noise
 from aleator.progress import Progress
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.direct import way_of
+from aleator.tasks.direct import Way, way_of
 from aleator.tasks.individual.population import FAR, held_region
 from aleator.tasks.individual.session import IndividualSession
 from aleator.tasks.results.values import Estimate, in_order
@@ -36,6 +36,7 @@ def predicted(
 ) -> pd.DataFrame:
     """A row for each row of the conditions and response, by the simulator itself or surfaces of it.
 
+    Its `attrs["propagation_reason"]` says what timed runs decided of these two.
     Raises InputsError for a law that follows covariates by a formula that no table has resolved.
     """
     if inputs.regressed and inputs.covariate_model is None:
@@ -48,17 +49,19 @@ def predicted(
     known = (*inputs.hyperparameters, *noise_hyperparameters(noise, names))
     alpha = in_order(values, known)[: inputs.size]
     surfaces = propagation if isinstance(propagation, ResponseSurface) else ResponseSurface()
+    way = _way(runner, surfaces, inputs, alpha, len(conditions.ids))
     session = IndividualSession(
-        inputs, noise, conditions.responses, None, lambda _: runner, None,
-        _on_simulator(runner, surfaces, inputs, alpha, len(conditions.ids)), surfaces,
+        inputs, noise, conditions.responses, None, lambda _: runner, None, way.direct, surfaces,
     )  # fmt: skip
     at = AlphaDraws.at(in_order(values, known))
-    return session.predict(conditions, at, conditions.transform, quantiles, progress)
+    found = session.predict(conditions, at, conditions.transform, quantiles, progress)
+    found.attrs["propagation_reason"] = way.reason
+    return found
 
 
-def _on_simulator(
+def _way(
     runner: Runner, choice: ResponseSurface, inputs: Inputs, alpha: Array, experiments: int
-) -> bool:
+) -> Way:
     middle = np.zeros((experiments, len(inputs.classes), inputs.scattering))
     x = inputs.individual(alpha, middle, slice(0, experiments)).x[0, 0]
-    return way_of(runner, choice, x, held_region(inputs, [alpha], experiments, FAR)).direct
+    return way_of(runner, choice, x, held_region(inputs, [alpha], experiments, FAR))

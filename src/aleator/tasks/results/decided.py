@@ -101,9 +101,10 @@ class Decided:
         computation, ``distance`` of the most probable point of a rare event in standard deviations,
         ``checks``, the runs of the simulator that a surface was held against (each row takes as
         many besides those of its surface; 0 for none), ``beyond``, and a ``status``: "not_reached"
-        where no parameters within 6.5 standard deviations lead there, "unsettled" where runs of the
-        simulator contradict the surface. ``unseen`` is the largest probability of a region that
-        the runs beside a surface do not exclude with 95 % confidence, by these runs alone.
+        where no parameters within 6.5 standard deviations lead there, "unsettled" where the last
+        runs of the simulator still change it, or leave open which outcomes are in the event.
+        ``unseen`` is the largest probability of a region that the runs beside a surface do not
+        exclude with 95 % confidence, by these runs alone.
 
         Raises InputsError unless one event of one response is asked for, AleatorError as `predict`.
         """

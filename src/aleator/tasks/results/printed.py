@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from scipy.stats import binom
+
 from aleator.tasks.results.layout import WIDTH, Column, laid_out
 from aleator.tasks.results.units import label
 
@@ -46,6 +48,22 @@ def with_error(value: float, error: float | None, *, estimate: bool = False) -> 
     decimals = min(max(1 - math.floor(math.log10(scale)), 0), 9)
     # Adding zero turns a -0.0 that rounding left into 0.0.
     return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{error:.{decimals}f}"
+
+
+def outside(probabilities: Sequence[float]) -> str:
+    """How many independent values lie outside their 95 %, and how many of a right model would.
+
+    By their `probabilities` P(below), of which none is missing; the count is binomial.
+
+    >>> outside([0.01, 0.5, 0.99, 0.6])
+    '2 of 4 are, and 0 to 1 would be of a right model, in 95 % of all cases.'
+    """
+    count, found = len(probabilities), sum(abs(p - 0.5) > 0.475 for p in probabilities)
+    fewest, most = binom.ppf([0.025, 0.975], count, 0.05).astype(int)
+    return (
+        f"{found} of {count:,} are, and {fewest} to {most} would be of a right model, in 95 % of "
+        "all cases."
+    )
 
 
 def to_three(value: float | None) -> str:
@@ -160,13 +178,13 @@ def remedies(document: Document) -> list[str]:
 def left_out(copies: Sequence[str]) -> str:
     """Why columns had no say in the second verdict, and what to do if they should.
 
-    >>> left_out(["travel_in"])[:55]
-    '`travel_in`, whose order is that of the outcome itself,'
+    >>> left_out(["travel_in"])[:41]
+    '`travel_in`, which the outcome determines'
     """
     return (
-        f"{_columns(copies)}, whose order is that of the outcome itself, as of the outcome in "
-        "another unit or of its rank. If it is a condition of the tests, let the simulator or a "
-        "law take it."
+        f"{_columns(copies)}, which the outcome determines, as in another unit, a rank, a class "
+        "(pass or fail) or a ratio. If it is a condition of the tests, let the simulator or a law "
+        "take it."
     )
 
 
