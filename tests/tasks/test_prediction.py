@@ -188,10 +188,10 @@ def test_a_law_beyond_its_limits_is_refused(wrong: float) -> None:
             predict(lambda load, x: load * x, new, law, alpha, noise=Noise(Free(0.01, 0.5)))
 
 
-def test_a_prediction_says_what_timed_runs_decided() -> None:
+def test_a_prediction_says_which_way_it_went() -> None:
     table = predict(
         lambda load, a: a * load, pd.DataFrame({"load": [1.0, 2.0]}),
         Inputs({"a": Normal(1.0, 0.2)}), {"a.mean": 1.0, "a.sd": 0.2, "noise.sd": 0.1},
         noise=Noise(0.1), vectorized=True,
     )  # fmt: skip
-    assert "timed run" in table.attrs["propagation_reason"]
+    assert table.attrs["propagation_reason"] == "the simulator takes arrays"
