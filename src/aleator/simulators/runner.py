@@ -258,6 +258,11 @@ class Runner:
             self._compare(first, self._direct.again(first.case, first.x))
         return self._served.transformed(values)
 
+    @property
+    def vectorized(self) -> bool:
+        """Whether the simulator is said to take arrays of runs."""
+        return getattr(self.simulator, "vectorized", False) is True
+
     def takes_arrays(self, region: Array) -> bool:
         """Whether `straight` makes many runs in one call, found at 16 points of `region` (n, 2).
 

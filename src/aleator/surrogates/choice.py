@@ -26,7 +26,7 @@ class ResponseSurface:
     open.
     surfaces: "own": each experiment has a surface of its own. "shared": one surface, over
     conditions and parameters, serves all experiments. "none": the simulator itself is run at every
-    node. None: no surfaces of a simulator that takes arrays, own ones of any other. A tolerance
+    node. None: no surfaces of a vectorized simulator, own ones of any other. A tolerance
     and nodes go with surfaces of their own.
 
     Raises InputsError for a value outside these ranges.

@@ -154,9 +154,14 @@ def by_calls(runner: Runner) -> Run:
 
 
 def straight(runner: Runner) -> Run:
-    """The same, neither remembered nor stored; NaN where a run fails."""
+    """The same, neither remembered nor stored; NaN where a run has no finite value."""
     first = runner.cases.first
-    return lambda index, x: runner.straight(first[index], x)[:, 0]
+
+    def run(index: Indices, x: Array) -> Array:
+        values = runner.straight(first[index], x)[:, 0]
+        return np.where(np.isfinite(values), values, np.nan)
+
+    return run
 
 
 def attempts(runner: Runner, region: Array) -> Run:

@@ -29,13 +29,12 @@ class Way:
 
 
 def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> Way:
-    """The way of a study: the simulator itself where it takes arrays, else surfaces.
+    """The way of a study: the simulator itself where it is vectorized, else surfaces.
 
-    The choice says otherwise by `surfaces`, or by what only surfaces have. A budget of runs is for
-    surfaces, and so is a simulator of which single runs fail between others that do not. `x` (n,)
-    is a point of the `region` (n, 2) where the laws may be. No time is measured, so that the same
-    study goes the same way on every machine. Cost: 16 runs of a function of numbers, and
-    33 runs a unit and parameter of one that takes arrays.
+    The choice says otherwise by `surfaces`. A budget of runs is for surfaces, and so is a simulator
+    of which single runs fail between others that do not. `x` (n,) is a point of the `region` (n, 2)
+    where the laws may be. No time is measured, so that the same study goes the same way on every
+    machine. Cost: 33 runs a unit and parameter of a vectorized simulator.
     """
     if choice.surfaces == "none":
         runner.takes_arrays(region)
@@ -44,7 +43,7 @@ def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> 
         return Way(False, f'surfaces = "{choice.surfaces}"')
     if runner.account.budget.runs is not None:
         return Way(False, "runs have a budget")
-    if not runner.takes_arrays(region):
+    if not runner.vectorized:
         return Way(False, "the simulator makes one run at a time")
     if fails_here_and_there(runner, x, region):
         return Way(False, "the simulator takes arrays, but runs fail here and there")

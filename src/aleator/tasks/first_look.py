@@ -158,7 +158,7 @@ def first_look(
     cases = plan.cases
     values = _run(runner, cases, plan.x, progress)
     rest = np.setdiff1d(np.arange(plan.count), cases)
-    if rest.size and runner.takes_arrays(plan.region):
+    if rest.size and runner.vectorized:
         values |= _run(runner, rest, plan.x, progress)
     single, seen = of_values(runner, table), table.observations
     case = runner.cases.condition[single.unit]

@@ -5,7 +5,7 @@ from aleator.inference.diagnostics.check import score_steps
 from aleator.inference.diagnostics.failures import boxes_proposed, failure_report, failure_warnings
 from aleator.inference.diagnostics.levels import by_finer_cells, cells_error
 from aleator.inference.diagnostics.near_outcomes import ACCURACY, Doubt, doubt
-from aleator.inference.diagnostics.reach import shortfalls, unreachable
+from aleator.inference.diagnostics.reach import out_of_reach, shortfalls, unreachable
 from aleator.inference.diagnostics.review import MOMENTS_STAND_IN, review, statuses
 from aleator.inference.diagnostics.steps import step_warnings
 from aleator.inference.diagnostics.surfaces import surface_errors, surface_report
@@ -22,6 +22,7 @@ __all__ = [
     "doubt",
     "failure_report",
     "failure_warnings",
+    "out_of_reach",
     "review",
     "score_steps",
     "shortfalls",

@@ -8,7 +8,7 @@ import numpy as np
 
 from aleator.errors import ExperimentsError
 from aleator.likelihood.likelihood import Likelihood
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 
 def shortfalls(likelihood: Likelihood) -> tuple[Array, Array]:
@@ -24,17 +24,23 @@ def shortfalls(likelihood: Likelihood) -> tuple[Array, Array]:
 
 def unreachable(likelihood: Likelihood, ids: Sequence[str]) -> ExperimentsError:
     """What names the experiments outside the reachable range."""
-    outside, y = np.flatnonzero(shortfalls(likelihood)[0]), likelihood.outcomes
-    low, high = _reach(likelihood)
+    rows = np.flatnonzero(shortfalls(likelihood)[0])
+    noisy = likelihood.predictive.noise is not None
+    return out_of_reach(rows, likelihood.outcomes, _reach(likelihood), ids, noisy=noisy)
+
+
+def out_of_reach(
+    outside: Indices, y: Array, reach: tuple[Array, Array], ids: Sequence[str], *, noisy: bool
+) -> ExperimentsError:
+    """What names the experiments `outside`, of outcomes y (N,), and the ends (N,) of the reach."""
+    low, high = reach
     named = "; ".join(
         f"experiment {ids[l]}: outcome {y[l]:.6g}, reachable [{low[l]:.6g}, {high[l]:.6g}]"
         for l in outside[:5]
     )
     more = f"; and {outside.size - 5} more" if outside.size > 5 else ""
     remedy = "check these rows and the units, widen the box of the parameters, or "
-    remedy += (
-        "allow more noise" if likelihood.predictive.noise else "add measurement noise ([noise] sd)"
-    )
+    remedy += "allow more noise" if noisy else "add measurement noise ([noise] sd)"
     return ExperimentsError(
         f"{outside.size} outcome(s) lie outside the range that the simulator reaches, "
         f"so that no law explains them: {named}{more}",

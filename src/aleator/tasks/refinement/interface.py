@@ -25,7 +25,7 @@ from aleator.search import SearchResult, ascend
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, Surface, surfaces_of
 from aleator.surrogates.responses import attempts, moving_parameters
-from aleator.tasks.refinement.reach import REACH, holding, reached, sharpened, support
+from aleator.tasks.refinement.reach import REACH, by_surface, holding, reached, sharpened, support
 from aleator.tasks.region import first_region
 from aleator.types import Array
 
@@ -101,10 +101,11 @@ class Refinement(ABC):
             if not lost.size:
                 return problem
             farthest = int(lost[np.argmax(np.abs(short[lost]))])
+            condition, side = int(problem.condition[farthest]), float(np.sign(short[farthest]))
+            points, values = by_surface(surfaces, condition)
             x = reached(
-                attempts(self.runner, region), surfaces, int(problem.condition[farthest]),
-                float(nearest[farthest]), float(np.sign(short[farthest])),
-                support(inputs)[moving_parameters(region)],
+                attempts(self.runner, region), points[np.argmax(side * values)], condition,
+                float(nearest[farthest]), side, support(inputs)[moving_parameters(region)],
             )  # fmt: skip
             if x is None:
                 raise diagnostics.unreachable(problem.by_densities, self.ids)

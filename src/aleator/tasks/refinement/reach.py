@@ -53,15 +53,16 @@ def support(inputs: Inputs) -> Array:
 
 
 def reached(
-    run: Run, surfaces: AdaptiveSurfaces, condition: int, outcome: float, side: float, whole: Array
+    run: Run, start: Array, condition: int, outcome: float, side: float, whole: Array
 ) -> Array | None:
     """A point (n,) where the simulator of a condition is at the outcome or beyond; None without.
 
-    Beyond is above it if `side` is 1, and below it if -1. `whole` (n, 2) is the support of the
-    parameters that move.
+    Beyond is above it if `side` is 1, and below it if -1. It is sought from `start` (n,) first;
+    `whole` (n, 2) is the support of the parameters that move.
     """
     axes = Axes(whole, logarithms(whole))
-    best, farthest, seen = axes.inward(surfaces.box.mean(axis=1)), -np.inf, [outcome]
+    first = np.clip(axes.inward(start), -1.0, 1.0)
+    best, farthest, seen = first, -np.inf, [outcome]
 
     def short(z: Array) -> float:
         """How far the outcome at z is from being reached; negative beyond."""
@@ -88,8 +89,7 @@ def reached(
                      "xatol": 1e-5, "fatol": 1e-9 * max(np.ptp(seen), 1e-300)},
         )  # fmt: skip
 
-    points, values = _by_surface(surfaces, condition)
-    ascend(np.clip(axes.inward(points[np.argmax(side * values)]), -1.0, 1.0))
+    ascend(first)
     if farthest < 0.0:
         looks = 2.0 * qmc.Sobol(len(whole), rng=0).random(REACH.looks) - 1.0
         for z in looks[np.argsort([short(z) for z in looks])[: REACH.starts]]:
@@ -104,7 +104,7 @@ def sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> boo
     members = np.isin(np.arange(surfaces.good.size), lost)
     granted = np.flatnonzero(surfaces.granted(members))
     for condition in granted.tolist():
-        points, values = _by_surface(surfaces, condition)
+        points, values = by_surface(surfaces, condition)
         away = np.abs(values - outcomes[lost == condition][:, None]).min(axis=0)
         surfaces.sharpen(
             np.arange(members.size) == condition, points[np.argsort(away)[: REACH.draws]]
@@ -121,9 +121,13 @@ def holding(region: Array, x: Array, box: Array) -> Array:
     return within(box, wide)
 
 
-def _by_surface(surfaces: AdaptiveSurfaces, condition: int) -> tuple[Array, Array]:
-    """Points (4096, n) all over the region, and what the surface of a condition says there."""
-    box = surfaces.box
+def spread(box: Array) -> Array:
+    """Points (4096, n) all over a box (n, 2)."""
     axes = Axes(box, logarithms(box))
-    points = axes.outward(2.0 * qmc.Sobol(len(box), rng=0).random(REACH.candidates) - 1.0)
+    return np.asarray(axes.outward(2.0 * qmc.Sobol(len(box), rng=0).random(REACH.candidates) - 1.0))
+
+
+def by_surface(surfaces: AdaptiveSurfaces, condition: int) -> tuple[Array, Array]:
+    """Points (4096, n) all over the region, and what the surface of a condition says there."""
+    points = spread(surfaces.box)
     return points, surfaces.surface().take(np.array([condition])).evaluate(points)[0]
