@@ -25,6 +25,7 @@ from aleator.simulators import (
     as_simulator,
     working_box,
 )
+from aleator.surrogates import ResponseSurface
 
 TABLE = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 4.0], "site": [*"xyz"]}))
 
@@ -239,7 +240,10 @@ def test_an_identification_counts_the_different_runs_it_needed(tmp_path: Path) -
     for path in (None, tmp_path / "runs.sqlite", tmp_path / "runs.sqlite"):
         with Store(path) if path else nullcontext() as store:
             run = Runner(simulator, table, law.names, store=store)
-            found = unjudged(run, table, law, verification=MonteCarlo(50))
+            found = unjudged(
+                run, table, law, verification=MonteCarlo(50),
+                propagation=ResponseSurface(surfaces="own"),
+            )  # fmt: skip
         counts.append((found.runs, run.runs, len(asked)))
     assert counts == [(len(asked),) * 3] * 3
     assert run.fresh == 0

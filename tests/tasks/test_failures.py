@@ -19,8 +19,8 @@ from aleator.observations.experiments import Conditions
 from aleator.observations.noise import Noise
 from aleator.simulators import as_runner
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.direct import fails_here_and_there
 from aleator.tasks.identify import identify
-from aleator.tasks.individual.failed import fails_here_and_there
 from aleator.tasks.results.identification import Identification
 from aleator.types import Array
 

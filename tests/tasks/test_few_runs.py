@@ -41,10 +41,11 @@ def test_an_outcome_whose_logarithm_is_linear_takes_no_more() -> None:
     found = unjudged(
         lambda c, a, b: np.exp(a + b * c), rows.assign(y=np.exp(rows.y)), Inputs(LAW),
         outcome="y", vectorized=True, search=GradientMultistart(starts=2),
+        propagation=ResponseSurface(surfaces="own"),
     )  # fmt: skip
     linear = unjudged(
         lambda c, a, b: a + b * c, rows, Inputs(LAW), outcome="y", vectorized=True,
-        search=GradientMultistart(starts=2),
+        search=GradientMultistart(starts=2), propagation=ResponseSurface(surfaces="own"),
     )  # fmt: skip
     assert found.sound
     assert found.runs == linear.runs

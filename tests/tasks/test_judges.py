@@ -142,7 +142,7 @@ def test_censored_values_give_the_exact_maximum(kind: str, rows: int) -> None:
     inputs = Inputs({"log_rate": Normal(Free(-2.0, 1.0), Free(0.01, 2.0))})
     # one value an experiment does not tell the noise from the scatter
     noise = Noise(Free(0.01, 2.0) if rows > 1 else 0.2)
-    answer = unjudged(growth, table, inputs, noise=noise)
+    answer = unjudged(growth, table, inputs, noise=noise, vectorized=True)
     alpha = estimates(answer)
     assert answer.sound
     assert answer.log_likelihood.estimated == pytest.approx(exact(frame, alpha), abs=0.01)

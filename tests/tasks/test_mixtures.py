@@ -14,9 +14,9 @@ from scipy import integrate, optimize, stats
 
 from aleator import Experiments, Free, GradientMultistart, Identification, Inputs, Mixture, Noise
 
-from aleator import Normal, cli  # isort: skip
+from aleator import Normal, ResponseSurface, cli  # isort: skip
 from aleator.errors import InputsError
-from aleator.tasks.individual import cost
+from aleator.surrogates.choice import Surfaces
 
 pytestmark = pytest.mark.usefixtures("unreported")
 
@@ -110,15 +110,13 @@ def test_equal_components_are_told_in_order_and_not_as_two_optima(of_one: Identi
     assert "maxima" not in printed(of_one)
 
 
-@pytest.mark.parametrize("longest", [60.0, 0.0], ids=["direct", "surfaces"])
-def test_series_are_integrated_over_both_components(
-    longest: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(cost, "LONGEST", longest)
+@pytest.mark.parametrize("surfaces", ["none", "own"])
+def test_series_are_integrated_over_both_components(surfaces: Surfaces) -> None:
     frame = decays()
     found = unjudged(
         decay, Experiments.from_frame(frame, outcome="y", id="id"), LAW, vectorized=True,
         noise=Noise(Free(0.005, 0.5)), search=GradientMultistart(starts=4),
+        propagation=ResponseSurface(surfaces=surfaces),
     )  # fmt: skip
     assert found.log_likelihood.estimated == pytest.approx(
         of_decays(frame, values(found)), abs=0.02

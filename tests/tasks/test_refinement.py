@@ -16,7 +16,7 @@ from aleator import (
 )
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
-from aleator.simulators import Runner, Store
+from aleator.simulators import FunctionSimulator, Runner, Store
 from aleator.tasks.likely import likely_alphas
 from aleator.tasks.results.identification import Identification
 from aleator.types import Array
@@ -45,7 +45,7 @@ def found(propagation: ResponseSurface, run: Runner | None = None) -> Identifica
 
 @pytest.fixture(scope="module")
 def concentrated() -> Identification:
-    return found(ResponseSurface())
+    return found(ResponseSurface(surfaces="own"))
 
 
 def test_a_front_far_from_the_law_costs_nothing(concentrated: Identification) -> None:
@@ -82,11 +82,12 @@ def test_runs_from_a_store_lead_to_the_same_runs(
     file = tmp_path_factory.mktemp("store") / "runs.sqlite"
     documents = []
     with Store(file) as store:
-        first = Runner(front, experiments, LAW.names, store=store)
+        simulator = FunctionSimulator(front, vectorized=True)
+        first = Runner(simulator, experiments, LAW.names, store=store)
         first.attempt(np.arange(20).repeat(5), np.random.default_rng(0).random((100, 1)) + 0.5)
         for _ in range(2):
-            run = Runner(front, experiments, LAW.names, store=store)
-            documents.append(found(ResponseSurface(), run).to_dict())
+            run = Runner(simulator, experiments, LAW.names, store=store)
+            documents.append(found(ResponseSurface(surfaces="own"), run).to_dict())
     documents.append(concentrated.to_dict())
     for document in documents:
         del document["seconds"]

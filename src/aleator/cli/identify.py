@@ -102,9 +102,9 @@ Further keys, with their defaults:
                 column; relative; kind = "normal" or "student_t" (df);
                 [noise.RESPONSE] for each response
   [propagation] method = "response_surface" (tolerance: as exact as the answer needs;
-                {_defaults(ResponseSurface, "max_runs")}, nodes; surfaces =
-                "none", "own" or "shared": left out, none of a simulator that takes arrays)
-                or "collocation" (nodes, moments = "quadrature" or "expansion", degree)
+                {_defaults(ResponseSurface, "max_runs")}, nodes, surfaces =
+                "none", "own" or "shared": left out, none if vectorized) or
+                "collocation" (nodes, moments = "quadrature" or "expansion", degree)
   [density]     kind = "automatic": with noise none, but an integral over individual
                 parameters; the convolution where one outcome an experiment has more
                 than {MOST} that scatter. Without noise level sets for one that scatters,

@@ -205,9 +205,9 @@ def _cost(result: Mapping[str, Any]) -> str:
     low, high = (duration(hours) for hours in cost["hours"])
     if cost["direct"]:
         return (
-            "The simulator takes arrays: an identification runs it at every node, some "
-            f"{cost['least_runs']:,} times, and these runs are not kept. If it is slow, take "
-            '[propagation] surfaces = "own".'
+            "The simulator takes arrays: an identification runs it at every node, "
+            f"{cost['least_runs']:,} times or more, and these runs are not kept. If it is slow, "
+            'take [propagation] surfaces = "own".'
         )
     by = f"with {cost['workers']} workers" if cost["workers"] > 1 else "with one worker"
     time = low if low == high else f"{low} to {high}"

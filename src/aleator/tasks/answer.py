@@ -12,18 +12,16 @@ from functools import partial
 
 import numpy as np
 
-from aleator.errors import InputsError
 from aleator.inference.information import Inference, infer
 from aleator.inference.profile import Profile, profile_intervals
-from aleator.likelihood.level_sets import traceable
 from aleator.likelihood.model import Model
 from aleator.likelihood.policy import better_model
 from aleator.likelihood.problem import Problem
 from aleator.search import Search, SearchResult, WarmStart, ascend
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces
-from aleator.tasks.baselines import baselines_of, start_point
-from aleator.tasks.direct import way_of
+from aleator.tasks.baselines import baselines_of
+from aleator.tasks.direct import way_of_outcomes
 from aleator.tasks.kept_search import kept_search
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.many import of_many
@@ -72,7 +70,8 @@ def answered(question: Question, ledger: Ledger) -> Answer:
 
     A density that is open gives way at most twice: moments to the exact one, and that to moments.
     """
-    model, reason = _placed(question)
+    placed = way_of_outcomes(question.runner, question.model)
+    model = question.model.directly() if placed.direct else question.model
     search, tried, refined = question.search, [model], None
     while True:
         way = _way(question, tried[-1], search, ledger)
@@ -88,30 +87,7 @@ def answered(question: Question, ledger: Ledger) -> Answer:
     refined, inference, profile = _sure(way, refined, ledger)
     problem, found = refined.problem, refined.found
     stands_in = any(model.exact for model in tried) and not tried[-1].exact
-    return Answer(problem, found, inference, profile, stands_in, refined.surfaces, reason)
-
-
-def _placed(question: Question) -> tuple[Model, str]:
-    """The model on the simulator itself or on surfaces, and why.
-
-    Level sets of the simulator itself take no other density, and no noise.
-    """
-    model, runner = question.model, question.runner
-    choice = model.surfaces
-    if choice is None:
-        return model, ""
-    open_ = model.open and model.follows and model.noise is None and traceable(model.inputs)
-    if not open_:
-        if choice.surfaces == "none":
-            raise InputsError(
-                'surfaces = "none": one outcome an experiment has an integral over the simulator '
-                "itself with noise, or with at most two scattering parameters, and no [density]",
-                'leave out surfaces, or take method = "collocation"',
-            )
-        return model, ""
-    start = np.clip(start_point(model.inputs), *model.inputs.box.T)
-    way = way_of(runner, choice, start, model.inputs.box)
-    return (model.directly() if way.direct else model), way.reason
+    return Answer(problem, found, inference, profile, stands_in, refined.surfaces, placed.reason)
 
 
 def sharpened(

@@ -6,16 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.level_sets import cells_of, traceable
+from aleator.likelihood.model import Model
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.responses import moving_parameters
+from aleator.tasks.baselines import start_point
 from aleator.types import Array
 
 EVALUATIONS = 400
 """Evaluations of the likelihood that an identification takes, about."""
 NODES = 9
 """Nodes a variate that an identification comes to, about; of more than three variates fewer."""
+GRIDS = 100, 5000
+"""Grids of level sets in an identification: fewest and most of the studies of `make judges`."""
 LINE = 33
 """Points of a line on which failures are looked for that lie alone."""
 
@@ -48,6 +54,34 @@ def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> 
     if fails_here_and_there(runner, x, region):
         return Way(False, "the simulator takes arrays, but runs fail here and there")
     return Way(True, "the simulator takes arrays")
+
+
+def way_of_outcomes(runner: Runner, model: Model) -> Way:
+    """The way of a study with one exact outcome an experiment; no reason where it has no choice.
+
+    The simulator itself serves where the likelihood is that of level sets: one or two parameters
+    scatter, and the user chose neither density nor tolerance nor nodes. Raises InputsError where it
+    is asked for elsewhere.
+    """
+    choice, inputs = model.surfaces, model.inputs
+    if choice is None:
+        return Way(False, "")
+    if model.open and model.follows and model.noise is None and traceable(inputs):
+        start = np.clip(start_point(inputs), *inputs.box.T)
+        return way_of(runner, choice, start, inputs.box)
+    if choice.surfaces == "none":
+        raise InputsError(
+            'surfaces = "none": one outcome an experiment has an integral over the simulator '
+            "itself with noise, or with at most two scattering parameters and no [density]",
+            'leave out surfaces, or take method = "collocation"',
+        )
+    return Way(False, "")
+
+
+def grids_each(inputs: Inputs, conditions: int) -> tuple[int, int]:
+    """Runs of each condition that level sets of the simulator itself take, at least and at most."""
+    cells = (cells_of(inputs.scattering, conditions) // 2) ** inputs.scattering
+    return GRIDS[0] * cells, GRIDS[1] * cells
 
 
 def runs_each(inputs: Inputs) -> int:

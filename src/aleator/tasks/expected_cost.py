@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from aleator.densities import Density, NodeDensity
 from aleator.inference.verification import MonteCarlo
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
@@ -15,7 +16,7 @@ from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import few_runs, first_runs
 from aleator.tasks.baselines import start_point
-from aleator.tasks.direct import runs_each, way_of
+from aleator.tasks.direct import grids_each, runs_each, way_of, way_of_outcomes
 from aleator.tasks.first_look import Plan
 from aleator.tasks.individual.identify import wanted
 
@@ -65,6 +66,12 @@ def expected_cost(
     if alone and way_of(runner, propagation, at, plan.region).direct:
         each = runs_each(inputs)
         return Cost(each * runner.units, each * runner.units, True)
+    if not alone:
+        assert noise is None or isinstance(noise, Noise)
+        model = Model.of(inputs, noise, propagation, density)
+        if way_of_outcomes(runner, model).direct:
+            low, high = grids_each(inputs, len(runner.cases))
+            return Cost(low * len(runner.cases), high * len(runner.cases), True)
     moving = len(plan.moving)
     few = few_runs(moving, propagation, plan.count)
     begun = few, first_runs(moving, propagation)

@@ -24,13 +24,15 @@ TRIED = 16
 def doubt_of(answer: Answer, checked: Verification | None) -> Doubt:
     """What each surface's error near the outcome does to the answer, at most.
 
-    An estimate's move is not known where the outcome has a step: that is told, and no run helps.
+    It is not known where the outcome has a step: that is said, and no run helps.
     """
     problem, surfaces = answer.problem, answer.surfaces
     found = doubt(problem, answer.inference, answer.found.alpha, checked)
     if surfaces is None:
         return found
-    return replace(found, moves=np.where(surfaces.stepped[problem.condition], np.nan, found.moves))
+    stepped = surfaces.stepped[problem.condition]
+    moves, changes = (np.where(stepped, np.nan, each) for each in (found.moves, found.changes))
+    return replace(found, moves=moves, changes=changes)
 
 
 def nearer(question: Question, answer: Answer, doubtful: Flags, ledger: Ledger) -> Answer | None:

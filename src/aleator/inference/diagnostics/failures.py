@@ -12,7 +12,7 @@ from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import named
 from aleator.laws.inputs import Inputs
 from aleator.simulators import NoOutcome, Runner, working_box
-from aleator.types import Array
+from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,18 @@ MOST = 300
 
 
 def failure_report(runner: Runner) -> FailureReport | None:
-    """What a runner's failures have in common; None without any."""
+    """What a runner's failures have in common; None without any.
+
+    In the order of conditions and parameters: that of the runs depends on what a store knew.
+    """
     lost, straight = runner.lost
     kept = runner.failures
     if not len(kept) and not lost:
         return None
-    first = (kept if len(kept) else straight).failures[0]
+    told = kept if len(kept) else straight
+    first = told.failures[int(_in_order(told.case, told.x)[0])]
     case, x = np.concatenate([kept.case, straight.case]), np.concatenate([kept.x, straight.x])
+    x = x[_in_order(case, x)]
     lowest, highest = x.min(axis=0).tolist(), x.max(axis=0).tolist()
     return FailureReport(
         len(kept) + lost,
@@ -52,6 +57,10 @@ def failure_report(runner: Runner) -> FailureReport | None:
         first.message,
         _points(runner.parameters, x),
     )
+
+
+def _in_order(case: Indices, x: Array) -> Indices:
+    return np.lexsort((*x.T[::-1], case))
 
 
 def _points(parameters: Sequence[str], x: Array) -> dict[str, tuple[float, ...]]:
