@@ -36,7 +36,7 @@ def predicted(
 ) -> pd.DataFrame:
     """A row for each row of the conditions and response, by the simulator itself or surfaces of it.
 
-    Its `attrs["propagation_reason"]` says what timed runs decided of these two.
+    Its `attrs["propagation_reason"]` says which of these two, and why.
     Raises InputsError for a law that follows covariates by a formula that no table has resolved.
     """
     if inputs.regressed and inputs.covariate_model is None:
