@@ -90,7 +90,8 @@ class Refinement(ABC):
     def _problem(self, surfaces: AdaptiveSurfaces, region: Array) -> Problem:
         """The likelihood, on a region where every outcome that the simulator reaches lies in reach.
 
-        Those that a surface still misses by its own error are left to later rounds. Raises
+        Those that a surface still misses by its own error are left to later rounds, and all where a
+        budget does not have the runs by which one is sought. Raises
         ExperimentsError for an outcome that the simulator itself does not reach.
         """
         inputs = self.model.inputs
@@ -98,7 +99,8 @@ class Refinement(ABC):
             problem = self._on(surfaces, region)
             short, nearest = diagnostics.shortfalls(problem.by_densities)
             lost = np.flatnonzero(short)
-            if not lost.size:
+            most = REACH.most(len(moving_parameters(region)))
+            if not lost.size or self.runner.account.given(most) < most:
                 return problem
             farthest = int(lost[np.argmax(np.abs(short[lost]))])
             condition, side = int(problem.condition[farthest]), float(np.sign(short[farthest]))

@@ -41,6 +41,10 @@ class Reach:
     candidates: int = 4096
     draws: int = 512
 
+    def most(self, parameters: int) -> int:
+        """Runs that an outcome is sought by, at most."""
+        return self.looks + (1 + self.starts) * self.steps * parameters
+
 
 REACH = Reach()
 
