@@ -145,10 +145,10 @@ class AdaptiveSurfaces:
 
     def granted(self, members: Flags) -> Flags:
         """Of the members (N,) those that may have a round of runs, and where it may help."""
-        runs = np.ceil(GROWTH * self.emulator.runs)
         members = members & ~self._spent
         for step in self._lasting(members):
             members[step.surface] = False
+        runs = np.full(members.size, self.emulator.round(np.flatnonzero(members), GROWTH))
         return self.afforded(members, self.relative, runs)
 
     def sharpen(self, members: Flags, draws: Array | None) -> None:

@@ -58,6 +58,13 @@ class Emulator(ABC):
         """Take the surfaces to another box."""
 
     @abstractmethod
+    def round(self, members: Indices, growth: float) -> int:
+        """Runs that each of the experiments `members` (A,) has in `sharpen`, at most.
+
+        Some of them have no more.
+        """
+
+    @abstractmethod
     def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
         """Run experiments `members` (A,) at more points among draws (D, n) of a law.
 

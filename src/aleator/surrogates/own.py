@@ -80,9 +80,8 @@ class OwnSurfaces(Emulator):
         as many as a first round has.
         """
         inside = self.samples.inside(self.box)
-        common = ~np.isin(inside.x[:, 0], self.earlier[:, 0])
-        known = self.axes.inward(inside.x[inside.asked[members].any(axis=0) & common])
-        count = max(int(np.ceil(growth * len(known))), self.first - len(known), 1)
+        known = self._common(members, inside)
+        count = self._more(len(known), growth)
         if draws is None:
             fresh = evenly(known, count)
         else:
@@ -95,6 +94,18 @@ class OwnSurfaces(Emulator):
             unseen = _root_mean_square(missed)
             self.floor[members] = np.fmax(DOUBT * self.estimate[members], unseen)
         self.stale[members] = True
+
+    def round(self, members: Indices, growth: float) -> int:
+        """Runs that each of the experiments `members` (A,) has in `sharpen`, at most."""
+        return self._more(len(self._common(members, self.samples.inside(self.box))), growth)
+
+    def _more(self, known: int, growth: float) -> int:
+        return max(int(np.ceil(growth * known)), self.first - known, 1)
+
+    def _common(self, members: Indices, inside: Samples) -> Array:
+        """The points that one of the members at least has, but for those of earlier boxes."""
+        common = ~np.isin(inside.x[:, 0], self.earlier[:, 0])
+        return self.axes.inward(inside.x[inside.asked[members].any(axis=0) & common])
 
     def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
         """Estimate the errors by what the priors expect, and by leave-one-out residuals."""

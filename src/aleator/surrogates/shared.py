@@ -73,6 +73,10 @@ class SharedSurface(Emulator):
         """Take the surfaces to another box; runs outside still tell of it."""
         self.axes, self.stale = Axes.plain(box), True
 
+    def round(self, members: Indices, growth: float) -> int:
+        """Runs that each of the experiments `members` (A,) has in `sharpen`, at most."""
+        return int(np.ceil(growth * self.runs[members].max(initial=0)))
+
     def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
         """Run experiments `members` (A,) at points of their own, spread as the draws are."""
         room = max((MOST - int(self.runs.sum())) // len(members), 1)
