@@ -102,7 +102,10 @@ def _exactly(study: RandomStudy, document: Mapping[str, Any]) -> Entry:
     error = Reference(study, table, Resolution().coarser)(alpha) - value
     correlation = document["correlation"]
     names = correlation["names"]
-    errors = np.array([document["alpha"][name]["standard_error"] for name in names])
+    errors = np.array([document["alpha"][name]["standard_error"] for name in names], dtype=float)
+    if not np.all(np.isfinite(errors)):
+        # where the information has no inverse there is no Newton step
+        return {"exact": value, "exact_error": error}
     slopes = np.array(
         [
             exact({**alpha, name: alpha[name] + STEP * se})

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from aleator import Free, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
-from aleator.likelihood.level_sets import LevelLikelihood, sets, traceable
+from aleator import Constant, Free, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
+from aleator.likelihood.level_sets import LevelLikelihood, on_a_grid, sets, traceable
 from aleator.likelihood.level_sets.grid import Grid
 from aleator.surrogates.responses import DirectResponse
 
@@ -194,13 +194,19 @@ def test_a_skewed_law_has_its_grid_where_its_mass_is() -> None:
 
 
 def test_what_laws_can_be_traced() -> None:
-    assert traceable(ONE)
-    assert traceable(TIED)
-    assert traceable(Inputs({"a": LogNormal(Free(0.1, 2.0), 0.2), "b": TruncatedNormal(
-        (0.0, 1.0), Free(0.1, 0.9), 0.1)}))  # fmt: skip
-    # the support of a uniform law moves; three parameters have no grid here
-    assert not traceable(Inputs({"a": Uniform(Free(0.0, 1.0), Free(0.1, 0.2))}))
-    assert not traceable(Inputs({**TWO.laws, "c": Normal(0.0, 1.0)}))
+    both = {
+        "a": LogNormal(Free(0.1, 2.0), 0.2),
+        "b": TruncatedNormal((0.0, 1.0), Free(0.1, 0.9), 0.1),
+    }
+    grids = [ONE, TIED, Inputs(both)]
+    # the support of a uniform law moves; three parameters are too many for a grid
+    lines = [
+        Inputs({"a": Uniform(Free(0.0, 1.0), Free(0.1, 0.2))}),
+        Inputs({**TWO.laws, "c": Normal(0.0, 1.0)}),
+        Inputs({**TWO.laws, "k": Constant(Free(0.0, 1.0))}),
+    ]
+    assert all(traceable(inputs) for inputs in grids + lines)
+    assert [on_a_grid(inputs) for inputs in grids + lines] == [True] * 3 + [False] * 3
 
 
 def test_sets_are_looked_at_in_parts_that_change_nothing(monkeypatch) -> None:

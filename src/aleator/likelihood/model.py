@@ -11,7 +11,7 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import traceable
 from aleator.likelihood.propagation import GRID, Collocation
 from aleator.observations.noise import Noise
-from aleator.quadrature import GermGrid
+from aleator.quadrature import GermGrid, SobolPoints
 from aleator.surrogates import ResponseSurface
 from aleator.types import Array
 
@@ -121,15 +121,17 @@ class Model:
     def traced(self) -> bool:
         """Whether the likelihood is that of level sets: without noise, and nobody says how."""
         fast = self.collocation is not None and self.collocation.fast
-        chosen = self.exact and (fast or (self.open and self.follows))
+        chosen = fast or (self.open and self.follows)
         return chosen and self.noise is None and traceable(self.inputs)
 
     def directly(self) -> Model:
         """The same on the simulator itself, at the nodes of a lattice."""
-        nodes = GermGrid(GRID[self.inputs.scattering])
+        lattice = self.inputs.scattering <= MOST_ON_LATTICE
+        nodes = GermGrid(GRID[self.inputs.scattering]) if lattice else SobolPoints(4096)
         return replace(
-            self, propagation=Collocation(nodes, fast=True), density=Convolution(), open=False
-        )
+            self, propagation=Collocation(nodes, fast=True),
+            density=Convolution() if lattice else STAND_IN, open=False,
+        )  # fmt: skip
 
     def by_moments(self) -> Model:
         """The same with four moments, for good."""
@@ -137,7 +139,7 @@ class Model:
 
     @property
     def _first_density(self) -> ChosenDensity:
-        sure = self.noise is not None or (self.inputs.scattering == 1 and self.lattice)
+        sure = self.noise is not None or self.lattice
         return Convolution() if self.surfaces is not None and sure else STAND_IN
 
     def _check(self) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from aleator.likelihood.level_sets import LevelLikelihood, cells_of
+from aleator.likelihood.level_sets import LevelLikelihood, searched
 from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.model import Model
 from aleator.likelihood.nodes import propagated
@@ -165,7 +165,7 @@ def _levels(problem: Problem) -> LevelLikelihood:
     inputs, response = problem.model.inputs, problem.response
     assert isinstance(response, Divisible)
     region = inputs.box if problem.surface is None else problem.region
-    few = cells_of(inputs.scattering, int(problem.condition.max()) + 1) // 2
+    few = searched(inputs, int(problem.condition.max()) + 1)
     return LevelLikelihood(inputs, response, region, problem.condition, problem.outcomes, few)
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.level_sets import cells_of, traceable
+from aleator.likelihood.level_sets import on_a_grid, searched, traceable
+from aleator.likelihood.level_sets.lines import CROSSINGS
 from aleator.likelihood.model import Model
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
@@ -80,8 +81,9 @@ def way_of_outcomes(runner: Runner, model: Model) -> Way:
 
 def grids_each(inputs: Inputs, conditions: int) -> tuple[int, int]:
     """Runs of each condition that level sets of the simulator itself take, at least and at most."""
-    cells = (cells_of(inputs.scattering, conditions) // 2) ** inputs.scattering
-    return GRIDS[0] * cells, GRIDS[1] * cells
+    few, s = searched(inputs, conditions), inputs.scattering
+    points = few**s if on_a_grid(inputs) else few * (CROSSINGS.steps + 2 * s)
+    return GRIDS[0] * points, GRIDS[1] * points
 
 
 def runs_each(inputs: Inputs) -> int:

@@ -8,7 +8,7 @@ from scipy import stats
 
 from aleator import Beta, Constant, Free, Gamma, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
 from aleator.likelihood.individual import ImportancePoints, Panels
-from aleator.likelihood.individual.parameters import regular
+from aleator.likelihood.individual.parameters import moving
 
 ONE = Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 3.0))})
 AT = np.array([0.3, 0.7, 0.05])
@@ -110,8 +110,8 @@ def test_a_support_that_moves_is_told() -> None:
         "beta": Beta((0.0, 2.0), Free(0.5, 1.5), Free(0.1, 0.5)),
         "truncated": TruncatedNormal((0.0, 2.0), Free(), Free()),
     }
-    assert all(regular(Inputs({name: law})) for name, law in laws.items())
-    assert not regular(Inputs({"x": Uniform(Free(0.5, 1.5), Free(0.1, 1.0))}))
+    assert not any(moving(Inputs({name: law})) for name, law in laws.items())
+    assert moving(Inputs({"x": Uniform(Free(0.5, 1.5), Free(0.1, 1.0))})) == (0, 1)
 
 
 def test_a_constant_that_is_identified_moves_what_is_simulated() -> None:

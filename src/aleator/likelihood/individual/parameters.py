@@ -13,6 +13,7 @@ from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     from aleator.laws.inputs import Inputs
+    from aleator.laws.law import Law
     from aleator.likelihood.individual.predictor import Predictor
 
 STEP = 1e-5
@@ -102,35 +103,33 @@ def holds(inputs: Inputs, values: int) -> bool:
         values <= MOST
         and len(inputs.classes) == 1
         and inputs.covariate_model is None
-        and not _moves_constants(inputs)
-        and regular(inputs)
+        and not moving(inputs)
     )
 
 
-def _moves_constants(inputs: Inputs) -> bool:
-    """Whether a parameter that does not scatter is identified: what is simulated moves with it."""
-    own, scattered = inputs.hyperparameters, set(inputs.scattered)
-    constant = [part for i, part in enumerate(inputs.slices) if i not in scattered]
-    return any(h.free for part in constant for h in own[part])
-
-
 @lru_cache(maxsize=16)
-def regular(inputs: Inputs) -> bool:
-    """Whether the score of each law has the mean zero: its support does not move.
+def moving(inputs: Inputs) -> tuple[int, ...]:
+    """The free hyperparameters with which parameters x move, and not only their density.
 
-    At the start of its hyperparameters, by a hundred points of equal probability.
+    The values of constants, and what laws have whose support moves: there the score has another
+    mean than zero, at the start of the hyperparameters by a hundred points of equal probability.
     """
-    start = np.array([h.start for h in inputs.hyperparameters])
-    probability = (np.arange(POINTS) + 0.5) / POINTS
-    for i in inputs.scattered:
-        law, values = list(inputs.laws.values())[i], start[inputs.slices[i]]
-        x = law.quantile(values, probability)
-        for k, (value, h) in enumerate(zip(values, law.hyperparameters, strict=True)):
-            step = STEP * (max(abs(value), LEAST * (h.upper - h.lower)) or LEAST)
-            up, down = (law.log_density(_moved(values, k, by), x) for by in (step, -step))
-            score = (up - down) / (2.0 * step)
-            if not abs(np.mean(score)) <= BIASED * np.sqrt(np.mean(score**2)):
-                return False
+    own, start = inputs.hyperparameters, np.array([h.start for h in inputs.hyperparameters])
+    found = list[int]()
+    for i, (law, part) in enumerate(zip(inputs.laws.values(), inputs.slices, strict=True)):
+        if i not in inputs.scattered or not _fixed_support(law, start[part]):
+            found += [k for k in range(part.start, part.stop) if own[k].free]
+    return tuple(found)
+
+
+def _fixed_support(law: Law, values: Array) -> bool:
+    x = law.quantile(values, (np.arange(POINTS) + 0.5) / POINTS)
+    for k, (value, h) in enumerate(zip(values, law.hyperparameters, strict=True)):
+        step = STEP * (max(abs(value), LEAST * (h.upper - h.lower)) or LEAST)
+        up, down = (law.log_density(_moved(values, k, by), x) for by in (step, -step))
+        score = (up - down) / (2.0 * step)
+        if not abs(np.mean(score)) <= BIASED * np.sqrt(np.mean(score**2)):
+            return False
     return True
 
 

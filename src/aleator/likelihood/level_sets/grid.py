@@ -68,7 +68,8 @@ class Grid:
         owner, on, weight = (np.concatenate(part) for part in zip(*found, strict=True))
         x = np.tile(self.x, (len(on), 1))
         x[:, [*self.scattered]] = on
-        return _in_rows(y.size, owner, x, weight)
+        with np.errstate(divide="ignore"):
+            return in_rows(y.size, owner, x, np.log(weight))
 
     def changes(self) -> Array:
         """How much an outcome changes along each side (s,), over what it changes along all.
@@ -110,15 +111,19 @@ class Grid:
                 yield part, eta[self.condition[part] - first]
 
 
-def _in_rows(count: int, owner: Indices, x: Array, weight: Array) -> tuple[Array, Array]:
-    """Points (N, K, n) and log weights (N, K) of each experiment; weights of zero fill the rows."""
+def in_rows(count: int, owner: Indices, x: Array, log_weight: Array) -> tuple[Array, Array]:
+    """Points (N, K, n) and log weights (N, K) of each experiment; those of no weight fill the rows.
+
+    Of points x (H, n) with log weights (H,) in any order, and their `owner` (H,).
+    """
     order = np.argsort(owner, kind="stable")
-    order = order[weight[order] > 0.0]
-    owner, x, weight = owner[order], x[order], weight[order]
+    order = order[np.isfinite(log_weight[order])]
+    owner, x, log_weight = owner[order], x[order], log_weight[order]
     many = np.bincount(owner, minlength=count)
     place = np.arange(owner.size) - np.repeat(np.cumsum(many) - many, many)
-    filled = np.broadcast_to(x[:1] if len(x) else 0.0, (count, max(many.max(), 1), x.shape[1]))
-    points, log_weight = filled.copy(), np.full(filled.shape[:2], -np.inf)
+    most = max(many.max(), 1)
+    points = np.broadcast_to(x[:1] if len(x) else 0.0, (count, most, x.shape[1])).copy()
+    found = np.full((count, most), -np.inf)
     points[owner, place] = x
-    log_weight[owner, place] = np.log(weight)
-    return points, log_weight
+    found[owner, place] = log_weight
+    return points, found

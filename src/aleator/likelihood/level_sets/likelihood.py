@@ -1,9 +1,10 @@
-"""The log-likelihood without noise by the simulator itself, on grids as fine as the laws."""
+"""The log-likelihood without noise: level sets of a response, for one law or for all near it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -11,8 +12,9 @@ import numpy as np
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.laws.tabulated import image_at
-from aleator.likelihood.individual.parameters import holds
-from aleator.likelihood.level_sets.grid import Grid
+from aleator.likelihood.individual.parameters import moving
+from aleator.likelihood.level_sets.grid import Grid, in_rows
+from aleator.likelihood.level_sets.lines import traced
 from aleator.likelihood.level_sets.sets import LevelSets
 from aleator.search.value import LogLikelihood
 from aleator.surrogates.responses import Divisible
@@ -32,8 +34,16 @@ REACH = 7.0
 """Standard normal variates to which the grid of a law goes, even steps apart."""
 MARKS = np.array([-5.0, -3.0, -1.0, 1.0, 3.0, 5.0])
 """Variates between which a grid must have cells to serve a law."""
+WIDTHS = 6.0
+"""Standard deviations that a region is wide, of laws that fill it."""
 KNOWN = 64
 """Grids that are remembered."""
+LINES, FEWEST_LINES = 128, 16
+"""Lines of an experiment in more than two parameters for an answer, of few and of very many."""
+STEP = 1e-4
+"""Step of differences of the log-likelihood over the range of a hyperparameter."""
+LAST = 8
+"""Laws whose sets on lines are remembered."""
 LOOKS = 9
 """Points of a side at which outcomes are looked at before a grid is made."""
 UNEVEN, SLIM = 4.0, 16
@@ -42,16 +52,26 @@ many cells a side keeps."""
 
 
 def traceable(inputs: Inputs) -> bool:
-    """Whether level sets serve these laws: one or two scatter, and nothing else is identified."""
-    return inputs.scattering in MOST and holds(inputs, 0)
+    """Whether level sets serve these laws: some scatter, and are the same in all experiments."""
+    return inputs.scattering > 0 and len(inputs.classes) == 1 and not inputs.regressed
 
 
-def cells_of(scattering: int, conditions: int) -> int:
-    """Cells of a parameter for an answer.
+def on_a_grid(inputs: Inputs) -> bool:
+    """Whether sets are found once on a grid: one or two scatter, and only their density moves."""
+    return inputs.scattering in MOST and not moving(inputs)
 
-    >>> cells_of(1, 100), cells_of(1, 2000), cells_of(2, 60), cells_of(2, 5000)
-    (16384, 4000, 96, 64)
-    """
+
+def searched(inputs: Inputs, conditions: int) -> int:
+    """The same for a search."""
+    answers = cells_of(inputs, conditions)
+    return answers // 2 if on_a_grid(inputs) else answers // 4
+
+
+def cells_of(inputs: Inputs, conditions: int) -> int:
+    """Cells of a parameter for an answer, or lines of an experiment."""
+    if not on_a_grid(inputs):
+        return int(np.clip(VALUES // (32 * conditions), FEWEST_LINES, LINES))
+    scattering = inputs.scattering
     affordable = int((VALUES / conditions) ** (1.0 / scattering))
     return min(max(affordable, FEWEST[scattering]), MOST[scattering])
 
@@ -77,9 +97,8 @@ class LevelLikelihood:
     ) -> None:
         self.inputs, self.response, self.region = inputs, response, region
         self.condition, self.outcomes, self.cells = condition, outcomes, cells
-        own = region[[*inputs.scattered]]
-        self._whole = self._grid(np.linspace(own[:, 0], own[:, 1], cells + 1, axis=1))
         self._known: list[tuple[Grid, LevelSets]] = []
+        self._last: list[tuple[Array, LevelSets]] = []
 
     @property
     def name(self) -> str:
@@ -97,8 +116,24 @@ class LevelLikelihood:
         return copy(self)
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """The log-likelihood with its score."""
-        return self.sets(alpha)(alpha)
+        """The log-likelihood with its score.
+
+        That by a constant, or by a law whose support moves, is a difference over `STEP`.
+        """
+        found = self.sets(alpha)(alpha)
+        if self._on_a_grid or not moving(self.inputs):
+            return found
+        assert found.scores is not None
+        scores = found.scores.copy()
+        for k in moving(self.inputs):
+            h = self.hyperparameters[k]
+            step = STEP * (h.upper - h.lower)
+            ends = [np.clip(alpha[k] + by, h.lower, h.upper) for by in (step, -step)]
+            moved = np.tile(alpha, (2, 1))
+            moved[:, k] = ends
+            up, down = (self.sets(one).evaluate(one).each for one in moved)
+            scores[:, k] = (up - down) / (ends[0] - ends[1])
+        return replace(found, scores=scores)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood without its score."""
@@ -106,6 +141,9 @@ class LevelLikelihood:
 
     def sets(self, alpha: Array) -> LevelSets:
         """The sets by which a law alpha (K,) is judged."""
+        return self._of_grid(alpha) if self._on_a_grid else self._of_lines(alpha)
+
+    def _of_grid(self, alpha: Array) -> LevelSets:
         marks = self._values(alpha, MARKS)
         if self._whole.serves(marks):
             return self._everywhere
@@ -118,6 +156,19 @@ class LevelLikelihood:
             sets = sets.filled(self._everywhere)
         self._known = [*self._known[1 - KNOWN :], (grid, sets)]
         return sets
+
+    def _of_lines(self, alpha: Array) -> LevelSets:
+        """On lines that are laid for this law, so that they are exact where a set is smooth."""
+        for known, sets in self._last:
+            if np.array_equal(known, alpha):
+                return sets
+        sets = self._laid(alpha)
+        self._last = [*self._last[1 - LAST :], (alpha.copy(), sets)]
+        return sets
+
+    def _laid(self, alpha: Array) -> LevelSets:
+        found = traced(self.inputs, alpha, self.response, self.condition, self.outcomes, self.cells)
+        return LevelSets(self.inputs, *in_rows(self.outcomes.size, *found))
 
     def values(self, alphas: Array) -> Array:
         """Totals (A,) at alphas (A, K)."""
@@ -150,12 +201,24 @@ class LevelLikelihood:
 
     @cached_property
     def _everywhere(self) -> LevelSets:
-        """The sets on the first grid."""
-        return self._traced(self._whole)
+        """The sets on the first grid, or on lines all over the region."""
+        if self._on_a_grid:
+            return self._traced(self._whole)
+        return self._laid(filling(self.inputs, self.region, WIDTHS))
+
+    @property
+    def _on_a_grid(self) -> bool:
+        return on_a_grid(self.inputs)
+
+    @cached_property
+    def _whole(self) -> Grid:
+        """Even, and all of the region."""
+        own = self.region[[*self.inputs.scattered]]
+        return self._grid(np.linspace(own[:, 0], own[:, 1], self.cells + 1, axis=1))
 
     @property
     def _answers(self) -> int:
-        return cells_of(self.inputs.scattering, int(self.condition.max()) + 1)
+        return cells_of(self.inputs, int(self.condition.max()) + 1)
 
     def _with(
         self, response: Divisible, condition: Indices, outcomes: Array, cells: int
@@ -186,6 +249,14 @@ class LevelLikelihood:
 
     def _traced(self, grid: Grid) -> LevelSets:
         return LevelSets(self.inputs, *grid.traced(self.outcomes))
+
+
+def filling(inputs: Inputs, region: Array, widths: float) -> Array:
+    """alpha (K,) of laws in the middle of a region (n, 2), so many standard deviations wide."""
+    alpha = np.array([h.start for h in inputs.hyperparameters])
+    for law, part, (low, high) in zip(inputs.laws.values(), inputs.slices, region, strict=True):
+        alpha[part] = law.filling(0.5 * (low + high), (high - low) / widths)
+    return alpha
 
 
 def _shared(sides: Array, ratio: float) -> tuple[Array, Array]:

@@ -1,0 +1,420 @@
+"""Level sets of three or more parameters: points where lines through the variates cross them.
+
+int phi(xi) delta(eta(x(xi)) - y) dxi is an integral over the lines along one direction and, on
+each, a sum over the points where the outcome is y. The lines are points of a Sobol' sequence in
+the plane across that direction, about where the law explains the outcome.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+from scipy.stats import qmc
+
+from aleator.blocks import blocks
+from aleator.laws.individual import parameters_at
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual.parameters import scattered_density
+from aleator.polynomials.gauss import gauss_hermite
+from aleator.surrogates.responses import Divisible
+from aleator.types import Array, Flags, Indices
+
+SMALLEST = 1e-12
+"""Least probability of a point of a Sobol' sequence, so that its normal score is finite."""
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """How lines are laid and crossed; measured by `tests/likelihood/test_level_lines.py`.
+
+    The `nearest` of `points` of the law tell the direction in which the outcome changes, and a few
+    lines, `wider` than the law, where the set has its mass. A line goes to `reach` standard
+    deviations and is looked at in `steps`, or in so many where it is `alone`; two of these between
+    which the outcome turns are looked at `closer`. A crossing is found in `halvings` of the false
+    position, and the slope there by a difference over `difference`; one that is off by a share
+    `jump` of that is none. The normal law by which nodes are placed has precisions within `narrow`.
+    A set of which lines are `touching` less than such a share is crossed by nodes of a Gauss rule;
+    another one by `bent` times as many lines along each direction, `thick` at least, that count by
+    the `power` of the slopes along them.
+    """
+
+    points: int = 1024
+    nearest: int = 64
+    wider: float = 1.2
+    reach: float = 8.0
+    steps: int = 24
+    alone: int = 512
+    closer: int = 12
+    halvings: int = 7
+    difference: float = 3e-3
+    jump: float = 0.2
+    narrow: tuple[float, float] = (0.3, 1e4)
+    power: int = 3
+    touching: float = 1e-3
+    bent: int = 4
+    thick: float = 0.5
+
+
+CROSSINGS = Crossings()
+LARGEST = 400_000
+"""Outcomes on lines that are looked at together."""
+
+
+def traced(
+    inputs: Inputs, alpha: Array, response: Divisible, condition: Indices, y: Array, lines: int
+) -> tuple[Indices, Array, Array]:
+    """Whose sets (H,), points x (H, n) on them and log weights (H,), for laws near alpha (K,).
+
+    f_l(y_l | beta) = sum_h w_h p(x_h | beta) for any beta near alpha. Cost: the outcomes of each
+    experiment at 25 points of every line.
+    """
+    settings, s = CROSSINGS, inputs.scattering
+    u = qmc.Sobol(s, rng=0).random_base2(int(np.log2(settings.points)))
+    law = special.ndtri(np.clip(u, SMALLEST, 1.0 - SMALLEST))
+    x = parameters_at(inputs, alpha, law[None], slice(0, 1), often=True)[0][0]
+    found = []
+    for rows in blocks(y.size, lines * (settings.steps + 1), LARGEST):
+        own, where = np.unique(condition[rows], return_inverse=True)
+        eta = response.take(own).evaluate(x)[where]
+        block = _Block(inputs, alpha, response, condition[rows], y[rows])
+        some = block.crossed(block.laid(law, eta), lines)
+        found.append((some[0] + rows.start, *some[1:]))
+    owner, on, log_weight = (np.concatenate(part) for part in zip(*found, strict=True))
+    return owner, on, log_weight
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Some experiments, B of them, whose lines are looked at together."""
+
+    inputs: Inputs
+    alpha: Array
+    response: Divisible
+    condition: Indices
+    y: Array
+
+    def laid(self, law: Array, eta: Array) -> tuple[Array, Array]:
+        """An orthonormal basis (B, s, s), its first column the direction, and a centre (B, s - 1).
+
+        From points of the law (P, s) and outcomes eta (B, P) there: the slopes of a plane through
+        the nearest, and the mean of these.
+        """
+        away = np.nan_to_num(np.abs(eta - self.y[:, None]), nan=np.inf)
+        near = np.argpartition(away, CROSSINGS.nearest, axis=1)[:, : CROSSINGS.nearest]
+        xi, value = law[near], np.nan_to_num(np.take_along_axis(eta, near, axis=1))
+        middle = xi.mean(axis=1)
+        off = xi - middle[:, None]
+        square = np.einsum("bmi,bmj->bij", off, off)
+        size = np.trace(square, axis1=1, axis2=2)[:, None, None]
+        rise = np.einsum("bmi,bm->bi", off, value - value.mean(axis=1, keepdims=True))
+        slope = np.linalg.solve(square + 1e-6 * size * np.eye(law.shape[1]), rise[..., None])[
+            ..., 0
+        ]
+        length = np.sqrt(np.sum(slope**2, axis=1, keepdims=True))
+        first = np.eye(law.shape[1])[0]
+        direction = np.where(length > 0.0, slope / np.where(length > 0.0, length, 1.0), first)
+        basis = _reflected(direction)
+        return basis, np.einsum("bi,bik->bk", middle, basis[:, :, 1:])
+
+    def crossed(self, laid: tuple[Array, Array], lines: int) -> tuple[Indices, Array, Array]:
+        """Crossings of lines that are placed by those of the first few.
+
+        Where the outcome changes along the direction of the lines all over the set, nodes of a
+        Gauss rule do; elsewhere there are more lines, along every direction.
+        """
+        basis, centre = laid
+        dimensions = centre.shape[1]
+        if not dimensions:
+            found = self._roots(basis, centre[:, None])
+            return self._weighted(found.owner, found.xi, found.log_value)
+        u = centre[:, None] + CROSSINGS.wider * _scores(
+            dimensions * (dimensions + 3) + 16, dimensions
+        )
+        first = self._roots(basis, u)
+        mean, factor = _fitted(u, first.of_lines(u, first.log_value - first.log_part))
+        log_q = _gaussian(u, centre, np.eye(dimensions), CROSSINGS.wider) + np.log(u.shape[1])
+        middle, square, left = first.moments(log_q, len(self.y))
+        parts = []
+        plain = np.flatnonzero(left < CROSSINGS.touching)
+        if plain.size:
+            z, log_weight = _nodes(lines, dimensions)
+            own = mean[plain][:, None] + np.einsum("bij,lj->bli", factor[plain], z)
+            log_q = _gaussian(own, mean[plain], factor[plain]) - log_weight
+            found = self._of(plain)._roots(basis[plain], own)
+            parts.append((plain, found.weighed(log_q, found.log_value - found.log_part)))
+        bent = np.flatnonzero(~(left < CROSSINGS.touching))
+        if bent.size:
+            block, many = self._of(bent), lines * CROSSINGS.bent
+            own, score = basis[bent], _scores(many, dimensions)
+            of_law, wide = np.arange(many) % 5 == 4, CROSSINGS.wider
+            at = mean[bent][:, None] + wide * np.einsum("bij,lj->bli", factor[bent], score)
+            at = np.where(of_law[:, None], centre[bent][:, None] + wide * score, at)
+            share = float(of_law.mean())
+            log_q = np.log(many) + np.logaddexp(
+                np.log1p(-share) + _gaussian(at, mean[bent], factor[bent], wide),
+                np.log(share) + _gaussian(at, centre[bent], np.eye(dimensions), wide),
+            )
+            found = block._roots(own, at)
+            parts.append((bent, found.weighed(log_q, found.log_value)))
+            middle, square, _ = found.moments(log_q, bent.size)
+            for turned in range(1, basis.shape[1]):
+                turn = own[:, :, np.roll(np.arange(basis.shape[1]), -turned)]
+                about = np.einsum("bi,bik->bk", middle, turn[:, :, 1:])
+                spread = np.einsum("bij,bik,bjl->bkl", square, turn[:, :, 1:], turn[:, :, 1:])
+                wider = np.linalg.cholesky(spread + CROSSINGS.thick**2 * np.eye(dimensions))
+                at = about[:, None] + wide * np.einsum("bij,lj->bli", wider, score)
+                found = block._roots(turn, at)
+                log_q = _gaussian(at, about, wider, wide) + np.log(many)
+                parts.append((bent, found.weighed(log_q, found.log_value)))
+        owner = np.concatenate([rows[part[0]] for rows, part in parts])
+        xi, log_weight = (np.concatenate([part[i] for _, part in parts]) for i in (1, 2))
+        return self._weighted(owner, xi, log_weight)
+
+    def _weighted(
+        self, owner: Indices, xi: Array, log_weight: Array
+    ) -> tuple[Indices, Array, Array]:
+        """The crossings as parameters, whose weights are those of the density there."""
+        x = self._x(xi)
+        return owner, x, log_weight - scattered_density(self.inputs, self.alpha, x)
+
+    def _of(self, rows: Indices) -> _Block:
+        return replace(self, condition=self.condition[rows], y=self.y[rows])
+
+    def _roots(self, basis: Array, u: Array) -> _Crossed:
+        """Where lines u (B, J, s - 1) along the first of the basis (B, s, s) cross."""
+        steps = CROSSINGS.steps if basis.shape[1] > 1 else CROSSINGS.alone
+        t = np.linspace(-CROSSINGS.reach, CROSSINGS.reach, steps + 1)
+        direction = basis[:, :, 0]
+        start = np.einsum("bik,bjk->bji", basis[:, :, 1:], u)
+        xi = start[:, :, None] + t[:, None] * direction[:, None, None]
+        count, lines = u.shape[:2]
+        owner = np.repeat(np.arange(count), lines * t.size)
+        off = (self._eta(owner, xi.reshape(-1, xi.shape[-1])) - self.y[owner]).reshape(xi.shape[:3])
+        of, line, low, high, f_low, f_high = self._brackets(off, t, start, direction)
+        first, along = start[of, line], direction[of]
+        for _ in range(CROSSINGS.halvings):
+            middle = _between(low, high, f_low, f_high)
+            value = self._eta(of, first + middle[:, None] * along) - self.y[of]
+            right = (value > 0.0) == (f_high > 0.0)
+            # the end that stays counts half, so that it does not stay for ever
+            f_low = np.where(right, 0.5 * f_low, value)
+            f_high = np.where(right, value, 0.5 * f_high)
+            low, high = np.where(right, low, middle), np.where(right, middle, high)
+        root, by = _between(low, high, f_low, f_high), CROSSINGS.difference
+        down, here, up = (
+            self._eta(of, first + (root + k * by)[:, None] * along) - self.y[of] for k in (-1, 0, 1)
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope, bend = (up - down) / (2.0 * by), (up - 2.0 * here + down) / by**2
+            # a step of Newton's, where it stays between the points of the difference
+            move = np.nan_to_num(-here / slope)
+            move = np.where(np.abs(move) < by, move, 0.0)
+            root, log_slope = root + move, np.log(np.abs(slope + bend * move))
+        xi = first + root[:, None] * along
+        others = []
+        for axis in np.moveaxis(basis[of][:, :, 1:], 2, 0):
+            ends = (self._eta(of, xi + sign * by * axis) for sign in (1.0, -1.0))
+            others.append((next(ends) - next(ends)) / (2.0 * by))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            log_others = np.log(np.abs(np.reshape(others, (len(others), of.size)).T))
+        # where the outcome jumps over y it is still off between the points of the difference
+        fine = np.isfinite(log_slope) & (np.abs(here) < CROSSINGS.jump * np.abs(up - down))
+        return _Crossed(of[fine], line[fine], xi[fine], log_slope[fine], log_others[fine])
+
+    def _brackets(
+        self, off: Array, t: Array, start: Array, direction: Array
+    ) -> tuple[Indices, Indices, Array, Array, Array, Array]:
+        """Whose steps (R,) of which lines cross, their ends, and how far off (B, J, T) these are.
+
+        A step beside which the outcome turns may hide two crossings: it is looked at more closely.
+        """
+        changes = _changes(off)
+        of, line, step = np.nonzero(changes)
+        ends = t[step], t[step + 1], off[of, line, step], off[of, line, step + 1]
+        with np.errstate(invalid="ignore"):
+            bend = np.abs(np.diff(off, 2, axis=2))
+            here = np.abs(off[..., 1:-1])
+            turned = (here < 0.5 * bend) & ~changes[..., 1:] & ~changes[..., :-1]
+            turned &= (here <= np.abs(off[..., 2:])) & (here < np.abs(off[..., :-2]))
+        whose, which, middle = np.nonzero(turned)
+        if not whose.size:
+            return of, line, *ends
+        share = np.linspace(0.0, 1.0, CROSSINGS.closer + 1)
+        fine = t[middle][:, None] + share * (t[middle + 2] - t[middle])[:, None]
+        xi = start[whose, which][:, None] + fine[..., None] * direction[whose][:, None]
+        owner = np.repeat(whose, share.size)
+        closer = self._eta(owner, xi.reshape(owner.size, -1)) - self.y[owner]
+        closer = closer.reshape(fine.shape)
+        row, step = np.nonzero(_changes(closer))
+        hidden = (fine[row, step], fine[row, step + 1], closer[row, step], closer[row, step + 1])
+        both = [np.concatenate(pair) for pair in zip(ends, hidden, strict=True)]
+        return (
+            np.concatenate([of, whose[row]]), np.concatenate([line, which[row]]),
+            both[0], both[1], both[2], both[3],
+        )  # fmt: skip
+
+    def _x(self, xi: Array) -> Array:
+        return np.asarray(
+            parameters_at(self.inputs, self.alpha, xi[None], slice(0, 1), often=True)[0][0]
+        )
+
+    def _eta(self, owner: Indices, xi: Array) -> Array:
+        return self.response.at(self.condition[owner], self._x(xi))
+
+
+def _changes(off: Array) -> Flags:
+    """Between which neighbours (..., T - 1) of points (..., T) the sign changes."""
+    with np.errstate(invalid="ignore"):
+        above, known = off > 0.0, np.isfinite(off)
+    found: Flags = above[..., 1:] != above[..., :-1]
+    return found & known[..., 1:] & known[..., :-1]
+
+
+def _between(low: Array, high: Array, f_low: Array, f_high: Array) -> Array:
+    """Where the straight line between two points is zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = f_low / (f_low - f_high)
+    return np.asarray(low + np.clip(np.nan_to_num(share, nan=0.5), 0.0, 1.0) * (high - low))
+
+
+def _reflected(direction: Array) -> Array:
+    """Orthonormal bases (B, s, s) whose first column is the direction (B, s): Householder's."""
+    s = direction.shape[1]
+    side = direction.copy()
+    sign = np.where(direction[:, 0] > 0.0, 1.0, -1.0)
+    side[:, 0] += sign
+    square = np.sum(side**2, axis=1)[:, None, None]
+    matrix = np.eye(s) - 2.0 * side[:, :, None] * side[:, None, :] / square
+    return np.asarray(-sign[:, None, None] * matrix)
+
+
+def _nodes(count: int, dimensions: int) -> tuple[Array, Array]:
+    """Nodes (J, d) and log weights (J,) of the standard normal law, about so many.
+
+    Products of Gauss-Hermite rules up to three dimensions; else points of a Sobol' sequence with
+    their opposites, so that mean and covariance are those of the law.
+    """
+    if dimensions <= 3:
+        each = int(np.clip(round(count ** (1.0 / dimensions)), 3, 15))
+        t, weight = gauss_hermite(each)
+        grid = np.meshgrid(*[t] * dimensions, indexing="ij")
+        weights = np.meshgrid(*[np.log(weight)] * dimensions, indexing="ij")
+        return np.stack([g.ravel() for g in grid], axis=1), np.sum(weights, axis=0).ravel()
+    half = _scores(max(count // 2, 4 * dimensions), dimensions)
+    z = np.concatenate([half, -half])
+    z = z @ np.linalg.inv(np.linalg.cholesky(z.T @ z / len(z))).T
+    return z, np.full(len(z), -np.log(len(z)))
+
+
+def _scores(count: int, dimensions: int) -> Array:
+    """Normal scores (count, dimensions) of a scrambled Sobol' sequence, always the same."""
+    u = qmc.Sobol(dimensions, rng=1).random_base2(int(np.ceil(np.log2(count))))[:count]
+    return np.asarray(special.ndtri(np.clip(u, SMALLEST, 1.0 - SMALLEST)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Crossed:
+    """Whose crossings (H,), of which lines, variates xi (H, s), and logarithms of slopes there.
+
+    `log_slope` (H,) is along the line and `log_others` (H, s - 1) across it.
+    """
+
+    owner: Indices
+    line: Indices
+    xi: Array
+    log_slope: Array
+    log_others: Array
+
+    @property
+    def log_part(self) -> Array:
+        """The logarithm (H,) of the share that this direction has of all directions together.
+
+        g_1^2p / sum_i g_i^2p: it vanishes where a line only touches the set, and is one where it
+        goes straight through.
+        """
+        every = np.concatenate([self.log_slope[:, None], self.log_others], axis=1)
+        power = 2.0 * CROSSINGS.power
+        with np.errstate(invalid="ignore"):
+            whole = special.logsumexp(power * every, axis=1)
+        return np.asarray(np.nan_to_num(power * self.log_slope - whole, nan=-np.inf))
+
+    @property
+    def log_value(self) -> Array:
+        """The logarithm (H,) of phi/|g_1| with that share."""
+        return _normal(self.xi) - self.log_slope + self.log_part
+
+    def of_lines(self, u: Array, log_value: Array) -> Array:
+        """The logarithm (B, J) of the sum of values (H,) over the crossings of each line."""
+        found = np.full(u.shape[:2], -np.inf)
+        np.logaddexp.at(found, (self.owner, self.line), log_value)
+        return found
+
+    def weighed(self, log_q: Array, log_value: Array) -> tuple[Indices, Array, Array]:
+        """Owners, variates and log weights, of lines with this density (B, J) of all together."""
+        return self.owner, self.xi, log_value - log_q[self.owner, self.line]
+
+    def moments(self, log_q: Array, count: int) -> tuple[Array, Array, Array]:
+        """Means (B, s) and covariances (B, s, s) of crossings, and shares of other directions."""
+        owner, xi = self.owner, self.xi
+        log_share = self.log_value - log_q[owner, self.line]
+        top = np.full(count, -np.inf)
+        np.maximum.at(top, owner, log_share)
+        share = np.exp(log_share - top[owner])
+        whole = np.bincount(owner, share, count)
+        share = share / whole[owner]
+        mean = np.zeros((count, xi.shape[1]))
+        np.add.at(mean, owner, share[:, None] * xi)
+        off = xi - mean[owner]
+        square = np.zeros((count, xi.shape[1], xi.shape[1]))
+        np.add.at(square, owner, share[:, None, None] * off[:, :, None] * off[:, None, :])
+        with np.errstate(invalid="ignore", over="ignore"):
+            others = np.minimum(share * np.expm1(-self.log_part), 1.0)
+        left = np.where(whole > 0.0, np.bincount(owner, np.nan_to_num(others, nan=1.0), count), 1.0)
+        return mean, square, left
+
+
+def _gaussian(u: Array, mean: Array, factor: Array, wide: float = 1.0) -> Array:
+    """The log-density (B, J) at u (B, J, d) of normal laws by means and Cholesky factors."""
+    factor = np.broadcast_to(factor, (len(u), *factor.shape[-2:]))
+    own = np.linalg.solve(wide * factor, (u - mean[:, None]).transpose(0, 2, 1)).astype(np.float64)
+    volume = np.log(np.diagonal(wide * factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
+    return np.asarray(_normal(own.transpose(0, 2, 1)) - volume)
+
+
+def _normal(u: Array) -> Array:
+    """The standard normal log-density (...) at u (..., d)."""
+    return np.asarray(-0.5 * np.sum(u**2, axis=-1) - 0.5 * u.shape[-1] * np.log(2.0 * np.pi))
+
+
+def _fitted(u: Array, value: Array) -> tuple[Array, Array]:
+    """Means (B, d) and Cholesky factors (B, d, d) of normal laws nearest to values (B, J) at u.
+
+    A parabola is fitted to the logarithms by least squares, those near the top counting most. A
+    normal law has one: lines are then exact, however few there are.
+    """
+    count, _, d = u.shape
+    pairs = np.triu_indices(d)
+    top = np.max(value, axis=1, initial=-np.inf, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        weight = np.exp(0.25 * (value - np.where(np.isfinite(top), top, 0.0)))
+    weight = np.where(np.isfinite(value), weight, 0.0)
+    terms = np.concatenate(
+        [np.ones((*value.shape, 1)), u, u[..., pairs[0]] * u[..., pairs[1]]], axis=2
+    )
+    beyond = np.where(np.isfinite(value), value + 0.5 * np.sum(u**2, axis=2), 0.0)
+    weighted = terms * weight[..., None]
+    square = np.einsum("bjk,bjl->bkl", weighted, weighted)
+    ridge = 1e-10 * (1.0 + np.trace(square, axis1=1, axis2=2))[:, None, None]
+    right = np.einsum("bjk,bj->bk", weighted, weight * beyond)
+    found = np.linalg.solve(square + ridge * np.eye(terms.shape[2]), right[..., None])[..., 0]
+    bend = np.zeros((count, d, d))
+    bend[:, pairs[0], pairs[1]] = found[:, 1 + d :]
+    precision = np.eye(d) - bend - bend.transpose(0, 2, 1)
+    values, vectors = np.linalg.eigh(precision)
+    values = np.clip(values, CROSSINGS.narrow[0], CROSSINGS.narrow[1])
+    slope = np.einsum("bij,bi->bj", vectors, found[:, 1 : 1 + d]) / values
+    mean = np.clip(np.einsum("bij,bj->bi", vectors, slope), -CROSSINGS.reach, CROSSINGS.reach)
+    covariance = np.einsum("bik,bk,bjk->bij", vectors, 1.0 / values, vectors)
+    return mean, np.linalg.cholesky(covariance)
