@@ -24,7 +24,7 @@ from rich.table import Table
 from aleator.densities import MaximumEntropy
 from aleator.errors import AleatorError
 from aleator.inference.information import infer
-from aleator.inference.verification import MonteCarlo
+from aleator.inference.check import MonteCarlo
 from aleator.laws.region import law_region
 from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.problem import prepare

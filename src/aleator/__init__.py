@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from aleator.expansion import Regression as Regression
     from aleator.expansion import SparseProjection as SparseProjection
     from aleator.expansion.sobol import sobol_indices as sobol_indices
-    from aleator.inference.verification import MonteCarlo as MonteCarlo
+    from aleator.inference.check import MonteCarlo as MonteCarlo
     from aleator.laws import Beta as Beta
     from aleator.laws import By as By
     from aleator.laws import Constant as Constant
@@ -114,7 +114,7 @@ _HOMES = {
     "search": [
         "GradientMultistart", "GeneticAlgorithm", "DifferentialEvolution", "CMAES", "CustomSearch",
     ],
-    "inference.verification": ["MonteCarlo"],
+    "inference.check": ["MonteCarlo"],
     "report.progress_line": ["ProgressLine"],
     "errors": ["AleatorError"],
 }  # fmt: skip

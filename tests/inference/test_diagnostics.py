@@ -11,7 +11,6 @@ from identifications import Array, estimates, identified, maximum, unjudged
 from problems import FRONTIER, SAMPLE, log_frontier
 
 from aleator import (
-    Collocation,
     Gaussian,
     Identification,
     MonteCarlo,
@@ -129,14 +128,6 @@ def test_a_simulator_that_draws_random_numbers_is_refused_at_once() -> None:
     assert len(runs) == 2
 
 
-def test_collocation_is_verified_without_a_control() -> None:
-    problem = replace(SAMPLE, z=np.zeros(20))
-    found = identified(problem, problem.draw(6), propagation=Collocation(nodes=5), samples=256)
-    assert found.log_likelihood.verified_standard_error is not None
-    assert found.sound
-
-
-@pytest.mark.parametrize("status", [s for s in Status if s is not Status.SOLVED], ids=str)
 def test_every_failure_of_a_density_has_a_cause_and_a_remedy(status: Status) -> None:
     cause, colon, remedy = status.explanation.partition(": ")
     assert cause

@@ -16,7 +16,7 @@ import pytest
 from identifications import unjudged
 
 from aleator.errors import InputsError, SimulatorError
-from aleator.inference.verification import MonteCarlo
+from aleator.inference.check import MonteCarlo
 from aleator.laws import Free, Normal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions

@@ -12,7 +12,7 @@ from identifications import unjudged
 
 from aleator import cli
 from aleator.errors import SimulatorError
-from aleator.inference.verification import MonteCarlo
+from aleator.inference.check import MonteCarlo
 from aleator.laws import Free, Normal, TruncatedNormal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions

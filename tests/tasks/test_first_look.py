@@ -6,7 +6,7 @@ import pytest
 
 from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal, identify
 from aleator.errors import SimulatorError
-from aleator.inference.verification import MonteCarlo
+from aleator.inference.check import MonteCarlo
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface

@@ -26,7 +26,7 @@ from aleator.cli.running import (
 from aleator.cli.showing import can_draw, can_report, say, shown
 from aleator.densities import Convolution, MaximumEntropy
 from aleator.errors import short
-from aleator.inference.verification.choice import ALONE, FEW
+from aleator.inference.check import Check
 from aleator.laws import LogNormal
 from aleator.likelihood.model import STAND_IN
 from aleator.plot.identification import save_figures
@@ -38,7 +38,6 @@ from aleator.study.experiments import ExperimentsSection
 from aleator.study.keys import in_toml
 from aleator.study.sections import StudyFile
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.individual.check import POINTS
 from aleator.tasks.individual.identify import MOST
 from aleator.tasks.pictures import pictured
 from aleator.tasks.results import documents, printed
@@ -115,8 +114,8 @@ Further keys, with their defaults:
   [search]      method = "gradient" ({_defaults(GradientMultistart, "starts", "evaluations")}),
                 "genetic", "differential_evolution" or "cmaes"
   [verification] samples: runs an experiment for the check on the simulator, 0 for
-                none. Left out: up to {FEW} where surfaces stand for it, with noise up
-                to {POINTS} of each row or series, {ALONE:,} with collocation
+                none. Left out: up to {Check().most} of each row or series where surfaces
+                stand for it
 docs/study.md explains them all.
 """
 

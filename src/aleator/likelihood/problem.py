@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from aleator.likelihood.level_sets import LevelLikelihood, searched
+from aleator.likelihood.level_sets import LevelLikelihood, searched, traceable
 from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.model import Model
 from aleator.likelihood.nodes import propagated
@@ -82,6 +82,15 @@ class Problem(Forward):
     def by_densities(self) -> Likelihood:
         """The honest likelihood by the densities."""
         return Likelihood(self.predictive, self.outcomes)
+
+    @property
+    def exactly(self) -> LevelLikelihood | None:
+        """The likelihood by level sets; None with collocation, where they would take more runs."""
+        if self.levels is not None:
+            return self.levels
+        known = self.surface is not None and self.model.noise is None
+        known = known and traceable(self.model.inputs)
+        return _levels(self).fine() if known else None
 
     @property
     def likelihood(self) -> Likelihood | LevelLikelihood:

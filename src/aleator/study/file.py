@@ -21,7 +21,7 @@ from aleator.errors import (
     nearest,
     require_filled,
 )
-from aleator.inference.verification import MonteCarlo
+from aleator.inference.check import MonteCarlo
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model

@@ -15,7 +15,7 @@ from aleator.densities import (
     MaximumEntropy,
     NodeDensity,
 )
-from aleator.inference.verification import MonteCarlo
+from aleator.inference.check import MonteCarlo
 from aleator.laws import Law, Specification
 from aleator.laws.correlation import full
 from aleator.likelihood.propagation import Collocation

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from aleator.densities import Density, NodeDensity
-from aleator.inference.verification import MonteCarlo
+from aleator.inference.check import MonteCarlo
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
@@ -23,8 +23,8 @@ from aleator.tasks.individual.identify import wanted
 GROWTH = (1.0, 5.0)
 """Runs that surfaces came to, over those of their first round, in the examples and in trials of one
 and two parameters: the wet clutch 4.1, an outcome that wiggles against a small noise 4.7."""
-CHECK = {True: (0, 12), False: (2, 20)}
-"""Runs an experiment that the check on the simulator takes, with noise and without."""
+CHECK = 0, 12
+"""Runs an experiment that the check on the simulator takes."""
 PROBED = 70
 """Runs an experiment that finding a region takes where a law has no box and there is no noise."""
 
@@ -76,7 +76,7 @@ def expected_cost(
     few = few_runs(moving, propagation, plan.count)
     begun = few, first_runs(moving, propagation)
     given = verification.samples
-    check = CHECK[alone] if given is None else (given, given)
+    check = CHECK if given is None else (given, given)
     found = 0 if alone or inputs.bounded else PROBED
     least, most = (
         plan.count * (min(int(growth * first), propagation.max_runs) + found) + runs * len(table)

@@ -13,10 +13,10 @@ import pandas as pd
 from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.inference import diagnostics
+from aleator.inference.check import Check, Checked, checked, smoothed
 from aleator.inference.diagnostics.individual import rival_warnings
-from aleator.inference.verification import MonteCarlo, SurfaceEmulator, Verification, verify
-from aleator.inference.verification.kernel import NORMAL
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual import Layout, OnSurfaces
 from aleator.likelihood.model import Model
 from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Experiments
@@ -40,7 +40,7 @@ from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.units import checked_units
 from aleator.types import Flags
 
-DEFAULT_VERIFICATION = MonteCarlo()
+DEFAULT_CHECK = Check()
 UNLIMITED = Budget()
 
 
@@ -55,7 +55,7 @@ def identify(
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | NodeDensity | None = None,
     search: Search = DEFAULT_SEARCH,
-    verification: MonteCarlo = DEFAULT_VERIFICATION,
+    verification: Check = DEFAULT_CHECK,
     seed: int = 0,
     progress: Progress | None = None,
     executor: Executor | None = None,
@@ -89,7 +89,7 @@ def identify(
     >>> def model(load, x):
     ...     return load * x
     >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
-    >>> result = identify(model, table, law, outcome="y", verification=MonteCarlo(0))
+    >>> result = identify(model, table, law, outcome="y", verification=Check(0))
     >>> round(result.alpha["x.mean"].estimate, 3)  # the mean of y/load: (1.1 + .9 + 1.2 + .925)/4
     1.031
     """
@@ -122,7 +122,7 @@ def identify(
             noise,
             propagation,
             search,
-            verification.wanted,
+            verification,
             seed,
             ledger,
         )
@@ -139,21 +139,21 @@ def identify(
 
 
 def _found(
-    question: Question, table: Experiments, verification: MonteCarlo, ledger: Ledger
+    question: Question, table: Experiments, verification: Check, ledger: Ledger
 ) -> Identification:
     """The answer to a question, checked on the simulator where it rests on something else."""
     runner, seed = question.runner, question.seed
     answer = answered(question, ledger)
-    checked = _checked(answer, runner, verification, seed, ledger)
-    doubted = doubt_of(answer, checked)
+    check = _checked(answer, runner, verification, ledger)
+    doubted = doubt_of(answer, check)
     for _ in range(diagnostics.ACCURACY.rounds):
         better = nearer(question, answer, _doubtful(answer, doubted), ledger)
         if better is None:
             break
-        again = _checked(better, runner, verification, seed, ledger)
+        again = _checked(better, runner, verification, ledger)
         if again is None:
             break
-        answer, checked, doubted = better, again, doubt_of(better, again)
+        answer, check, doubted = better, again, doubt_of(better, again)
     with ledger.stage("baselines"):
         baselines = baselines_of(answer.problem, question.search, seed)
     with ledger.stage("inference"):
@@ -162,10 +162,10 @@ def _found(
         *rival_warnings(rivals, question.model.hyperparameters, answer.profile.intervals),
         *diagnostics.budget_warnings(runner.account, answer.surfaces),
     ]
-    if checked is None and _rests_on_more(answer, verification):
+    if check is None and answer.surfaces is not None and verification.wanted:
         notes.append(diagnostics.UNCHECKED)
     found = summary.assemble(
-        table, answer.problem, answer.found, answer.inference, answer.profile, checked,
+        table, answer.problem, answer.found, answer.inference, answer.profile, check,
         baselines, runner.simulator, doubted=doubted, seconds=ledger.seconds,
         runs_by_stage=ledger.runs, seed=seed, failures=diagnostics.failure_report(runner),
         notes=[*notes, *([diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [])],
@@ -212,48 +212,22 @@ def _judged(
     )
 
 
-def _rests_on_more(answer: Answer, verification: MonteCarlo) -> bool:
-    """Whether there is something to check: more than level sets of the simulator itself."""
-    direct = answer.problem.levels is not None and answer.problem.surface is None
-    return verification.wanted and not direct
-
-
-def _checked(
-    answer: Answer, runner: Runner, choice: MonteCarlo, seed: int, ledger: Ledger
-) -> Verification | None:
-    """The check on the simulator; None where there is nothing to check, or no run left for it."""
-    most = affordable(runner, choice.near)
-    if most == 0 or not _rests_on_more(answer, choice):
+def _checked(answer: Answer, runner: Runner, choice: Check, ledger: Ledger) -> Checked | None:
+    """The check on the simulator; None where nothing rests on surfaces, or no run is left."""
+    surfaces, problem = answer.surfaces, answer.problem
+    if surfaces is None or problem.surface is None or not choice.wanted:
         return None
+    most = affordable(runner, choice.runs(surfaces))
+    if most == 0:
+        return None
+    inputs, law = problem.model.inputs, answer.found.alpha[: problem.model.inputs.size]
+    predictor = OnSurfaces(problem.surface, problem.region, problem.condition)
+    layout = Layout(
+        len(problem.outcomes), np.arange(len(problem.outcomes)), runner.unit, runner.column
+    )
     with ledger.stage("verification"):
-        return _verified(answer, runner, choice, seed, most, ledger.progress)
-
-
-def _verified(
-    answer: Answer,
-    runner: Runner,
-    choice: MonteCarlo,
-    seed: int,
-    most: int | None,
-    progress: Progress,
-) -> Verification:
-    """The log-likelihood by Monte Carlo on the simulator itself, surfaces as control variate."""
-    problem, alpha = answer.problem, answer.found.alpha
-    model, surface = problem.model, problem.surface
-    emulator = expected = known = None
-    if surface is not None:
-        emulator = SurfaceEmulator(surface, problem.region, problem.condition)
-        expected = surface.error[problem.condition]
-        if problem.levels is not None:
-            known = np.exp(problem.levels.evaluate(alpha).each)
-    return verify(
-        runner.attempt, model.inputs, alpha, model.noise_sd(alpha), problem.outcomes, choice,
-        seed=seed, lower=problem.predictive.lower, upper=problem.predictive.upper,
-        observation=model.noise.kind if model.noise else NORMAL,
-        emulator=emulator, condition=problem.condition, expected=expected, known=known,
-        progress=progress, most=most,
-        steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
-    )  # fmt: skip
+        likelihood = smoothed(inputs, law, predictor, layout, problem.outcomes, choice.smooth)
+        return checked(likelihood, law, runner, most or choice.runs(surfaces), choice)
 
 
 def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -> Experiments:

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from aleator.inference.check import Checked
 from aleator.inference.diagnostics import Doubt, doubt
-from aleator.inference.verification import Verification
 from aleator.tasks.answer import Answer, Question, sharpened
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.likely import DRAWS, likely_alphas, wide_draws
@@ -21,7 +21,7 @@ TRIED = 16
 """Draws of likely laws for each one that is taken: those with the nearest outcomes."""
 
 
-def doubt_of(answer: Answer, checked: Verification | None) -> Doubt:
+def doubt_of(answer: Answer, checked: Checked | None) -> Doubt:
     """What each surface's error near the outcome does to the answer, at most.
 
     It is not known where the outcome has a step: that is said, and no run helps.

@@ -1,7 +1,7 @@
 """What a careful reader must be told before trusting an answer: warnings, statuses, refusals."""
 
 from aleator.inference.diagnostics.budget import UNCHECKED, budget_warnings
-from aleator.inference.diagnostics.check import score_steps
+from aleator.inference.diagnostics.check import exact_density
 from aleator.inference.diagnostics.failures import boxes_proposed, failure_report, failure_warnings
 from aleator.inference.diagnostics.levels import by_finer_cells, cells_error
 from aleator.inference.diagnostics.near_outcomes import ACCURACY, Doubt, doubt
@@ -20,11 +20,11 @@ __all__ = [
     "by_finer_cells",
     "cells_error",
     "doubt",
+    "exact_density",
     "failure_report",
     "failure_warnings",
     "out_of_reach",
     "review",
-    "score_steps",
     "shortfalls",
     "statuses",
     "step_warnings",

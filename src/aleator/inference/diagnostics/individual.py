@@ -24,8 +24,6 @@ from aleator.types import Array, Flags, Indices
 
 LARGEST_GAP = 0.1
 """Change of the log-likelihood with more nodes from where on an answer is refused."""
-LARGEST_CHANGE = 0.5
-"""Change of the log-likelihood by the simulator, beyond its error, that refuses an answer."""
 NOTED_GAP = 0.01
 """... from where on it is told."""
 EQUAL = 0.1
@@ -57,20 +55,6 @@ def review_individual(
         *([] if refusals else _too_few_nodes(gap, NOTED_GAP)),
     ]
     return (*refusals, *notes), not refusals
-
-
-def check_refusals(change: float, error: float) -> list[Diagnostic]:
-    """Whether the simulator itself gives another log-likelihood than its surfaces."""
-    if not abs(change) > LARGEST_CHANGE + 3.0 * error:
-        return []
-    return [
-        Diagnostic(
-            "check",
-            f"the simulator itself changes the log-likelihood by {change:+.2g} +- {error:.2g}: the "
-            "surfaces are not exact enough",
-            "lower the surfaces' tolerance (propagation.tolerance), or narrow the limits",
-        )
-    ]
 
 
 def held_warnings(held: Mapping[str, Indices], ids: Sequence[str]) -> list[Diagnostic]:

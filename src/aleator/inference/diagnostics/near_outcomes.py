@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.densities import Status
+from aleator.inference.check import Checked
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.information import Inference
-from aleator.inference.verification import Verification
 from aleator.likelihood.problem import Problem
 from aleator.types import Array, Flags
 
@@ -66,9 +66,7 @@ class Doubt:
         return found
 
 
-def doubt(
-    problem: Problem, inference: Inference, alpha: Array, checked: Verification | None
-) -> Doubt:
+def doubt(problem: Problem, inference: Inference, alpha: Array, checked: Checked | None) -> Doubt:
     """How far the error of each surface near the outcome moves an estimate and a log-density.
 
     The error is the largest that the runs of the check saw there. An outcome that is off by it has
@@ -80,8 +78,8 @@ def doubt(
     moves, changes = np.full(count, np.nan), np.zeros(count)
     if problem.surface is None or checked is None:
         return Doubt(moves, changes)
-    known = np.isfinite(checked.near_error)
-    error = np.where(known, checked.near_error, 0.0)
+    known = np.isfinite(checked.error)
+    error = np.where(known, checked.largest, 0.0)
     here = problem.likelihood(alpha)
     if inference.positive:
         moves[known] = 0.0

@@ -9,8 +9,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aleator.densities import Status
-from aleator.inference.diagnostics import check
+from aleator.inference.check import Checked
 from aleator.inference.diagnostics.centering import centering_warnings
+from aleator.inference.diagnostics.check import check_refusals, density_notes
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.directions import weak_directions
 from aleator.inference.diagnostics.estimates import (
@@ -29,7 +30,6 @@ from aleator.inference.diagnostics.near_outcomes import Doubt, doubt_refusals
 from aleator.inference.diagnostics.surfaces import surface_refusals, surface_warnings
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
-from aleator.inference.verification import Verification
 from aleator.likelihood.policy import nodes_remedy, quadrature_gap
 from aleator.likelihood.problem import Problem
 from aleator.search import SearchResult
@@ -59,7 +59,8 @@ def review(
     inference: Inference,
     profile: Profile,
     honest: LogLikelihood,
-    checked: Verification | None,
+    checked: Checked | None,
+    exact: LogLikelihood | None,
     surface_error: Array,
     doubted: Doubt,
     ids: Sequence[str],
@@ -68,15 +69,15 @@ def review(
 ) -> tuple[tuple[Diagnostic, ...], bool]:
     """All warnings, and whether the answer is sound.
 
-    `doubted` is what surfaces have wrong near the outcomes, `conditions` has a row an experiment,
+    `exact` is the log-likelihood by level sets where a density of moments was chosen, `doubted`
+    what surfaces have wrong near the outcomes, `conditions` has a row an experiment,
     and `changed` (2, N) is that of `by_finer_cells`.
     """
     hyperparameters = problem.model.hyperparameters
     refusals = [
         *_density_warnings(honest, ids),
         *search_refusals(inference, hyperparameters),
-        *check.refusals(honest, checked, ids),
-        *check.total_refusals(honest, checked, inference, problem, found.alpha, doubted),
+        *([] if checked is None else check_refusals(checked.total, checked.standard_error)),
         *surface_refusals(problem, found.alpha, checked, surface_error, ids),
         *doubt_refusals(doubted, ids),
         *level_refusals(changed, ids),
@@ -91,7 +92,7 @@ def review(
         *centering_warnings(problem, found.alpha, inference, conditions),
         *surface_warnings(problem, surface_error, ids),
         *level_warnings(changed),
-        *check.notes(honest, checked, inference, problem, found.alpha, ids, told=not refusals),
+        *([] if refusals else density_notes(exact, inference, problem)),
     ]
     return (*refusals, *notes), not refusals
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from aleator.inference.check import Checked
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import chosen, named
-from aleator.inference.verification import Verification
 from aleator.likelihood.problem import Problem
 from aleator.surrogates import Surface
 from aleator.types import Array
@@ -24,16 +24,14 @@ of the experiments. Right ones were at most 3.3 times as rough as estimated, and
 """
 
 
-def surface_errors(problem: Problem, checked: Verification | None) -> Array:
+def surface_errors(problem: Problem, checked: Checked | None) -> Array:
     """Error of the surfaces under the identified law, over the outcome's sd, (N,); NaN if unknown.
 
-    By the verification's runs of the simulator, which no surface was fitted to: most of them near
-    the measured outcomes.
+    By the runs of the check, which no surface was fitted to: they lie near the measured outcomes.
     """
-    if problem.surface is None or checked is None:
+    if checked is None:
         return np.full(problem.condition.size, np.nan)
-    scatter = checked.scatter
-    return np.asarray(checked.surface_error / np.where(scatter > 0.0, scatter, np.inf))
+    return checked.relative
 
 
 def surface_report(problem: Problem) -> dict[str, Any] | None:
@@ -67,24 +65,27 @@ def judged(
 def surface_refusals(
     problem: Problem,
     alpha: Array,
-    checked: Verification | None,
+    checked: Checked | None,
     surface_error: Array,
     ids: Sequence[str],
 ) -> list[Diagnostic]:
     """Surfaces by which an answer that rests on them cannot be sound."""
     found = _useless(problem, alpha, checked, surface_error, ids)
-    return found or _worse_than_told(problem, checked, surface_error, ids)
+    if found or problem.surface is None or checked is None:
+        return found
+    return worse_than_estimated(checked, problem.surface.error[problem.condition], ids)
 
 
-def _worse_than_told(
-    problem: Problem, checked: Verification | None, surface_error: Array, ids: Sequence[str]
+def worse_than_estimated(
+    checked: Checked, estimated: Array, ids: Sequence[str]
 ) -> list[Diagnostic]:
-    """Surfaces whose estimated error is far too small: what rests on that estimate is not known."""
-    if problem.surface is None or checked is None:
-        return []
-    told = problem.surface.error[problem.condition]
+    """Surfaces whose estimated errors (M,) are far too small: what rests on them is not known.
+
+    `ids` (M,) are the experiments of the observations.
+    """
+    relative = checked.relative
     with np.errstate(invalid="ignore"):
-        worse = (surface_error > WRONG) & (checked.surface_error > WORSE * told)
+        worse = (relative > WRONG) & (checked.typical > WORSE * estimated)
     rows = np.flatnonzero(worse)
     if rows.size < max(2, SHARE * worse.size):
         return []
@@ -92,7 +93,7 @@ def _worse_than_told(
         Diagnostic(
             "response surface",
             f"{named(rows, ids)}: the response surface misses the simulator by more than "
-            f"{WORSE:.0f} times its estimated error, and by up to {surface_error[rows].max():.1%} "
+            f"{WORSE:.0f} times its estimated error, and by up to {relative[rows].max():.1%} "
             "of the outcome's scatter under the identified law",
             "see whether the simulator answers the same for equal parameters; choose a tolerance, "
             "such as 0.005, for surfaces that are exact on all of their region",
@@ -104,7 +105,7 @@ def _worse_than_told(
 def _useless(
     problem: Problem,
     alpha: Array,
-    checked: Verification | None,
+    checked: Checked | None,
     surface_error: Array,
     ids: Sequence[str],
 ) -> list[Diagnostic]:

@@ -9,19 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.densities import Status
+from aleator.inference.check import Checked
 from aleator.inference.diagnostics.centering import centering_advice
+from aleator.inference.diagnostics.check import check_refusals
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.estimates import once_warnings
 from aleator.inference.diagnostics.failures import failure_report, failure_warnings
 from aleator.inference.diagnostics.individual import (
-    check_refusals,
     held_warnings,
     review_data,
     review_individual,
     rival_warnings,
     without_surfaces,
 )
-from aleator.inference.diagnostics.surfaces import judged
+from aleator.inference.diagnostics.surfaces import judged, worse_than_estimated
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import (
     IndividualLikelihood,
@@ -29,9 +30,9 @@ from aleator.likelihood.individual import (
     OnSurfaces,
     individual_parameters,
 )
+from aleator.observations.experiments import Experiments
 from aleator.tasks.individual.answer import Answer, Question
 from aleator.tasks.individual.calibration import sequential_pit
-from aleator.tasks.individual.check import Checked
 from aleator.tasks.individual.curves import law_curves
 from aleator.tasks.individual.failed import failing_share
 from aleator.tasks.individual.fit import IndividualFit
@@ -41,6 +42,7 @@ from aleator.tasks.individual.session import DIRECT, IndividualSession, runners
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.results.identification import Identification
 from aleator.tasks.results.summary import (
+    LEAST,
     estimates_of,
     parameter_correlations_of,
     prior_of,
@@ -49,9 +51,6 @@ from aleator.tasks.results.summary import (
 )
 from aleator.tasks.results.values import IndividualReport, LogLikelihoodReport
 from aleator.types import Array, Flags, Indices
-
-LEAST = 5e-4
-"""An error is told to be no less than this: half of the last digit that is shown."""
 
 
 def assembled(
@@ -71,7 +70,7 @@ def assembled(
         pit = sequential_pit(end.likelihood, alpha, table.observations)
         failing = failing_share(end.likelihood, alpha)
     lost = without_surfaces(_lost(end.likelihood), table.observations.experiment, table.ids)
-    differing = check_refusals(check.total, check.standard_error) if check is not None else []
+    differing = [] if check is None else _differing(end.likelihood, check, table)
     warnings, sound = review_individual(at, hyperparameters, inference, profile, end.gap, table.ids)
     failures = failure_report(question.runner) if answer.surfaces is not None else None
     names = inputs.names
@@ -140,6 +139,19 @@ def assembled(
         ),
         parameter_correlations=parameter_correlations_of(inputs, alpha, hyperparameters, inference),
     )
+
+
+def _differing(
+    likelihood: IndividualLikelihood, check: Checked, table: Experiments
+) -> list[Diagnostic]:
+    """Surfaces that the check contradicts."""
+    predictor, of = likelihood.predictor, table.observations.experiment
+    assert isinstance(predictor, OnSurfaces)
+    estimated = predictor.surface.error[predictor.of]
+    return [
+        *check_refusals(check.total, check.standard_error),
+        *worse_than_estimated(check, estimated, [table.ids[l] for l in of]),
+    ]
 
 
 def _centering(answer: Answer) -> list[Diagnostic]:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
+from aleator.inference.check import Remembered
 from aleator.inference.decisions.weighted import quantiles
 from aleator.inference.diagnostics.surfaces import relative_errors
 from aleator.inference.fit import SPAN
@@ -33,7 +34,6 @@ from aleator.search.value import LogLikelihood
 from aleator.simulators import Runner
 from aleator.tasks.individual.calibration import POINTS as PROBABLE
 from aleator.tasks.individual.calibration import sequential_pit
-from aleator.tasks.individual.check import Remembered
 from aleator.tasks.individual.virtual import censored_alike
 from aleator.types import Array
 

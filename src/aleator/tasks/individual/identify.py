@@ -10,6 +10,7 @@ import numpy as np
 from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.inference import diagnostics
+from aleator.inference.check import Check, checked
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.propagation import Collocation
@@ -26,7 +27,6 @@ from aleator.tasks.baselines import start_point
 from aleator.tasks.budget import affordable
 from aleator.tasks.individual.answer import Question, answered
 from aleator.tasks.individual.assemble import assembled
-from aleator.tasks.individual.check import checked, points
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.results.identification import Identification
 
@@ -76,7 +76,7 @@ def identified(
     noise: Noises | None,
     surfaces: ResponseSurface | Collocation,
     search: Search,
-    verified: bool,
+    choice: Check,
     seed: int,
     ledger: Ledger,
 ) -> Identification:
@@ -92,9 +92,9 @@ def identified(
             None,
             diagnostics.budget_warnings(runner.account, answer.surfaces, "the noise"),
         )
-        if verified and answer.surfaces is not None:
-            wanted_points = points(answer.surfaces)
-            most = affordable(runner, wanted_points)
+        if choice.wanted and answer.surfaces is not None:
+            runs = choice.runs(answer.surfaces)
+            most = affordable(runner, runs)
             if most == 0:
                 notes.append(diagnostics.UNCHECKED)
             else:
@@ -103,7 +103,8 @@ def identified(
                         answer.settled.likelihood,
                         answer.settled.alpha,
                         runner,
-                        most or wanted_points,
+                        most or runs,
+                        choice,
                     )
     found = assembled(question, answer, check, ledger, notes)
     if found.sound:

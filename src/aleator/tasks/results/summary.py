@@ -13,11 +13,11 @@ import numpy as np
 import scipy
 
 from aleator.inference import diagnostics
+from aleator.inference.check import Checked
 from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.failures import FailureReport
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
-from aleator.inference.verification import Verification
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.laws.prior import has_prior
@@ -40,6 +40,8 @@ from aleator.tasks.results.values import (
 )
 from aleator.types import Array
 
+LEAST = 5e-4
+"""An error is told to be no less than this: half of the last digit that is shown."""
 CUT = {(True, True): "both", (True, False): "lower", (False, True): "upper", (False, False): None}
 """Which ends of an interval are limits, by whether the lower one and the upper one is."""
 
@@ -50,7 +52,7 @@ def assemble(
     found: SearchResult,
     inference: Inference,
     profile: Profile,
-    checked: Verification | None,
+    checked: Checked | None,
     baselines: tuple[LeastSquares, LinearGaussian],
     simulator: Simulator,
     *,
@@ -67,6 +69,7 @@ def assemble(
     honest = problem.likelihood.evaluate(alpha)
     surface_error = diagnostics.surface_errors(problem, checked)
     changed = diagnostics.by_finer_cells(problem, alpha)
+    exact = diagnostics.exact_density(problem, alpha)
     warnings, sound = diagnostics.review(
         problem,
         found,
@@ -74,6 +77,7 @@ def assemble(
         profile,
         honest,
         checked,
+        exact,
         surface_error,
         doubted,
         ids,
@@ -83,7 +87,9 @@ def assemble(
     return Identification(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
         log_likelihood=replace(
-            _log_likelihood(honest, checked, diagnostics.cells_error(problem, changed), doubted),
+            _log_likelihood(
+                honest, exact or honest, checked, diagnostics.cells_error(problem, changed), doubted
+            ),
             log_prior=prior_of(honest, hyperparameters),
         ),
         density=problem.likelihood.name,
@@ -116,26 +122,23 @@ def assemble(
 
 def _log_likelihood(
     honest: LogLikelihood,
-    checked: Verification | None,
+    exact: LogLikelihood,
+    checked: Checked | None,
     cells: float,
     doubted: diagnostics.Doubt,
 ) -> LogLikelihoodReport:
-    """With its error, of which `cells` is that of level sets."""
+    """With its error, of which `cells` is that of level sets.
+
+    What was verified is the `exact` one on the surfaces and what the simulator changes of it.
+    """
     found = honest.likelihood
     if checked is None:
-        return LogLikelihoodReport(found, None, None, error=cells or None)
-    if np.all(checked.reached):
-        parts = [found - checked.total, checked.standard_error, doubted.error, cells]
-        error = float(np.linalg.norm(parts))
-        known = error if np.isfinite(error) else None
-        return LogLikelihoodReport(found, checked.total, checked.standard_error, error=known)
-    reached = {
-        "experiments": int(checked.reached.sum()),
-        "estimated": float(honest.each[checked.reached].sum()),
-        "verified": checked.total,
-        "standard_error": checked.standard_error,
-    }
-    return LogLikelihoodReport(honest.likelihood, None, None, reached)
+        parts = [found - exact.likelihood, cells]
+        return LogLikelihoodReport(found, None, None, error=float(np.linalg.norm(parts)) or None)
+    verified, of_check = exact.likelihood + checked.total, max(checked.standard_error, LEAST)
+    error = float(np.linalg.norm([found - verified, of_check, doubted.error, cells]))
+    known = error if np.isfinite(error) else None
+    return LogLikelihoodReport(found, verified, of_check, error=known)
 
 
 def prior_of(at: LogLikelihood, hyperparameters: Sequence[Hyperparameter]) -> float | None:
@@ -149,7 +152,7 @@ def experiment_reports(
     honest: LogLikelihood,
     ids: Sequence[str],
     surface_error: Array,
-    checked: Verification | None = None,
+    checked: Checked | None = None,
 ) -> tuple[ExperimentReport, ...]:
     """What the law alpha says of each experiment, beside its measured outcome.
 
@@ -171,7 +174,7 @@ def experiment_reports(
             pit=float(pit[l]),
             status=status[l],
             surface_error=float(surface_error[l]) if np.isfinite(surface_error[l]) else None,
-            verified=None if checked is None else bool(checked.reached[l]),
+            verified=None if checked is None else bool(np.isfinite(checked.error[l])),
         )
         for l in range(len(ids))
     )

@@ -1,0 +1,234 @@
+"""An answer on surfaces, checked by a few fresh runs where each experiment's own law lies.
+
+One check for all studies: with noise the integral over each experiment's own parameters is taken
+again with the simulator's values at the same nodes. Without noise it is taken as if each outcome
+had a small normal error, on surfaces and on the simulator alike, so that both err by the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.errors import InputsError
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual import (
+    Direct,
+    Evaluator,
+    GaussHermite,
+    ImportancePoints,
+    IndividualLikelihood,
+    Layout,
+    Predictor,
+)
+from aleator.likelihood.individual.importance import standard_points
+from aleator.likelihood.individual.layout import Block
+from aleator.likelihood.individual.likelihood import mean_of
+from aleator.observations.errors import MeasurementErrors
+from aleator.observations.noise import Noise
+from aleator.observations.response_errors import ResponseErrors
+from aleator.simulators import Runner
+from aleator.surrogates import AdaptiveSurfaces
+from aleator.types import Array, Flags, Indices
+
+SMALLEST = 1e-150
+"""The error of an outcome that does not scatter."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """The check of an answer that rests on surfaces: `samples` runs of each unit (0: no check).
+
+    A unit is what one run serves: a row, or an experiment with a series. None is `most` runs, or
+    `few` where surfaces expect hardly an error: less than `exact` of the noise, or of the scatter
+    without noise. `nodes` is how many points an experiment has for them to be chosen from, of more
+    than two parameters, and an exact outcome has an error of `smooth` times its scatter. Measured
+    by `pytest tests/inference/test_check.py tests/tasks/test_near_outcomes.py`. Raises InputsError
+    for a negative number, and for a single run.
+
+    >>> Check().wanted, Check(samples=0).wanted
+    (True, False)
+    """
+
+    samples: int | None = None
+    most: int = 12
+    few: int = 2
+    exact: float = 1e-3
+    nodes: int = 32
+    smooth: float = 0.25
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        if self.samples is not None and (self.samples < 0 or self.samples == 1):
+            raise InputsError(
+                f"verification: samples {self.samples}", f"use 0 (off) or at least {self.few}"
+            )
+
+    @property
+    def wanted(self) -> bool:
+        """Whether there is a check."""
+        return self.samples != 0
+
+    def runs(self, surfaces: AdaptiveSurfaces) -> int:
+        """Runs of each unit, at most, for surfaces with the errors that these expect."""
+        if self.samples is not None:
+            return self.samples
+        return self.few if surfaces.relative.max() < self.exact else self.most
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """What the simulator changes of each log-likelihood (N,), and the error of that (N,).
+
+    Of each observation (M,) `largest` is the largest difference of surface and simulator at the
+    points of the check, `typical` its root mean square, and `scatter` the standard deviation of the
+    surface under the law.
+    """
+
+    change: Array
+    error: Array
+    largest: Array
+    typical: Array
+    scatter: Array
+
+    @property
+    def total(self) -> float:
+        """The change of the log-likelihood."""
+        return float(self.change.sum())
+
+    @property
+    def standard_error(self) -> float:
+        """The standard error of the total."""
+        return float(np.sqrt(np.sum(self.error**2)))
+
+    @property
+    def relative(self) -> Array:
+        """The typical difference over the scatter, (M,)."""
+        return np.asarray(self.typical / np.where(self.scatter > 0.0, self.scatter, np.inf))
+
+
+def checked(
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    runner: Runner,
+    most: int,
+    settings: Check | None = None,
+) -> Checked:
+    """Compare surfaces and simulator where each experiment's own law of the parameters lies.
+
+    log L_simulator - log L_surface = log sum_j w_j exp(l_simulator(x_j)) - the same on surfaces,
+    with l(x) = sum_k log p(y_k | eta_k(x)), at the same few nodes: what these nodes miss is missed
+    by both. Of more than `most` nodes the likeliest are taken. A node whose run failed is left out,
+    as surfaces do, unless all of an experiment are. The error is as if the ratios at the nodes were
+    a stratified sample: it is rough. Cost: `most` runs a unit, which are remembered and stored.
+    """
+    inputs, settings = likelihood.inputs, settings or Check()
+    few = likelihood
+    if isinstance(likelihood.rule, GaussHermite):
+        few = likelihood.by(_rule(inputs.scattering, settings), alpha)
+    simulator = Direct(Remembered(runner), np.zeros(0, dtype=np.intp), inputs.box)
+    change, error = np.zeros(likelihood.count), np.zeros(likelihood.count)
+    largest, typical = np.zeros((2, likelihood.layout.experiment.size))
+    for block in few.blocks:
+        part = block.experiments
+        x, log_weight = _likeliest(few, alpha, block, most)
+        eta, on_surface = simulator.values(block, x), few.predictor.values(block, x)
+        lost = _lost(block, eta)
+        by_surface = few.sums_of(alpha, block, on_surface) + log_weight
+        by_simulator = few.sums_of(alpha, block, eta) + log_weight
+        by_surface, by_simulator = (
+            np.where(lost, -np.inf, of) for of in (by_surface, by_simulator)
+        )
+        known, share = mean_of(by_surface)
+        change[part] = mean_of(by_simulator)[0] - known
+        with np.errstate(all="ignore"):
+            ratio = np.exp(by_simulator - by_surface - change[part, None])
+            off = np.where(lost, 0.0, share * (ratio - 1.0) ** 2)
+            error[part] = np.sqrt(np.sum(off, axis=1)) / np.sum(~lost, axis=1)
+            away = np.where(np.isfinite(eta), np.abs(eta - on_surface), 0.0)
+            largest[block.rows] = away.max(axis=1)
+            typical[block.rows] = np.sqrt(np.mean(away**2, axis=1))
+    error = np.nan_to_num(error, nan=np.inf)
+    return Checked(change, error, largest, typical, scatter_of(likelihood, alpha))
+
+
+def smoothed(
+    inputs: Inputs, alpha: Array, predictor: Predictor, layout: Layout, y: Array, share: float
+) -> IndividualLikelihood:
+    """The likelihood of exact outcomes y (N,) with a normal error of a share of their scatter.
+
+    The scatter is that of the `predictor` under the law alpha (K,).
+    """
+
+    def with_errors(sd: Array) -> IndividualLikelihood:
+        ends, rows = y[:, None], np.arange(y.size)
+        part = ResponseErrors(Noise("error"), rows, ends, ends, sd[:, None])
+        errors = MeasurementErrors((part,), ("y",))
+        return IndividualLikelihood.of(inputs, errors, predictor, layout, GaussHermite(1))
+
+    sd = share * scatter_of(with_errors(np.ones(y.size)), alpha)
+    return with_errors(np.where(sd > 0.0, sd, SMALLEST))
+
+
+def scatter_of(likelihood: IndividualLikelihood, alpha: Array, points: int = 128) -> Array:
+    """The standard deviation (M,) of the simulated values under the law alpha (K,)."""
+    inputs, found = likelihood.inputs, np.zeros(likelihood.layout.experiment.size)
+    classes = len(inputs.classes)
+    theta = standard_points(points, inputs.scattering)
+    for block in likelihood.layout.blocks(points * classes):
+        xi = np.tile(theta, (len(block), classes, 1))
+        law = inputs.individual(alpha[: inputs.size], xi, block.experiments)
+        with np.errstate(all="ignore"):
+            eta = likelihood.predictor.values(block, law.x)
+        share = np.exp(np.broadcast_to(law.log_weight, law.x.shape[:2]))[block.owner]
+        share = np.where(np.isfinite(eta), share, 0.0)
+        eta = np.where(np.isfinite(eta), eta, 0.0)
+        with np.errstate(invalid="ignore"):
+            share = share / share.sum(axis=1, keepdims=True)
+        mean = np.sum(share * eta, axis=1, keepdims=True)
+        found[block.rows] = np.sqrt(np.sum(share * (eta - mean) ** 2, axis=1))
+    return np.nan_to_num(found)
+
+
+def _rule(variates: int, settings: Check) -> GaussHermite | ImportancePoints:
+    """Points from which those of the check are chosen: 1, 5, or 3 by 3, else about the mode."""
+    if variates > 2:
+        return ImportancePoints(settings.nodes, 1)
+    return (GaussHermite(1), GaussHermite(5), GaussHermite(3))[variates]
+
+
+def _lost(block: Block, eta: Array) -> Flags:
+    """Nodes (B, J) where a run failed, of experiments that have others."""
+    failed = block.summed(np.isnan(eta).astype(float)) > 0.0
+    return np.asarray(failed & ~np.all(failed, axis=1, keepdims=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Remembered(Evaluator):
+    """The runs of a runner, kept."""
+
+    runner: Runner
+
+    def straight(self, unit: Indices, x: Array) -> Array:
+        """Values (R, W), NaN where a run failed."""
+        return self.runner.values(unit, x)
+
+
+def _likeliest(
+    likelihood: IndividualLikelihood, alpha: Array, block: Block, most: int
+) -> tuple[Array, Array]:
+    """The nodes with the largest shares as parameters x (B, P, n), and their log weights (B, P)."""
+    part = block.experiments
+    found = likelihood.inputs.individual(
+        alpha[: likelihood.inputs.size], likelihood.nodes.xi[part], part
+    )
+    log_weight = likelihood.nodes.log_weight[part] + found.log_weight
+    eta = likelihood.predictor.values(block, found.x)
+    total = likelihood.sums_of(alpha, block, eta) + log_weight
+    best = np.argsort(-total, axis=1)[:, :most]
+    chosen = np.take_along_axis(found.x, best[..., None], axis=1)
+    return chosen, np.take_along_axis(log_weight, best, axis=1)
+
+
+MonteCarlo = Check
