@@ -1,0 +1,136 @@
+"""What an outcome without noise would be under a law: its values at points of the law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aleator.laws.individual import parameters_at
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual.importance import standard_points
+from aleator.surrogates.responses import Response
+from aleator.types import Array, Flags, Indices
+
+POINTS, FEWEST, VALUES = 8192, 512, 8_000_000
+"""Points of the law, fewest of very many experiments, and values of all of these together."""
+REACH = 7.0
+"""Standard normal variates to which a lattice goes."""
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedOutcomes:
+    """The distributions of N outcomes: values (N, P) with weights (P,) of the points of a law.
+
+    A lattice with the weights of the normal law for one variate or two, so that moments are exact
+    to many digits; else points of a Sobol' sequence. Between neighbouring values probability is
+    linear. A value that is not finite counts as none.
+
+    >>> found = PredictedOutcomes(np.array([[0.0, 1.0, 2.0]]), np.full(3, 1 / 3))
+    >>> found.cdf(np.array([1.0])).tolist(), found.quantile(np.array([0.5])).tolist()
+    ([0.5], [[1.0]])
+    """
+
+    values: Array
+    weights: Array
+
+    @cached_property
+    def mean(self) -> Array:
+        """(N,)."""
+        return np.asarray(np.sum(self._share * self._known, axis=1))
+
+    @cached_property
+    def sd(self) -> Array:
+        """(N,)."""
+        return np.sqrt(self._central(2))
+
+    @cached_property
+    def standardized(self) -> Array:
+        """Standardized moments (N, 5) of orders zero to four."""
+        sd = np.where(self.sd > 0.0, self.sd, 1.0)
+        third, fourth = self._central(3) / sd**3, self._central(4) / sd**4
+        none, one = np.zeros_like(sd), np.ones_like(sd)
+        return np.stack([one, none, one, third, fourth], axis=1)
+
+    def cdf(self, y: Array) -> Array:
+        """P(outcome < y) (N,)."""
+        value, level = self._sorted
+        place = np.sum(value < y[:, None], axis=1)
+        last = value.shape[1] - 1
+        low, high = np.clip(place - 1, 0, last), np.clip(place, 0, last)
+        ends = [np.take_along_axis(a, at[:, None], axis=1)[:, 0]
+                for a in (value, level) for at in (low, high)]  # fmt: skip
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = np.nan_to_num((y - ends[0]) / (ends[1] - ends[0]))
+        inside = ends[2] + np.clip(share, 0.0, 1.0) * (ends[3] - ends[2])
+        return np.where(place == 0, 0.0, np.where(place > last, 1.0, inside))
+
+    def quantile(self, p: ArrayLike) -> Array:
+        """Outcomes (N, Q) that are not exceeded with probabilities p (Q,)."""
+        value, level = self._sorted
+        pairs = zip(level, value, strict=True)
+        return np.array([np.interp(np.asarray(p, dtype=float), *pair) for pair in pairs])
+
+    def _central(self, order: int) -> Array:
+        off = self._known - self.mean[:, None]
+        return np.asarray(np.sum(self._share * off**order, axis=1))
+
+    @cached_property
+    def _finite(self) -> Flags:
+        return np.isfinite(self.values)
+
+    @cached_property
+    def _known(self) -> Array:
+        return np.where(self._finite, self.values, 0.0)
+
+    @cached_property
+    def _share(self) -> Array:
+        share = np.where(self._finite, self.weights, 0.0)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(share / share.sum(axis=1, keepdims=True))
+
+    @cached_property
+    def _sorted(self) -> tuple[Array, Array]:
+        """Values in order, and the probability below the middle of each."""
+        order = np.argsort(np.where(self._finite, self.values, np.inf), axis=1)
+        value = np.take_along_axis(self.values, order, axis=1)
+        share = np.take_along_axis(self._share, order, axis=1)
+        return value, np.cumsum(share, axis=1) - 0.5 * share
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """From a law alpha (K,) to the outcomes of N experiments under it.
+
+    `response` is that of the distinct conditions, and `condition` (N,) are those of the
+    experiments; `lower` and `upper` (N,) are the ends of what the response reaches.
+    """
+
+    inputs: Inputs
+    response: Response
+    condition: Indices
+    lower: Array
+    upper: Array
+
+    def under(self, alpha: Array) -> PredictedOutcomes:
+        """Their distributions. Cost: the response at 8192 points of the law, fewer of very many."""
+        xi, weights = self._points
+        law = alpha[: self.inputs.size]
+        x = parameters_at(self.inputs, law, xi[None], slice(0, 1), often=True)[0][0]
+        return PredictedOutcomes(self.response.evaluate(x)[self.condition], weights)
+
+    @cached_property
+    def _points(self) -> tuple[Array, Array]:
+        """Variates (P, s) and their weights (P,)."""
+        s = self.inputs.scattering
+        count = int(np.clip(VALUES // self.condition.size, FEWEST, POINTS))
+        if not 1 <= s <= 2:
+            return standard_points(count, s), np.full(count, 1.0 / count)
+        each = round(count ** (1.0 / s)) | 1
+        t = np.linspace(-REACH, REACH, each)
+        corners = np.meshgrid(*[t] * s, indexing="ij")
+        xi = np.stack([corner.ravel() for corner in corners], axis=1)
+        weights = np.exp(-0.5 * np.sum(xi**2, axis=1))
+        return xi, weights / weights.sum()

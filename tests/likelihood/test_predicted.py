@@ -1,0 +1,56 @@
+"""Distributions of outcomes by points of the law, against closed forms."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from aleator import Free, Inputs, LogNormal, Normal
+from aleator.likelihood.level_sets.predicted import PredictedOutcomes, Predictor
+from aleator.surrogates.responses import DirectResponse
+
+LOADS = np.array([0.5, 1.0, 2.0])
+LEVELS = np.array([0.01, 0.1, 0.5, 0.9, 0.99])
+
+
+def under(inputs: Inputs, outcome, alpha: np.ndarray) -> PredictedOutcomes:  # type: ignore[no-untyped-def]
+    response = DirectResponse(lambda i, x: outcome(LOADS[i], x), LOADS.size, inputs.box)
+    infinite = np.full(LOADS.size, np.inf)
+    condition = np.arange(LOADS.size)
+    return Predictor(inputs, response, condition, -infinite, infinite).under(alpha)
+
+
+@pytest.mark.parametrize(
+    ("count", "moment", "level"), [(1, 1e-6, 1e-5), (2, 1e-6, 2e-2), (5, 5e-3, 2e-3)]
+)
+def test_a_normal_outcome(count: int, moment: float, level: float) -> None:
+    inputs = Inputs({f"x{i}": Normal(Free(-3.0, 3.0), Free(0.1, 2.0)) for i in range(count)})
+    alpha = np.tile([1.0, 0.5], count)
+    found = under(inputs, lambda c, x: c * x.sum(axis=1), alpha)
+    mean, sd = LOADS * count, LOADS * 0.5 * np.sqrt(count)
+    np.testing.assert_allclose(found.mean, mean, rtol=moment)
+    np.testing.assert_allclose(found.sd, sd, rtol=moment)
+    np.testing.assert_allclose(found.standardized[:, 3], 0.0, atol=10 * moment)
+    np.testing.assert_allclose(found.standardized[:, 4], 3.0, atol=20 * moment)
+    y = mean + np.array([-1.5, 0.2, 2.5]) * sd
+    np.testing.assert_allclose(found.cdf(y), stats.norm.cdf(y, mean, sd), atol=level)
+    exact = mean[:, None] + sd[:, None] * stats.norm.ppf(LEVELS)
+    np.testing.assert_allclose(found.quantile(LEVELS), exact, atol=max(20 * level, 0.02))
+    np.testing.assert_allclose(found.cdf(found.quantile(np.array([0.3]))[:, 0]), 0.3, atol=1e-6)
+
+
+def test_a_skew_outcome() -> None:
+    inputs = Inputs({"x": LogNormal(Free(0.1, 3.0), Free(0.1, 2.0))})
+    found = under(inputs, lambda c, x: c * x[:, 0], np.array([1.0, 0.5]))
+    log_sd = np.sqrt(np.log(1.25))
+    law = stats.lognorm(log_sd, scale=LOADS / np.sqrt(1.25))
+    np.testing.assert_allclose(found.standardized[:, 3], law.stats("s"), rtol=1e-4)
+    np.testing.assert_allclose(found.standardized[:, 4], law.stats("k") + 3.0, rtol=1e-3)
+    np.testing.assert_allclose(found.cdf(1.3 * LOADS), law.cdf(1.3 * LOADS), atol=1e-5)
+
+
+def test_runs_that_fail_count_as_none() -> None:
+    found = PredictedOutcomes(np.array([[0.0, 1.0, np.nan, 2.0]]), np.full(4, 0.25))
+    assert found.mean.tolist() == [1.0]
+    assert found.quantile(0.5).ravel().tolist() == [1.0]
+    assert found.cdf(np.array([-1.0])).tolist() == [0.0]
+    assert found.cdf(np.array([3.0])).tolist() == [1.0]
