@@ -21,10 +21,10 @@ from aleator.plot.identification import (
     draw_outcomes,
 )
 from aleator.plot.style import BLUE, GRAY, empty_figure, styled
+from aleator.results.units import label, seen_label
+from aleator.tasks.identification import Identification
 from aleator.tasks.pictures import pictured
 from aleator.tasks.pictures.between import finer, profile_line
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.units import label, seen_label
 from aleator.types import Array
 
 if TYPE_CHECKING:

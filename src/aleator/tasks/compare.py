@@ -18,8 +18,8 @@ from aleator.laws.prior import has_prior
 from aleator.progress import Progress, Silent
 from aleator.tasks.ceiling import ceiling
 from aleator.tasks.comparison import Comparison, Competitor
+from aleator.tasks.identification import Identification
 from aleator.tasks.nested import Embedding, embedded
-from aleator.tasks.results.identification import Identification
 from aleator.tasks.same_experiments import require_same_data
 from aleator.types import Array
 

@@ -11,7 +11,7 @@ import pandas as pd
 from aleator.inference.criteria import Criteria
 from aleator.inference.leave_one_out import LeaveOneOut, summed_error
 from aleator.inference.likelihood_ratio import LikelihoodRatio
-from aleator.tasks.results import notebook
+from aleator.results import printed
 
 RATIO = ("smaller", "larger", "ratio", "df", "reference", "p", "bootstrap_p", "replicates")
 """The columns of likelihood ratios."""
@@ -48,7 +48,7 @@ class Comparison:
         """The table in a notebook."""
         best = f"{self.models[0].name} predicts best." if len(self.models) > 1 else ""
         head = f"{len(self.models)} models of {len(self.ids)} experiments"
-        return notebook.shown(head, self.table(), best)
+        return printed.shown(head, self.table(), best)
 
     def table(self) -> pd.DataFrame:
         """A row for each model, by its name.

@@ -13,7 +13,7 @@ from aleator.inference.design import Scores, probability_gradients, quantile_gra
 from aleator.inference.fit import Fit
 from aleator.laws import Hyperparameter
 from aleator.observations.experiments import Conditions
-from aleator.tasks.results.identification import Identification
+from aleator.tasks.identification import Identification
 from aleator.types import Array, Indices
 
 ALL = "all"

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.diagnostics.near_outcomes import Doubt
 from aleator.inference.information import Inference
@@ -16,6 +15,7 @@ from aleator.laws import Hyperparameter
 from aleator.laws.prior import prior_score
 from aleator.likelihood.policy import density_remedy
 from aleator.likelihood.problem import Problem
+from aleator.results.values import Diagnostic
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 

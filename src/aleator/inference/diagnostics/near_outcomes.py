@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.densities import Status
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.information import Inference
 from aleator.inference.verification import Verification
 from aleator.likelihood.problem import Problem
+from aleator.results.values import Diagnostic
 from aleator.types import Array, Flags
 
 

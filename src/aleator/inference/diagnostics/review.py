@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from aleator.densities import Status
 from aleator.inference.diagnostics import check
 from aleator.inference.diagnostics.centering import centering_warnings
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.directions import weak_directions
 from aleator.inference.diagnostics.estimates import (
     bound_warnings,
@@ -32,6 +31,7 @@ from aleator.inference.profile import Profile
 from aleator.inference.verification import Verification
 from aleator.likelihood.policy import nodes_remedy, quadrature_gap
 from aleator.likelihood.problem import Problem
+from aleator.results.values import Diagnostic
 from aleator.search import SearchResult
 from aleator.search.value import LogLikelihood
 from aleator.types import Array

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.verification import Verification
 from aleator.likelihood.problem import Problem
+from aleator.results.values import Diagnostic
 from aleator.surrogates import Surface
 from aleator.types import Array
 

@@ -12,13 +12,13 @@ from aleator.inference.ceiling.best import BestLaw, best_law
 from aleator.inference.ceiling.bootstrap import Judged, judged
 from aleator.inference.ceiling.mixing import mixed
 from aleator.progress import Progress, Silent
+from aleator.results import printed
+from aleator.results.printed import number
 from aleator.tasks.ceiling.curves import gradient_curves, gradient_map
 from aleator.tasks.ceiling.sought import Sought
+from aleator.tasks.identification import Identification
 from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.session import IndividualSession
-from aleator.tasks.results import notebook
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.printed import number
 
 SURE = 3
 """Scattering parameters up to which the points cover their region."""
@@ -58,7 +58,7 @@ class Ceiling:
 
     def _repr_html_(self) -> str:
         """The points of the best law in a notebook."""
-        return notebook.shown(self._head, self.points, self._told)
+        return printed.shown(self._head, self.points, self._told)
 
     @property
     def _head(self) -> str:

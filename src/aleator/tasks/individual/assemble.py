@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from aleator.densities import Status
 from aleator.inference.diagnostics.centering import centering_advice
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.estimates import once_warnings
 from aleator.inference.diagnostics.failures import failure_report, failure_warnings
 from aleator.inference.diagnostics.individual import (
@@ -29,6 +28,8 @@ from aleator.likelihood.individual import (
     OnSurfaces,
     individual_parameters,
 )
+from aleator.results.values import Diagnostic, IndividualReport, LogLikelihoodReport
+from aleator.tasks.identification import Identification
 from aleator.tasks.individual.answer import Answer, Question
 from aleator.tasks.individual.calibration import sequential_pit
 from aleator.tasks.individual.check import Checked
@@ -39,15 +40,13 @@ from aleator.tasks.individual.guess import HUGE
 from aleator.tasks.individual.observed import observation_reports
 from aleator.tasks.individual.session import DIRECT, IndividualSession, runners
 from aleator.tasks.ledger import Ledger
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.summary import (
+from aleator.tasks.summary import (
     estimates_of,
     parameter_correlations_of,
     prior_of,
     search_of,
     versions,
 )
-from aleator.tasks.results.values import IndividualReport, LogLikelihoodReport
 from aleator.types import Array, Flags, Indices
 
 LEAST = 5e-4

@@ -21,6 +21,8 @@ from aleator.observations.noise import Noise
 from aleator.observations.responses import Response
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
+from aleator.results.law import JointLaw
+from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.forecast import Draws
@@ -30,9 +32,7 @@ from aleator.tasks.decide.table import tabled
 from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.observed import varying_conditions
 from aleator.tasks.individual.planned import planned
-from aleator.tasks.results.law import JointLaw
-from aleator.tasks.results.session import given_values, kept, missing
-from aleator.tasks.results.values import Estimate, in_order
+from aleator.tasks.session import given_values, kept, missing
 from aleator.types import Array
 
 NODES = 7

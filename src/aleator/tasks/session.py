@@ -19,6 +19,8 @@ from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments, unmeasured
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
+from aleator.results.law import JointLaw
+from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.ground import Ground
@@ -26,8 +28,6 @@ from aleator.tasks.decide.table import tabled, tails
 from aleator.tasks.outcome import predicted
 from aleator.tasks.outcome_fit import OutcomeFit
 from aleator.tasks.refinement.choice import under_law
-from aleator.tasks.results.law import JointLaw
-from aleator.tasks.results.values import Estimate, in_order
 from aleator.types import Array
 
 

@@ -13,8 +13,6 @@ import numpy as np
 import scipy
 
 from aleator.inference import diagnostics
-from aleator.inference.diagnostics.diagnostic import Diagnostic
-from aleator.inference.diagnostics.failures import FailureReport
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.inference.verification import Verification
@@ -24,20 +22,22 @@ from aleator.laws.prior import has_prior
 from aleator.likelihood.comparison import density_distances
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
+from aleator.results.values import (
+    QUANTILES,
+    Diagnostic,
+    Estimate,
+    ExperimentReport,
+    FailureReport,
+    LogLikelihoodReport,
+    ParameterCorrelation,
+)
 from aleator.search import SearchResult
 from aleator.search.value import LogLikelihood
 from aleator.simulators import Simulator
 from aleator.tasks.baselines import LeastSquares, LinearGaussian
+from aleator.tasks.identification import Identification
 from aleator.tasks.outcome_fit import OutcomeFit
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.session import OutcomeSession
-from aleator.tasks.results.values import (
-    QUANTILES,
-    Estimate,
-    ExperimentReport,
-    LogLikelihoodReport,
-    ParameterCorrelation,
-)
+from aleator.tasks.session import OutcomeSession
 from aleator.types import Array
 
 CUT = {(True, True): "both", (True, False): "lower", (False, True): "upper", (False, False): None}
