@@ -16,7 +16,7 @@ from aleator.inference.likelihood_ratio import LikelihoodRatio
 from aleator.inference.refit import refitted
 from aleator.laws.prior import has_prior
 from aleator.progress import Progress, Silent
-from aleator.tasks.ceiling import ceiling
+from aleator.tasks.ceiling import gap_of
 from aleator.tasks.comparison import Comparison, Competitor
 from aleator.tasks.identification import Identification
 from aleator.tasks.nested import Embedding, embedded
@@ -74,7 +74,10 @@ def compare(
         told.stage(f"{name}: leave one out")
         left_out = leave_one_out(fit, told)
         model = models[name]
-        gap = _below_ceiling(model, seed, told) if ceilings else float("nan")
+        gap = float("nan")
+        if ceilings:
+            told.stage("best possible law")
+            gap = _below_ceiling(fit, seed)
         competitors.append(
             Competitor(name, model.sound, model.consistent, criteria(fit), left_out, gap)
         )
@@ -101,10 +104,10 @@ def criteria(fit: Fit) -> Criteria:
     )  # fmt: skip
 
 
-def _below_ceiling(found: Identification, seed: int, progress: Progress) -> float:
+def _below_ceiling(fit: Fit, seed: int) -> float:
     """NaN without noise, with laws that follow covariates, and where nothing scatters."""
     try:
-        return ceiling(found, replicates=0, seed=seed, progress=progress).gap
+        return gap_of(fit, seed)
     except InputsError:
         return float("nan")
 

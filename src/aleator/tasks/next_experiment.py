@@ -26,7 +26,7 @@ from aleator.results import printed
 from aleator.results.printed import number
 from aleator.simulators import Runner
 from aleator.tasks.identification import Identification
-from aleator.tasks.session import kept
+from aleator.tasks.session import Session
 from aleator.tasks.wanted import Predicted, Wanted
 from aleator.types import Array
 
@@ -160,7 +160,7 @@ def next_experiments(
     ('x.sd', ('3',))
     """
     progress = progress or Silent()
-    fit, session = kept(found.session.fit), found.session
+    fit, session = found.fit, found.session
     conditions = _conditions(candidates, fit)
     require_enough_candidates(count, len(conditions.ids), repeat)
     wanted = Wanted.of(about, found, fit)
@@ -176,7 +176,7 @@ def next_experiments(
     plan = Plan(
         np.broadcast_to(present, (len(every), *present.shape)),
         np.stack([part.information for part in scores]),
-        _directions(wanted, found, every, rng, progress),
+        _directions(wanted, fit, session, every, rng, progress),
     ).relative()
     choice = chosen(plan, count, repeat)
     return NextExperiments(
@@ -231,7 +231,8 @@ def _scores(fit: Fit, wanted: Wanted, rng: np.random.Generator, progress: Progre
 
 def _directions(
     wanted: Wanted,
-    found: Identification,
+    fit: Fit,
+    session: Session,
     laws: Array,
     rng: np.random.Generator,
     progress: Progress,
@@ -241,7 +242,6 @@ def _directions(
         return np.tile(np.eye(wanted.moving.size)[wanted.target], (len(laws), 1, 1))
     if wanted.predicted is None:
         return None
-    fit, session = kept(found.session.fit), found.session
     conditions = _conditions(wanted.predicted.conditions, fit)
     runner = session.runner_on(conditions)
     asked = session.fit_on(conditions, wanted.alpha, runner, progress)

@@ -79,6 +79,9 @@ class Session(Protocol):
     ) -> Ground:
         """New experiments, or those `of` measured ones, and what makes their outcomes."""
 
+    def exact_fit(self) -> Fit | None:
+        """The fit by the simulator itself, which makes runs; None where it has no surfaces."""
+
     def runner_on(self, conditions: Conditions) -> Runner:
         """What makes the runs of other experiments, as that of the identification did."""
 
@@ -178,6 +181,9 @@ class OutcomeSession:
             model.surfaces or ResponseSurface(),
             tested=self.tested if self.fit is None else self.fit.table,
         )
+
+    def exact_fit(self) -> None:
+        """None: its density is that of all nodes, which no runs replace."""
 
     def runner_on(self, conditions: Conditions) -> Runner:
         """Runs of the simulator, made here and kept in no store."""

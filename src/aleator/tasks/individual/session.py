@@ -149,6 +149,12 @@ class IndividualSession:
             self.table,
         )
 
+    def exact_fit(self) -> IndividualFit | None:
+        """By the simulator itself in place of surfaces, where these are."""
+        if self.on_simulator or self.fit is None or self.runner is None or self.table is None:
+            return None
+        return self.fit.on(self.runner(self.table))
+
     def runner_on(self, conditions: Conditions) -> Runner:
         """Runs of the simulator, made here and kept in no store."""
         if self.runner is None:
