@@ -182,7 +182,7 @@ def test_what_is_read_back_is_the_same(kind: Callable[[], Identification], tmp_p
     assert strange(found) == []
     found.save(path)
     again, alone = aleator.load(path), Result.from_document(read_answer(path))
-    assert again == found == alone
+    assert again == found == alone == Result.from_document(found.to_dict())
     assert type(alone) is Result
     assert strange(alone) == []
     assert alone.to_dict().keys() == found.to_dict().keys()
