@@ -29,7 +29,7 @@ from aleator import (
     compare,
 )
 from aleator.laws import By
-from aleator.tasks.comparison import Comparison
+from aleator.tasks.compare import Comparison
 
 DATA = Path(__file__).parents[1] / "data"
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -25,6 +25,7 @@ from aleator.tasks.decide.limits import Tolerance, limits
 from aleator.tasks.decide.probability import probabilities
 from aleator.tasks.decide.question import events_asked, responses_asked
 from aleator.tasks.decide.simulator_check import CHECKS
+from aleator.tasks.pictures import pictured
 from aleator.tasks.session import OutcomeSession, Session, kept, missing
 
 NO_SESSION = OutcomeSession(None, None, None)
@@ -247,11 +248,8 @@ class Identification(Result):
         """
         whole = self
         if not self.pictures and self.session.fit is not None:
-            whole = _above("tasks.pictures").pictured(self, progress)
-        made: Report = _above("report.html.saved").report_of(whole.to_dict())
+            whole = pictured(self, progress)
+        # a room above, by its name: imports run downward only
+        above = import_module("aleator.report.html.saved")
+        made: Report = above.report_of(whole.to_dict())
         return made
-
-
-def _above(name: str) -> Any:
-    """A room above, asked by name where an answer is to be shown: imports run downward only."""
-    return import_module(f"aleator.{name}")
