@@ -147,7 +147,7 @@ def with_failures() -> Identification:
 
 def out_of_runs() -> Identification:
     return identify(
-        product, TABLE, LAW, outcome="y", noise=Noise(0.05), budget=Budget(160),
+        product, TABLE, LAW, outcome="y", noise=Noise(0.05), budget=Budget(220),
         propagation=ResponseSurface(), best_law=False,
     )  # fmt: skip
 

@@ -1,1 +1,1 @@
-"""What an identification leaves: its values, what can still be asked of it, its documents."""
+"""The result of an identification as plain data: its values, its law, its document, its text."""
