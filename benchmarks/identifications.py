@@ -12,7 +12,7 @@ from pathlib import Path
 from aleator.cli.running import identified
 from aleator.progress import Silent
 from aleator.study import Study, load_study
-from aleator.tasks.results.identification import Identification
+from aleator.tasks.identification import Identification
 from benchmarks.row import Row, seconds_row
 
 EXAMPLES = Path(__file__).parent.parent / "examples"

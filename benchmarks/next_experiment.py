@@ -27,7 +27,7 @@ from aleator import (
 )
 from aleator.clutch import design, measure, shifting_time
 from aleator.clutch.bench import BOX
-from aleator.tasks.results.next_experiments import NextExperiments
+from aleator.tasks.next_experiment import NextExperiments
 
 TRUTH = (0.91, 0.55, 0.081, 0.046)
 """Means and standard deviations that the bench draws its two parameters by."""

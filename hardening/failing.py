@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify
-from aleator.tasks.results.identification import Identification
+from aleator.tasks.identification import Identification
 
 NEAR = 0.01
 """Standard errors by which alpha may differ."""

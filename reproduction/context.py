@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from aleator.densities import Gaussian, MaximumEntropy
 from aleator.progress import Progress, Silent
-from aleator.tasks.results.identification import Identification
+from aleator.tasks.identification import Identification
 from reproduction.clutch.laws import (
     PAPER_ENTROPY,
     PAPER_GAUSSIAN,

@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 
 from aleator.errors import AleatorError
-from aleator.tasks.results import documents
+from aleator.results import documents
 from reproduction.figure import Claim, Made, Verdict
 
 COLUMNS = ("figure", "place", "statement", "paper", "ours", "verdict", "note")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from aleator.plot.style import save_figure
-from aleator.tasks.results import documents
+from aleator.results import documents
 from reproduction.canvas import drawn
 from reproduction.context import Context
 from reproduction.document import COLUMNS, page

@@ -12,8 +12,8 @@ import pandas as pd
 from scipy import special
 
 from aleator import Experiments, Free, Inputs, Normal
-from aleator.inference.consistency import Consistency
 from aleator.progress import Silent
+from aleator.results.values import Consistency
 from aleator.tasks.consistency import consistency_of
 from aleator.types import Array
 

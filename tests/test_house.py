@@ -23,8 +23,9 @@ EMPTY_NAMES = {"utils", "util", "helpers", "helper", "manager", "process", "data
 def floors() -> list[set[str]]:
     """The rooms of each layer, the highest first, as lint-imports is told them."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    (contract,) = settings["tool"]["importlinter"]["contracts"]
-    return [set(re.findall(r"\w+", layer)) for layer in contract["layers"]]
+    contracts = settings["tool"]["importlinter"]["contracts"]
+    (order,) = [contract for contract in contracts if contract["type"] == "layers"]
+    return [set(re.findall(r"\w+", layer)) for layer in order["layers"]]
 
 
 def floor(name: str) -> int:

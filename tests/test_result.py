@@ -16,11 +16,10 @@ from scipy import stats
 import aleator
 from aleator import Constant, Free, Identification, Inputs, MonteCarlo, Noise, Normal, Uniform
 from aleator.errors import AleatorError, InputsError
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.report.terminal import render
-from aleator.tasks.results.documents import to_json
-from aleator.tasks.results.law import JointLaw
-from aleator.tasks.results.values import Estimate
+from aleator.results.documents import to_json
+from aleator.results.law import JointLaw
+from aleator.results.values import Diagnostic, Estimate
 
 LOAD = np.arange(1.0, 13.0)
 CONSTANT = Estimate(2.0, None, None, None, None, fixed=True)

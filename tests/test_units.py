@@ -15,8 +15,8 @@ from aleator.plot.identification import experiments_figure
 from aleator.plot.individual import experiments_figure as series_figure
 from aleator.plot.individual import parameters_figure
 from aleator.report.html.page import page
+from aleator.results.units import label, seen_label
 from aleator.study import load_study
-from aleator.tasks.results.units import label, seen_label
 
 UNITS = {"travel": "mm", "force": "N", "softness": "mm/N"}
 

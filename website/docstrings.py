@@ -17,7 +17,7 @@ LONG = re.compile(r"""=("[^"]{40,}"|'[^']{40,}')""")
 RESULTS = {
     "aleator.Identification",
     "aleator.Posterior",
-    "aleator.inference.consistency.Consistency",
+    "aleator.results.values.Consistency",
 }
 PUBLIC = set(aleator.__all__)
 MARKS = re.compile(r"([\\*|_])")

@@ -10,7 +10,7 @@ import pandas as pd
 
 from aleator.densities import FittedDensity
 from aleator.plot.style import VERMILION
-from aleator.tasks.results.identification import Identification
+from aleator.tasks.identification import Identification
 from reproduction.clutch.laws import EXPANSION, PAPER_ENTROPY, PAPER_GAUSSIAN, Judged
 from reproduction.clutch.reference import SAMPLES
 from reproduction.context import Context

@@ -11,8 +11,8 @@ from aleator.densities import Density, FittedDensity
 from aleator.densities.moments import Moments
 from aleator.progress import Progress
 from aleator.surrogates import ResponseSurface, Surface
+from aleator.tasks.identification import Identification
 from aleator.tasks.identify import identify
-from aleator.tasks.results.identification import Identification
 from aleator.types import Array
 from reproduction.clutch.reference import (
     DENSITIES,

@@ -18,7 +18,7 @@ from aleator import (
 )
 from aleator.densities import Convolution, Status
 from aleator.errors import SimulatorError
-from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.results.values import Diagnostic
 
 
 def told(found: Identification, about: str) -> list[Diagnostic]:

@@ -6,8 +6,8 @@ import pytest
 from reports import result
 
 from aleator.errors import AleatorError
-from aleator.tasks.results import documents
-from aleator.tasks.results.schema import read_answer
+from aleator.results import documents
+from aleator.results.schema import read_answer
 
 
 def test_what_is_not_finite_is_null_and_arrays_are_lists() -> None:

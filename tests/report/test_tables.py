@@ -10,11 +10,11 @@ from reports import experiment, printed, result
 from rich.console import RenderableType
 
 from aleator.report import box, recovery, runs, terminal
+from aleator.results.printed import Column, laid_out
 from aleator.simulators import Identity
 from aleator.simulators.records import Holding, StoredRun
 from aleator.tasks.box import FeasibleBox, Side
 from aleator.tasks.recover import Recovery
-from aleator.tasks.results.layout import Column, laid_out
 
 LONG = "correlation.friction_coefficient.stiffness"
 BENCH = "engagement_2021-03-14_bench_B"

@@ -3,8 +3,8 @@ import pytest
 from reports import experiment, printed, result
 
 from aleator.report import recovery, terminal
+from aleator.results.printed import with_error
 from aleator.tasks.recover import Recovery
-from aleator.tasks.results.printed import with_error
 
 
 def test_the_report_says_what_was_found() -> None:

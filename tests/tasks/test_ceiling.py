@@ -32,7 +32,7 @@ from aleator.laws.law import Law
 from aleator.progress import Silent
 from aleator.report.terminal import render
 from aleator.tasks.ceiling import Ceiling, quick
-from aleator.tasks.results.saved import load
+from aleator.tasks.load import load
 
 COUNT, NOISE = 80, 0.1
 LAW = Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.6))

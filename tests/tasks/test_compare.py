@@ -29,7 +29,7 @@ from aleator import (
     compare,
 )
 from aleator.laws import By
-from aleator.tasks.comparison import Comparison
+from aleator.tasks.compare import Comparison
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -276,3 +276,36 @@ def test_misuse_is_told() -> None:
     ]:
         with pytest.raises(AleatorError, match=told):
             compare(*arguments[0], **arguments[1])
+
+
+def test_a_comparison_makes_no_run() -> None:
+    """Not for the best possible law either: on surfaces it is that of the surfaces."""
+    runs = []
+
+    def sprung(load: float, k: float) -> float:
+        runs.append(k)
+        return load * np.exp(k)
+
+    rng = np.random.default_rng(8)
+    load = np.linspace(0.5, 2.0, 10)
+    y = load * np.exp(rng.normal(0.3, 0.2, 10)) + 0.02 * rng.standard_normal(10)
+    frame = pd.DataFrame({"load": load, "y": y})
+    laws = {
+        "normal": Normal(Free(-1.0, 1.0), Free(0.01, 1.0)),
+        "alike": Constant(Free(-1.0, 1.0)),
+    }
+    models = {
+        name: unjudged(
+            sprung, frame, Inputs({"k": law}), outcome="y", noise=Noise(0.02),
+            verification=MonteCarlo(0),
+        )
+        for name, law in laws.items()
+    }  # fmt: skip
+    made = len(runs)
+    table = compare(**models).table()
+    assert len(runs) == made > 0
+    best = ceiling(models["normal"], replicates=0)
+    assert len(runs) > made
+    assert best.verified == pytest.approx(best.log_likelihood, abs=0.05)
+    assert table.loc["normal", "below_ceiling"] == pytest.approx(best.gap)
+    assert np.isnan(table.loc["alike", "below_ceiling"])

@@ -20,8 +20,8 @@ from aleator.observations.noise import Noise
 from aleator.simulators import as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.direct import fails_here_and_there
+from aleator.tasks.identification import Identification
 from aleator.tasks.identify import identify
-from aleator.tasks.results.identification import Identification
 from aleator.types import Array
 
 Z = np.linspace(1.0, 2.0, 40)

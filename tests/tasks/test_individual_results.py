@@ -17,7 +17,7 @@ from aleator.errors import AleatorError, InputsError
 from aleator.plot.identification import save_figures
 from aleator.plot.individual import experiments_figure
 from aleator.report import terminal
-from aleator.tasks.results.documents import to_json
+from aleator.results.documents import to_json
 
 FRAME = table(straight_line, experiments=12)
 TABLE = Experiments.from_frame(FRAME, outcome="y", id="id")

@@ -17,8 +17,8 @@ from aleator import (
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.simulators import FunctionSimulator, Runner, Store
+from aleator.tasks.identification import Identification
 from aleator.tasks.likely import likely_alphas
-from aleator.tasks.results.identification import Identification
 from aleator.types import Array
 
 Z = np.linspace(0.5, 2.0, 20)

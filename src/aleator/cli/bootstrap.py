@@ -22,11 +22,11 @@ from aleator.cli.running import (
 )
 from aleator.cli.showing import shown
 from aleator.report import bootstrap as report
+from aleator.results import documents
 from aleator.study import load_study
 from aleator.tasks.bootstrap import FILE as FINISHED
 from aleator.tasks.bootstrap import NONPARAMETRIC, PARAMETRIC
 from aleator.tasks.bootstrap import bootstrap as resample
-from aleator.tasks.results import documents
 
 
 @click.command()

@@ -21,9 +21,9 @@ from aleator.cli.running import (
 from aleator.cli.showing import shown
 from aleator.errors import short
 from aleator.report import box as report
+from aleator.results import documents
 from aleator.study import load_study
 from aleator.tasks.box import feasible_box
-from aleator.tasks.results import documents
 
 
 @click.command()

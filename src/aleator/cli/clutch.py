@@ -8,7 +8,7 @@ import click
 
 from aleator import clutch as wet_clutch
 from aleator.cli.running import FILE, make_place
-from aleator.tasks.results import documents
+from aleator.results import documents
 
 
 @click.group()

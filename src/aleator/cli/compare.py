@@ -23,9 +23,9 @@ from aleator.cli.showing import can_draw, shown
 from aleator.errors import AleatorError, short
 from aleator.plot.compare import save_compare
 from aleator.report import compare as report
+from aleator.results import documents
 from aleator.study import Study, load_study
 from aleator.tasks.compare import compare as compare_models
-from aleator.tasks.results import documents
 
 
 @click.command()

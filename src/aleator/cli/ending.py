@@ -12,8 +12,8 @@ from rich.console import Console, RenderableType
 from aleator.cli.running import linked, units_in
 from aleator.cli.showing import can_draw
 from aleator.errors import short
+from aleator.results import documents
 from aleator.study import Study
-from aleator.tasks.results import documents
 
 Document = Mapping[str, Any]
 

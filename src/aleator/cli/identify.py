@@ -31,6 +31,7 @@ from aleator.laws import LogNormal
 from aleator.likelihood.model import STAND_IN
 from aleator.plot.identification import save_figures
 from aleator.report import terminal
+from aleator.results import documents, printed
 from aleator.search import GradientMultistart
 from aleator.simulators import Budget
 from aleator.study import load_study
@@ -40,7 +41,6 @@ from aleator.study.sections import StudyFile
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.individual.identify import MOST
 from aleator.tasks.pictures import pictured
-from aleator.tasks.results import documents, printed
 
 IDENTIFICATION = "identification.json"
 

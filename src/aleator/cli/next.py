@@ -23,9 +23,9 @@ from aleator.cli.running import (
 from aleator.cli.showing import shown
 from aleator.errors import AleatorError
 from aleator.report import next as report
+from aleator.results import documents
 from aleator.study import Study, load_study
 from aleator.tasks.next_experiment import next_experiments, require_enough_candidates
-from aleator.tasks.results import documents
 from aleator.tasks.wanted import Predicted, require_free
 
 QUANTILE = 0.95

@@ -24,9 +24,9 @@ from aleator.cli.showing import shown
 from aleator.errors import short
 from aleator.inference.chains import SAMPLER, installed
 from aleator.report import posterior as report
+from aleator.results import documents
 from aleator.study import load_study
 from aleator.tasks.posterior import posterior as drawn
-from aleator.tasks.results import documents
 
 
 @click.command()

@@ -29,18 +29,18 @@ from aleator.errors import AleatorError, short
 from aleator.inference.decisions.alpha_draws import AlphaDraws, alpha_draws
 from aleator.observations.experiments import Conditions
 from aleator.report import terminal
+from aleator.results import documents
+from aleator.results.printed import number
+from aleator.results.result import Result
+from aleator.results.schema import read_answer
+from aleator.results.units import label
+from aleator.results.values import QUANTILES, in_order
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.known import estimated
 from aleator.tasks.individual.session import OWN, session_of
-from aleator.tasks.results import documents
-from aleator.tasks.results.printed import number
-from aleator.tasks.results.saved import from_document
-from aleator.tasks.results.schema import read_answer
-from aleator.tasks.results.session import OutcomeSession, Session
-from aleator.tasks.results.units import label
-from aleator.tasks.results.values import QUANTILES, in_order
+from aleator.tasks.session import OutcomeSession, Session
 from aleator.types import Indices
 
 
@@ -220,7 +220,7 @@ def _session(
 
 def _draws(document: Mapping[str, Any], session: Session, known: bool) -> AlphaDraws:
     """Plausible alphas by the document, or the estimate alone where it counts as known."""
-    found, hyperparameters = from_document(document), session.hyperparameters
+    found, hyperparameters = Result.from_document(document), session.hyperparameters
     if known:
         return AlphaDraws.at(in_order(found.alpha, hyperparameters))
     return alpha_draws(

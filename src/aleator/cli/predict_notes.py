@@ -7,11 +7,11 @@ from typing import Any
 
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.observations.experiments import Conditions
+from aleator.results.printed import number
 from aleator.simulators import Runner
 from aleator.study import Study
 from aleator.tasks.decide.beyond import compared
-from aleator.tasks.results.printed import number
-from aleator.tasks.results.session import Session
+from aleator.tasks.session import Session
 
 TOLD = 5
 """Rows beyond the tested conditions that are named."""

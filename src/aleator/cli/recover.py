@@ -24,11 +24,11 @@ from aleator.cli.showing import shown
 from aleator.errors import AleatorError, nearest
 from aleator.progress import Progress
 from aleator.report import recovery
+from aleator.results import documents
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
+from aleator.tasks.load import load
 from aleator.tasks.recover import recover as recover_law
-from aleator.tasks.results import documents
-from aleator.tasks.results.saved import load
 
 RECOVERY = "recovery.json"
 

@@ -10,7 +10,7 @@ from aleator.cli.reporting import study_of, write_compared, write_report
 from aleator.cli.running import FOLDER
 from aleator.cli.showing import require_report
 from aleator.errors import short
-from aleator.tasks.results.schema import read_answer
+from aleator.results.schema import read_answer
 
 IDENTIFICATION = "identification.json"
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from aleator.errors import AleatorError
-from aleator.tasks.results import documents
-from aleator.tasks.results.schema import read_ceiling
+from aleator.results import documents
+from aleator.results.schema import read_ceiling
 
 REPORT = "report.html"
 COMPARED = "compared.html"

@@ -19,15 +19,15 @@ from aleator.cli.showing import say
 from aleator.errors import AleatorError
 from aleator.observations.experiments import Conditions
 from aleator.progress import Progress
+from aleator.results import documents
+from aleator.results.units import seen_label
 from aleator.simulators import Budget, ProcessPool, Runner, Store, notified
 from aleator.simulators.workers.dask_cluster import dask_executor
 from aleator.simulators.workers.mpi_job import mpi_executor
 from aleator.study import Study
 from aleator.tasks.baselines import start_point
+from aleator.tasks.identification import Identification
 from aleator.tasks.identify import UNLIMITED, identify
-from aleator.tasks.results import documents
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.units import seen_label
 
 
 class _Named(click.Path):

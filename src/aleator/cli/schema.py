@@ -9,8 +9,8 @@ import click
 
 from aleator.cli.running import RESULT, make_place
 from aleator.errors import short
+from aleator.results import documents
 from aleator.study.schema import study_schema
-from aleator.tasks.results import documents
 
 
 @click.command()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from aleator.likelihood.model import MOST_ON_LATTICE
 from aleator.likelihood.problem import Problem
 from aleator.likelihood.propagation import QuadraturePropagation, default_cubature
 from aleator.likelihood.scoring import scoring_step
+from aleator.results.values import DensityDistance
 from aleator.types import Array
 
 COMPARED: tuple[Density, ...] = (
@@ -33,22 +34,6 @@ MOST = 25
 REACH = 8.0
 POINTS = 401
 """Points over 16 standard deviations: the distance is then good to a thousandth of one."""
-
-
-@dataclass(frozen=True)
-class DensityDistance:
-    """A density fitted to moments against the exact one of the outcome, at the answer.
-
-    `log_likelihood` is the difference of the log-likelihoods, `mean` and `worst` the earth mover's
-    distance over the outcome's standard deviation, averaged over experiments and the largest;
-    `failed` the number of experiments whose density could not be fitted.
-    """
-
-    density: str
-    log_likelihood: float
-    mean: float
-    worst: float
-    failed: int
 
 
 def density_distances(problem: Problem, alpha: Array) -> tuple[DensityDistance, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aleator.plot.style import BLUE, GRAY, VERMILION, WIDTH, empty_figure, save_figure, styled
-from aleator.tasks.results.units import label, seen_label
+from aleator.results.units import label, seen_label
 from aleator.types import Array
 
 if TYPE_CHECKING:

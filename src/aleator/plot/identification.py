@@ -21,7 +21,7 @@ from aleator.plot.style import (
     save_figure,
     styled,
 )
-from aleator.tasks.results.units import label
+from aleator.results.units import label
 from aleator.types import Array
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from aleator.plot.style import BLACK, BLUE, VERMILION, WIDTH, empty_figure, styled
-from aleator.tasks.results.series import varying_number
-from aleator.tasks.results.units import label
+from aleator.results.units import label, varying_number
 from aleator.types import Array
 
 if TYPE_CHECKING:

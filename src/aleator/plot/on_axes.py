@@ -21,16 +21,17 @@ from aleator.plot.identification import (
     draw_outcomes,
 )
 from aleator.plot.style import BLUE, GRAY, empty_figure, styled
+from aleator.results.result import Result
+from aleator.results.units import label, seen_label
+from aleator.tasks.identification import Identification
 from aleator.tasks.pictures import pictured
 from aleator.tasks.pictures.between import finer, profile_line
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.units import label, seen_label
 from aleator.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Found = Identification | Mapping[str, Any]
+Found = Result | Mapping[str, Any]
 QUANTILES = ("0.025", "0.25", "0.5", "0.75", "0.975")
 BAND = "#cfe3f1"
 SIZE = (4.5, 3.4)
@@ -198,10 +199,10 @@ def _axes(ax: Axes | None) -> Axes:
 
 
 def _document(found: Found, with_pictures: bool = False) -> Mapping[str, Any]:
-    if not isinstance(found, Identification):
+    if not isinstance(found, Result):
         return found
-    if with_pictures and not found.pictures and found.session.fit is not None:
-        found = pictured(found)
+    if with_pictures and not found.pictures and isinstance(found, Identification):
+        found = found if found.session.fit is None else pictured(found)
     return found.to_dict()
 
 

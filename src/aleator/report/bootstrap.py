@@ -9,10 +9,9 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report.rows import Rows, written
+from aleator.results.printed import NONE, Column, number, with_error
+from aleator.results.units import label
 from aleator.tasks.bootstrap import ARRIVED, PARAMETRIC
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import NONE, number, with_error
-from aleator.tasks.results.units import label
 
 Document = Mapping[str, Any]
 

@@ -9,9 +9,9 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report.rows import Rows
+from aleator.results.printed import Column
+from aleator.results.units import label
 from aleator.tasks.box import FeasibleBox, Side
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.units import label
 
 GAIN = 1.5  # times the volume that make it worth to think of leaving an experiment out
 COLUMNS: Sequence[Column] = (

@@ -10,10 +10,9 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report.rows import Rows, written
+from aleator.results.printed import Column, number, to_three
+from aleator.results.units import label
 from aleator.tasks.ceiling import Ceiling
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import number, to_three
-from aleator.tasks.results.units import label
 
 Document = Mapping[str, Any]
 UNLIKELY = 0.05

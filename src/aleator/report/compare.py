@@ -10,8 +10,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report.rows import Rows, written
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import NONE, number, with_error
+from aleator.results.printed import NONE, Column, number, with_error
 
 Document = Mapping[str, Any]
 

@@ -8,8 +8,7 @@ from typing import Any
 from rich.console import RenderableType
 
 from aleator.report.rows import Rows
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import number
+from aleator.results.printed import Column, number
 
 
 def tests(result: Mapping[str, Any]) -> RenderableType | None:

@@ -10,8 +10,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report.rows import Rows
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import number
+from aleator.results.printed import Column, number
 
 Columns = Mapping[Any, Sequence[Any]]
 

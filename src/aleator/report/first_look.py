@@ -10,11 +10,10 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report.rows import Rows, written
+from aleator.results.printed import Column, number
+from aleator.results.units import label
 from aleator.tasks.expected_cost import Cost
 from aleator.tasks.first_look import Look
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import number
-from aleator.tasks.results.units import label
 from aleator.types import Array
 
 SHOWN = 12  # experiments out of reach on the terminal; the document has all

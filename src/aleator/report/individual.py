@@ -12,9 +12,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report.rows import Rows
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import NONE, by_name, number, outside, principle
-from aleator.tasks.results.units import label, unit_of, with_unit
+from aleator.results.printed import NONE, Column, by_name, number, outside, principle
+from aleator.results.units import label, unit_of, with_unit
 
 Result = Mapping[str, Any]
 WORST = 3

@@ -9,9 +9,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report.rows import Rows, written
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import number
-from aleator.tasks.results.units import label
+from aleator.results.printed import Column, number
+from aleator.results.units import label
 
 SHOWN = 10  # candidates in the terminal; the document has all
 MOST = 30  # experiments of a set in the terminal

@@ -9,9 +9,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report.rows import Rows, written
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import number, with_error
-from aleator.tasks.results.units import label
+from aleator.results.printed import Column, number, with_error
+from aleator.results.units import label
 
 COLUMNS: Sequence[Column] = (
     ("alpha", "left"), ("maximum", "right"), ("mean", "right"), ("sd", "right"),

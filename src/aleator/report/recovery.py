@@ -11,9 +11,8 @@ from rich.text import Text
 
 from aleator.inference.information import LEVEL
 from aleator.report.rows import Rows, written
+from aleator.results.printed import NONE, Column, number, with_error
 from aleator.tasks.recover import Recovery
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import NONE, number, with_error
 
 CHANCE = 3.0  # standard errors that chance hardly ever exceeds
 COLUMNS: Sequence[Column] = (

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.text import Text
 
-from aleator.tasks.results.layout import Column, laid_out
+from aleator.results.printed import Column, laid_out
 
 
 @dataclass(frozen=True)
 class Rows:
-    """A table that cuts no word (`aleator.tasks.results.layout`), with a line under its head."""
+    """A table that cuts no word (`aleator.results.printed`), with a line under its head."""
 
     columns: Sequence[Column]
     rows: Sequence[Sequence[str]]

@@ -10,9 +10,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report.rows import Rows
+from aleator.results.printed import Column, number
 from aleator.simulators.records import Holding, StoredRun
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import number
 
 MINUTES = 16
 """Letters of a moment to the minute."""

@@ -11,8 +11,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from aleator.report.rows import Rows, written
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import number
+from aleator.results.printed import Column, number
 from aleator.tasks.screen import CONFOUNDED, GOOD, Sensitivity
 
 SHOWN = 5  # pairs in the terminal; the document has all

@@ -13,10 +13,10 @@ from rich.text import Text
 from aleator.report import consistency, individual
 from aleator.report.decisions import beyond
 from aleator.report.rows import Rows, written
-from aleator.tasks.results.layout import Column
-from aleator.tasks.results.printed import (
+from aleator.results.printed import (
     COLUMNS,
     NONE,
+    Column,
     alpha_rows,
     by_name,
     number,
@@ -29,7 +29,7 @@ from aleator.tasks.results.printed import (
     verdict,
     with_error,
 )
-from aleator.tasks.results.units import unit_of, with_unit
+from aleator.results.units import unit_of, with_unit
 
 Result = Mapping[str, Any]
 WORST = 3

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from aleator.observations.experiments import Experiments
+from aleator.results.units import checked_units
 from aleator.simulators import Simulator
 from aleator.simulators.derived import Derived
 from aleator.simulators.fmu import FMUSimulator
 from aleator.study.laws import LawSection
 from aleator.study.sections import StudyFile
-from aleator.tasks.results.units import checked_units
 
 
 def units_of(

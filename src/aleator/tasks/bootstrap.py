@@ -21,12 +21,12 @@ from aleator.inference.fit import Fit
 from aleator.inference.refit import refitted
 from aleator.laws.hyperparameter import limits_of
 from aleator.progress import Progress, Silent
+from aleator.results import printed
 from aleator.simulators import ProcessPool
 from aleator.simulators.command.janitor import passing
 from aleator.simulators.workers.parcel import packed
+from aleator.tasks.identification import Identification
 from aleator.tasks.replicate_file import Replicate, ReplicateFile, head_of
-from aleator.tasks.results import notebook
-from aleator.tasks.results.identification import Identification
 from aleator.threads import single_threaded
 from aleator.types import Array
 
@@ -59,7 +59,7 @@ class Bootstrap:
 
     def _repr_html_(self) -> str:
         """The table in a notebook."""
-        return notebook.shown(f"{len(self.runs)} replicates, {self.kind}", self.table())
+        return printed.shown(f"{len(self.runs)} replicates, {self.kind}", self.table())
 
     def replicates(self) -> pd.DataFrame:
         """A row for each replicate: the hyperparameters, `log_likelihood`, `status`."""

@@ -21,10 +21,10 @@ from aleator.inference.consistency.outliers import outliers_of
 from aleator.inference.consistency.relations import RELATED, apart
 from aleator.inference.consistency.residuals import points_of, residuals_of
 from aleator.inference.consistency.sentences import told
-from aleator.inference.consistency.value import LEVEL, Consistency, Statistic
 from aleator.inference.fit import Fit
 from aleator.observations.experiments import Experiments
 from aleator.progress import Progress
+from aleator.results.values import LEVEL, Consistency, Statistic
 from aleator.types import Array
 
 FEWEST = 5

@@ -22,22 +22,21 @@ from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
+from aleator.results.units import checked_units
 from aleator.search import Search
 from aleator.simulators import Budget, Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks import individual
+from aleator.tasks import individual, summary
 from aleator.tasks.answer import Answer, Question, answered
 from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH, require_enough
 from aleator.tasks.baselines import baselines_of, start_point
 from aleator.tasks.budget import affordable, spend
 from aleator.tasks.ceiling.quick import best_possible
 from aleator.tasks.consistency import consistency_of
+from aleator.tasks.identification import Identification
 from aleator.tasks.individual.rivals import as_good
 from aleator.tasks.ledger import Ledger
 from aleator.tasks.near_outcomes import doubt_of, nearer
-from aleator.tasks.results import summary
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.units import checked_units
 from aleator.types import Flags
 
 DEFAULT_CHECK = Check()

@@ -10,9 +10,9 @@ import pandas as pd
 from aleator.densities import Status
 from aleator.likelihood.model import Model
 from aleator.progress import Progress
+from aleator.results.values import QUANTILES
 from aleator.simulators import Runner
 from aleator.tasks.refinement.choice import under_law
-from aleator.tasks.results.values import QUANTILES
 from aleator.types import Array
 
 

@@ -4,26 +4,253 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
-from aleator.errors import InputsError
-from aleator.inference.chains import SAMPLER, installed, sampled
-from aleator.inference.convergence import convergence
+from aleator.errors import AleatorError, InputsError
+from aleator.inference.chains import SAMPLER, WARM_UP, Chains, installed, sampled
+from aleator.inference.convergence import LARGEST_R_HAT, LEAST_ESS, Convergence, convergence
 from aleator.inference.fit import Fit
 from aleator.inference.posterior import RealLine, scaled
 from aleator.laws import classes
 from aleator.laws.individual import drawn
 from aleator.progress import Progress, Silent
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.posterior import Posterior
+from aleator.results import printed
+from aleator.tasks.identification import Identification
 from aleator.types import Array
+
+if TYPE_CHECKING:
+    from xarray import DataTree
 
 LOOKED_AT = 16
 """Draws at which more nodes are tried, and whose laws are held against the region."""
 FEWEST = 10
 SHOWN = 0.2
 """Seconds between two words to the progress."""
+MOST_KEPT = 20_000_000
+"""Log-densities of single experiments, of all draws together, that are exported."""
+BROKEN = 0.01
+"""Share of trajectories that broke off from where on it is told."""
+UNEVEN = 0.1
+"""Scatter of the nodes' error over the draws that is told, in log-likelihood."""
+OUTSIDE = 0.01
+"""Share of the laws that lies where simulated values are not known that is told."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Posterior:
+    """Draws (C, D, G) of the G hyperparameters `names` that are identified, in C chains of D.
+
+    `fixed` are the others, `estimates` (G,) the identified ones. `chains` has what belongs to each
+    draw, `ids` are the N experiments. `nodes_error` is the standard deviation over the draws of
+    what more nodes change of the log-likelihood, `outside` the share of the laws that lies where no
+    simulated values are known. `sound` and `consistent` are the verdicts of the identification.
+
+    >>> from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify, posterior
+    >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
+    >>> law = Inputs({"x": Normal(mean=Free(0.0, 2.0, prior=Normal(1.2, 0.1)), sd=0.1)})
+    >>> found = identify(lambda load, x: load * x, table, law, outcome="y", noise=Noise(0.1),
+    ...                  vectorized=True, verification=MonteCarlo(0))
+    >>> drawn = posterior(found, draws=100, chains=2)
+    >>> drawn.draws.shape, list(drawn.frame().columns)
+    ((2, 100, 1), ['chain', 'draw', 'x.mean', 'log_likelihood', 'log_prior'])
+    >>> bool(abs(drawn.table().loc["x.mean", "mean"] - found.values["x.mean"]) < 0.05)
+    True
+    """
+
+    names: tuple[str, ...]
+    draws: Array
+    chains: Chains
+    convergence: Convergence
+    estimates: Array
+    fixed: dict[str, float]
+    priors: tuple[str, ...]
+    ids: tuple[str, ...]
+    outcome: str
+    seed: int
+    seconds: float
+    nodes_error: float
+    outside: float
+    sound: bool
+    consistent: bool | None = None
+
+    def __repr__(self) -> str:
+        chains, draws, _ = self.draws.shape
+        return f"{chains} chains of {draws} draws\n{self.table().round(4)}\n{self.verdict}"
+
+    def _repr_html_(self) -> str:
+        """The table in a notebook."""
+        chains, draws, _ = self.draws.shape
+        return printed.shown(f"{chains} chains of {draws} draws", self.table(), self.verdict)
+
+    @property
+    def converged(self) -> bool:
+        """Whether every R-hat is below 1.01 and every effective sample size above 400."""
+        return self.convergence.converged
+
+    @property
+    def verdict(self) -> str:
+        """One sentence: whether the draws may be used, and what to do where not."""
+        found = self.convergence
+        worst = self.names[int(np.argmax(found.r_hat))]
+        told = (
+            f"largest R-hat {np.max(found.r_hat):.4f} ({worst}), smallest effective sample size "
+            f"{found.least:.0f}"
+        )
+        if self.converged:
+            return f"Converged: {told}."
+        return (
+            f"NOT converged: {told}, where below {LARGEST_R_HAT} and above {LEAST_ESS:.0f} are "
+            f"wanted. Take more draws: --draws {self._enough}."
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What else is to be known of the draws, in a sentence each."""
+        broken = float(np.mean(self.chains.divergent))
+        found = []
+        if not self.sound:
+            found.append(
+                "The identification that they begin from was not computed soundly: deal with its "
+                "warnings first (aleator identify)."
+            )
+        if self.consistent is False:
+            found.append(
+                "The model is not consistent with the experiments, and a posterior of a wrong "
+                "model is as narrow as one of a right one: aleator identify says what is wrong."
+            )
+        if broken > BROKEN:
+            found.append(
+                f"{100 * broken:.1f} % of the trajectories broke off, at an end of the posterior "
+                "or where it is very curved: what lies there may be drawn too rarely. Compare with "
+                "the intervals of aleator identify."
+            )
+        if self.nodes_error > UNEVEN:
+            found.append(
+                f"More nodes change the log-likelihood by {self.nodes_error:.2g} more at some "
+                "draws than at others: the posterior is that of these nodes, and off by as much."
+            )
+        if self.outside > OUTSIDE:
+            found.append(
+                f"{100 * self.outside:.1f} % of the laws that were drawn lies beyond the region of "
+                "the surfaces, where these are held on. Narrow the limits, or give a prior."
+            )
+        return tuple(found)
+
+    def table(self) -> pd.DataFrame:
+        """A row for each hyperparameter: mean, sd, median, 95 % interval, R-hat and ESS.
+
+        Columns ``mean``, ``sd``, ``median``, ``lower``, ``upper`` (the quantiles of 2.5 and
+        97.5 %), ``r_hat``, ``ess_bulk``, ``ess_tail``.
+        """
+        flat = self.draws.reshape(-1, len(self.names))
+        lower, median, upper = np.quantile(flat, [0.025, 0.5, 0.975], axis=0)
+        columns = {
+            "mean": flat.mean(axis=0), "sd": flat.std(axis=0, ddof=1), "median": median,
+            "lower": lower, "upper": upper, "r_hat": self.convergence.r_hat,
+            "ess_bulk": self.convergence.bulk, "ess_tail": self.convergence.tail,
+        }  # fmt: skip
+        return pd.DataFrame(columns, index=list(self.names))
+
+    def frame(self) -> pd.DataFrame:
+        """A row for each draw: ``chain``, ``draw``, the hyperparameters, and both logarithms."""
+        chains, draws, size = self.draws.shape
+        flat = self.draws.reshape(-1, size)
+        return pd.DataFrame(
+            {
+                "chain": np.repeat(np.arange(chains), draws),
+                "draw": np.tile(np.arange(draws), chains),
+                **dict(zip(self.names, flat.T, strict=True)),
+                "log_likelihood": self.chains.likelihood.ravel(),
+                "log_prior": self.chains.prior.ravel(),
+            }
+        )
+
+    def data(self) -> DataTree:
+        """The draws as ArviZ has them since its version 1: an xarray.DataTree.
+
+        Groups ``posterior``, a variable for each hyperparameter; ``sample_stats`` (``lp``,
+        ``diverging``, ``n_steps``, ``acceptance_rate``); ``log_likelihood`` of each experiment,
+        unless these are more than 20 million numbers; ``constant_data``, what is fixed. Raises
+        AleatorError where ArviZ is not installed.
+        """
+        groups: dict[str, dict[str, Any]] = {
+            "posterior": {_key(name): self.draws[:, :, g] for g, name in enumerate(self.names)},
+            "sample_stats": {
+                "lp": self.chains.likelihood + self.chains.prior,
+                "diverging": self.chains.divergent,
+                "n_steps": self.chains.steps,
+                "acceptance_rate": self.chains.accepted,
+            },
+        }
+        outcome = _key(self.outcome)
+        if self.chains.each.size <= MOST_KEPT:
+            groups["log_likelihood"] = {outcome: self.chains.each}
+        if self.fixed:
+            groups["constant_data"] = {_key(n): np.array(v) for n, v in self.fixed.items()}
+        made: DataTree = installed("arviz_base").from_dict(
+            groups,
+            dims={outcome: ["experiment"]},
+            coords={"experiment": list(self.ids)},
+            attrs={"posterior": {"inference_library": "mici", "seed": self.seed}},
+        )
+        return made
+
+    def save(self, path: str | Path) -> None:
+        """Write `data` as a netCDF file, which ``xarray.open_datatree`` and ArviZ read.
+
+        Raises AleatorError where it cannot be written, and where h5netcdf is not installed.
+        """
+        installed("h5netcdf")
+        try:
+            self.data().to_netcdf(path, engine="h5netcdf")
+        except OSError as error:
+            raise AleatorError(
+                f"{path} cannot be written: {error.strerror or error}", "choose another place"
+            ) from None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document posterior.json: the table and what was computed, without the draws."""
+        chains, draws, _ = self.draws.shape
+        table = self.table()
+        table.insert(0, "estimate", self.estimates)
+        return {
+            "hyperparameters": {
+                str(name): {str(key): float(value) for key, value in row.items()}
+                for name, row in table.iterrows()
+            },
+            "fixed": dict(self.fixed),
+            "priors": list(self.priors),
+            "experiments": len(self.ids),
+            "chains": chains,
+            "draws": draws,
+            "warm_up": WARM_UP,
+            "evaluations": self.chains.evaluations,
+            "divergent": int(np.sum(self.chains.divergent)),
+            "nodes_error": self.nodes_error,
+            "outside": self.outside,
+            "converged": self.converged,
+            "verdict": self.verdict,
+            "warnings": list(self.warnings),
+            "seed": self.seed,
+            "seconds": self.seconds,
+        }
+
+    @property
+    def _enough(self) -> int:
+        """Draws of each chain that may do, by the effective sample size of these."""
+        draws = self.draws.shape[1]
+        factor = max(2.0, 1.3 * LEAST_ESS / max(self.convergence.least, 1.0))
+        return int(np.ceil(draws * min(factor, 100.0) / 100.0) * 100)
+
+
+def _key(name: str) -> str:
+    """A name as one in netCDF, where a slash would be a group."""
+    return name.replace("/", " over ")
 
 
 def posterior(

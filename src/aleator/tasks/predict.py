@@ -14,11 +14,11 @@ from aleator.observations.experiments import Conditions
 from aleator.observations.noise import Noise
 from aleator.observations.responses import responses_of
 from aleator.progress import Progress
+from aleator.results.values import QUANTILES, Estimate, in_order
 from aleator.surrogates import ResponseSurface
 from aleator.tasks import individual
 from aleator.tasks.asked import DEFAULT_PROPAGATION, AnySimulator, runner_on
 from aleator.tasks.outcome import predicted
-from aleator.tasks.results.values import QUANTILES, Estimate, in_order
 
 
 def predict(

@@ -23,6 +23,7 @@ from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
+from aleator.results import printed
 from aleator.search import Search
 from aleator.simulators import ProcessPool, Runner, Simulator
 from aleator.simulators.command.janitor import passing
@@ -37,7 +38,6 @@ from aleator.tasks.asked import (
     runner_on,
 )
 from aleator.tasks.replicates import Job, Replicate, job_of
-from aleator.tasks.results import notebook
 from aleator.types import Array
 
 
@@ -57,7 +57,7 @@ class Recovery:
         """The table in a notebook."""
         head = f"{len(self.alpha)} replicates of a known law"
         missed = int(np.sum(~self.converged))
-        return notebook.shown(head, self.table(), f"{missed} did not converge." if missed else "")
+        return printed.shown(head, self.table(), f"{missed} did not converge." if missed else "")
 
     def table(self) -> pd.DataFrame:
         """Truth, mean estimate, bias and its Monte Carlo error, scatter, and coverage, by name.

@@ -14,7 +14,7 @@ import numpy as np
 
 from aleator.errors import AleatorError, short
 from aleator.inference.fit import Fit
-from aleator.tasks.results.documents import make_folder
+from aleator.results.documents import make_folder
 
 SAME = 1e-5
 """Relative difference up to which two estimates are those of one identification."""

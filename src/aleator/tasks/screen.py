@@ -18,9 +18,9 @@ from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions
 from aleator.polynomials.indices import TotalDegree
 from aleator.progress import Progress, Silent
+from aleator.results import printed
 from aleator.simulators import Runner
 from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
-from aleator.tasks.results import notebook
 from aleator.tasks.single import Single, of_values, one_each
 from aleator.types import Array, Indices
 
@@ -67,7 +67,7 @@ class Sensitivity:
         """The parameters in a notebook, the most important first."""
         rough = "" if self.converged else "The expansions are rough: allow more runs."
         head = f"Shares of the variance over {len(self.ids)} experiments, {self.runs} runs each"
-        return notebook.shown(head, self.parameters().set_index("parameter"), rough)
+        return printed.shown(head, self.parameters().set_index("parameter"), rough)
 
     @property
     def alignment(self) -> Array:

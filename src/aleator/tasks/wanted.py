@@ -13,7 +13,7 @@ from aleator.inference.design import Scores, probability_gradients, quantile_gra
 from aleator.inference.fit import Fit
 from aleator.laws import Hyperparameter
 from aleator.observations.experiments import Conditions
-from aleator.tasks.results.identification import Identification
+from aleator.results.result import Result
 from aleator.types import Array, Indices
 
 ALL = "all"
@@ -87,7 +87,7 @@ class Wanted:
     moved: Mapping[str, float]
 
     @classmethod
-    def of(cls, about: str | Predicted | None, found: Identification, fit: Fit) -> Wanted:
+    def of(cls, about: str | Predicted | None, found: Result, fit: Fit) -> Wanted:
         """What `about` says; None is the standard deviation that is least known for its size.
 
         Raises InputsError for a name that is unknown or fixed.
@@ -139,7 +139,7 @@ def _weakest(fit: Fit) -> str:
     return str(hyperparameters[scales[largest]].name)
 
 
-def _elsewhere(found: Identification, fit: Fit, k: int) -> float:
+def _elsewhere(found: Result, fit: Fit, k: int) -> float:
     """The end of the interval that is off the limit; without one, the start of the search."""
     h = fit.hyperparameters[k]
     interval = found.alpha[h.name].interval

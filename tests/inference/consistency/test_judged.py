@@ -3,7 +3,7 @@ import pytest
 from normal_levels import judged
 from scipy import stats
 
-from aleator.inference.consistency.value import Consistency, Statistic
+from aleator.results.values import Consistency, Statistic
 from aleator.types import Array
 
 N = 108

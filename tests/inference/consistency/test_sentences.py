@@ -1,6 +1,6 @@
 from aleator.inference.consistency.columns import ORDER
 from aleator.inference.consistency.sentences import told
-from aleator.inference.consistency.value import Statistic
+from aleator.results.values import Statistic
 
 
 def test_neighbours_in_an_experiment_are_no_order_of_rows() -> None:

@@ -11,8 +11,8 @@ from aleator.inference.consistency.battery import SHARES, Battery
 from aleator.inference.consistency.calibration import corrected, effective, probabilities
 from aleator.inference.consistency.contrasts import Subject
 from aleator.inference.consistency.residuals import residuals_of
-from aleator.inference.consistency.value import Statistic
 from aleator.inference.fit import AnyFit, stepped
+from aleator.results.values import Statistic
 from aleator.types import Array
 
 MANY = 200

@@ -7,8 +7,8 @@ from scipy import special
 
 from aleator.inference.consistency.calibration import corrected
 from aleator.inference.consistency.residuals import Residuals
-from aleator.inference.consistency.value import LEVEL, Outlier
 from aleator.observations.experiments import Experiments
+from aleator.results.values import LEVEL, Outlier
 
 MOST = 5
 """Outliers that are named."""

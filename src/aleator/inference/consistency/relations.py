@@ -16,7 +16,7 @@ import numpy as np
 
 from aleator.inference.consistency.columns import Column
 from aleator.inference.consistency.contrasts import MAIN, Subject
-from aleator.inference.consistency.value import Relation, Statistic
+from aleator.results.values import Relation, Statistic
 from aleator.types import Array, Indices
 
 INDIVIDUAL = "individual"

@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 from aleator.inference.consistency.battery import OUTCOMES, SAME, SCATTER
 from aleator.inference.consistency.columns import ORDER, RESPONSE
-from aleator.inference.consistency.value import Discrepancy, Statistic
+from aleator.results.values import Discrepancy, Statistic
 
 LIGHT = "fewer outcomes lie in the middle and far out than the law says: it may have two modes"
 HEAVY = "more outcomes lie far out, and more in the middle, than the law says"

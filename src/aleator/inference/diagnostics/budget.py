@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from aleator.inference.diagnostics.diagnostic import Diagnostic
+from aleator.results.values import Diagnostic
 from aleator.simulators import Account
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.surrogates.outlook import Outlook, outlook

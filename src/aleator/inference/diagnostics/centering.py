@@ -8,11 +8,11 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
+from aleator.results.values import Diagnostic
 from aleator.types import Array
 
 CLOSE = 0.95

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.information import Inference
 from aleator.likelihood.problem import Problem
 from aleator.likelihood.scoring import scoring_step
+from aleator.results.values import Diagnostic
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
+from aleator.results.values import Diagnostic
 from aleator.types import Array
 
 FLAT = 0.02

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
+from aleator.results.values import Diagnostic
 from aleator.search import SearchResult, wide_limits
 
 LARGEST_EDM = 5e-3

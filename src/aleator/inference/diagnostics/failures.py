@@ -2,34 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import named
 from aleator.laws.inputs import Inputs
+from aleator.results.values import Diagnostic, FailureReport
 from aleator.simulators import NoOutcome, Runner, working_box
 from aleator.types import Array, Indices
-
-
-@dataclass(frozen=True)
-class FailureReport:
-    """Runs without an outcome: `runs` of the `needed`, in `experiments`, all within `region`.
-
-    `region` is a box, [lowest, highest] of each parameter; `message` is what the first one said.
-    `points` has the values of each parameter at which runs failed, of some hundreds at most.
-    """
-
-    runs: int
-    needed: int
-    experiments: tuple[str, ...]
-    region: Mapping[str, tuple[float, float]]
-    message: str
-    points: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-
 
 MOST = 300
 """Failed runs of which the result tells where they were."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.directions import weak_directions
 from aleator.inference.diagnostics.estimates import (
     bound_warnings,
@@ -19,6 +18,7 @@ from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
 from aleator.observations.responses import Observations
+from aleator.results.values import Diagnostic
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Flags, Indices
 

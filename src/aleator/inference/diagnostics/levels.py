@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import chosen, named
 from aleator.likelihood.problem import Problem
+from aleator.results.values import Diagnostic
 from aleator.types import Array
 
 

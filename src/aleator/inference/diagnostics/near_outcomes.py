@@ -14,10 +14,10 @@ import numpy as np
 
 from aleator.densities import Status
 from aleator.inference.check import Checked
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.information import Inference
 from aleator.likelihood.problem import Problem
+from aleator.results.values import Diagnostic
 from aleator.types import Array, Flags
 
 

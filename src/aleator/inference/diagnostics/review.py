@@ -12,7 +12,6 @@ from aleator.densities import Status
 from aleator.inference.check import Checked
 from aleator.inference.diagnostics.centering import centering_warnings
 from aleator.inference.diagnostics.check import check_refusals, density_notes
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.directions import weak_directions
 from aleator.inference.diagnostics.estimates import (
     bound_warnings,
@@ -32,6 +31,7 @@ from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.likelihood.policy import nodes_remedy, quadrature_gap
 from aleator.likelihood.problem import Problem
+from aleator.results.values import Diagnostic
 from aleator.search import SearchResult
 from aleator.search.value import LogLikelihood
 from aleator.types import Array

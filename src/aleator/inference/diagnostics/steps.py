@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.laws.inputs import Inputs
+from aleator.results.values import Diagnostic
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from aleator.inference.check import Checked
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.naming import chosen, named
 from aleator.likelihood.problem import Problem
+from aleator.results.values import Diagnostic
 from aleator.surrogates import Surface
 from aleator.types import Array
 

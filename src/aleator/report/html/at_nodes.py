@@ -10,7 +10,7 @@ import numpy as np
 from aleator.report.html import colors
 from aleator.report.html.chart import Chart, axes, fewer_ticks, models, points, shared
 from aleator.report.html.rows import numbers
-from aleator.tasks.results.units import label
+from aleator.results.units import label
 
 Document = Mapping[str, Any]
 PALETTE = "Cividis256"

@@ -12,7 +12,7 @@ from aleator.report.html import colors
 from aleator.report.html.chart import Chart, axes, points, shared, straight
 from aleator.report.html.markup import Section, folded, missing, side_by_side, table
 from aleator.report.html.rows import MOST, Measured, numbers
-from aleator.tasks.results.printed import number
+from aleator.results.printed import number
 
 Document = Mapping[str, Any]
 P = "probability of a smaller value"

@@ -16,8 +16,8 @@ from aleator.report.html.markup import Section, missing, paragraph, side_by_side
 from aleator.report.html.opening import opening
 from aleator.report.html.predicted import predicted, source_of
 from aleator.report.html.rows import MOST, Measured, measured, numbers
-from aleator.tasks.results.printed import alpha_rows, to_three
-from aleator.tasks.results.units import label
+from aleator.results.printed import alpha_rows, to_three
+from aleator.results.units import label
 
 Document = Mapping[str, Any]
 LOOKS = ((colors.BLUE, "solid"), (colors.VERMILION, "dashed"))

@@ -10,7 +10,7 @@ from aleator.report.html.markup import Section, paragraph, table
 from aleator.report.html.predicted import told
 from aleator.report.html.response import simulated
 from aleator.report.html.rows import Measured
-from aleator.tasks.results.printed import number
+from aleator.results.printed import number
 
 Document = Mapping[str, Any]
 SCATTER = "the outcome's scatter"

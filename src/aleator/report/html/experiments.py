@@ -9,8 +9,8 @@ import numpy as np
 
 from aleator.report.html.markup import Section, folded, paragraph, table
 from aleator.report.html.rows import conditions_of, numbers
-from aleator.tasks.results.printed import number
-from aleator.tasks.results.units import label, transforms, unit_of, with_unit
+from aleator.results.printed import number
+from aleator.results.units import label, transforms, unit_of, with_unit
 
 Document = Mapping[str, Any]
 MOST = 1000

@@ -12,7 +12,7 @@ from aleator.report.html import colors
 from aleator.report.html.chart import Chart, axes, points, shared
 from aleator.report.html.markup import Section, side_by_side
 from aleator.report.html.rows import MOST, Axis, conditions_of, numbers
-from aleator.tasks.results.units import label
+from aleator.results.units import label
 
 Document = Mapping[str, Any]
 

@@ -10,8 +10,8 @@ from aleator.report.html.chart import Chart, axes, legend_below, models, points,
 from aleator.report.html.individuals import Individuals
 from aleator.report.html.markup import Section, missing, paragraph, side_by_side
 from aleator.report.html.rows import numbers
-from aleator.tasks.results.printed import number
-from aleator.tasks.results.units import label
+from aleator.results.printed import number
+from aleator.results.units import label
 
 Document = Mapping[str, Any]
 

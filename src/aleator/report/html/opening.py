@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 
 from aleator.report.html.markup import Section, paragraph, prose
-from aleator.tasks.results.printed import left_out, log_likelihood, number, second_verdict, verdict
+from aleator.results.printed import left_out, log_likelihood, number, second_verdict, verdict
 
 Document = Mapping[str, Any]
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from aleator.report.html.markup import Section, code, heading, missing, table
-from aleator.tasks.results.documents import study_entry
-from aleator.tasks.results.printed import number
+from aleator.results.documents import study_entry
+from aleator.results.printed import number
 
 Document = Mapping[str, Any]
 

@@ -11,7 +11,7 @@ from aleator.report.html import colors
 from aleator.report.html.chart import Chart, axes, legend_below, points, shared
 from aleator.report.html.markup import Section, missing
 from aleator.report.html.rows import Measured
-from aleator.tasks.results.printed import outside as independent
+from aleator.results.printed import outside as independent
 
 MARKS = {
     "circle": ("measured", colors.INK),

@@ -13,7 +13,7 @@ from aleator.report.html.at_nodes import at_nodes, measured_of
 from aleator.report.html.chart import Chart, axes, fewer_ticks, legend_below, models, shared
 from aleator.report.html.markup import side_by_side
 from aleator.report.html.rows import numbers
-from aleator.tasks.results.units import label
+from aleator.results.units import label
 from aleator.types import Array
 
 Document = Mapping[str, Any]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from aleator.tasks.results.units import label
+from aleator.results.units import label
 from aleator.types import Array
 
 Document = Mapping[str, Any]

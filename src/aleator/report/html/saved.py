@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from aleator.errors import AleatorError, installing
-from aleator.tasks.results import documents
+from aleator.results import documents
 
 TALL = 900
 """Pixels of the frame in a notebook."""

@@ -12,7 +12,7 @@ from aleator.report.html.chart import Chart, axes, legend_below, models, points,
 from aleator.report.html.markup import Section
 from aleator.report.html.predicted import told
 from aleator.report.html.rows import Measured, numbers
-from aleator.tasks.results.series import varying_number
+from aleator.results.units import varying_number
 
 Document = Mapping[str, Any]
 SERIES = 200

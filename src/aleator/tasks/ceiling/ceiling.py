@@ -11,14 +11,13 @@ import pandas as pd
 from aleator.inference.ceiling.best import BestLaw, best_law
 from aleator.inference.ceiling.bootstrap import Judged, judged
 from aleator.inference.ceiling.mixing import mixed
+from aleator.inference.fit import Fit
 from aleator.progress import Progress, Silent
+from aleator.results import printed
+from aleator.results.printed import number
 from aleator.tasks.ceiling.curves import gradient_curves, gradient_map
 from aleator.tasks.ceiling.sought import Sought
-from aleator.tasks.individual.fit import IndividualFit
-from aleator.tasks.individual.session import IndividualSession
-from aleator.tasks.results import notebook
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.printed import number
+from aleator.tasks.identification import Identification
 
 SURE = 3
 """Scattering parameters up to which the points cover their region."""
@@ -58,7 +57,7 @@ class Ceiling:
 
     def _repr_html_(self) -> str:
         """The points of the best law in a notebook."""
-        return notebook.shown(self._head, self.points, self._told)
+        return printed.shown(self._head, self.points, self._told)
 
     @property
     def _head(self) -> str:
@@ -118,7 +117,8 @@ def ceiling(
     progress.stage("best possible law")
     best = best_of(sought, seed)
     estimated = fit.scored()
-    verified = _verified(found, sought, best) if verify else None
+    exact = found.session.exact_fit() if verify else None
+    verified = None if exact is None else _on_points(exact, sought, best)
     test = None
     if replicates:
         progress.stage("bootstrap of the gap")
@@ -137,15 +137,18 @@ def ceiling(
     )  # fmt: skip
 
 
-def _verified(found: Identification, sought: Sought, best: BestLaw) -> float | None:
+def _on_points(exact: Fit, sought: Sought, best: BestLaw) -> float:
     """The log-likelihood of the best weights of the same points on the simulator itself."""
-    fit, session = found.fit, found.session
-    if not isinstance(fit, IndividualFit) or not isinstance(session, IndividualSession):
-        return None
-    if session.on_simulator or session.runner is None or session.table is None:
-        return None
-    there = replace(sought, fit=fit.on(session.runner(session.table)))
+    there = replace(sought, fit=exact)
     return mixed(there.log_density(best.points)).log_likelihood
+
+
+def gap_of(fit: Fit, seed: int) -> float:
+    """How much larger the log-likelihood of the best law is than that of a fit; no runs.
+
+    Raises InputsError without noise, where laws follow covariates, and where nothing scatters.
+    """
+    return best_of(Sought.of(fit), seed).log_likelihood - fit.scored().likelihood
 
 
 def best_of(sought: Sought, seed: int) -> BestLaw:

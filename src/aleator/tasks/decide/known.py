@@ -9,7 +9,7 @@ import numpy as np
 from aleator.errors import InputsError
 from aleator.inference.decisions.alpha_draws import Estimated
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.tasks.results.values import Estimate, in_order
+from aleator.results.values import Estimate, in_order
 from aleator.types import Array
 
 

@@ -12,7 +12,6 @@ from aleator.densities import Status
 from aleator.inference.check import Checked
 from aleator.inference.diagnostics.centering import centering_advice
 from aleator.inference.diagnostics.check import check_refusals
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from aleator.inference.diagnostics.estimates import once_warnings
 from aleator.inference.diagnostics.failures import failure_report, failure_warnings
 from aleator.inference.diagnostics.individual import (
@@ -31,6 +30,8 @@ from aleator.likelihood.individual import (
     individual_parameters,
 )
 from aleator.observations.experiments import Experiments
+from aleator.results.values import Diagnostic, IndividualReport, LogLikelihoodReport
+from aleator.tasks.identification import Identification
 from aleator.tasks.individual.answer import Answer, Question
 from aleator.tasks.individual.calibration import sequential_pit
 from aleator.tasks.individual.curves import law_curves
@@ -40,8 +41,7 @@ from aleator.tasks.individual.guess import HUGE
 from aleator.tasks.individual.observed import observation_reports
 from aleator.tasks.individual.session import DIRECT, IndividualSession, runners
 from aleator.tasks.ledger import Ledger
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.summary import (
+from aleator.tasks.summary import (
     LEAST,
     estimates_of,
     parameter_correlations_of,
@@ -49,7 +49,6 @@ from aleator.tasks.results.summary import (
     search_of,
     versions,
 )
-from aleator.tasks.results.values import IndividualReport, LogLikelihoodReport
 from aleator.types import Array, Flags, Indices
 
 

@@ -15,12 +15,12 @@ from aleator.observations.errors import noise_hyperparameters
 from aleator.observations.experiments import Conditions
 from aleator.observations.noise import Noise
 from aleator.progress import Progress
+from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.direct import Way, way_of
 from aleator.tasks.individual.population import FAR, held_region
 from aleator.tasks.individual.session import IndividualSession
-from aleator.tasks.results.values import Estimate, in_order
 from aleator.types import Array
 
 

@@ -25,10 +25,10 @@ from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import require_enough
 from aleator.tasks.baselines import start_point
 from aleator.tasks.budget import affordable
+from aleator.tasks.identification import Identification
 from aleator.tasks.individual.answer import Question, answered
 from aleator.tasks.individual.assemble import assembled
 from aleator.tasks.ledger import Ledger
-from aleator.tasks.results.identification import Identification
 
 Noises = Noise | Mapping[str, Noise]
 """The noise of the only response, or of each by name."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from aleator.likelihood.individual import IndividualLikelihood, IndividualParameters
 from aleator.observations.experiments import Experiments
-from aleator.tasks.results.values import ObservationReport
+from aleator.results.values import ObservationReport
 from aleator.types import Array
 
 

@@ -21,6 +21,8 @@ from aleator.observations.noise import Noise
 from aleator.observations.responses import Response
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
+from aleator.results.law import JointLaw
+from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.forecast import Draws
@@ -30,9 +32,7 @@ from aleator.tasks.decide.table import tabled
 from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.observed import varying_conditions
 from aleator.tasks.individual.planned import planned
-from aleator.tasks.results.law import JointLaw
-from aleator.tasks.results.session import given_values, kept, missing
-from aleator.tasks.results.values import Estimate, in_order
+from aleator.tasks.session import given_values, kept, missing
 from aleator.types import Array
 
 NODES = 7
@@ -148,6 +148,12 @@ class IndividualSession:
             known,
             self.table,
         )
+
+    def exact_fit(self) -> IndividualFit | None:
+        """By the simulator itself in place of surfaces, where these are."""
+        if self.on_simulator or self.fit is None or self.runner is None or self.table is None:
+            return None
+        return self.fit.on(self.runner(self.table))
 
     def runner_on(self, conditions: Conditions) -> Runner:
         """Runs of the simulator, made here and kept in no store."""

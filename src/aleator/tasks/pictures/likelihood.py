@@ -15,8 +15,8 @@ from aleator.inference.likelihood_shape import (
     likelihood_surface,
     weakest_pair,
 )
+from aleator.results.values import Estimate
 from aleator.tasks.pictures.numbers import PLACES, drawn
-from aleator.tasks.results.values import Estimate
 
 ACROSS = 11
 """Points of a side of the surface."""

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from aleator.inference.fit import Fit
 from aleator.progress import Progress, Silent
+from aleator.results.values import QUANTILES
 from aleator.tasks.pictures.laws import law_bands, law_contours
 from aleator.tasks.pictures.likelihood import likelihood_shapes
 from aleator.tasks.pictures.numbers import PLACES, drawn
 from aleator.tasks.pictures.response import responses
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.values import QUANTILES
+
+if TYPE_CHECKING:
+    from aleator.tasks.identification import Identification
 
 DRAWS = 256
 """Plausible laws whose densities make a band."""

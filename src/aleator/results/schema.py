@@ -23,10 +23,10 @@ from pydantic import Field as Known
 from pydantic_core import PydanticCustomError
 
 from aleator.errors import AleatorError, key_path
-from aleator.inference.consistency import Consistency
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.values import (
+from aleator.results.result import Result
+from aleator.results.values import (
     QUANTILES,
+    Consistency,
     Estimate,
     ExperimentReport,
     IndividualReport,
@@ -299,7 +299,7 @@ class Reached(Entry):
 
 
 class _Answer(Entry):
-    """What identification.json has beside the fields of `Identification`, and what must agree."""
+    """What identification.json has beside the fields of `Result`, and what must agree."""
 
     title: str = ""
     study: Study | None = None
@@ -431,7 +431,7 @@ def _answer(individual: bool) -> type[Entry]:
     consistency = entry_of(Consistency, required=tests, consistent=None)
     likelihood = entry_of(LogLikelihoodReport, reached=(Reached | None, None))
     return entry_of(
-        Identification, _Answer,
+        Result, _Answer,
         alpha=(GenericAlias(dict, (str, estimate)), ...),
         log_likelihood=(likelihood, ...),
         experiments=(GenericAlias(list, (one,)), ...),
@@ -439,7 +439,7 @@ def _answer(individual: bool) -> type[Entry]:
         search=(Search, ...), surface=(Surfaces | None, None), baselines=(Baselines, ...),
         seconds=(dict[str, Finite], ...), law_curves=(dict[str, Curve], {}),
         quadrature=(Quadrature | None, None), best_possible=(BestPossible | None, None),
-        correlation=None, correlation_names=None, pictures=None, session=None,
+        correlation=None, correlation_names=None, pictures=None,
     )  # fmt: skip
 
 

@@ -14,8 +14,6 @@ import scipy
 
 from aleator.inference import diagnostics
 from aleator.inference.check import Checked
-from aleator.inference.diagnostics.diagnostic import Diagnostic
-from aleator.inference.diagnostics.failures import FailureReport
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
@@ -24,20 +22,22 @@ from aleator.laws.prior import has_prior
 from aleator.likelihood.comparison import density_distances
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
+from aleator.results.values import (
+    QUANTILES,
+    Diagnostic,
+    Estimate,
+    ExperimentReport,
+    FailureReport,
+    LogLikelihoodReport,
+    ParameterCorrelation,
+)
 from aleator.search import SearchResult
 from aleator.search.value import LogLikelihood
 from aleator.simulators import Simulator
 from aleator.tasks.baselines import LeastSquares, LinearGaussian
+from aleator.tasks.identification import Identification
 from aleator.tasks.outcome_fit import OutcomeFit
-from aleator.tasks.results.identification import Identification
-from aleator.tasks.results.session import OutcomeSession
-from aleator.tasks.results.values import (
-    QUANTILES,
-    Estimate,
-    ExperimentReport,
-    LogLikelihoodReport,
-    ParameterCorrelation,
-)
+from aleator.tasks.session import OutcomeSession
 from aleator.types import Array
 
 LEAST = 5e-4

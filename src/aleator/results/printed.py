@@ -1,4 +1,4 @@
-"""An identification as a few lines of text, and as HTML for a notebook: both from its document."""
+"""Results as text that fits a width, and as HTML for a notebook: tables, numbers, sentences."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from scipy.stats import binom
 
-from aleator.tasks.results.layout import WIDTH, Column, laid_out
-from aleator.tasks.results.units import label
+from aleator.results.units import label
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Document = Mapping[str, Any]
 NONE = "-"
@@ -299,3 +301,133 @@ def log_likelihood(document: Document) -> str:
         return line
     error = number(found.get("verified_standard_error"), 2)
     return f"{line}; on the simulator itself {to_three(found['verified'])} +- {error}"
+
+
+# ---------------------------------------------------------------------------------- tables of text
+
+
+Side = Literal["left", "right", "fold"]
+Column = tuple[str, Side]
+"""The head of a column, and where its cells stand; the last column may "fold", at words."""
+
+WIDTH = 80
+GAP = 2
+INDENT = 4
+"""Columns by which what does not fit beside the first cell stands under it."""
+NARROWEST = 16
+"""A column that folds is no narrower, if its cells are as long: else it stands below."""
+
+
+def laid_out(
+    columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int = WIDTH
+) -> tuple[list[str], list[str]]:
+    """The head and the rows of a table, each as lines of at most `width` letters.
+
+    A first cell too long for its column has a line of its own; so has a folding cell where there
+    is no room beside the others. Where even the other columns do not fit, each cell has a line
+    and there is no head. Only a word that is longer than a line is cut.
+
+    >>> head, body = laid_out([("law", "left"), ("mean", "right")],
+    ...                       [("v", "1.5"), ("a_long_name", "2")], width=14)
+    >>> print("\\n".join(head + body))
+    law       mean
+    v          1.5
+    a_long_name
+                 2
+    """
+    if columns[-1][1] == "fold" and not any(row[-1] for row in rows):
+        columns, rows = columns[:-1], [row[:-1] for row in rows]
+    names = [name for name, _ in columns]
+    every = [names, *rows]
+    folds = columns[-1][1] == "fold" and len(columns) > 1
+    fixed = len(columns) - folds
+    wide = [max(len(row[k]) for row in every) for k in range(fixed)]
+    rest = sum(wide[1:]) + GAP * (fixed - 1)
+    note = _least([row[-1] for row in every]) if folds else 0
+    if rest + note + GAP + max(INDENT, len(names[0])) > width:
+        note = 0
+    if rest + INDENT > width:
+        return [], [line for row in rows for line in _stacked(names, row, width)]
+    room = width - rest - (note + GAP if note else 0)
+    wide[0] = min(wide[0], room)
+    beside = sum(wide) + GAP * (fixed - 1) + GAP if note else None
+    head = _row(columns, names, wide, beside, width) if any(names) else []
+    return head, [line for row in rows for line in _row(columns, row, wide, beside, width)]
+
+
+def _least(cells: Sequence[str]) -> int:
+    """The least width of a folding column: no less than its longest word."""
+    words = [len(word) for cell in cells for word in cell.split()]
+    return max(min(NARROWEST, max(map(len, cells))), *words)
+
+
+def _row(
+    columns: Sequence[Column],
+    row: Sequence[str],
+    wide: Sequence[int],
+    beside: int | None,
+    width: int,
+) -> list[str]:
+    """A row whose folding cell begins at the column `beside`, or on a line of its own."""
+    fixed = len(wide)
+    note = row[-1] if fixed < len(columns) else ""
+    cells = [*row[:fixed]]
+    lines = []
+    if len(cells[0]) > wide[0]:
+        lines += _folded(cells[0], 0, width)
+        cells[0] = ""
+    placed = [
+        cell.rjust(size) if side == "right" else cell.ljust(size)
+        for cell, size, (_, side) in zip(cells, wide, columns, strict=False)
+    ]
+    line = (" " * GAP).join(placed)
+    if beside is None:
+        return [*lines, line.rstrip(), *_folded(note, INDENT, width)]
+    first, *others = _folded(note, beside, width) or [""]
+    return [*lines, (line + first[len(line) :]).rstrip(), *others]
+
+
+def _stacked(names: Sequence[str], row: Sequence[str], width: int) -> list[str]:
+    """A row with a line for each cell."""
+    lines = _folded(row[0], 0, width)
+    for name, cell in zip(names[1:], row[1:], strict=True):
+        lines += _folded(f"{name}: {cell}" if name else cell, INDENT, width) if cell else []
+    return lines
+
+
+def _folded(text: str, indent: int, width: int) -> list[str]:
+    """Paragraphs folded at words; every line begins with `indent` spaces."""
+    margin = " " * indent
+    return [
+        line
+        for part in text.splitlines()
+        for line in textwrap.wrap(
+            part, width, initial_indent=margin, subsequent_indent=margin, break_on_hyphens=False
+        )
+    ]
+
+
+# ----------------------------------------------------------------------------------- in a notebook
+
+
+ROWS = 20
+"""Rows of a table that are shown; the first of them."""
+
+
+def shown(head: str, table: pd.DataFrame, *sentences: str) -> str:
+    """A result in HTML: its head, the first rows of its table, and sentences, the last one bold.
+
+    >>> import pandas as pd
+    >>> text = shown("40 replicates", pd.DataFrame({"bias": [0.123456]}, ["a <b>"]), "No bias.")
+    >>> "0.1235" in text, "a &lt;b&gt;" in text, text.endswith("<p><b>No bias.</b></p>")
+    (True, True, True)
+    """
+    rows = table.head(ROWS).to_html(
+        border=0, float_format=lambda value: number(value), na_rep="-", notebook=False
+    )
+    more = len(table) - ROWS
+    told = [f"and {more:,} more rows"] if more > 0 else []
+    *others, last = [*told, *(text for text in sentences if text)] or [""]
+    ending = "".join(f"<p>{escape(text)}</p>" for text in others)
+    ending += f"<p><b>{escape(last)}</b></p>" if last else ""
+    return f"<p>{escape(head)}</p>{rows}{ending}"

@@ -1,34 +1,117 @@
-"""What can be decided by an identification: predictions, probabilities, limits."""
+"""The answer of `identify`: its values, and what can be asked of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from aleator.inference.decisions.alpha_draws import DRAWS, WIDE, AlphaDraws, alpha_draws
+from aleator.inference.fit import Fit
 from aleator.laws import Hyperparameter
 from aleator.observations.experiments import Conditions
-from aleator.observations.transform import Transform
 from aleator.progress import Progress
+from aleator.results.law import JointLaw
+from aleator.results.result import Result
+from aleator.results.values import QUANTILES, in_order
 from aleator.tasks.decide.known import estimated
 from aleator.tasks.decide.limits import Tolerance, limits
 from aleator.tasks.decide.probability import probabilities
 from aleator.tasks.decide.question import events_asked, responses_asked
 from aleator.tasks.decide.simulator_check import CHECKS
-from aleator.tasks.results.session import Session, kept, missing
-from aleator.tasks.results.values import QUANTILES, Estimate, in_order
+from aleator.tasks.pictures import pictured
+from aleator.tasks.session import OutcomeSession, Session, kept, missing
+
+NO_SESSION = OutcomeSession(None, None, None)
 
 
-class Decided:
-    """The part of an identification that looks forward, by its estimates and its session."""
+class Report(Protocol):
+    """A page to look at; `aleator.report.html.saved` makes it."""
 
-    alpha: Mapping[str, Estimate]
-    correlation_names: tuple[str, ...]
-    correlation: tuple[tuple[float, ...], ...]
-    transform: Transform
-    session: Session
+    text: str
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page to a file."""
+
+    def _repr_html_(self) -> str:
+        """The page in a notebook."""
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Identification(Result):
+    """An identified law: alpha with its uncertainty, its log-likelihood, and how it was found.
+
+    `sound` is true only if the search converged, every density was solved with every outcome
+    in its support, and the Monte Carlo check, where it was made, agrees. `consistent` says whether
+    the experiments look as the identified model says, `consistency` what does not. `warnings` say
+    what to mend or to know. It prints as a report in short. `session` holds what it was made with:
+    model, simulator, surfaces. An identification that was read from a file has only what was given
+    again.
+
+    >>> from aleator import Free, Inputs, MonteCarlo, Normal, identify
+    >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
+    >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
+    >>> found = identify(lambda load, x: load * x, table, law, outcome="y",
+    ...                  verification=MonteCarlo(0))
+    >>> found
+    2 hyperparameters identified from 4 experiments, ... runs of the simulator
+    alpha   estimate  std. error   95 % interval  note
+    x.mean     1.031       0.062  0.873 .. 1.189
+    x.sd       0.124       0.044  0.071 .. 0.303  sandwich error 0.018
+    log-likelihood -0.511
+    ...
+    Computed soundly: the search converged, every density was solved; not verified on
+    the
+    simulator.
+    Not tested whether consistent with the experiments: there are only 4 observations.
+    >>> float(found.values["x.mean"]), found.intervals.loc["x.mean"].round(3).tolist()
+    (1.031, [0.873, 1.189])
+    >>> found.predict(pd.DataFrame({"load": [10.0]}))["mean"].tolist()
+    [10.31]
+    """
+
+    session: Session = field(default=NO_SESSION, compare=False)
+
+    @property
+    def law(self) -> JointLaw:
+        """The identified joint law of the parameters: `sample`, `pdf`, `cdf`, `marginals`.
+
+        Raises AleatorError where the identification was read from a file without the inputs.
+        """
+        return self.session.law(self.alpha)
+
+    @property
+    def fit(self) -> Fit:
+        """The likelihood with its data at the estimates, for what builds on it; no runs.
+
+        Raises AleatorError where the identification was read from a file: surfaces are not saved.
+        """
+        return kept(self.session.fit)
+
+    def law_at(self, covariates: Mapping[str, object] | pd.Series) -> JointLaw:
+        """The joint law of an experiment with these covariates, by name.
+
+        The same as `law` where no law follows covariates. Raises InputsError for one that is
+        missing, and for a level that no experiment had.
+        """
+        return self.session.law(self.alpha, covariates)
+
+    def log_likelihood_at(self, alpha: Mapping[str, float] | ArrayLike) -> float:
+        """log L(alpha) on the surfaces of the identification; minus infinity outside a support.
+
+        `alpha` maps names to values, where hyperparameters that are not named keep their estimate,
+        or is an array (K,) in the order of `values`. The surfaces are exact around the estimate
+        and over its intervals; far beyond them the value is rough. Raises InputsError for a name
+        that is unknown and a value beyond its limits, AleatorError where the identification was
+        read from a file: surfaces are not saved. Cost: some milliseconds, no run.
+        """
+        return self.session.log_likelihood(alpha, self.alpha)
 
     def draws(
         self, count: int = DRAWS, *, seed: int = 0, by_likelihood: bool = False
@@ -155,3 +238,18 @@ class Decided:
                 "aleator.load(path, simulator=..., inputs=..., noise=...)",
             )
         return known
+
+    def report(self, *, progress: Progress | None = None) -> Report:
+        """A page of charts that needs no network: a notebook shows it, `.save(path)` writes it.
+
+        What it draws beside the answer is computed where the fit is at hand, in seconds and without
+        runs; of an identification that was read from a file it shows what that has. Raises
+        AleatorError where Bokeh is not installed.
+        """
+        whole = self
+        if not self.pictures and self.session.fit is not None:
+            whole = pictured(self, progress)
+        # a room above, by its name: imports run downward only
+        above = import_module("aleator.report.html.saved")
+        made: Report = above.report_of(whole.to_dict())
+        return made

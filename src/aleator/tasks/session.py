@@ -19,6 +19,8 @@ from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments, unmeasured
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
+from aleator.results.law import JointLaw
+from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.ground import Ground
@@ -26,8 +28,6 @@ from aleator.tasks.decide.table import tabled, tails
 from aleator.tasks.outcome import predicted
 from aleator.tasks.outcome_fit import OutcomeFit
 from aleator.tasks.refinement.choice import under_law
-from aleator.tasks.results.law import JointLaw
-from aleator.tasks.results.values import Estimate, in_order
 from aleator.types import Array
 
 
@@ -78,6 +78,9 @@ class Session(Protocol):
         noise: bool = True,
     ) -> Ground:
         """New experiments, or those `of` measured ones, and what makes their outcomes."""
+
+    def exact_fit(self) -> Fit | None:
+        """The fit by the simulator itself, which makes runs; None where it has no surfaces."""
 
     def runner_on(self, conditions: Conditions) -> Runner:
         """What makes the runs of other experiments, as that of the identification did."""
@@ -178,6 +181,9 @@ class OutcomeSession:
             model.surfaces or ResponseSurface(),
             tested=self.tested if self.fit is None else self.fit.table,
         )
+
+    def exact_fit(self) -> None:
+        """None: its density is that of all nodes, which no runs replace."""
 
     def runner_on(self, conditions: Conditions) -> Runner:
         """Runs of the simulator, made here and kept in no store."""

@@ -1,0 +1,235 @@
+"""The result of an identification as plain data: it is written, read back, and the same again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, is_dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import pandas as pd
+
+from aleator.observations.transform import Transform
+from aleator.results import documents, printed
+from aleator.results.values import (
+    Consistency,
+    DensityDistance,
+    Diagnostic,
+    Estimate,
+    ExperimentReport,
+    FailureReport,
+    IndividualReport,
+    LogLikelihoodReport,
+    ObservationReport,
+    ParameterCorrelation,
+    Plain,
+    plain_fields,
+    typed,
+)
+
+Entry = Mapping[str, Any]
+"""An object of a document that was read."""
+NOT_ASKED = Consistency.untested("it was not asked for")
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Result(Plain):
+    """An identified law: alpha with its uncertainty, its log-likelihood, and how it was found.
+
+    `sound` is true only if the search converged, every density was solved with every outcome in its
+    support, and the Monte Carlo check, where it was made, agrees; `consistency` says whether the
+    experiments look as the identified model says. `density` names the likelihood, `quadrature` its
+    nodes, `log_likelihood` has its error. `correlation` (F, F) is that of the estimates that have
+    an error, `correlation_names`. `search`, `surface`, `baselines`, `best_possible` and `pictures`
+    are as a document has them: None stands for a number that JSON cannot hold.
+
+    Every field is made what is read back from its document: Python's numbers, tuples, dicts. Two
+    results are equal where all of their values are, NaN equal to NaN.
+    """
+
+    alpha: Mapping[str, Estimate]
+    log_likelihood: LogLikelihoodReport
+    density: str
+    propagation: str
+    sound: bool
+    warnings: tuple[Diagnostic, ...]
+    experiments: tuple[ExperimentReport, ...] | tuple[IndividualReport, ...]
+    correlation_names: tuple[str, ...]
+    correlation: tuple[tuple[float, ...], ...]
+    search: Mapping[str, Any]
+    surface: Mapping[str, Any] | None
+    baselines: Mapping[str, Any]
+    runs: int
+    runs_by_stage: Mapping[str, int]
+    seconds: Mapping[str, float]
+    seed: int
+    failures: FailureReport | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
+    parameter_correlations: tuple[ParameterCorrelation, ...] = ()
+    density_distances: tuple[DensityDistance, ...] = ()
+    observations: tuple[ObservationReport, ...] = ()
+    shrinkage: Mapping[str, float] = field(default_factory=dict)
+    quadrature: Mapping[str, float] | None = None
+    responses: Mapping[str, str] = field(default_factory=dict)
+    law_curves: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
+    outcome: str = "outcome"
+    transform: Transform = Transform.NONE
+    units: Mapping[str, str] = field(default_factory=dict)
+    consistency: Consistency = NOT_ASKED
+    best_possible: Mapping[str, float] | None = None
+    pictures: Mapping[str, Any] = field(default_factory=dict)
+    propagation_reason: str = ""
+
+    def __post_init__(self) -> None:
+        if self.observations:
+            rows = typed(tuple[IndividualReport, ...], self.experiments)
+            object.__setattr__(self, "experiments", rows)
+        super().__post_init__()
+        if math.isnan(self.log_likelihood.estimated):
+            total = math.fsum(e.log_density for e in self.experiments)
+            told = replace(self.log_likelihood, estimated=total)
+            object.__setattr__(self, "log_likelihood", told)
+
+    @classmethod
+    def from_document(cls, document: Entry) -> Self:
+        """The result of a document that was read; what JSON cannot hold (null) is NaN again.
+
+        A log-density that is null because the outcome lies outside the support is minus infinity.
+        """
+        known = {name: document[name] for name in plain_fields(Result) if name in document}
+        correlation = document["correlation"]
+        known |= {"correlation_names": correlation["names"], "correlation": correlation["matrix"]}
+        if "consistency" in document:
+            second = {**document["consistency"], "consistent": document["consistent"]}
+            known["consistency"] = second
+        return cls(**known)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Result):
+            return NotImplemented
+        return all(same(getattr(self, name), getattr(other, name)) for name in plain_fields(Result))
+
+    def __repr__(self) -> str:
+        return printed.text(self.to_dict())
+
+    def _repr_html_(self) -> str:
+        """The report in a notebook."""
+        return printed.html(self.to_dict())
+
+    @property
+    def consistent(self) -> bool | None:
+        """Whether the model is consistent with the experiments; None where that was not tested."""
+        return self.consistency.consistent
+
+    @property
+    def values(self) -> pd.Series[float]:
+        """The estimates (K,) by the name of the hyperparameter, fixed ones included."""
+        return pd.Series({name: e.estimate for name, e in self.alpha.items()}, dtype=float)
+
+    @property
+    def errors(self) -> pd.Series[float]:
+        """The standard errors (K,) from the observed information; NaN where there is none.
+
+        A hyperparameter that is fixed, on its bound or not determined by the data has none.
+        """
+        return pd.Series({name: e.standard_error for name, e in self.alpha.items()}, dtype=float)
+
+    @property
+    def intervals(self) -> pd.DataFrame:
+        """95 % intervals by profile likelihood: columns lower, upper; NaN where there is none."""
+        ends = {name: e.interval or (np.nan, np.nan) for name, e in self.alpha.items()}
+        return pd.DataFrame.from_dict(ends, orient="index", columns=["lower", "upper"])
+
+    @property
+    def covariance(self) -> pd.DataFrame:
+        """The covariance (F, F) of those estimates that have a standard error, by name."""
+        names = [*self.correlation_names]
+        errors = self.errors[names].to_numpy()
+        matrix = np.reshape(self.correlation, (len(names), len(names))) * np.outer(errors, errors)
+        return pd.DataFrame(matrix, index=names, columns=names)
+
+    @property
+    def individuals(self) -> pd.DataFrame:
+        """A row for each experiment with individual parameters, by its id.
+
+        Columns ``observations``, ``log_density``, and ``x.mode``, ``x.mean``, ``x.sd`` of each
+        parameter x given the observations of the experiment; ``x.1.probability`` and so on of the
+        components of a mixture. Without columns for experiments of one outcome.
+        """
+        own = [e for e in self.experiments if isinstance(e, IndividualReport)]
+        rows = [
+            {"observations": e.observations, "log_density": e.log_density}
+            | {
+                f"{name}.{what}": getattr(e, what)[name]
+                for name in e.mean
+                for what in ("mode", "mean", "sd")
+            }
+            | {
+                f"{name}.{c}.probability": one
+                for name, each in (e.components or {}).items()
+                for c, one in enumerate(each, start=1)
+            }
+            for e in own
+        ]
+        return pd.DataFrame(rows, index=pd.Index([e.id for e in own], name="id"))
+
+    @property
+    def residuals(self) -> pd.DataFrame:
+        """A row for each observation: its experiment and place, its bounds and its prediction.
+
+        See `ObservationReport` for the columns; of the conditions those that vary within
+        experiments have one each. Without columns for experiments of one outcome.
+        """
+        rows = [{**vars(o), **o.conditions} for o in self.observations]
+        return pd.DataFrame(rows).drop(columns="conditions", errors="ignore")
+
+    def save(self, path: str | Path) -> None:
+        """Write all values as a JSON file, which `aleator.load` reads.
+
+        Raises AleatorError where the file cannot be written.
+        """
+        documents.write_json(self.to_dict(), path)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document identification.json as plain dictionaries, lists, numbers and texts."""
+        document: dict[str, Any] = {
+            name: _in_document(getattr(self, name))
+            for name in plain_fields(Result)
+            if name != "correlation_names"
+        }
+        document["correlation"] = {
+            "names": list(self.correlation_names),
+            "matrix": document["correlation"],
+        }
+        document["consistent"] = document["consistency"].pop("consistent")
+        return document
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two values of results are equal, NaN equal to NaN.
+
+    >>> same({"x": (1.0, float("nan"))}, {"x": (1.0, float("nan"))}), same((1.0,), [1.0])
+    (True, False)
+    """
+    if isinstance(one, float) and isinstance(other, float):
+        return one == other or (math.isnan(one) and math.isnan(other))
+    if type(one) is not type(other):
+        return bool(one == other)
+    if is_dataclass(one):
+        return same(vars(one), vars(other))
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, tuple | list):
+        return len(one) == len(other) and all(map(same, one, other))
+    return bool(one == other)
+
+
+def _in_document(value: Any) -> Any:
+    """Data classes as entries, tuples as lists."""
+    if is_dataclass(value):
+        value = vars(value)
+    if isinstance(value, Mapping):
+        return {key: _in_document(part) for key, part in value.items()}
+    return [_in_document(part) for part in value] if isinstance(value, tuple | list) else value

@@ -1,1 +1,0 @@
-"""What an identification leaves: its values, what can still be asked of it, its documents."""
