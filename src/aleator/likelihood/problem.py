@@ -137,7 +137,7 @@ def forward(
         lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
     distribution = predictive(
         propagated(model, response, region), model.density, condition, lower[condition],
-        upper[condition], model.hyperparameters, model.noise,
+        upper[condition], model.hyperparameters,
     )  # fmt: skip
     return Forward(model, distribution, response, surface, region, condition)
 

@@ -108,27 +108,21 @@ def identify(
     spend(budget, runner, inputs, propagation)
     ledger = Ledger(runner, progress or Silent())
     taken = (*runner.asked, *inputs.covariates)
-    if individual.wanted(table, inputs, noise, propagation, density):
-        if density is not None:
-            raise InputsError(
-                f"a density ({density.name}) is that of one exact outcome an experiment",
-                "leave the density out: the likelihood is an integral over each experiment's own "
-                "parameters",
-            )
+    if individual.wanted(table, inputs, noise):
         found = individual.identified(
             runner,
             table,
             inputs,
             noise,
             propagation,
+            density,
             search,
             verification.wanted,
             seed,
             ledger,
         )
         return _judged(replace(found, units=shown), taken, consistency, best_law, ledger)
-    assert noise is None or isinstance(noise, Noise)
-    model = Model.of(inputs, noise, propagation, density)
+    model = Model.of(inputs, propagation, density)
     require_enough(table, model.hyperparameters)
     question = Question(runner, table.outcomes, table.ids, model, search, seed)
     with diagnostics.boxes_proposed(runner, inputs):
@@ -247,11 +241,10 @@ def _verified(
         if problem.levels is not None:
             known = np.exp(problem.levels.evaluate(alpha).each)
     return verify(
-        runner.attempt, model.inputs, alpha, model.noise_sd(alpha), problem.outcomes, choice,
+        runner.attempt, model.inputs, alpha, 0.0, problem.outcomes, choice,
         seed=seed, lower=problem.predictive.lower, upper=problem.predictive.upper,
-        observation=model.noise.kind if model.noise else NORMAL,
-        emulator=emulator, condition=problem.condition, expected=expected, known=known,
-        progress=progress, most=most,
+        observation=NORMAL, emulator=emulator, condition=problem.condition, expected=expected,
+        known=known, progress=progress, most=most,
         steps=diagnostics.score_steps(answer.inference, alpha, model.hyperparameters),
     )  # fmt: skip
 
