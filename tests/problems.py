@@ -113,7 +113,7 @@ class Problem:
             cubature = default_cubature(self.inputs, density, runs=False)
             way = QuadraturePropagation(self.inputs, Exact(self), cubature)
         where = (np.arange(self.z.size), lower, upper)
-        distribution = predictive(way, density, *where, self.hyperparameters, self.noise)
+        distribution = predictive(way, density, *where, self.hyperparameters)
         return Likelihood(distribution, outcomes)
 
 
@@ -353,7 +353,7 @@ PRODUCT = Problem(
     lambda alpha, z, y: np.array([_log_product(alpha, *pair) for pair in zip(z, y, strict=True)]),
     limits=lambda z: (0 * z, 0 * z + np.inf),
 )
-PROBLEMS = (SAMPLE, REGRESSION, GROWTH, SQUARE, BINDING, NOISY, FRONTIER, PRODUCT)
+PROBLEMS = (SAMPLE, REGRESSION, GROWTH, SQUARE, BINDING, PRODUCT)
 
 
 def log_frontier(residual: Array, inefficiency: float, noise: float) -> Array:

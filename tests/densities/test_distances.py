@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize, stats
 
-from aleator.densities import Convolution, Gaussian, MaximumEntropy
+from aleator.densities import Gaussian, GaussianMixture, MaximumEntropy
 from aleator.densities.distances import earth_movers_distance
 from aleator.densities.gaussian import FittedGaussian
-from aleator.densities.moments import Moments
+from aleator.densities.moments import Moments, weighted_moments
 from aleator.densities.outcomes import Outcomes
 from aleator.errors import InputsError
 from aleator.types import Array
@@ -77,8 +77,10 @@ def test_a_uniform_law_and_its_nodes() -> None:
 
 
 def test_a_mixture_and_a_normal_by_thirty_digits() -> None:
-    nodes = Outcomes(np.array([[-1.0, 1.0]]), np.array([0.3, 0.7]))
-    mixture = Convolution().fit_nodes(nodes, 0.9, -np.inf, np.inf)
+    theta, weights = np.polynomial.hermite_e.hermegauss(20)
+    parts = np.add.outer([-1.0, 1.0], 0.9 * theta).ravel()[None]
+    share = np.outer([0.3, 0.7], weights / weights.sum()).ravel()
+    mixture = GaussianMixture().fit(weighted_moments(parts, share, 6), -np.inf, np.inf)
     with mpmath.workdps(30):
 
         def gap(y: mpmath.mpf) -> mpmath.mpf:

@@ -1,29 +1,22 @@
-"""Moments of weighted outcomes: closed forms, invariance, derivatives, noise."""
+"""Moments of weighted outcomes: closed forms, invariance, derivatives."""
 
 from __future__ import annotations
 
-import mpmath
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from problems import PROBLEMS, Exact, Problem, from_raw, raw_normal, title
+from problems import PROBLEMS, Exact, Problem, raw_normal, title
 
 from aleator.densities.moments import (
     Moments,
-    add_noise,
     weighted_moments,
     weighted_moments_with_gradient,
 )
-from aleator.observations.normal import NormalError
 from aleator.polynomials.gauss import gauss_hermite
 from aleator.quadrature import TensorGauss
 from aleator.types import Array
-
-
-def add_normal_noise(moments: Moments, sd: float) -> Moments:
-    return add_noise(moments, sd, NormalError().moments(moments.order))
 
 
 def at_nodes(problem: Problem, nodes: int) -> tuple[Array, Array]:
@@ -146,88 +139,12 @@ def test_jacobians_are_those_of_differences() -> None:
     found = weighted_moments_with_gradient(y, w, order, dy[:, :, None], dw[:, None])
     plain = weighted_moments(y, w, order)
     np.testing.assert_array_equal(found.standardized, plain.standardized)
-    noisy = add_normal_noise(found, 0.02)
-    values = [add_normal_noise(weighted_moments(*end, order), 0.02) for end in ends]
-    bare = [weighted_moments(*end, order) for end in ends]
-    for moments, pieces in ((found, bare), (noisy, values)):
-        for name in ("mean", "sd", "standardized"):
-            f = [getattr(piece, name) for piece in pieces]
-            expected = (8.0 * (f[2] - f[1]) - (f[3] - f[0])) / (12.0 * h)
-            jac = getattr(moments, f"{name}_jac")[..., 0]
-            np.testing.assert_allclose(jac, expected, rtol=1e-8, atol=1e-9)
-
-
-def test_the_jacobian_of_noise_is_that_of_differences() -> None:
-    y, w = moving(0.0)
-    nothing = weighted_moments_with_gradient(y, w, 6, np.zeros((2, 5, 1)), np.zeros((5, 1)))
-    noise, h = 0.03, 1e-5
-    found = add_normal_noise(nothing, noise)
-    ends = [add_normal_noise(nothing, noise + k * h) for k in (-2, -1, 1, 2)]
+    pieces = [weighted_moments(*end, order) for end in ends]
     for name in ("mean", "sd", "standardized"):
-        f = [getattr(end, name) for end in ends]
+        f = [getattr(piece, name) for piece in pieces]
         expected = (8.0 * (f[2] - f[1]) - (f[3] - f[0])) / (12.0 * h)
-        jac = getattr(found, f"{name}_jac")
-        np.testing.assert_allclose(jac[..., -1], expected, rtol=1e-7, atol=1e-8)
-        np.testing.assert_array_equal(jac[..., 0], 0.0)
-
-
-# ------------------------------------------------------------------------------ noise
-
-
-@pytest.mark.parametrize("noise", [1e-4, 0.3, 5.0])
-def test_noise_adds_as_the_explicit_convolution_does(noise) -> None:
-    """Every outcome with every node of the noise; 6 nodes of it are exact to order 11."""
-    y, w = moving(0.2)
-    theta, share = gauss_hermite(6)
-    both = (y[:, :, None] + noise * theta).reshape(2, -1)
-    expected = weighted_moments(both, np.outer(w, share).ravel(), 8)
-    found = add_normal_noise(weighted_moments(y, w, 8), noise)
-    np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-14)
-    np.testing.assert_allclose(found.sd, expected.sd, rtol=1e-12)
-    np.testing.assert_allclose(found.standardized, expected.standardized, rtol=1e-9, atol=1e-10)
-
-
-def test_noise_adds_as_the_integral_of_the_two_densities_does() -> None:
-    """E[(Y + e)^m] of a uniform Y by a double integral with 20 digits."""
-    t, w = np.polynomial.legendre.leggauss(10)
-    found = add_normal_noise(weighted_moments(t[None, :], w / 2.0, 6), 0.7)
-    with mpmath.workdps(20):
-        raw = [
-            mpmath.quad(
-                lambda e, m=m: (
-                    mpmath.npdf(e) * ((1 + 0.7 * e) ** (m + 1) - (-1 + 0.7 * e) ** (m + 1))
-                ),
-                mpmath.linspace(-12, 12, 13),
-            )
-            / (2 * (m + 1))
-            for m in range(7)
-        ]
-    mean, sd, standardized = from_raw(raw)
-    assert found.mean[0] == pytest.approx(mean, abs=1e-14)
-    assert found.sd[0] == pytest.approx(sd, rel=1e-13)
-    np.testing.assert_allclose(found.standardized[0], standardized, rtol=1e-12, atol=1e-12)
-
-
-def test_noise_alone_is_normal_and_no_noise_is_nothing() -> None:
-    silent = weighted_moments(np.full((1, 3), 2.0), np.full(3, 1.0 / 3.0), 8)
-    noisy = add_normal_noise(silent, 0.4)
-    assert noisy.sd[0] == pytest.approx(0.4, rel=1e-15)
-    truth = [float(raw_normal(0.0, 1.0, m)) for m in range(9)]
-    np.testing.assert_allclose(noisy.standardized[0], truth, rtol=1e-14)
-    y, w = moving(0.0)
-    plain = weighted_moments(y, w, 6)
-    same = add_normal_noise(plain, 0.0)
-    np.testing.assert_allclose(same.standardized, plain.standardized, rtol=1e-14, atol=1e-15)
-    assert same.sd == pytest.approx(plain.sd, rel=1e-15)
-
-
-def test_noise_adds_in_any_order() -> None:
-    y, w = moving(0.4)
-    plain = weighted_moments(y, w, 8)
-    twice = add_normal_noise(add_normal_noise(plain, 0.03), 0.04)
-    once = add_normal_noise(plain, 0.05)
-    np.testing.assert_allclose(twice.standardized, once.standardized, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(twice.sd, once.sd, rtol=1e-14)
+        jac = getattr(found, f"{name}_jac")[..., 0]
+        np.testing.assert_allclose(jac, expected, rtol=1e-8, atol=1e-9)
 
 
 def test_take_repeats_rows_with_their_derivatives() -> None:

@@ -36,7 +36,7 @@ def of(name: str, points: int = 401) -> tuple[Array, Linearized]:
     y = RESPONSES[name](nodes.x[:, 0], z)
     outcome = RESPONSES[name](np.clip(rng.normal(0.5, 0.15, 60), 0.0, 1.0), z[:, 0])
     outcome[::7] += rng.normal(0.0, 2.0, outcome[::7].size)
-    return outcome, Linearized(y, nodes.weights, nodes.lattice, 0.0)
+    return outcome, Linearized(y, nodes.weights, nodes.lattice)
 
 
 @pytest.mark.parametrize("points", [41, 401])
@@ -44,7 +44,7 @@ def of(name: str, points: int = 401) -> tuple[Array, Linearized]:
 def test_a_window_tells_what_all_nodes_tell(name: str, points: int) -> None:
     outcome, around = of(name, points)
     inside, value, d_y = windowed(outcome, around)
-    every, slope, _ = _of_lattice(outcome, around)
+    every, slope = _of_lattice(outcome, around)
     np.testing.assert_allclose(value[inside], every[inside], rtol=1e-12, atol=1e-12)
     largest = np.abs(slope[inside]).max(axis=1, keepdims=True, initial=1e-300)
     np.testing.assert_allclose(d_y[inside] / largest, slope[inside] / largest, atol=1e-11)
@@ -76,7 +76,7 @@ def test_the_partials_are_the_differences_of_the_value(name: str) -> None:
 
     def sensitivity(y: Array) -> NodeSensitivity:
         nodes = Outcomes(y, around.weights, lattice=around.lattice)
-        return Convolution().fit_nodes(nodes, 0.0, -np.inf, np.inf).node_sensitivity(outcome)
+        return Convolution().fit_nodes(nodes, -np.inf, np.inf).node_sensitivity(outcome)
 
     found = sensitivity(around.y)
     direction = np.cos(np.linspace(0.0, 3.0, around.y.shape[1]))

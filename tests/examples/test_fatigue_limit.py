@@ -77,23 +77,6 @@ def test_few_nodes_integrate_the_simulator_itself(found: Identification) -> None
     assert abs(found.quadrature["gap"]) < 0.005
 
 
-@pytest.mark.slow
-def test_a_gaussian_density_misses_the_maximum(answer: tuple[Array, float, Array]) -> None:
-    missed = of_study(STUDY / "study_gaussian.toml", MonteCarlo(0))
-    assert missed.log_likelihood.estimated < answer[1] - 1.0
-    # nor is its law the best one: its exact likelihood is smaller too
-    assert exact(estimates(missed)) < answer[1] - 0.1
-
-
-def test_the_two_studies_differ_in_the_density_alone() -> None:
-    study, gaussian = (load_study(STUDY / f"{name}.toml") for name in ("study", "study_gaussian"))
-    for name in ("noise", "propagation", "search", "verification", "seed", "table"):
-        assert getattr(gaussian, name) == getattr(study, name), name
-    assert gaussian.inputs.hyperparameters == study.inputs.hyperparameters
-    assert np.array_equal(gaussian.inputs.box, study.inputs.box)
-    assert gaussian.density != study.density
-
-
 def test_the_script_makes_the_shipped_specimens_of_the_told_truth() -> None:
     script = STUDY / "make_specimens.py"
     made = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)

@@ -1,12 +1,12 @@
-"""How far moment densities are from the exact one of a noisy outcome."""
+"""How far moment densities are from the exact one of the outcome."""
 
 import numpy as np
 import pandas as pd
 import pytest
-from problems import GROWTH, NOISY, Problem
+from problems import GROWTH, SQUARE, Problem
 from scipy import integrate, stats
 
-from aleator import Inputs, MaximumEntropy, Noise, Normal, ResponseSurface
+from aleator import Inputs, MaximumEntropy, Normal, ResponseSurface
 from aleator.densities import Convolution
 from aleator.laws.region import law_region
 from aleator.likelihood.comparison import density_distances, exact_movement
@@ -22,13 +22,13 @@ from aleator.types import Array
 def prepared(problem: Problem, density) -> Prepared:
     table = Experiments.from_frame(problem.table(problem.draw(0)), outcome="y")
     runner = Runner(as_simulator(problem.simulator, True), table, problem.inputs.names)
-    model = Model(problem.inputs, problem.noise, ResponseSurface(tolerance=1e-3), density)
+    model = Model(problem.inputs, ResponseSurface(tolerance=1e-3), density)
     return prepare(runner, table.outcomes, model, problem.inputs.box)
 
 
 def test_distances_fall_with_the_moments_and_agree_with_integration() -> None:
-    ready = prepared(NOISY, Convolution())
-    rows = {row.density: row for row in density_distances(ready, NOISY.alpha)}
+    ready = prepared(SQUARE, Convolution())
+    rows = {row.density: row for row in density_distances(ready, SQUARE.alpha)}
     assert rows["gaussian"].mean > rows["maximum entropy, 4 moments"].mean > 0.0
     assert rows["maximum entropy, 4 moments"].mean > rows["maximum entropy, 6 moments"].mean
     assert abs(rows["maximum entropy, 6 moments"].log_likelihood) < abs(
@@ -37,8 +37,8 @@ def test_distances_fall_with_the_moments_and_agree_with_integration() -> None:
     # the Gaussian's distance, integrated for the first experiment by an adaptive rule
     likelihood = ready.likelihood
     fitted, moments = (
-        likelihood.predictive.fitted(NOISY.alpha),
-        likelihood.predictive.moments(NOISY.alpha),
+        likelihood.predictive.fitted(SQUARE.alpha),
+        likelihood.predictive.moments(SQUARE.alpha),
     )
     mean, sd = moments.mean[0], moments.sd[0]
     count = moments.mean.size
@@ -52,8 +52,8 @@ def test_distances_fall_with_the_moments_and_agree_with_integration() -> None:
     assert rows["gaussian"].mean <= rows["gaussian"].worst
 
 
-def test_of_five_parameters_the_moments_are_an_expansion_s_and_distances_the_nodes() -> None:
-    """A sum of five normals and noise is normal: every moment density is the exact one."""
+def test_of_five_parameters_the_moments_are_an_expansion_s() -> None:
+    """A sum of five normals is normal: the density of the moments is the exact one."""
     z = np.linspace(0.5, 1.5, 6)
     names = [f"x{i}" for i in range(5)]
     inputs = Inputs({name: Normal(1.0, 0.2) for name in names})
@@ -63,13 +63,13 @@ def test_of_five_parameters_the_moments_are_an_expansion_s_and_distances_the_nod
 
     table = Experiments.from_frame(pd.DataFrame({"z": z, "y": 5.0 * z}), outcome="y")
     runner = Runner(as_simulator(total, True), table, inputs.names)
-    model = Model(inputs, Noise(0.3), ResponseSurface(), MaximumEntropy(4))
-    alpha = np.append(np.tile([1.0, 0.2], 5), 0.3)
-    ready = prepare(runner, table.outcomes, model, law_region(inputs, [alpha[:-1]]))
+    model = Model(inputs, ResponseSurface(), MaximumEntropy(4))
+    alpha = np.tile([1.0, 0.2], 5)
+    ready = prepare(runner, table.outcomes, model, law_region(inputs, [alpha]))
     assert isinstance(ready.predictive.propagation, ExpandedPropagation)
-    rows = density_distances(ready, alpha)
-    assert len(rows) == 4
-    assert all(abs(row.log_likelihood) < 0.02 and row.mean < 0.01 for row in rows)
+    exact = stats.norm.logpdf(5.0 * z, 5.0 * z, z * 0.2 * 5**0.5).sum()
+    assert ready.likelihood.evaluate(alpha).total == pytest.approx(exact, abs=0.02)
+    assert density_distances(ready, alpha) == ()
 
 
 def test_without_noise_the_reference_is_the_density_in_closed_form() -> None:

@@ -10,9 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from problems import (
     BINDING,
-    FRONTIER,
     GROWTH,
-    NOISY,
     PROBLEMS,
     REGRESSION,
     SAMPLE,
@@ -75,7 +73,7 @@ def test_a_truncated_normal_outcome_has_its_closed_form(order) -> None:
     np.testing.assert_allclose(found.each, truth, atol=1e-7)
 
 
-@pytest.mark.parametrize("problem", [GROWTH, SQUARE, NOISY, FRONTIER], ids=title)
+@pytest.mark.parametrize("problem", [GROWTH, SQUARE], ids=title)
 def test_more_moments_come_closer_to_the_exact_log_density(problem) -> None:
     """Root mean square error of the log-density under the law itself, by 400 draws."""
     many = replace(problem, z=np.repeat(problem.z[1:3], 200))
@@ -97,7 +95,7 @@ def test_more_moments_come_closer_to_the_exact_log_density(problem) -> None:
 @pytest.mark.parametrize("density", DENSITIES, ids=name)
 @pytest.mark.parametrize("problem", PROBLEMS, ids=title)
 def test_the_score_is_that_of_differences(problem, density) -> None:
-    """Seven outcomes of the law, at an alpha that is not a maximum; with and without noise."""
+    """Seven outcomes of the law, at an alpha that is not a maximum."""
     y = problem.draw(5)
     likelihood = problem.likelihood(y, density)
     found = likelihood(problem.alpha)
@@ -122,7 +120,7 @@ def test_the_score_of_a_normal_sample_is_its_closed_form() -> None:
 
 
 @pytest.mark.parametrize("degree", [None, 4], ids=["quadrature", "expansion"])
-@pytest.mark.parametrize("problem", [GROWTH, BINDING, FRONTIER], ids=title)
+@pytest.mark.parametrize("problem", [GROWTH, BINDING], ids=title)
 def test_the_score_through_collocation_is_that_of_differences(problem, degree) -> None:
     """Five nodes of the simulator itself, whose slope is a central difference."""
     y = problem.draw(7)
@@ -153,7 +151,7 @@ def test_the_score_holds_outside_the_support_too(order) -> None:
 # ------------------------------------------------------------------------------ invariance
 
 
-@given(turn=st.permutations(range(7)), problem=st.sampled_from([GROWTH, NOISY]))
+@given(turn=st.permutations(range(7)), problem=st.sampled_from([GROWTH, BINDING]))
 def test_the_order_of_experiments_does_not_matter(turn, problem) -> None:
     y, index = problem.draw(8), np.array(turn)
     one = problem.likelihood(y)(problem.alpha)
@@ -165,11 +163,11 @@ def test_the_order_of_experiments_does_not_matter(turn, problem) -> None:
 
 def test_repeated_conditions_count_as_distinct_copies() -> None:
     z = np.array([0.5, 1.0, 0.5, 2.0, 1.0, 0.5])
-    many = replace(NOISY, z=z)
+    many = replace(BINDING, z=z)
     y = many.draw(9)
     apart = many.likelihood(y)
     unique, condition = np.unique(z, return_inverse=True)
-    few = replace(NOISY, z=unique).likelihood(np.zeros(3))
+    few = replace(BINDING, z=unique).likelihood(np.zeros(3))
     shared = Likelihood(
         replace(
             few.predictive,
@@ -179,12 +177,12 @@ def test_repeated_conditions_count_as_distinct_copies() -> None:
         ),
         y,
     )
-    one, other = apart(NOISY.alpha), shared(NOISY.alpha)
+    one, other = apart(BINDING.alpha), shared(BINDING.alpha)
     np.testing.assert_allclose(other.each, one.each, rtol=1e-13)
     assert one.scores is not None
     assert other.scores is not None
     np.testing.assert_allclose(other.scores, one.scores, rtol=1e-12, atol=1e-12)
-    assert shared.predictive.moments(NOISY.alpha).mean.shape == (6,)
+    assert shared.predictive.moments(BINDING.alpha).mean.shape == (6,)
 
 
 @pytest.mark.parametrize("factor", [1e-3, -40.0])
@@ -290,8 +288,6 @@ def test_no_scatter_at_all_is_a_status_and_a_very_small_value() -> None:
     assert found.status.tolist() == [Status.DEGENERATE, *[Status.SOLVED] * 3]
     assert found.each[0] == DEGENERATE_VALUE
     assert problem.likelihood(y).evaluate(BINDING.alpha).each[0] == -np.inf
-    noisy = replace(NOISY, z=problem.z)
-    assert np.all(noisy.likelihood(y)(NOISY.alpha).status == Status.SOLVED)
 
 
 def test_a_user_calls_the_honest_likelihood() -> None:
@@ -313,7 +309,7 @@ def test_a_failed_solve_costs_more_than_its_fallback_gains() -> None:
     zero = np.zeros(1, dtype=np.intp)
     distribution = predictive(
         QuadraturePropagation(inputs, response, TensorGauss(8)), MaximumEntropy(4), zero,
-        np.array([-1.0]), np.array([1.0]), inputs.hyperparameters, None,
+        np.array([-1.0]), np.array([1.0]), inputs.hyperparameters,
     )  # fmt: skip
     likelihood = Likelihood(distribution, np.array([0.2]))
     alpha = np.array([0.0, 1.0])

@@ -10,9 +10,7 @@ import pytest
 from identifications import unjudged
 from scipy import optimize, stats
 
-from aleator import Free, Inputs, MaximumEntropy, MonteCarlo, Noise, Normal
-from aleator.errors import InputsError
-from aleator.likelihood.model import Model
+from aleator import Free, Inputs, MonteCarlo, Noise, Normal
 from aleator.observations.model import Observed
 from aleator.observations.normal import NormalError
 
@@ -85,9 +83,3 @@ def test_noise_of_another_kind_is_identified_exactly() -> None:
     for estimate, value in zip(found.alpha.values(), best.x, strict=True):
         assert abs(estimate.estimate - value) < 0.01 * estimate.standard_error
     assert found.sound
-
-
-def test_a_density_of_moments_does_not_take_noise_of_another_kind() -> None:
-    inputs = Inputs({"x": Normal(0.0, 1.0)})
-    with pytest.raises(InputsError, match="student"):
-        Model.of(inputs, Noise(0.1, StudentError()), density=MaximumEntropy(4))

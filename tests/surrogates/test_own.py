@@ -91,14 +91,6 @@ def test_errors_fall_where_the_law_is_and_are_told() -> None:
     assert (true_error(state, everywhere, 6) > 3.0 * true_error(state, where, 6)).all()
 
 
-def test_the_scatter_is_that_of_the_outcome_with_its_noise() -> None:
-    state = first(waves, 1)
-    state.judge(law())
-    alone = state.scatter[0]
-    state.judge(law(), 0.5)
-    assert state.scatter[0] == pytest.approx(np.hypot(alone, 0.5))
-
-
 # ------------------------------------------------------------------------------ runs
 
 

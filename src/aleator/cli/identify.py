@@ -39,7 +39,6 @@ from aleator.study.experiments import ExperimentsSection
 from aleator.study.keys import in_toml
 from aleator.study.sections import StudyFile
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.individual.identify import MOST
 from aleator.tasks.pictures import pictured
 
 IDENTIFICATION = "identification.json"
@@ -104,9 +103,8 @@ Further keys, with their defaults:
                 {_defaults(ResponseSurface, "max_runs")}, nodes, surfaces =
                 "none", "own" or "shared": left out, none if vectorized) or
                 "collocation" (nodes, moments = "quadrature" or "expansion", degree)
-  [density]     kind = "automatic": with noise none, but an integral over individual
-                parameters; the convolution where one outcome an experiment has more
-                than {MOST} that scatter. Without noise level sets for one that scatters,
+  [density]     With noise none: the likelihood is an integral over individual
+                parameters. kind = "automatic": level sets for one that scatters,
                 and for two where these move an estimate, the convolution for three
                 where it does; else maximum entropy of order {STAND_IN.order}.
                 Or "maximum_entropy" ({_defaults(MaximumEntropy, "order")}), "gaussian",

@@ -74,7 +74,7 @@ _EXPLANATIONS = {
         "add measurement noise or leave the experiment out"
     ),
     Status.TOO_COARSE: (
-        "too few nodes for so small a noise, or for an outcome that changes this fast: "
+        "too few nodes for an outcome that changes this fast: "
         'use more nodes ([density] points) or kind = "maximum_entropy"'
     ),
     Status.NO_MIXTURE: (
@@ -108,14 +108,13 @@ class NodeSensitivity:
     """Value for the search at one outcome per experiment, with its partials by the nodes.
 
     `value` (N,) as in `Sensitivity`; `d_y` and `d_weights` (N, J) are the partial derivatives by
-    the noise-free outcomes at the nodes and by their weights, `d_noise` (N,) by the noise's
-    standard deviation. Always finite; `status` (N,) holds `Status` codes.
+    the outcomes at the nodes and by their weights. Always finite; `status`
+    (N,) holds `Status` codes.
     """
 
     value: Array
     d_y: Array
     d_weights: Array
-    d_noise: Array
     status: Codes
 
 
@@ -158,7 +157,7 @@ class FittedNodeDensity(FittedDensity, Protocol):
 
 
 class Density(Protocol):
-    """A choice of density that is fitted to moments of the (noisy) outcome."""
+    """A choice of density that is fitted to moments of the outcome."""
 
     @property
     def order(self) -> int:
@@ -184,7 +183,7 @@ class NearbyDensity(Density, Protocol):
 
 @runtime_checkable
 class NodeDensity(Protocol):
-    """A choice of density that is fitted to the noise-free outcomes at the nodes themselves."""
+    """A choice of density that is fitted to the outcomes at the nodes themselves."""
 
     @property
     def points(self) -> int:
@@ -195,9 +194,9 @@ class NodeDensity(Protocol):
         """Name for reports."""
 
     def fit_nodes(
-        self, outcomes: Outcomes, noise_sd: float, lower: ArrayLike, upper: ArrayLike
+        self, outcomes: Outcomes, lower: ArrayLike, upper: ArrayLike
     ) -> FittedNodeDensity:
-        """Fit N densities; lower, upper (N,) is the range of the noise-free outcome."""
+        """Fit N densities; lower, upper (N,) is the range of the outcome."""
 
 
 def check_moments(moments: Moments, order: int, name: str) -> None:
@@ -216,15 +215,6 @@ def check_weights(weights: Array, name: str) -> None:
         raise InputsError(
             f"density {name} needs weights that are not negative, one is {weights.min():g}",
             "take nodes of a tensor rule or a sample, not a sparse grid, or maximum entropy",
-        )
-
-
-def check_noise(noise_sd: float) -> None:
-    """Raise InputsError where the noise is negative or not finite."""
-    if not (np.isfinite(noise_sd) and noise_sd >= 0.0):
-        raise InputsError(
-            f"standard deviation {noise_sd} of the noise: negative or not finite",
-            "give a number that is not negative",
         )
 
 

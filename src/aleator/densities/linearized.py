@@ -10,9 +10,6 @@ import numpy as np
 from aleator.quadrature import Lattice
 from aleator.types import Array, Flags
 
-_FARTHEST_RATIO = 700.0
-_LEAST_SLOPE = 1e-300
-
 _NO_SPREAD = 1e-10
 """Spread over outcome that is none but that of rounding."""
 
@@ -23,21 +20,17 @@ class Linearized:
 
     u ~ Normal(0, (1 - tau^2) I) lies on the nodes, zeta ~ Normal(0, I) is integrated around each.
     With eta to second order the component's mean is eta_j + tau^2/2 sum_i H_ii and its variance
-    sigma_e^2 + tau^2 sum_i g_i^2 + tau^4/2 sum_ik H_ik^2, g and H being differences of the
+    tau^2 sum_i g_i^2 + tau^4/2 sum_ik H_ik^2, g and H being differences of the
     outcomes y (N, J) on the lattice: a Gaussian sum by local linearization (Alspach and Sorenson,
     1972) with the second-order terms. Exact for a linear outcome, and in both moments for a
-    quadratic one; else the error is of order tau^4.
-
-    The noise sigma_e smooths too, so that tau is no larger than it must be: tau^2 = T^2 exp(-t)
-    with t = sigma_e^2/(2 T^2 G^2), T the lattice's width and G^2 = E sum_i g_i^2 of the experiment.
-    Without noise, sigma_e = 0, a component of no spread is a point mass: it has no density, and its
-    weight is zero. Cost O(N J n^2).
+    quadratic one; else the error is of order tau^4. tau is the lattice's width. A component of no
+    spread is a point mass: it has no density, and its weight is zero. Cost O(N J n^2).
 
     >>> from aleator.quadrature import GermGrid
     >>> from aleator.laws.inputs import Inputs
     >>> from aleator.laws import Normal
     >>> grid = GermGrid(161).nodes(Inputs({"x": Normal(0.0, 1.0)}), np.array([0.0, 1.0]))
-    >>> around = Linearized(3.0 * grid.x.T, grid.weights, grid.lattice, 1e-9)
+    >>> around = Linearized(3.0 * grid.x.T, grid.weights, grid.lattice)
     >>> bool(np.allclose(around.variance, 9.0 * grid.lattice.width**2))
     True
     """
@@ -45,7 +38,6 @@ class Linearized:
     y: Array
     weights: Array
     lattice: Lattice
-    noise_sd: float
 
     def take(self, rows: Flags) -> Linearized:
         """Of some of the experiments."""
@@ -54,18 +46,16 @@ class Linearized:
     @cached_property
     def mean(self) -> Array:
         """(N, J)"""
-        return np.asarray(self.y + 0.5 * self._square[:, None] * self._trace)
+        return np.asarray(self.y + 0.5 * self._square * self._trace)
 
     @cached_property
     def variance(self) -> Array:
-        """(N, J), noise included; 1 for a point mass."""
+        """(N, J); 1 for a point mass."""
         return np.where(self.points, 1.0, self._spread)
 
     @cached_property
     def points(self) -> Flags:
-        """(N, J) nodes around which the outcome does not move, where there is no noise."""
-        if self.noise_sd > 0.0:
-            return np.zeros(self.y.shape, dtype=bool)
+        """(N, J) nodes around which the outcome does not move."""
         points: Flags = self._spread <= (_NO_SPREAD * self.y) ** 2
         return points
 
@@ -80,8 +70,8 @@ class Linearized:
 
     @cached_property
     def log_core_all(self) -> Array:
-        """The same of point masses too; without noise one for all experiments, (1, J)."""
-        core = 1.0 - self._square[: 1 if self.noise_sd == 0.0 else None, None]
+        """The same (J,) of point masses too, one for all experiments."""
+        core = 1.0 - self._square
         away = 0.5 * self.lattice.distance2 * (1.0 - 1.0 / core)
         with np.errstate(divide="ignore"):
             log_weights = np.log(self.weights)
@@ -93,28 +83,11 @@ class Linearized:
         share = np.where(self.points, 0.0, self._curved / self.variance)
         return np.asarray(np.sqrt(share) @ self.weights)
 
-    def chain(self, share: Array, by_mean: Array, by_variance: Array) -> tuple[Array, Array]:
-        """Partials by y (N, J) and noise_sd (N,) of what has these by mean and variance (N, J).
-
-        `share` (N, J) are the partials by `log_core`.
-        """
-        core = 1.0 - self._square[:, None]
-        by_core = 0.5 * (len(self.slopes) / core - self.lattice.distance2 / core**2)
-        by_spread = self._steepness + self._square[:, None] * self._curvature
-        by_square = (share * by_core + 0.5 * by_mean * self._trace + by_variance * by_spread).sum(1)
-        by_ratio = -self._square * by_square
-        slope = np.maximum(self._slope, _LEAST_SLOPE)
-        d_y = self._transposed(by_mean, by_variance, -by_ratio * self._ratio / slope)
-        d_noise = 2.0 * self.noise_sd * by_variance.sum(1)
-        if self.noise_sd > 0.0:
-            d_noise += 2.0 * by_ratio * self._ratio / self.noise_sd
-        return d_y, d_noise
-
-    def _transposed(self, by_mean: Array, by_variance: Array, by_slope: Array) -> Array:
-        """By y (N, J), of what has these by mean and variance at fixed tau, and by G^2 (N,)."""
-        lattice, square = self.lattice, self._square[:, None]
+    def chain(self, by_mean: Array, by_variance: Array) -> Array:
+        """Partials by y (N, J) of what has these by mean and variance (N, J)."""
+        lattice, square = self.lattice, self._square
         by_bend = square**2 * by_variance
-        by_steepness = 2.0 * (square * by_variance + by_slope[:, None] * self.weights)
+        by_steepness = 2.0 * square * by_variance
         total = by_mean.copy()
         for second, bend in zip(lattice.second, self.bends, strict=True):
             total += (0.5 * square * by_mean + by_bend * bend) @ second
@@ -125,24 +98,10 @@ class Linearized:
             total += partial @ lattice.first[k]
         return total
 
-    @cached_property
-    def _ratio(self) -> Array:
-        """t (N,), cut where exp(-t) is nothing."""
-        if self.noise_sd == 0.0:
-            return np.zeros(len(self.y))
-        slope = np.maximum(self._slope, _LEAST_SLOPE)
-        ratio = 0.5 * (self.noise_sd / self.lattice.width) ** 2 / slope
-        return np.minimum(ratio, _FARTHEST_RATIO)
-
-    @cached_property
-    def _square(self) -> Array:
-        """tau^2 (N,)."""
-        return np.asarray(self.lattice.width**2 * np.exp(-self._ratio))
-
-    @cached_property
-    def _slope(self) -> Array:
-        """G^2 (N,)."""
-        return np.asarray(self._steepness @ self.weights)
+    @property
+    def _square(self) -> float:
+        """tau^2."""
+        return float(self.lattice.width**2)
 
     @cached_property
     def _steepness(self) -> Array:
@@ -160,11 +119,11 @@ class Linearized:
 
     @cached_property
     def _spread(self) -> Array:
-        return self.noise_sd**2 + self._square[:, None] * self._steepness + self._curved
+        return np.asarray(self._square * self._steepness + self._curved)
 
     @cached_property
     def _curved(self) -> Array:
-        return 0.5 * self._square[:, None] ** 2 * self._curvature
+        return 0.5 * self._square**2 * self._curvature
 
     @cached_property
     def slopes(self) -> tuple[Array, ...]:

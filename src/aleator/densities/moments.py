@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,54 +126,6 @@ def weighted_moments_with_gradient(
     return Moments(mean, sd, standardized, mean_jac, sd[:, None] * log_sd_jac, standardized_jac)
 
 
-def add_noise(moments: Moments, scale: float, unit: Array) -> Moments:
-    """Moments of Y + scale u with u independent of Y, of mean zero and E[u^j] = `unit` (M + 1,).
-
-    With s = scale sqrt(E[u^2]) and S^2 = sd^2 + s^2 the standardized moments are
-    E[(Y + scale u - mean)^m]/S^m = sum_j C(m, j) c_(m-j) (sd/S)^(m-j) (s/S)^j E[u^j]/E[u^2]^(j/2).
-    The jacobians gain a last column, the derivative by the scale. NaN where u has no such moment.
-    Cost O(N M^2 K).
-
-    >>> m = weighted_moments(np.array([[-3.0, 3.0]]), np.array([0.5, 0.5]), 4)
-    >>> noisy = add_noise(m, 4.0, np.array([1.0, 0.0, 1.0, 0.0, 3.0]))  # normal noise
-    >>> float(noisy.sd[0]), float(noisy.standardized[0, 4])  # (81 + 6*9*16 + 3*256)/625
-    (5.0, 2.7408)
-    """
-    rms = float(np.sqrt(unit[2]))
-    own = unit / rms ** np.arange(unit.size)
-    noise_sd = scale * rms
-    total = np.hypot(moments.sd, noise_sd)
-    safe = np.where(total > 0.0, total, 1.0)
-    p, r = moments.sd / safe, noise_sd / safe
-    standardized = np.zeros_like(moments.standardized)
-    for m in range(moments.order + 1):
-        for j in np.flatnonzero(own[: m + 1]).tolist():
-            factor = comb(m, j) * own[j]
-            standardized[:, m] += factor * moments.standardized[:, m - j] * p ** (m - j) * r**j
-    standardized[:, 1] = 0.0
-    standardized[:, 2] = 1.0
-    if moments.mean_jac is None or moments.sd_jac is None or moments.standardized_jac is None:
-        return Moments(moments.mean, total, standardized)
-    mean_jac = _with_column(moments.mean_jac, 0.0)
-    inner_jac = _with_column(moments.sd_jac, 0.0)
-    noise_jac = np.zeros_like(inner_jac)
-    noise_jac[:, -1] = rms
-    total_jac = p[:, None] * inner_jac + r[:, None] * noise_jac
-    dp = (inner_jac - p[:, None] * total_jac) / safe[:, None]
-    dr = (noise_jac - r[:, None] * total_jac) / safe[:, None]
-    standardized_jac = np.zeros((*standardized.shape, mean_jac.shape[1]))
-    for m in range(3, moments.order + 1):
-        for j in np.flatnonzero(own[: m + 1]).tolist():
-            factor = comb(m, j) * own[j]
-            c = moments.standardized[:, m - j, None]
-            dc = _with_column(moments.standardized_jac[:, m - j], 0.0)
-            pm, rj = p[:, None] ** (m - j), r[:, None] ** j
-            dpm = (m - j) * p[:, None] ** max(m - j - 1, 0) * dp
-            drj = j * r[:, None] ** max(j - 1, 0) * dr
-            standardized_jac[:, m] += factor * (dc * pm * rj + c * dpm * rj + c * pm * drj)
-    return Moments(moments.mean, total, standardized, mean_jac, total_jac, standardized_jac)
-
-
 def _standardize(y: Array, weights: Array) -> tuple[Array, Array, Array]:
     mean = y @ weights
     centered = y - mean[:, None]
@@ -194,7 +145,3 @@ def _powers(z: Array, weights: Array, order: int) -> Array:
     # exact by definition; free of rounding for the solver of the density
     standardized[:, 0], standardized[:, 1], standardized[:, 2] = 1.0, 0.0, 1.0
     return standardized
-
-
-def _with_column(jac: Array, value: float) -> Array:
-    return np.concatenate([jac, np.full((jac.shape[0], 1), value)], axis=1)

@@ -1,4 +1,4 @@
-"""Weighted sums of normal densities: what a mixture and a convolution with noise both are."""
+"""Weighted sums of normal densities: what a mixture and a convolution both are."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from aleator.types import Array
 
 @dataclass(frozen=True)
 class Outcomes:
-    """Noise-free outcomes y (N, J) of N experiments at J nodes with weights (J,) that sum to one.
+    """Outcomes y (N, J) of N experiments at J nodes with weights (J,) that sum to one.
 
     `dy` (N, J, K) and `dweights` (J, K) are their derivatives by the K hyperparameters, or None
     where no derivative was asked for. E[g(Y_l)] is sum_j w_j g(y_lj) for any function g. `lattice`

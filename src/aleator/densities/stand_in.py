@@ -20,18 +20,17 @@ NOTHING = 1e-17
 
 @dataclass(frozen=True)
 class NodeNormal:
-    """Mean and standard deviation of outcome plus noise: y (N, J), weights (J,), noise_sd > 0 or 0.
+    """Mean and standard deviation of the outcome: y (N, J), weights (J,).
 
-    mean = sum_j w_j y_j, sd^2 = sum_j w_j (y_j - mean)^2 + noise_sd^2.
+    mean = sum_j w_j y_j, sd^2 = sum_j w_j (y_j - mean)^2.
 
-    >>> n = NodeNormal(np.array([[1.0, 3.0]]), np.array([0.5, 0.5]), 3.0**0.5)
+    >>> n = NodeNormal(np.array([[1.0, 3.0]]), np.array([0.5, 0.5]))
     >>> n.mean.tolist(), n.sd.round(9).tolist()
-    ([2.0], [2.0])
+    ([2.0], [1.0])
     """
 
     y: Array
     weights: Array
-    noise_sd: float
 
     @cached_property
     def mean(self) -> Array:
@@ -40,20 +39,20 @@ class NodeNormal:
 
     @cached_property
     def sd(self) -> Array:
-        """(N,), noise included; SMALLEST_SD where there is no scatter but that of rounding."""
+        """(N,); SMALLEST_SD where there is no scatter but that of rounding."""
         scatter = np.sqrt((self.y - self.mean[:, None]) ** 2 @ self.weights)
         scatter = np.where(scatter > 1e-14 * np.abs(self.y).max(axis=1), scatter, 0.0)
-        return np.maximum(np.hypot(scatter, self.noise_sd), SMALLEST_SD)
+        return np.maximum(scatter, SMALLEST_SD)
 
-    def chain(self, by_mean: Array, by_sd: Array) -> tuple[Array, Array, Array]:
-        """Partials by y (N, J), weights (N, J), noise_sd (N,) of what has these by mean and sd."""
+    def chain(self, by_mean: Array, by_sd: Array) -> tuple[Array, Array]:
+        """Partials by y (N, J) and weights (N, J) of what has these by mean and sd."""
         centered = self.y - self.mean[:, None]
         by_variance = (0.5 * by_sd / self.sd)[:, None]
         d_y = self.weights * (by_mean[:, None] + 2.0 * by_variance * centered)
         d_weights = by_mean[:, None] * self.y + by_variance * centered**2
-        return d_y, d_weights, 2.0 * by_variance[:, 0] * self.noise_sd
+        return d_y, d_weights
 
-    def sensitivity(self, outcome: Array) -> tuple[Array, Array, Array, Array]:
+    def sensitivity(self, outcome: Array) -> tuple[Array, Array, Array]:
         """Log-density (N,) at the outcome (N,) less FAILED_SOLVE_PENALTY, with its partials."""
         u = np.clip((outcome - self.mean) / self.sd, -FARTHEST, FARTHEST)
         value = -0.5 * u**2 - np.log(self.sd) - 0.5 * np.log(2.0 * np.pi) - FAILED_SOLVE_PENALTY
@@ -77,7 +76,7 @@ class NodeNormal:
         seen = np.flatnonzero(share > NOTHING)
         if not seen.size:
             return total, d_y
-        few = NodeNormal(self.y[seen], self.weights, self.noise_sd)
+        few = NodeNormal(self.y[seen], self.weights)
         by_mean = share * u / (9.0 * self.sd)
         by_sd = share * (u**2 / 9.0 - 1.0) / self.sd
         moved = few.chain(by_mean[seen], by_sd[seen])[0]

@@ -1,4 +1,4 @@
-"""One scattering parameter without noise: the few nodes that have a share in a density."""
+"""One scattering parameter: the few nodes that have a share in a density."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def windowed(outcome: Array, around: Linearized) -> tuple[Flags, Array, Array]:
         size = int((after - first)[rows].max())
         start = np.minimum(first[rows], nodes - 1 - size)
         at = rows[:, None], start[:, None] + np.arange(size)
-        log_core = np.where(around.points[at], -np.inf, around.log_core_all[0, at[1]])
+        log_core = np.where(around.points[at], -np.inf, around.log_core_all[at[1]])
         found, share = shares(np.log(inverse[at]) - 0.5 * z[at] ** 2 + log_core)
-        most = np.log(inverse[rows] @ np.exp(around.log_core_all[0])) - 0.5 * NEAR**2
+        most = np.log(inverse[rows] @ np.exp(around.log_core_all)) - 0.5 * NEAR**2
         sure = found > most + ROUNDING
         inside[rows[~sure]] = False
         value[rows] = np.where(sure, found - _LOG_SQRT_2PI, 0.0)

@@ -39,8 +39,8 @@ POINTS = 401
 def density_distances(problem: Problem, alpha: Array) -> tuple[DensityDistance, ...]:
     """Each moment density against the convolution at alpha, all from the same surfaces.
 
-    Empty without surfaces, without both noise and a lattice of nodes, or where the nodes cannot
-    resolve the density or do not reach an outcome. Cost: a fit of each density, and the distances
+    Empty without surfaces, without a lattice of nodes, or where the nodes cannot resolve the
+    density or do not reach an outcome. Cost: a fit of each density, and the distances
     of at most 25 experiments.
     """
     exact = _exact(problem)
@@ -101,7 +101,7 @@ def _exact(problem: Problem) -> Likelihood | None:
     """The likelihood of the convolution on the same surfaces, where there is one."""
     model, inputs = problem.model, problem.model.inputs
     on_lattice = 1 <= inputs.scattering <= MOST_ON_LATTICE
-    if model.surfaces is None or not (model.noise or on_lattice):
+    if model.surfaces is None or not on_lattice:
         return None
     cubature = default_cubature(inputs, Convolution(), runs=False)
     grid = QuadraturePropagation(inputs, problem.response, cubature)

@@ -10,7 +10,6 @@ import numpy as np
 from aleator.densities.interface import FittedDensity, FittedMomentDensity, FittedNodeDensity
 from aleator.densities.moments import Moments
 from aleator.densities.outcomes import Outcomes
-from aleator.observations.noise import Noise
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
@@ -40,10 +39,9 @@ class OfMoments:
     alpha: Array
     fitted: FittedMomentDensity
     moments: Moments
-    noise: Noise | None
 
     def scored(self, y: Array) -> LogLikelihood:
-        """By the chain rule over the moments and over the ends of the range."""
+        """By the chain rule over the moments."""
         s, moments = self.fitted.sensitivity(y), self.moments
         assert moments.mean_jac is not None
         assert moments.sd_jac is not None
@@ -53,9 +51,6 @@ class OfMoments:
             + s.d_sd[:, None] * moments.sd_jac
             + (s.d_standardized[:, None] @ moments.standardized_jac)[:, 0]
         )
-        if self.noise is not None:
-            # the range of the outcome is widened by the noise
-            scores[:, -1] += self.noise.kind.reach * (s.d_upper - s.d_lower)
         return LogLikelihood(s.value, np.asarray(scores), s.status)
 
 
@@ -66,7 +61,6 @@ class OfNodes:
     alpha: Array
     fitted: FittedNodeDensity
     outcomes: Outcomes
-    noise: Noise | None
 
     def scored(self, y: Array) -> LogLikelihood:
         """By the chain rule over the nodes' outcomes and weights."""
@@ -74,6 +68,4 @@ class OfNodes:
         assert outcomes.dy is not None
         assert outcomes.dweights is not None
         scores = (s.d_y[:, None, :] @ outcomes.dy)[:, 0, :] + s.d_weights @ outcomes.dweights
-        if self.noise is not None:
-            scores = np.concatenate([scores, s.d_noise[:, None]], axis=1)
         return LogLikelihood(s.value, scores, s.status)

@@ -10,10 +10,8 @@ from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import traceable
 from aleator.likelihood.propagation import GRID, Collocation
-from aleator.observations.noise import Noise
 from aleator.quadrature import GermGrid, SobolPoints
 from aleator.surrogates import ResponseSurface
-from aleator.types import Array
 
 MOST_ON_LATTICE = 3
 """Scattering parameters up to which the nodes of a density over nodes are a lattice."""
@@ -25,7 +23,7 @@ ChosenDensity = Density | NodeDensity
 
 @dataclass(frozen=True)
 class Model:
-    """Law, noise, propagation and density. `open` says whether another density may take its place.
+    """Law, propagation and density. `open` says whether another density may take its place.
 
     >>> from aleator.laws import Normal
     >>> inputs = Inputs({"x": Normal(0.0, 1.0)})
@@ -34,7 +32,6 @@ class Model:
     """
 
     inputs: Inputs
-    noise: Noise | None
     propagation: ResponseSurface | Collocation
     density: ChosenDensity
     open: bool = False
@@ -43,18 +40,17 @@ class Model:
     def of(
         cls,
         inputs: Inputs,
-        noise: Noise | None = None,
         propagation: ResponseSurface | Collocation | None = None,
         density: ChosenDensity | None = None,
     ) -> Model:
         """The model with a density of its own where the user chooses none.
 
-        That of the outcome itself where nodes cost no run, and there is noise or they are a
+        That of the outcome itself where one parameter scatters, nodes cost no run and are a
         lattice: it is exact. Else maximum entropy of four moments. Raises InputsError for choices
         that do not go together.
         """
         propagation = propagation or ResponseSurface()
-        bare = cls(inputs, noise, propagation, density or STAND_IN)
+        bare = cls(inputs, propagation, density or STAND_IN)
         if density is None:
             bare = replace(bare, density=bare._first_density, open=True)
         bare._check()
@@ -62,13 +58,8 @@ class Model:
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """All hyperparameters in the order of alpha: the inputs', then the noise's."""
-        noise = (self.noise.hyperparameter,) if self.noise else ()
-        return self.inputs.hyperparameters + noise
-
-    def noise_sd(self, alpha: Array) -> float:
-        """The noise's standard deviation in alpha (K,); zero without noise."""
-        return float(alpha[-1]) if self.noise else 0.0
+        """All hyperparameters in the order of alpha: the inputs'."""
+        return self.inputs.hyperparameters
 
     @property
     def surfaces(self) -> ResponseSurface | None:
@@ -102,7 +93,7 @@ class Model:
 
     @property
     def lattice(self) -> bool:
-        """Whether a density over nodes gets a lattice of them, which it needs without noise.
+        """Whether a density over nodes gets a lattice of them, which it needs.
 
         A number of nodes a dimension is one of such a lattice; other nodes carry none.
         """
@@ -119,10 +110,10 @@ class Model:
 
     @property
     def traced(self) -> bool:
-        """Whether the likelihood is that of level sets: without noise, and nobody says how."""
+        """Whether the likelihood is that of level sets: nobody says how."""
         fast = self.collocation is not None and self.collocation.fast
         chosen = fast or (self.open and self.follows)
-        return chosen and self.noise is None and traceable(self.inputs)
+        return chosen and traceable(self.inputs)
 
     def directly(self) -> Model:
         """The same on the simulator itself, at the nodes of a lattice."""
@@ -139,25 +130,18 @@ class Model:
 
     @property
     def _first_density(self) -> ChosenDensity:
-        sure = self.noise is not None or self.lattice
-        return Convolution() if self.surfaces is not None and sure else STAND_IN
+        sure = self.surfaces is not None and self.lattice
+        return Convolution() if sure else STAND_IN
 
     def _check(self) -> None:
-        if isinstance(self.density, Convolution) and self.noise is None and not self.lattice:
+        if isinstance(self.density, Convolution) and not self.lattice:
             raise InputsError(
-                'without noise the density "convolution" takes at most three scattering '
+                'the density "convolution" takes at most three scattering '
                 "parameters, and response surfaces with `nodes` left out or given as a number, or "
                 "nodes that are a GermGrid",
-                "add noise ([noise] sd, or noise=Noise(...)), or take MaximumEntropy",
+                "take MaximumEntropy",
             )
-        if self.noise is not None and not self.noise.normal:
-            raise InputsError(
-                f"a density of the outcome takes normal noise only, and {self.noise.kind.name} is "
-                "none",
-                "leave out density and collocation: the likelihood is then an integral over each "
-                "experiment's own parameters",
-            )
-        if self.inputs.scattering == 0 and self.noise is None:
+        if self.inputs.scattering == 0:
             raise InputsError(
                 "nothing scatters: every parameter is a constant and there is no measurement noise",
                 "give a parameter a law, or add noise: [noise] sd, or noise=Noise(...)",

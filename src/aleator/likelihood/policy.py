@@ -89,7 +89,7 @@ def density_remedy(model: Model) -> str:
     """What to try where the density is not that of the simulator."""
     if model.exact:
         return "lower the tolerance of the surface, or take more points of the convolution"
-    if model.noise is not None or model.lattice:
+    if model.lattice:
         return 'take density.kind = "convolution", which is exact, or a higher order'
     return "take a higher order (6), and compare"
 
@@ -105,8 +105,7 @@ def _more_nodes(problem: Problem) -> QuadraturePropagation | None:
 def _moments_serve(problem: Problem, alpha: Array) -> bool:
     """Whether a density over nodes needs more of them, so that four moments do better.
 
-    By its status, or because more nodes change it; without noise four moments have to be nearer to
-    what more nodes give.
+    By its status, or because more nodes change it and four moments are nearer to what those give.
     """
     predictive, likelihood = problem.predictive, problem.by_densities
     if np.any(predictive.fitted(alpha).status == Status.TOO_COARSE):
@@ -114,7 +113,5 @@ def _moments_serve(problem: Problem, alpha: Array) -> bool:
     gap = quadrature_gap(problem, alpha)
     if abs(gap) <= max(COARSE, 1e-3 * problem.outcomes.size):
         return False
-    if predictive.noise is not None:
-        return True
     of_moments = replace(likelihood, predictive=predictive.by(STAND_IN)).evaluate(alpha)
     return abs(of_moments.total - likelihood.evaluate(alpha).total - gap) < abs(gap)

@@ -1,4 +1,4 @@
-"""The distribution of the outcomes under a law: law, response and noise, but no data.
+"""The distribution of the outcomes under a law: law and response, but no data.
 
 Two ways lead to it. `FromMoments` fits a density to the moments of the outcome (the paper).
 `FromNodes` sums over the outcomes at the nodes of the law. Both carry the derivatives by alpha, so
@@ -16,13 +16,12 @@ import numpy as np
 from aleator.blocks import blocks
 from aleator.densities import Density, FittedDensity, NodeDensity
 from aleator.densities.interface import NearbyDensity
-from aleator.densities.moments import Moments, add_noise, joined
+from aleator.densities.moments import Moments, joined
 from aleator.densities.outcomes import Outcomes
 from aleator.laws import Hyperparameter
 from aleator.likelihood.located import Located, OfMoments, OfNodes
 from aleator.likelihood.parts import FittedInParts, InParts
 from aleator.likelihood.propagation import NodePropagation, Propagation, QuadraturePropagation
-from aleator.observations.noise import Noise
 from aleator.quadrature.nodes import Nodes
 from aleator.types import Array, Indices
 
@@ -36,8 +35,8 @@ class Predictive(ABC):
 
     `propagation` gives the moments, or the outcomes at the nodes, of U distinct conditions, and
     `condition` (N,) says which of them each experiment is made under: repetitions are propagated
-    once. `lower` and `upper` (N,) are the range of the noise-free outcome, possibly infinite.
-    `hyperparameters` (K) are those of the inputs, followed by `noise.sd` where there is noise.
+    once. `lower` and `upper` (N,) are the range of the outcome, possibly infinite.
+    `hyperparameters` (K) are those of the inputs.
     """
 
     propagation: Propagation
@@ -46,11 +45,10 @@ class Predictive(ABC):
     lower: Array
     upper: Array
     hyperparameters: tuple[Hyperparameter, ...]
-    noise: Noise | None
 
     @abstractmethod
     def fitted(self, alpha: Array) -> FittedDensity:
-        """The N densities of the measured outcomes at alpha."""
+        """The N densities of the outcomes at alpha."""
 
     @abstractmethod
     def at(self, alpha: Array, known: Located | None = None) -> Located:
@@ -71,25 +69,9 @@ class Predictive(ABC):
         """Moments that are needed: those that are matched, and the four of a report."""
 
     def moments(self, alpha: Array, *, gradient: bool = False) -> Moments:
-        """Moments of the measured outcomes, noise included."""
-        moments = self.propagation.moments(self.law(alpha), self.order, gradient=gradient)
-        if self.noise is not None:
-            scale = self.noise_sd(alpha)
-            moments = add_noise(moments, scale, self.noise.kind.moments(self.order))
+        """Moments of the outcomes."""
+        moments = self.propagation.moments(alpha, self.order, gradient=gradient)
         return moments.take(self.condition)
-
-    def law(self, alpha: Array) -> Array:
-        """The law's part of alpha."""
-        return alpha if self.noise is None else alpha[:-1]
-
-    def noise_sd(self, alpha: Array) -> float:
-        """The noise's scale in alpha; zero without noise."""
-        return 0.0 if self.noise is None else float(alpha[-1])
-
-    def range(self, noise_sd: float) -> tuple[Array, Array]:
-        """Lowest and highest outcome (N,) that can be measured with noise of this scale."""
-        margin = 0.0 if self.noise is None else self.noise.kind.reach * noise_sd
-        return self.lower - margin, self.upper + margin
 
     def take(self, rows: Indices) -> Predictive:
         """The distributions of some of the experiments, without a thought of the others."""
@@ -111,13 +93,13 @@ class Predictive(ABC):
         """The same outcomes in another density, or by other nodes."""
         return predictive(
             propagation or self.propagation, density, self.condition, self.lower, self.upper,
-            self.hyperparameters, self.noise,
+            self.hyperparameters,
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class FromMoments(Predictive):
-    """Densities fitted to the moments of the measured outcomes."""
+    """Densities fitted to the moments of the outcomes."""
 
     density: Density
 
@@ -128,24 +110,23 @@ class FromMoments(Predictive):
 
     def fitted(self, alpha: Array) -> FittedDensity:
         """The N densities with these moments on the range of the outcome."""
-        return self.density.fit(self.moments(alpha), *self.range(self.noise_sd(alpha)))
+        return self.density.fit(self.moments(alpha), self.lower, self.upper)
 
     def at(self, alpha: Array, known: Located | None = None) -> Located:
         """Sooner where the densities of an alpha nearby are known."""
         if known is not None and np.array_equal(known.alpha, alpha):
             return known
-        moments, ends = self.moments(alpha, gradient=True), self.range(self.noise_sd(alpha))
+        moments, ends = self.moments(alpha, gradient=True), (self.lower, self.upper)
         if isinstance(self.density, NearbyDensity) and isinstance(known, OfMoments):
             fitted = self.density.fit_near(moments, *ends, known.fitted)
         else:
             fitted = self.density.fit(moments, *ends)
-        return OfMoments(alpha.copy(), fitted, moments, self.noise)
+        return OfMoments(alpha.copy(), fitted, moments)
 
     def continued(self, alphas: Array, y: Array) -> Array:
         """One batch of A N densities."""
         every = joined([self.moments(alpha) for alpha in alphas])
-        ranges = [self.range(self.noise_sd(alpha)) for alpha in alphas]
-        lower, upper = (np.concatenate(ends) for ends in zip(*ranges, strict=True))
+        lower, upper = (np.tile(end, len(alphas)) for end in (self.lower, self.upper))
         fitted = self.density.fit(every, lower, upper)
         value = fitted.sensitivity(np.tile(y, len(alphas))).value
         return np.asarray(value.reshape(-1, y.size).sum(axis=1))
@@ -162,7 +143,7 @@ class FromNodes(Predictive):
     def name(self) -> str:
         """With the number of nodes, which is the same for all alpha."""
         start = np.array([h.start for h in self.hyperparameters])
-        return f"{self.density.name}, {len(self.propagation.at(self.law(start))):,} nodes"
+        return f"{self.density.name}, {len(self.propagation.at(start)):,} nodes"
 
     @property
     def order(self) -> int:
@@ -192,7 +173,7 @@ class FromNodes(Predictive):
         if not isinstance(way, QuadraturePropagation) or not way.divisible:
             return ()
         start = np.array([h.start for h in self.hyperparameters])
-        rows = blocks(count, way.nodes(self.law(start)).weights.size, LARGEST)
+        rows = blocks(count, way.nodes(start).weights.size, LARGEST)
         return tuple(rows) if len(rows) > 1 else ()
 
     @cached_property
@@ -203,7 +184,7 @@ class FromNodes(Predictive):
     def _in_parts(self, alpha: Array) -> InParts:
         """The nodes are found once for all parts."""
         assert isinstance(self.propagation, QuadraturePropagation)
-        nodes = self.propagation.nodes(self.law(alpha))
+        nodes = self.propagation.nodes(alpha)
         located = tuple(partial(part._of, alpha, nodes, gradient=True) for part in self._parts)
         fitted = tuple(partial(part._fitted_of, alpha, nodes) for part in self._parts)
         return InParts(alpha.copy(), self._rows, located, FittedInParts(self._rows, fitted))
@@ -216,12 +197,12 @@ class FromNodes(Predictive):
         return self._around(alpha, self.propagation.outcomes_at(nodes, gradient=gradient))
 
     def _at(self, alpha: Array, *, gradient: bool) -> OfNodes:
-        return self._around(alpha, self.propagation.outcomes(self.law(alpha), gradient=gradient))
+        return self._around(alpha, self.propagation.outcomes(alpha, gradient=gradient))
 
     def _around(self, alpha: Array, outcomes: Outcomes) -> OfNodes:
         outcomes = outcomes.take(self.condition)
-        fitted = self.density.fit_nodes(outcomes, self.noise_sd(alpha), self.lower, self.upper)
-        return OfNodes(alpha.copy(), fitted, outcomes, self.noise)
+        fitted = self.density.fit_nodes(outcomes, self.lower, self.upper)
+        return OfNodes(alpha.copy(), fitted, outcomes)
 
 
 def predictive(
@@ -231,10 +212,9 @@ def predictive(
     lower: Array,
     upper: Array,
     hyperparameters: tuple[Hyperparameter, ...],
-    noise: Noise | None,
 ) -> Predictive:
     """The predictive distribution by the way that the density asks for."""
-    rest = (condition, lower, upper, hyperparameters, noise)
+    rest = (condition, lower, upper, hyperparameters)
     if isinstance(density, NodeDensity):
         assert isinstance(propagation, NodePropagation)
         return FromNodes(propagation, density, *rest)

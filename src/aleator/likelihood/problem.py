@@ -88,8 +88,7 @@ class Problem(Forward):
         """The likelihood by level sets; None with collocation, where they would take more runs."""
         if self.levels is not None:
             return self.levels
-        known = self.surface is not None and self.model.noise is None
-        known = known and traceable(self.model.inputs)
+        known = self.surface is not None and traceable(self.model.inputs)
         return _levels(self).fine() if known else None
 
     @property
@@ -146,7 +145,7 @@ def forward(
         lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
     distribution = predictive(
         propagated(model, response, region), model.density, condition, lower[condition],
-        upper[condition], model.hyperparameters, model.noise,
+        upper[condition], model.hyperparameters,
     )  # fmt: skip
     return Forward(model, distribution, response, surface, region, condition)
 

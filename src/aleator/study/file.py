@@ -79,31 +79,19 @@ class Study:
 
     @property
     def model(self) -> Model:
-        """The choices that, with a simulator and a table, make a likelihood.
-
-        Raises InputsError as `one_noise` does.
-        """
-        return Model.of(self.inputs, self.one_noise, self.propagation, self.density)
+        """The choices that make a likelihood of exact outcomes."""
+        return Model.of(self.inputs, self.propagation, self.density)
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """All that the study identifies or knows, in the order of alpha."""
         table, inputs, noise = self.experiments, self.inputs, self.noise
-        if individual.wanted(table, inputs, noise, self.propagation, self.density):
-            asked = individual.asked(table, inputs, noise, self.propagation, self.search)
+        if individual.wanted(table, inputs, noise):
+            asked = individual.asked(
+                table, inputs, noise, self.propagation, self.density, self.search
+            )
             return asked.hyperparameters
         return self.model.hyperparameters
-
-    @property
-    def one_noise(self) -> Noise | None:
-        """The noise of the only response. Raises InputsError where several have their own."""
-        if isinstance(self.noise, Mapping):
-            raise InputsError(
-                f"{self.file}: the responses {', '.join(self.noise)} have a noise each, and this "
-                "command knows one outcome only",
-                "name one outcome, and write its noise as [noise]",
-            )
-        return self.noise
 
     def overridden(
         self, seed: int | None = None, starts: int | None = None, verified: bool = True

@@ -59,8 +59,8 @@ class AdaptiveSurfaces:
 
     `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed; `box` (n, 2) is where the
     surfaces are wanted; `conditions` (N, d) are what experiments may share a surface by, or None.
-    `where` (J, n) are the points at which the errors were judged last, or None for all of the box;
-    `noise_sd` is that of the noise that their scatter includes. `scale` (N,) takes the place of the
+    `where` (J, n) are the points at which the errors were judged last, or None for all of the box.
+    `scale` (N,) takes the place of the
     scatter where there is one. `past` (PATIENCE, N) are the
     relative errors before the last rounds of each experiment: one that no longer falls is given up.
     `afforded` tells who has a round of runs where a budget does not suffice for all.
@@ -80,7 +80,6 @@ class AdaptiveSurfaces:
     ) -> None:
         self.choice, self.afforded = choice, afforded
         self.where = None if choice.tolerance else _points_of(box)
-        self.noise_sd = 0.0
         self.scale: Array | None = None
         self.past = np.full((PATIENCE, experiments), np.inf)
         self.emulator = _first_emulator(run, box, experiments, choice, conditions)
@@ -130,9 +129,9 @@ class AdaptiveSurfaces:
         self.emulator.ask(x, *pairs(np.arange(self.good.size), len(x)))
         self.move(self.box)
 
-    def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
+    def judge(self, where: Array | None) -> None:
         """Estimate the errors at points (J, n) of a law, or over the box."""
-        self.where, self.noise_sd = where, noise_sd
+        self.where = where
         self._judge_again()
 
     def against(self, scale: Array) -> None:
@@ -230,7 +229,7 @@ class AdaptiveSurfaces:
         self._judge_again()
 
     def _judge_again(self) -> None:
-        self.emulator.judge(self.where, self.noise_sd)
+        self.emulator.judge(self.where)
         if self.scale is not None:
             self.emulator.scatter = self.scale
 

@@ -73,11 +73,8 @@ class Emulator(ABC):
         """
 
     @abstractmethod
-    def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
-        """Estimate the errors at points (J, n) of a law, or over the box.
-
-        The scatter that they are compared with is that of the outcome with its noise.
-        """
+    def judge(self, where: Array | None) -> None:
+        """Estimate the errors at points (J, n) of a law, or over the box."""
 
     @abstractmethod
     def surface(self, converged: Flags) -> Surface:

@@ -107,7 +107,7 @@ class OwnSurfaces(Emulator):
         common = ~np.isin(inside.x[:, 0], self.earlier[:, 0])
         return self.axes.inward(inside.x[inside.asked[members].any(axis=0) & common])
 
-    def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
+    def judge(self, where: Array | None) -> None:
         """Estimate the errors by what the priors expect, and by leave-one-out residuals."""
         samples = self.samples.inside(self.box)
         enough = samples.worked.sum(axis=1) >= self.least
@@ -121,7 +121,7 @@ class OwnSurfaces(Emulator):
             self.level[members] = np.abs(y).max(axis=0)
             constant = np.ptp(y, axis=0) <= ROUNDING * self.level[members]
             scatter = _scatter(prior, fit, at)
-            self.scatter[members] = np.hypot(np.where(constant, 0.0, scatter), noise_sd)
+            self.scatter[members] = np.where(constant, 0.0, scatter)
             error = np.maximum(fit.there, left_out(fit, shares(z[runs], at)))
             if where is None:
                 self.estimate[members] = error

@@ -84,7 +84,7 @@ class SharedSurface(Emulator):
         self._place(members, min(more, room), most, draws)
         self.stale = True
 
-    def judge(self, where: Array | None, noise_sd: float = 0.0) -> None:
+    def judge(self, where: Array | None) -> None:
         """Estimate the errors by what the process leaves possible, times its surprise so far."""
         if self.stale:
             self.posterior, self.stale = self._learned(STEPS[1]), False
@@ -94,7 +94,7 @@ class SharedSurface(Emulator):
         self.where = points[:COMPARED]
         self.error = factor * self._left(self.axes.inward(points[:JUDGED]))
         self.reach = np.maximum(factor * self._left(everywhere[:JUDGED]), self.error)
-        self.scatter = np.hypot(self._expected().std(axis=1), noise_sd)
+        self.scatter = self._expected().std(axis=1)
         index, _, y = self.samples.listed
         self.level = np.zeros(len(self.conditions))
         np.maximum.at(self.level, index, np.abs(y))

@@ -8,8 +8,10 @@ from typing import Any
 
 import pandas as pd
 
+from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
+from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.search import GradientMultistart
 from aleator.simulators import Runner, Simulator, as_runner
@@ -51,3 +53,30 @@ def require_enough(table: Experiments, hyperparameters: Sequence[Hyperparameter]
             "hyperparameters",
             "fix some hyperparameters, or add experiments (ten for each is a start)",
         )
+
+
+def surfaces_alone(
+    propagation: ResponseSurface | Collocation, density: Density | NodeDensity | None
+) -> ResponseSurface:
+    """The choice of surfaces of a likelihood over individual parameters.
+
+    Raises InputsError for what only the density of an exact outcome has: the density itself,
+    collocation, a surface of all experiments, and nodes of the law.
+    """
+    if density is not None:
+        raise _of_exact_outcomes(f"the density ({density.name})", "[density]")
+    if isinstance(propagation, Collocation):
+        raise _of_exact_outcomes('method = "collocation"', "[propagation] method")
+    if propagation.surfaces == "shared":
+        raise _of_exact_outcomes('surfaces = "shared"', "[propagation] surfaces")
+    if propagation.nodes is not None:
+        raise _of_exact_outcomes("`nodes` of the law", "[propagation] nodes")
+    return propagation
+
+
+def _of_exact_outcomes(what: str, key: str) -> InputsError:
+    return InputsError(
+        f"{what} is for one exact outcome an experiment, without measurement noise",
+        f"leave {key} out: with noise the likelihood is an integral over each experiment's own "
+        "parameters",
+    )

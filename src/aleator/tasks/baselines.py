@@ -15,7 +15,6 @@ from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.model import Model
 from aleator.likelihood.predictive import FromMoments
 from aleator.likelihood.problem import Problem
-from aleator.observations.noise import Noise
 from aleator.search import Search
 from aleator.surrogates.responses import Response, moving_parameters
 from aleator.types import Array, Indices
@@ -150,9 +149,9 @@ def linear_gaussian(
 ) -> LinearGaussian:
     """Identify the law with the simulator replaced by its tangent at x0 (n,).
 
-    y_l ~ Normal(eta_l(x0) + g_l (mean - x0), g_l Cov(x) g_l' + sigma_e^2): the model of
-    CIRCE (de Crecy and Bazin), maximized here by the same search. Noise of any kind counts as
-    normal. Needs one evaluation with gradient at one point.
+    y_l ~ Normal(eta_l(x0) + g_l (mean - x0), g_l Cov(x) g_l'): the model of CIRCE (de
+    Crecy and Bazin), maximized here by the same search. Needs one evaluation with gradient at one
+    point.
     """
     value, slope = response.evaluate_with_gradient(x0[None, :])
     unbounded = np.full(outcomes.size, np.inf)
@@ -163,7 +162,6 @@ def linear_gaussian(
         -unbounded,
         unbounded,
         model.hyperparameters,
-        Noise(model.noise.sd) if model.noise else None,
     )
     likelihood = Likelihood(distribution, outcomes)
     result = search.maximize(Continued(likelihood), model.hyperparameters, seed=seed)

@@ -67,7 +67,7 @@ def way_of_outcomes(runner: Runner, model: Model) -> Way:
     choice, inputs = model.surfaces, model.inputs
     if choice is None:
         return Way(False, "")
-    if model.open and model.follows and model.noise is None and traceable(inputs):
+    if model.open and model.follows and traceable(inputs):
         start = np.clip(start_point(inputs), *inputs.box.T)
         return way_of(runner, choice, start, inputs.box)
     if choice.surfaces == "none":

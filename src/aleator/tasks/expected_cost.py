@@ -59,19 +59,16 @@ def expected_cost(
     """
     if not isinstance(propagation, ResponseSurface):
         return None
-    alone = wanted(table, inputs, noise, propagation, density)
+    alone = wanted(table, inputs, noise)
     at = plan.x[0]
     if alone and not inputs.regressed:
         at = start_point(inputs).clip(*inputs.box.T)
     if alone and way_of(runner, propagation, at, plan.region).direct:
         each = runs_each(inputs)
         return Cost(each * runner.units, each * runner.units, True)
-    if not alone:
-        assert noise is None or isinstance(noise, Noise)
-        model = Model.of(inputs, noise, propagation, density)
-        if way_of_outcomes(runner, model).direct:
-            low, high = grids_each(inputs, len(runner.cases))
-            return Cost(low * len(runner.cases), high * len(runner.cases), True)
+    if not alone and way_of_outcomes(runner, Model.of(inputs, propagation, density)).direct:
+        low, high = grids_each(inputs, len(runner.cases))
+        return Cost(low * len(runner.cases), high * len(runner.cases), True)
     moving = len(plan.moving)
     few = few_runs(moving, propagation, plan.count)
     begun = few, first_runs(moving, propagation)

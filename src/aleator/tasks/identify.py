@@ -107,27 +107,21 @@ def identify(
     spend(budget, runner, inputs, propagation)
     ledger = Ledger(runner, progress or Silent())
     taken = (*runner.asked, *inputs.covariates)
-    if individual.wanted(table, inputs, noise, propagation, density):
-        if density is not None:
-            raise InputsError(
-                f"a density ({density.name}) is that of one exact outcome an experiment",
-                "leave the density out: the likelihood is an integral over each experiment's own "
-                "parameters",
-            )
+    if individual.wanted(table, inputs, noise):
         found = individual.identified(
             runner,
             table,
             inputs,
             noise,
             propagation,
+            density,
             search,
             verification,
             seed,
             ledger,
         )
         return _judged(replace(found, units=shown), taken, consistency, best_law, ledger)
-    assert noise is None or isinstance(noise, Noise)
-    model = Model.of(inputs, noise, propagation, density)
+    model = Model.of(inputs, propagation, density)
     require_enough(table, model.hyperparameters)
     question = Question(runner, table.outcomes, table.ids, model, search, seed)
     with diagnostics.boxes_proposed(runner, inputs):

@@ -66,11 +66,11 @@ def load(
     if found.observations:
         session = _individual_session(found, path, made, inputs, noise, experiments, propagation)
     else:
-        if isinstance(noise, Mapping):
-            raise InputsError(f"{path} was identified from one outcome", "give its one noise")
-        session = OutcomeSession(
-            Model.of(inputs, noise, propagation, density), made, None, experiments
-        )
+        if noise is not None:
+            raise InputsError(
+                f"{path} was identified from exact outcomes, without noise", "leave the noise out"
+            )
+        session = OutcomeSession(Model.of(inputs, propagation, density), made, None, experiments)
     try:
         in_order(found.alpha, session.hyperparameters)
     except InputsError as error:

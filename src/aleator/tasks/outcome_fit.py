@@ -116,7 +116,7 @@ class OutcomeFit:
         return replace(self, problem=problem, table=table, known=self._here)
 
     def drawn(self, rng: np.random.Generator) -> OutcomeFit:
-        """Other outcomes under the law and the noise of alpha.
+        """Other outcomes under the law of alpha.
 
         With surfaces they are values of these, and with level sets of the simulator; with
         collocation, quantiles of the densities, and where one failed the outcome stays as it is.
@@ -127,19 +127,15 @@ class OutcomeFit:
             return self._with(problem.response.run(problem.condition, x))
         if problem.surface is None:
             return self._with(self._from_densities(rng))
-        y = self._from_surfaces(rng)
-        if problem.model.noise is not None:
-            scale = np.array(problem.model.noise_sd(self.alpha))
-            y = problem.model.noise.kind.quantile(rng.random(self.count), y, scale)
-        return self._with(y)
+        return self._with(self._from_surfaces(rng))
 
     def span(self) -> tuple[Array, Array]:
         """Ends (N,): seven standard deviations about the mean, within what can be reached."""
         predictive = self.problem.predictive
         moments = predictive.moments(self.alpha)
-        low, high = predictive.range(self.problem.model.noise_sd(self.alpha))
         reach = SPAN * moments.sd
-        return np.maximum(low, moments.mean - reach), np.minimum(high, moments.mean + reach)
+        low, high = moments.mean - reach, moments.mean + reach
+        return np.maximum(predictive.lower, low), np.minimum(predictive.upper, high)
 
     def quantiles(self, probabilities: Array) -> Array:
         """Those (N, P) of the densities."""
@@ -153,25 +149,12 @@ class OutcomeFit:
         """None: see `individuals`."""
         return
 
-    def given(self, x: Array) -> Array:
-        """log p(outcome | parameters) (N, J) at points x (J, n), by the noise.
-
-        Raises InputsError where there is none, and with collocation, which would make runs.
-        """
-        noise = self.problem.model.noise
-        if noise is None:
-            raise InputsError(
-                "without measurement noise an outcome has no density given its parameters",
-                "add noise: [noise] sd, or noise=Noise(...), which may be small",
-            )
-        eta = self.simulated(x)
-        if eta is None:
-            raise InputsError(
-                "with collocation no outcome is known between the nodes without further runs",
-                "take response surfaces: leave [propagation] out, or propagation=ResponseSurface()",
-            )
-        scale = np.array(self.problem.model.noise_sd(self.alpha))
-        return noise.kind.log_density(self.problem.outcomes[:, None], eta, scale).value
+    def given(self, x: Array) -> Array:  # noqa: ARG002  see `Fit`
+        """Raise InputsError: without noise an outcome has no density given its parameters."""
+        raise InputsError(
+            "without measurement noise an outcome has no density given its parameters",
+            "add noise: [noise] sd, or noise=Noise(...), which may be small",
+        )
 
     @property
     def roughness(self) -> Array | None:
@@ -194,7 +177,7 @@ class OutcomeFit:
         predictive = self.problem.predictive
         way = predictive.propagation
         assert isinstance(way, NodePropagation)
-        x = way.at(predictive.law(self.alpha))
+        x = way.at(self.alpha)
         return x, self.problem.response.evaluate(x)[self.problem.condition]
 
     def _with(self, y: Array) -> OutcomeFit:
@@ -207,8 +190,7 @@ class OutcomeFit:
         """Simulated outcomes (N,), each at a point of its own, which may be far out."""
         problem = self.problem
         assert problem.surface is not None
-        law = self.alpha[: self.inputs.size]
-        x = self.inputs.sample(law, rng.random((self.count, len(self.inputs.names))))
+        x = self.inputs.sample(self.alpha, rng.random((self.count, len(self.inputs.names))))
         inside = np.clip(x, *problem.region.T)
         return problem.surface.at(problem.condition, inside[:, problem.moving])
 

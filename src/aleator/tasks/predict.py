@@ -55,10 +55,9 @@ def predict(
         named = responses_of([*noise]) if isinstance(noise, Mapping) else ()
         conditions = Conditions.from_frame(conditions, responses=named)
     runner = runner_on(simulator, conditions, inputs.names, vectorized)
-    if individual.wanted(conditions, inputs, noise, propagation, density):
+    if individual.wanted(conditions, inputs, noise):
         return individual.predicted(
-            runner, conditions, inputs, noise, propagation, alpha, quantiles, progress
+            runner, conditions, inputs, noise, propagation, density, alpha, quantiles, progress
         )
-    assert noise is None or isinstance(noise, Noise)
-    model = Model.of(inputs, noise, propagation, density)
+    model = Model.of(inputs, propagation, density)
     return predicted(runner, model, in_order(alpha, model.hyperparameters), quantiles, progress)

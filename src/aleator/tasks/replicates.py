@@ -118,15 +118,11 @@ class OutcomesJob:
     def draw(
         self, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
     ) -> Sequence[Array]:
-        """Outcomes (replicates, N) of independent parameters and noise."""
+        """Outcomes (replicates, N) of independent parameters."""
         inputs, count = self.model.inputs, len(runner.ids)
         uniform = rng.random((replicates * count, len(inputs.names)))
         x = inputs.sample(alpha[: inputs.size], uniform)
-        outcomes = runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)
-        if self.model.noise is None:
-            return [*outcomes]
-        scale = np.array(self.model.noise_sd(alpha))
-        return [*self.model.noise.kind.quantile(rng.random(outcomes.shape), outcomes, scale)]
+        return [*runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)]
 
     def identify(self, runner: Runner, data: Array, seed: int) -> Replicate:
         """By the density of the outcomes."""
@@ -154,10 +150,11 @@ def job_of(
     """The kind of study that this is. Raises InputsError for choices that do not go together."""
     if not isinstance(experiments, Experiments):
         experiments = _unmeasured(experiments, noise)
-    if individual.wanted(experiments, inputs, noise, propagation, density):
-        return IndividualJob(individual.asked(experiments, inputs, noise, propagation, search))
-    assert noise is None or isinstance(noise, Noise)
-    return OutcomesJob(Model.of(inputs, noise, propagation, density), search)
+    if individual.wanted(experiments, inputs, noise):
+        return IndividualJob(
+            individual.asked(experiments, inputs, noise, propagation, density, search)
+        )
+    return OutcomesJob(Model.of(inputs, propagation, density), search)
 
 
 def _unmeasured(

@@ -15,7 +15,6 @@ from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.inference.fit import AnyFit, Fit
 from aleator.laws import Hyperparameter
 from aleator.likelihood.model import Model
-from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments, unmeasured
 from aleator.observations.transform import Transform
 from aleator.progress import Progress
@@ -98,7 +97,7 @@ class Session(Protocol):
 class OutcomeSession:
     """Model, simulator, and the fit on the last surfaces; None for what is not at hand.
 
-    `model` holds the inputs, the noise and the choices of surfaces and density; `tested` are the
+    `model` holds the inputs and the choices of surfaces and density; `tested` are the
     experiments where there is no fit that has them.
     """
 
@@ -139,12 +138,8 @@ class OutcomeSession:
             progress.stage("prediction")
         if not plausible.certain:
             return tabled(ground, plausible, quantiles, progress)
-        model, alpha = self.model, plausible.estimate
-        assert model is not None
-        if not noise:
-            inputs = model.inputs
-            model, alpha = Model.of(inputs, None, model.propagation), alpha[: inputs.size]
-        found = predicted(ground.runner, model, alpha, quantiles, progress)
+        assert self.model is not None
+        found = predicted(ground.runner, self.model, plausible.estimate, quantiles, progress)
         status = found.pop("status")
         for name, column in tails(ground).items():
             found[name] = column
@@ -156,7 +151,7 @@ class OutcomeSession:
         alpha: Array,  # noqa: ARG002  one interface for all sessions
         transform: Transform,
         of: str | None = None,
-        noise: bool = True,
+        noise: bool = True,  # noqa: ARG002  there is none
     ) -> Ground:
         """New experiments, on surfaces."""
         if of is not None:
@@ -175,7 +170,7 @@ class OutcomeSession:
         return Ground(
             conditions,
             model.inputs,
-            MeasurementErrors.of(model.noise, conditions) if noise and model.noise else None,
+            None,
             as_runner(self.simulator, conditions, model.inputs.names),
             False,
             model.surfaces or ResponseSurface(),

@@ -38,8 +38,8 @@ from aleator.types import Array
 
 MOMENTS_STAND_IN = Diagnostic(
     "density",
-    "the exact density would need more nodes than are used, because the outcome bends too much or "
-    "the noise is too small; a density with four moments of the outcome was taken in its place",
+    "the exact density would need more nodes than are used, because the outcome bends too "
+    "much; a density with four moments of the outcome was taken in its place",
     'compare with kind = "maximum_entropy" of order 6',
 )
 LARGEST_QUADRATURE_GAP = 0.1
@@ -78,7 +78,7 @@ def review(
         *_density_warnings(honest, ids),
         *search_refusals(inference, hyperparameters),
         *([] if checked is None else check_refusals(checked.total, checked.standard_error)),
-        *surface_refusals(problem, found.alpha, checked, surface_error, ids),
+        *surface_refusals(problem, checked, surface_error, ids),
         *doubt_refusals(doubted, ids),
         *level_refusals(changed, ids),
         *unreached_refusals(problem, ids),

@@ -17,7 +17,7 @@ from aleator.types import Array
 LARGEST_SURFACE_ERROR = 0.1
 """Error of a surface under the identified law, over the outcome's sd, worth a warning."""
 USELESS = 0.5
-"""The same, noise included, at which an answer is not sound."""
+"""The same, at which an answer is not sound."""
 WRONG, WORSE, SHARE = 0.03, 4.0, 0.03
 """So are surfaces with an error above the first, so many times the estimated one, in such a share
 of the experiments. Right ones were at most 3.3 times as rough as estimated, and most a fifth.
@@ -63,14 +63,10 @@ def judged(
 
 
 def surface_refusals(
-    problem: Problem,
-    alpha: Array,
-    checked: Checked | None,
-    surface_error: Array,
-    ids: Sequence[str],
+    problem: Problem, checked: Checked | None, surface_error: Array, ids: Sequence[str]
 ) -> list[Diagnostic]:
     """Surfaces by which an answer that rests on them cannot be sound."""
-    found = _useless(problem, alpha, checked, surface_error, ids)
+    found = _useless(problem, checked, surface_error, ids)
     if found or problem.surface is None or checked is None:
         return found
     return worse_than_estimated(checked, problem.surface.error[problem.condition], ids)
@@ -103,11 +99,7 @@ def worse_than_estimated(
 
 
 def _useless(
-    problem: Problem,
-    alpha: Array,
-    checked: Checked | None,
-    surface_error: Array,
-    ids: Sequence[str],
+    problem: Problem, checked: Checked | None, surface_error: Array, ids: Sequence[str]
 ) -> list[Diagnostic]:
     """Surfaces that are rough under the law."""
     surface = problem.surface
@@ -115,8 +107,7 @@ def _useless(
         return []
     with np.errstate(invalid="ignore", divide="ignore"):
         if checked is not None:
-            noise = problem.model.noise_sd(alpha) / checked.scatter
-            relative = surface_error / np.hypot(1.0, noise)
+            relative = surface_error
         elif problem.model.follows:
             relative = (surface.error / surface.scatter)[problem.condition]
         else:

@@ -15,6 +15,7 @@ from aleator.likelihood.individual.on_surfaces import OnSurfaces
 from aleator.likelihood.individual.panels import Panels
 from aleator.likelihood.individual.plane import PlanePanels
 from aleator.likelihood.individual.predictor import Direct, Evaluator, Predictor
+from aleator.likelihood.individual.ridge import RidgePoints
 from aleator.likelihood.individual.rule import Rule
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "Panels",
     "PlanePanels",
     "Predictor",
+    "RidgePoints",
     "Rule",
     "individual_parameters",
     "individual_points",

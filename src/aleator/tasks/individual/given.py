@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
+from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
@@ -18,6 +19,7 @@ from aleator.progress import Progress
 from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.asked import surfaces_alone
 from aleator.tasks.direct import Way, way_of
 from aleator.tasks.individual.population import FAR, held_region
 from aleator.tasks.individual.session import IndividualSession
@@ -30,6 +32,7 @@ def predicted(
     inputs: Inputs,
     noise: Noise | Mapping[str, Noise] | None,
     propagation: ResponseSurface | Collocation,
+    density: Density | NodeDensity | None,
     values: Mapping[str, float | Estimate],
     quantiles: tuple[float, ...],
     progress: Progress | None,
@@ -37,7 +40,8 @@ def predicted(
     """A row for each row of the conditions and response, by the simulator itself or surfaces of it.
 
     Its `attrs["propagation_reason"]` says which of these two, and why.
-    Raises InputsError for a law that follows covariates by a formula that no table has resolved.
+    Raises InputsError for a law that follows covariates by a formula that no table has resolved,
+    and as `surfaces_alone`.
     """
     if inputs.regressed and inputs.covariate_model is None:
         raise InputsError(
@@ -48,7 +52,7 @@ def predicted(
     names = conditions.observations.names
     known = (*inputs.hyperparameters, *noise_hyperparameters(noise, names))
     alpha = in_order(values, known)[: inputs.size]
-    surfaces = propagation if isinstance(propagation, ResponseSurface) else ResponseSurface()
+    surfaces = surfaces_alone(propagation, density)
     way = _way(runner, surfaces, inputs, alpha, len(conditions.ids))
     session = IndividualSession(
         inputs, noise, conditions.responses, None, lambda _: runner, None, way.direct, surfaces,

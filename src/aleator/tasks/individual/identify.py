@@ -22,7 +22,7 @@ from aleator.observations.responses import Observations
 from aleator.search import Search
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.asked import require_enough
+from aleator.tasks.asked import require_enough, surfaces_alone
 from aleator.tasks.baselines import start_point
 from aleator.tasks.budget import affordable
 from aleator.tasks.identification import Identification
@@ -32,41 +32,16 @@ from aleator.tasks.ledger import Ledger
 
 Noises = Noise | Mapping[str, Noise]
 """The noise of the only response, or of each by name."""
-MOST = 4
-"""Scattering parameters up to which one outcome goes by nodes of each experiment's own."""
 
 
-def wanted(
-    table: Experiments | Conditions,
-    inputs: Inputs,
-    noise: Noises | None,
-    propagation: ResponseSurface | Collocation,
-    density: Density | NodeDensity | None,
-) -> bool:
+def wanted(table: Experiments | Conditions, inputs: Inputs, noise: Noises | None) -> bool:
     """Whether a study goes by the integral over individual parameters: the one choice of the way.
 
-    It must where an experiment has several observations, or one that is censored, where the noise
-    is more than the standard deviation of normal errors, and where a law follows covariates or is
-    a mixture. One exact outcome with noise goes this way too, more exactly than by a density over
-    the nodes of the law and in a fraction of the time (docs/evidence.md). Two kinds of study do
-    not: those that choose what only densities of an outcome have (a density, collocation, surfaces
-    that are shared, of a tolerance or with nodes of their own), and those with more than four
-    scattering parameters, where moments of the outcome need far fewer nodes.
+    Every study does but those of one exact outcome an experiment, without noise, under one law for
+    all experiments that is no mixture: these have a density of the outcome.
     """
-    plain = noise is None or (isinstance(noise, Noise) and noise.simple and noise.normal)
-    if not (table.simple and plain) or inputs.regressed or len(inputs.classes) > 1:
-        return True
-    chosen = density is not None or not _all_open(propagation)
-    return noise is not None and not chosen and inputs.scattering <= MOST
-
-
-def _all_open(propagation: ResponseSurface | Collocation) -> bool:
-    """Whether surfaces are left to follow the answer, and to whatever nodes it takes."""
-    return isinstance(propagation, ResponseSurface) and (
-        propagation.surfaces != "shared"
-        and propagation.tolerance is None
-        and propagation.nodes is None
-    )
+    exact = noise is None and table.simple
+    return not exact or inputs.regressed or len(inputs.classes) > 1
 
 
 def identified(
@@ -75,13 +50,14 @@ def identified(
     inputs: Inputs,
     noise: Noises | None,
     surfaces: ResponseSurface | Collocation,
+    density: Density | NodeDensity | None,
     search: Search,
     choice: Check,
     seed: int,
     ledger: Ledger,
 ) -> Identification:
     """The law of the parameters from all observations of each experiment."""
-    asked_for = asked(table, inputs, noise, surfaces, search)
+    asked_for = asked(table, inputs, noise, surfaces, density, search)
     require_enough(table, asked_for.hyperparameters)
     question = asked_for.question(runner, table.observations, seed)
     with diagnostics.boxes_proposed(runner, inputs):
@@ -147,19 +123,14 @@ def asked(
     inputs: Inputs,
     noise: Noises | None,
     surfaces: ResponseSurface | Collocation,
+    density: Density | NodeDensity | None,
     search: Search,
 ) -> Asked:
-    """The choices checked, and laws that follow covariates resolved by the table."""
-    if not isinstance(surfaces, ResponseSurface):
-        raise InputsError(
-            "collocation takes one exact outcome an experiment",
-            "leave the propagation out, or choose response surfaces",
-        )
-    if surfaces.surfaces == "shared":
-        raise InputsError(
-            "one surface for all experiments takes one exact outcome each",
-            'leave out surfaces = "shared": each experiment has surfaces of its own',
-        )
+    """The choices checked, and laws that follow covariates resolved by the table.
+
+    Raises InputsError as `surfaces_alone`, and without noise.
+    """
+    surfaces = surfaces_alone(surfaces, density)
     if noise is None and table.simple and not inputs.regressed:
         raise InputsError(
             "the likelihood of a mixture is known with measurement noise only",

@@ -14,6 +14,7 @@ from aleator.likelihood.individual import (
     ImportancePoints,
     IndividualLikelihood,
     PlanePanels,
+    RidgePoints,
     Rule,
 )
 from aleator.likelihood.individual.importance import MOST
@@ -83,15 +84,14 @@ class Settled:
 def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOUGH) -> Settled:
     """Climb with nodes held, adapt them, take more where they are too few, until nothing moves.
 
-    Nodes are enough where more change the log-likelihood by less than `enough`. Where one centre
-    does not do, because an individual law has other modes that count or the nodes about one would
-    be too many, importance points are taken, and panels where there is one variate.
+    Nodes are enough where more change the log-likelihood by less than `enough`. Of more than four
+    variates they are points along the ridge of each individual law. Where one centre does not do,
+    because an individual law has other modes that count or the nodes about one would be too many,
+    importance points are taken, and panels where there is one variate.
     """
     variates = likelihood.inputs.scattering
-    if variates > ON_A_GRID:
-        points = likelihood.ruled(ImportancePoints())
-        return _refined(points, alpha, max(enough, ROUGHLY))
-    end = _refined(_scoring(likelihood), alpha, enough)
+    many = variates > ON_A_GRID
+    end = _refined(likelihood.ruled(RidgePoints()) if many else _scoring(likelihood), alpha, enough)
     if variates < 2:
         return end
     most = LITTLE if enough >= ROUGHLY else HARDLY
@@ -101,7 +101,8 @@ def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOU
         return _refined(end.likelihood.ruled(PlanePanels.coarse()), end.alpha, enough)
     if not _misses_modes(end) and (abs(end.gap) < most or _points_tell_less(end)):
         return end
-    again = _refined(likelihood.ruled(ImportancePoints()), end.alpha, enough)
+    none = max(enough, ROUGHLY) if many else enough
+    again = _refined(likelihood.ruled(ImportancePoints()), end.alpha, none)
     return again if abs(again.gap) < most or abs(again.gap) < abs(end.gap) else end
 
 
@@ -216,7 +217,7 @@ def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
     """What each of the finer rules changes of the log-likelihood."""
     variates = held.inputs.scattering
     rules = held.rule.finer(variates)
-    if held.rule.centers > 1:
+    if isinstance(held.rule, ImportancePoints | RidgePoints):
         each = held.evaluate(alpha).each
         return [_change_of_points(held.by(rule, alpha), alpha, each) for rule in rules]
     return [_change(held, rule, alpha, rule.size(variates) > LARGE) for rule in rules]
@@ -258,6 +259,10 @@ def climbed(likelihood: IndividualLikelihood, alpha: Array) -> tuple[IndividualL
     alpha, information = near.alpha, near.information
     nearest = following.nearest(alpha)
     held = nearest if nearest.distance(alpha) < CLOSE else held.adapted(alpha)
+    if isinstance(held.rule, RidgePoints):
+        # held where a ridge was, points promise much beside it that is not there
+        alpha = ascended(held.followed, alpha, hyperparameters, free, information).alpha
+        return held.adapted(alpha), alpha
     if held.rule.centers > 1:
         return _climbed_with_points(held, alpha, information, free)
     for _ in range(ROUNDS):

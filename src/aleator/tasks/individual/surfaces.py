@@ -80,7 +80,10 @@ class Begun:
         column: Indices,
         progress: Progress,
     ) -> Begun:
-        """Coarse surfaces of all observations; `unit`, `column` (M,) say which runs they are."""
+        """Surfaces of all observations; `unit`, `column` (M,) say which runs they are.
+
+        Coarse ones all over the region, unless the user chose a tolerance.
+        """
         sites = Sites.seen(runner, unit, column)
         box = region[moving_parameters(region)]
         surfaces = AdaptiveSurfaces(
@@ -90,7 +93,7 @@ class Begun:
             choice,
             afforded=within(runner.account, sites.unit),
         )
-        surfaces.refine(surfaces.everywhere(), COARSE, told(progress))
+        surfaces.refine(surfaces.everywhere(), choice.tolerance or COARSE, told(progress))
         return cls(surfaces, region, sites, np.isinf(surfaces.emulator.error)[sites.of])
 
     def without_lost(self) -> Begun:

@@ -48,7 +48,7 @@ def under_law(
         return forward(runner, model, region, progress)
     surfaces = surfaces_of(runner, region, model.surfaces)
     if model.follows:
-        surfaces.judge(law_draws(model.inputs, alpha, region), model.noise_sd(alpha))
+        surfaces.judge(law_draws(model.inputs, alpha, region))
         draws = wide_draws(model.inputs, [alpha], region)
         surfaces.refine(draws, 0.5 * surfaces.level, told(progress))
     else:

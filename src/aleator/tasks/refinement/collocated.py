@@ -68,4 +68,4 @@ class Collocated(Refinement):
                 missed.append(row)
         if missed:
             rows = np.array(missed)
-            raise diagnostics.out_of_reach(rows, y, (low, high), self.ids, noisy=False)
+            raise diagnostics.out_of_reach(rows, y, (low, high), self.ids)

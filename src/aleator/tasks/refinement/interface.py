@@ -97,7 +97,7 @@ class Refinement(ABC):
         inputs = self.model.inputs
         for _ in range(REACH.rounds):
             problem = self._on(surfaces, region)
-            short, nearest = diagnostics.shortfalls(problem.by_densities)
+            short = diagnostics.shortfalls(problem.by_densities)
             lost = np.flatnonzero(short)
             most = REACH.most(len(moving_parameters(region)))
             if not lost.size or self.runner.account.given(most) < most:
@@ -107,7 +107,7 @@ class Refinement(ABC):
             points, values = by_surface(surfaces, condition)
             x = reached(
                 attempts(self.runner, region), points[np.argmax(side * values)], condition,
-                float(nearest[farthest]), side, support(inputs)[moving_parameters(region)],
+                float(problem.outcomes[farthest]), side, support(inputs)[moving_parameters(region)],
             )  # fmt: skip
             if x is None:
                 raise diagnostics.unreachable(problem.by_densities, self.ids)

@@ -61,19 +61,19 @@ class UnderLaw(Refinement):
         assert surfaces is not None
         wider = interval_region(problem, alpha, intervals, generous=False)
         region = problem.region if wider is None else wider
-        inputs, noise_sd = self.model.inputs, self.model.noise_sd(alpha)
+        inputs = self.model.inputs
         ends = interval_alphas(alpha, inference, intervals, problem.model.hyperparameters)
         draws = [law_draws(inputs, one, region) for one in (alpha, *ends)]
         with self.stage(SURFACE):
             if wider is not None:
                 surfaces.move(moving(region))
-            surfaces.judge(np.concatenate(draws), noise_sd)
+            surfaces.judge(np.concatenate(draws))
             members = surfaces.wanting(2.0 * surfaces.level)
             if wider is None and not members.any():
                 return None
             if members.any():
                 surfaces.sharpen(members, np.concatenate(draws))
-            surfaces.judge(draws[0], noise_sd)
+            surfaces.judge(draws[0])
             problem = self._problem(surfaces, region)
             found = climbed(problem, refined.found, inference)
         held = refined.held or wider is not None
@@ -127,7 +127,7 @@ class UnderLaw(Refinement):
         """Judge the surfaces under the law of the answer, and tell how sure that is."""
         problem, alpha = refined.problem, refined.found.alpha
         draws = law_draws(self.model.inputs, alpha, problem.region)
-        surfaces.judge(draws, self.model.noise_sd(alpha))
+        surfaces.judge(draws)
         return infer(problem.objective, alpha, problem.model.hyperparameters)
 
     def _refined(
