@@ -21,15 +21,15 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from aleator.densities import MaximumEntropy
+from aleator.moments.densities import MaximumEntropy
 from aleator.errors import AleatorError
 from aleator.inference.information import infer
 from aleator.inference.check import MonteCarlo
 from aleator.laws.region import law_region
-from aleator.likelihood.likelihood import Continued, Likelihood
+from aleator.moments.likelihood import Continued, Likelihood
 from aleator.likelihood.problem import prepare
-from aleator.likelihood.propagation import Collocation
-from aleator.quadrature import MonteCarloPoints
+from aleator.moments.propagation import Collocation
+from aleator.moments.quadrature import MonteCarloPoints
 from aleator.search import GradientMultistart
 from aleator.search.value import LogLikelihood
 from aleator.simulators import Runner

@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aleator.expansion import Basis
-from aleator.expansion.moments import ExactQuadrature, Galerkin, prepare
+from aleator.moments.expansion import Basis
+from aleator.moments.expansion.moments import ExactQuadrature, Galerkin, prepare
 from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
-from aleator.polynomials.indices import TotalDegree
+from aleator.moments.expansion.indices import TotalDegree
 from aleator.types import Indices
 from reproduction.canvas import explain, powers_of_ten
 from reproduction.context import Context

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from aleator.clutch import shifting_time
-from aleator.densities import MaximumEntropy
+from aleator.moments.densities import MaximumEntropy
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem, prepare
 from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from aleator.expansion import (
+from aleator.moments.expansion import (
     Basis,
     Design,
     Expanding,
@@ -15,7 +15,7 @@ from aleator.expansion import (
     Regression,
     SparseProjection,
 )
-from aleator.expansion.design import induced
+from aleator.moments.expansion.design import induced
 from aleator.laws import (
     Constant,
     Law,
@@ -23,7 +23,7 @@ from aleator.laws import (
     TruncatedNormal,
     Uniform,
 )
-from aleator.polynomials.indices import Anisotropic, Hyperbolic, TotalDegree
+from aleator.moments.expansion.indices import Anisotropic, Hyperbolic, TotalDegree
 from aleator.types import Array
 
 

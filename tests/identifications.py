@@ -11,7 +11,7 @@ from problems import Problem
 from scipy import optimize
 
 from aleator import GradientMultistart, Identification, MaximumEntropy, MonteCarlo, identify
-from aleator.densities import Density
+from aleator.moments.densities import Density
 from aleator.study import load_study
 from aleator.types import Array
 

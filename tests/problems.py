@@ -18,17 +18,17 @@ from scipy import stats
 from scipy.special import log_ndtr
 
 from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal
-from aleator.densities import Density, MaximumEntropy, NodeDensity
+from aleator.moments.densities import Density, MaximumEntropy, NodeDensity
 from aleator.laws import Hyperparameter
-from aleator.likelihood.likelihood import Likelihood
-from aleator.likelihood.predictive import predictive
-from aleator.likelihood.propagation import (
+from aleator.moments.likelihood import Likelihood
+from aleator.moments.predictive import predictive
+from aleator.moments.propagation import (
     ProjectedPropagation,
     Propagation,
     QuadraturePropagation,
     default_cubature,
 )
-from aleator.quadrature import TensorGauss
+from aleator.moments.quadrature import TensorGauss
 from aleator.surrogates.responses import Response
 from aleator.types import Array
 
@@ -98,7 +98,7 @@ class Problem:
     def likelihood(
         self,
         outcomes: Array,
-        density: Density | NodeDensity | None = None,
+        density: Density | None = None,
         *,
         nodes: int | None = None,
         degree: int | None = None,

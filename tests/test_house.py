@@ -87,7 +87,7 @@ def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
     assert list(imports("densities.mixture", module)) == [
         "numpy",
         "aleator.simulators",
-        "aleator.densities.gaussian",
+        "aleator.moments.densities.gaussian",
         "aleator.laws.normal.Normal",
         "aleator.clutch.bench",
     ]

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from aleator.densities import Convolution, Gaussian, MaximumEntropy
+from aleator.moments.densities import Convolution, Gaussian, MaximumEntropy
 from aleator.errors import AleatorError, ExperimentsError, SimulatorError, StudyError
-from aleator.expansion import Regression, SparseProjection
+from aleator.moments.expansion import Regression, SparseProjection
 from aleator.laws import Constant, Free, Normal, TruncatedNormal
-from aleator.likelihood.propagation import Collocation
-from aleator.polynomials.indices import Hyperbolic, TotalDegree
-from aleator.quadrature import GermGrid, Smolyak, SobolPoints
+from aleator.moments.propagation import Collocation
+from aleator.moments.expansion.indices import Hyperbolic, TotalDegree
+from aleator.moments.quadrature import GermGrid, Smolyak, SobolPoints
 from aleator.search import GradientMultistart
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aleator.densities import FittedDensity
+from aleator.moments.densities import FittedDensity
 from aleator.plot.style import VERMILION
 from aleator.tasks.identification import Identification
 from reproduction.clutch.laws import EXPANSION, PAPER_ENTROPY, PAPER_GAUSSIAN, Judged

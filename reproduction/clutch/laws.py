@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.clutch import shifting_time
-from aleator.densities import Density, FittedDensity
-from aleator.densities.moments import Moments
+from aleator.moments.densities import Density, FittedDensity
+from aleator.moments.densities.moments import Moments
 from aleator.progress import Progress
 from aleator.surrogates import ResponseSurface, Surface
 from aleator.tasks.identification import Identification

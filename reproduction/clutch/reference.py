@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from aleator.densities import (
+from aleator.moments.densities import (
     Density,
     FittedDensity,
     Gaussian,
@@ -24,12 +24,12 @@ from aleator.densities import (
     MaximumEntropy,
     Status,
 )
-from aleator.densities.distances import earth_movers_distance
-from aleator.densities.moments import Moments, joined, weighted_moments
-from aleator.densities.outcomes import Outcomes
-from aleator.expansion.projection import expansion_map
+from aleator.moments.densities.distances import earth_movers_distance
+from aleator.moments.densities.moments import Moments, joined, weighted_moments
+from aleator.moments.densities.outcomes import Outcomes
+from aleator.moments.expansion.projection import expansion_map
 from aleator.progress import Progress
-from aleator.quadrature import TensorGauss
+from aleator.moments.quadrature import TensorGauss
 from aleator.surrogates import ResponseSurface, Surface, build_surface
 from aleator.types import Array
 from reproduction.clutch.study import ClutchStudy

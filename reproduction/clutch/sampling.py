@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from aleator.densities import Gaussian, MaximumEntropy
+from aleator.moments.densities import Gaussian, MaximumEntropy
 from aleator.progress import Progress
-from aleator.quadrature import (
+from aleator.moments.quadrature import (
     Cubature,
     MonteCarloPoints,
     ProbabilityGrid,

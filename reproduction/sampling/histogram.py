@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from aleator.densities.interface import Codes, Status, by_experiment, probabilities
-from aleator.densities.outcomes import Outcomes
+from aleator.moments.densities.interface import Codes, Status, by_experiment, probabilities
+from aleator.moments.densities.outcomes import Outcomes
 from aleator.errors import InputsError
 from aleator.types import Array, Flags
 

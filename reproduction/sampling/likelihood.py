@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aleator.densities import Density, FittedDensity
-from aleator.densities.outcomes import Outcomes
+from aleator.moments.densities import Density, FittedDensity
+from aleator.moments.densities.outcomes import Outcomes
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
-from aleator.quadrature import Cubature, MonteCarloPoints, SobolPoints
+from aleator.moments.quadrature import Cubature, MonteCarloPoints, SobolPoints
 from aleator.surrogates.responses import Response
 from aleator.types import Array
 from reproduction.sampling.histogram import FittedHistogram, HistogramSpline
@@ -78,7 +78,7 @@ def density_of(
 
     `lower` and `upper` are the range of the outcome, a number or (N,).
 
-    >>> from aleator.densities import Gaussian
+    >>> from aleator.moments.densities import Gaussian
     >>> two = Outcomes(np.array([[-1.0, 1.0]]), np.array([0.5, 0.5]))
     >>> float(density_of(two, Gaussian()).pdf([0.0])[0])  # 1/sqrt(2 pi)
     0.398942
@@ -157,7 +157,7 @@ def log_likelihoods(
     scatter of the replicates does not show that. Raises InputsError for no replicate, or several of
     a cubature without a seed. Cost: replicates times the runs of `sampling.outcomes`.
 
-    >>> from aleator.densities import Gaussian
+    >>> from aleator.moments.densities import Gaussian
     >>> from aleator.laws import Normal
     >>> class Itself:
     ...     def evaluate(self, x):

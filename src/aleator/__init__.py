@@ -4,16 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from aleator.densities import Convolution as Convolution
-    from aleator.densities import Gaussian as Gaussian
-    from aleator.densities import GaussianMixture as GaussianMixture
-    from aleator.densities import MaximumEntropy as MaximumEntropy
-    from aleator.densities.distances import earth_movers_distance as earth_movers_distance
     from aleator.errors import AleatorError as AleatorError
-    from aleator.expansion import Projection as Projection
-    from aleator.expansion import Regression as Regression
-    from aleator.expansion import SparseProjection as SparseProjection
-    from aleator.expansion.sobol import sobol_indices as sobol_indices
     from aleator.inference.check import MonteCarlo as MonteCarlo
     from aleator.laws import Beta as Beta
     from aleator.laws import By as By
@@ -28,21 +19,28 @@ if TYPE_CHECKING:
     from aleator.laws import Uniform as Uniform
     from aleator.laws.correlation import full as full
     from aleator.laws.inputs import Inputs as Inputs
-    from aleator.likelihood.propagation import Collocation as Collocation
+    from aleator.moments.densities import Gaussian as Gaussian
+    from aleator.moments.densities import GaussianMixture as GaussianMixture
+    from aleator.moments.densities import MaximumEntropy as MaximumEntropy
+    from aleator.moments.densities.distances import earth_movers_distance as earth_movers_distance
+    from aleator.moments.expansion import Projection as Projection
+    from aleator.moments.expansion import Regression as Regression
+    from aleator.moments.expansion import SparseProjection as SparseProjection
+    from aleator.moments.expansion.indices import Anisotropic as Anisotropic
+    from aleator.moments.expansion.indices import Hyperbolic as Hyperbolic
+    from aleator.moments.expansion.indices import TotalDegree as TotalDegree
+    from aleator.moments.expansion.sobol import sobol_indices as sobol_indices
+    from aleator.moments.propagation import Collocation as Collocation
+    from aleator.moments.quadrature import MonteCarloPoints as MonteCarloPoints
+    from aleator.moments.quadrature import ProbabilityGrid as ProbabilityGrid
+    from aleator.moments.quadrature import Smolyak as Smolyak
+    from aleator.moments.quadrature import SobolPoints as SobolPoints
+    from aleator.moments.quadrature import TensorGauss as TensorGauss
     from aleator.observations.censoring import Censoring as Censoring
     from aleator.observations.experiments import Conditions as Conditions
     from aleator.observations.experiments import Experiments as Experiments
     from aleator.observations.noise import Noise as Noise
     from aleator.observations.student import StudentError as StudentError
-    from aleator.polynomials.indices import Anisotropic as Anisotropic
-    from aleator.polynomials.indices import Hyperbolic as Hyperbolic
-    from aleator.polynomials.indices import TotalDegree as TotalDegree
-    from aleator.quadrature import GermGrid as GermGrid
-    from aleator.quadrature import MonteCarloPoints as MonteCarloPoints
-    from aleator.quadrature import ProbabilityGrid as ProbabilityGrid
-    from aleator.quadrature import Smolyak as Smolyak
-    from aleator.quadrature import SobolPoints as SobolPoints
-    from aleator.quadrature import TensorGauss as TensorGauss
     from aleator.report.progress_line import ProgressLine as ProgressLine
     from aleator.search import CMAES as CMAES
     from aleator.search import CustomSearch as CustomSearch
@@ -101,15 +99,15 @@ _HOMES = {
     "laws.correlation": ["full"],
     "laws.inputs": ["Inputs"],
     "surrogates": ["ResponseSurface"],
-    "likelihood.propagation": ["Collocation"],
-    "quadrature": [
-        "TensorGauss", "Smolyak", "SobolPoints", "MonteCarloPoints", "ProbabilityGrid", "GermGrid",
+    "moments.propagation": ["Collocation"],
+    "moments.quadrature": [
+        "TensorGauss", "Smolyak", "SobolPoints", "MonteCarloPoints", "ProbabilityGrid",
     ],
-    "expansion": ["Projection", "SparseProjection", "Regression"],
-    "expansion.sobol": ["sobol_indices"],
-    "polynomials.indices": ["TotalDegree", "Hyperbolic", "Anisotropic"],
-    "densities": ["Convolution", "MaximumEntropy", "Gaussian", "GaussianMixture"],
-    "densities.distances": ["earth_movers_distance"],
+    "moments.expansion": ["Projection", "SparseProjection", "Regression"],
+    "moments.expansion.sobol": ["sobol_indices"],
+    "moments.expansion.indices": ["TotalDegree", "Hyperbolic", "Anisotropic"],
+    "moments.densities": ["MaximumEntropy", "Gaussian", "GaussianMixture"],
+    "moments.densities.distances": ["earth_movers_distance"],
     "search": [
         "GradientMultistart", "GeneticAlgorithm", "DifferentialEvolution", "CMAES", "CustomSearch",
     ],

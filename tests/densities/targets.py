@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy import stats
 
-from aleator.densities.moments import Moments
+from aleator.moments.densities.moments import Moments
 from aleator.types import Array
 
 _X, _W = np.polynomial.legendre.leggauss(500)

@@ -6,8 +6,8 @@ import pytest
 from densities.targets import single
 from scipy import stats
 
-from aleator.densities import Gaussian, MaximumEntropy, Status
-from aleator.densities.moments import Moments
+from aleator.moments.densities import Gaussian, MaximumEntropy, Status
+from aleator.moments.densities.moments import Moments
 
 
 @pytest.mark.parametrize("order", range(2, 9))

@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aleator.densities import (
+from aleator.moments.densities import (
     DEGENERATE_VALUE,
     FAILED_SOLVE_PENALTY,
     Convolution,
     FittedConvolution,
     Status,
 )
-from aleator.densities.outcomes import Outcomes
+from aleator.moments.densities.outcomes import Outcomes
 from aleator.errors import InputsError
 from aleator.laws import Normal
 from aleator.laws.inputs import Inputs
 from aleator.polynomials.gauss import gauss_hermite
-from aleator.quadrature import GermGrid, Nodes
+from aleator.moments.quadrature import GermGrid, Nodes
 from aleator.types import Array
 
 SD_V, SD_K = 0.4, 0.5

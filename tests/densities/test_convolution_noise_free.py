@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aleator.densities import Convolution, FittedConvolution, Status
-from aleator.densities.outcomes import Outcomes
-from aleator.densities.stand_in import BEYOND
+from aleator.moments.densities import Convolution, FittedConvolution, Status
+from aleator.moments.densities.outcomes import Outcomes
+from aleator.moments.densities.stand_in import BEYOND
 from aleator.laws import Normal, TruncatedNormal, Uniform
 from aleator.laws.inputs import Inputs
-from aleator.quadrature import GermGrid
+from aleator.moments.quadrature import GermGrid
 from aleator.types import Array
 
 NORMAL = Inputs({"x": Normal(0.0, 1.0)})

@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize, stats
 
-from aleator.densities import Gaussian, GaussianMixture, MaximumEntropy
-from aleator.densities.distances import earth_movers_distance
-from aleator.densities.gaussian import FittedGaussian
-from aleator.densities.moments import Moments, weighted_moments
-from aleator.densities.outcomes import Outcomes
+from aleator.moments.densities import Gaussian, GaussianMixture, MaximumEntropy
+from aleator.moments.densities.distances import earth_movers_distance
+from aleator.moments.densities.gaussian import FittedGaussian
+from aleator.moments.densities.moments import Moments, weighted_moments
+from aleator.moments.densities.outcomes import Outcomes
 from aleator.errors import InputsError
 from aleator.types import Array
 

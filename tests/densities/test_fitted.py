@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.integrate import quad
 
-from aleator.densities import FittedDensity, MaximumEntropy, Status
-from aleator.densities.moments import Moments
+from aleator.moments.densities import FittedDensity, MaximumEntropy, Status
+from aleator.moments.densities.moments import Moments
 
 
 def moments_by_quad(fitted: FittedDensity, index: int, moments: Moments, order: int) -> list[float]:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import optimize, stats
 from scipy.special import expit
 
-from aleator.densities import (
+from aleator.moments.densities import (
     DEGENERATE_VALUE,
     FAILED_SOLVE_PENALTY,
     FittedGaussianMixture,
@@ -19,8 +19,8 @@ from aleator.densities import (
     Sensitivity,
     Status,
 )
-from aleator.densities.moments import Moments, weighted_moments
-from aleator.densities.pearson import mixture_moments, two_normals
+from aleator.moments.densities.moments import Moments, weighted_moments
+from aleator.moments.densities.pearson import mixture_moments, two_normals
 from aleator.errors import InputsError
 from aleator.types import Array
 

@@ -6,7 +6,7 @@ from densities.targets import mixed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aleator.densities import (
+from aleator.moments.densities import (
     DEGENERATE_VALUE,
     FAILED_SOLVE_PENALTY,
     Gaussian,
@@ -14,7 +14,7 @@ from aleator.densities import (
     Sensitivity,
     Status,
 )
-from aleator.densities.moments import Moments
+from aleator.moments.densities.moments import Moments
 from aleator.errors import InputsError
 
 INF = np.array([np.inf])

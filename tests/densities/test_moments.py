@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from problems import PROBLEMS, Exact, Problem, raw_normal, title
 
-from aleator.densities.moments import (
+from aleator.moments.densities.moments import (
     Moments,
     weighted_moments,
     weighted_moments_with_gradient,
 )
 from aleator.polynomials.gauss import gauss_hermite
-from aleator.quadrature import TensorGauss
+from aleator.moments.quadrature import TensorGauss
 from aleator.types import Array
 
 

@@ -9,12 +9,12 @@ from problems import REGRESSION
 from scipy import stats
 
 from aleator import MaximumEntropy
-from aleator.densities.maximum_entropy import FittedMaximumEntropy, nearby
-from aleator.densities.maximum_entropy.dual import Expectations, expectations
-from aleator.densities.maximum_entropy.legendre import Rule, gauss_rule, legendre_in_powers
-from aleator.densities.maximum_entropy.nearby import follow, predicted
-from aleator.densities.moments import Moments
-from aleator.likelihood.likelihood import Continued
+from aleator.moments.densities.maximum_entropy import FittedMaximumEntropy, nearby
+from aleator.moments.densities.maximum_entropy.dual import Expectations, expectations
+from aleator.moments.densities.maximum_entropy.legendre import Rule, gauss_rule, legendre_in_powers
+from aleator.moments.densities.maximum_entropy.nearby import follow, predicted
+from aleator.moments.densities.moments import Moments
+from aleator.moments.likelihood import Continued
 from aleator.types import Array
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from densities.targets import mixed
 
-from aleator.densities import Gaussian, MaximumEntropy, Sensitivity, Status
-from aleator.densities.moments import Moments, weighted_moments, weighted_moments_with_gradient
+from aleator.moments.densities import Gaussian, MaximumEntropy, Sensitivity, Status
+from aleator.moments.densities.moments import Moments, weighted_moments, weighted_moments_with_gradient
 from aleator.types import Array
 
 Change = Callable[[float], tuple[Moments, Array, Array]]

@@ -5,15 +5,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from aleator.densities import Convolution
-from aleator.densities.convolution import _of_lattice
-from aleator.densities.interface import NodeSensitivity
-from aleator.densities.linearized import Linearized
-from aleator.densities.outcomes import Outcomes
-from aleator.densities.windows import WIDEST, windowed
+from aleator.moments.densities import Convolution
+from aleator.moments.densities.convolution import _of_lattice
+from aleator.moments.densities.interface import NodeSensitivity
+from aleator.moments.densities.linearized import Linearized
+from aleator.moments.densities.outcomes import Outcomes
+from aleator.moments.densities.windows import WIDEST, windowed
 from aleator.laws import TruncatedNormal
 from aleator.laws.inputs import Inputs
-from aleator.quadrature import GermGrid
+from aleator.moments.quadrature import GermGrid
 from aleator.types import Array
 
 ALPHA = np.array([0.5, 0.15])

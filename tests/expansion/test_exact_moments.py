@@ -23,9 +23,9 @@ from exact_expansions import (
 from problems import from_raw
 
 from aleator.errors import InputsError
-from aleator.expansion import Basis
-from aleator.expansion.moments import ExactQuadrature, Galerkin, cheapest, prepare
-from aleator.expansion.moments.cheapest import estimated_seconds
+from aleator.moments.expansion import Basis
+from aleator.moments.expansion.moments import ExactQuadrature, Galerkin, cheapest, prepare
+from aleator.moments.expansion.moments.cheapest import estimated_seconds
 from aleator.polynomials.gauss import polished_rule
 from aleator.polynomials.recurrence import evaluate, hermite_recurrence, symmetric
 from aleator.types import Indices

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from aleator.expansion import Basis
-from aleator.expansion.moments import ExactQuadrature, Galerkin, prepare
-from aleator.polynomials.indices import constant
+from aleator.moments.expansion import Basis
+from aleator.moments.expansion.moments import ExactQuadrature, Galerkin, prepare
+from aleator.moments.expansion.indices import constant
 
 # ------------------------------------------------------------------------------ properties
 

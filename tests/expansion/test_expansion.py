@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aleator.errors import InputsError
-from aleator.expansion import (
+from aleator.moments.expansion import (
     Basis,
     Expanding,
     Expansion,
@@ -20,16 +20,16 @@ from aleator.expansion import (
     Regression,
     SparseProjection,
 )
-from aleator.expansion.design import FINE, induced
-from aleator.expansion.projection import project
-from aleator.expansion.sparse_projection import combination
+from aleator.moments.expansion.design import FINE, induced
+from aleator.moments.expansion.projection import project
+from aleator.moments.expansion.sparse_projection import combination
 from aleator.laws import (
     Constant,
     Free,
     Normal,
 )
 from aleator.laws.inputs import Inputs
-from aleator.polynomials.indices import Hyperbolic, TotalDegree
+from aleator.moments.expansion.indices import Hyperbolic, TotalDegree
 
 # ------------------------------------------------------------------------------ the basis
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from expansions import MIXED, NORMAL, basis_of, box, drawn, fitted, miss
 
-from aleator.expansion import (
+from aleator.moments.expansion import (
     Basis,
     Design,
     Expanding,
@@ -16,8 +16,8 @@ from aleator.expansion import (
     Regression,
     SparseProjection,
 )
-from aleator.expansion.design import induced
-from aleator.expansion.least_squares import nested_fits
+from aleator.moments.expansion.design import induced
+from aleator.moments.expansion.least_squares import nested_fits
 from aleator.laws import (
     Beta,
     Gamma,
@@ -26,7 +26,7 @@ from aleator.laws import (
     TruncatedNormal,
     Uniform,
 )
-from aleator.polynomials.indices import TotalDegree
+from aleator.moments.expansion.indices import TotalDegree
 from aleator.types import Array
 
 # ------------------------------------------------------------------------------ designs

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from aleator.expansion import Basis
-from aleator.expansion.moments.linearization import linearization
-from aleator.expansion.moments.products import Square
-from aleator.polynomials.indices import TotalDegree
+from aleator.moments.expansion import Basis
+from aleator.moments.expansion.moments.linearization import linearization
+from aleator.moments.expansion.moments.products import Square
+from aleator.moments.expansion.indices import TotalDegree
 
 STRIDES = np.array([9, 1])
 """Of two parameters whose degrees stay below nine."""

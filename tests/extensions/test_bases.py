@@ -11,8 +11,8 @@ import pytest
 from scipy import stats
 
 from aleator import Free
-from aleator.densities import DEGENERATE_VALUE, Status
-from aleator.densities.moments import Moments
+from aleator.moments.densities import DEGENERATE_VALUE, Status
+from aleator.moments.densities.moments import Moments
 from aleator.errors import InputsError
 from aleator.polynomials.recurrence import evaluate
 

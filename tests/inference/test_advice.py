@@ -22,9 +22,9 @@ from aleator import (
     Normal,
     ResponseSurface,
 )
-from aleator.densities import Convolution, Density, NodeDensity
+from aleator.moments.densities import Convolution, Density, NodeDensity
 from aleator.laws import Law
-from aleator.quadrature import Cubature, GermGrid, SobolPoints
+from aleator.moments.quadrature import Cubature, GermGrid, SobolPoints
 from aleator.types import Array
 
 TEMPERATURE = np.linspace(300.0, 350.0, 40)
@@ -94,7 +94,7 @@ def test_parameters_alike_for_another_reason_get_no_such_advice() -> None:
 
 
 def found_with(
-    density: Density | NodeDensity, nodes: int | Cubature | None, count: int = 12
+    density: Density, nodes: int | Cubature | None, count: int = 12
 ) -> Identification:
     rng = np.random.default_rng(0)
     z = np.linspace(1.0, 2.0, count)

@@ -16,7 +16,7 @@ from aleator import (
     MonteCarlo,
     ResponseSurface,
 )
-from aleator.densities import Convolution, Status
+from aleator.moments.densities import Convolution, Status
 from aleator.errors import SimulatorError
 from aleator.results.values import Diagnostic
 

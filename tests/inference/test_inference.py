@@ -14,7 +14,7 @@ from aleator.inference.diagnostics import score_steps
 from aleator.inference.diagnostics.directions import weak_directions
 from aleator.inference.information import Inference, infer, observed_information
 from aleator.inference.profile import profile_intervals
-from aleator.likelihood.likelihood import Likelihood
+from aleator.moments.likelihood import Likelihood
 from aleator.search import SearchResult
 from aleator.types import Array
 

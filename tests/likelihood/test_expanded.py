@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from aleator import Free, Inputs, Normal, TruncatedNormal
-from aleator.expansion import Projection, Regression, SparseProjection
-from aleator.likelihood.propagation import (
+from aleator.moments.expansion import Projection, Regression, SparseProjection
+from aleator.moments.propagation import (
     Collocation,
     ExpandedPropagation,
     QuadraturePropagation,
 )
-from aleator.polynomials.indices import Anisotropic, TotalDegree
-from aleator.quadrature import SobolPoints, TensorGauss
+from aleator.moments.expansion.indices import Anisotropic, TotalDegree
+from aleator.moments.quadrature import SobolPoints, TensorGauss
 
 TEN = Inputs({f"x{i}": Normal(Free(-1.0, 1.0), Free(0.01, 1.0)) for i in range(10)})
 ALPHA = np.array([value for i in range(10) for value in (0.1 * i - 0.4, 0.05 + 0.03 * i)])

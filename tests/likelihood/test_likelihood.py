@@ -20,11 +20,11 @@ from problems import (
 )
 
 from aleator import Free, Gaussian, Inputs, MaximumEntropy, Normal
-from aleator.densities import DEGENERATE_VALUE, FAILED_SOLVE_PENALTY, Density, Status
-from aleator.likelihood.likelihood import Continued, Likelihood
-from aleator.likelihood.predictive import predictive
-from aleator.likelihood.propagation import QuadraturePropagation
-from aleator.quadrature import TensorGauss
+from aleator.moments.densities import DEGENERATE_VALUE, FAILED_SOLVE_PENALTY, Density, Status
+from aleator.moments.likelihood import Continued, Likelihood
+from aleator.moments.predictive import predictive
+from aleator.moments.propagation import QuadraturePropagation
+from aleator.moments.quadrature import TensorGauss
 from aleator.search.value import LogLikelihood
 from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array

@@ -11,7 +11,7 @@ import pytest
 from aleator import Convolution, Free, Inputs, MonteCarlo, Normal, identify
 from aleator.errors import InputsError
 from aleator.likelihood import predictive
-from aleator.likelihood.likelihood import Likelihood
+from aleator.moments.likelihood import Likelihood
 from aleator.likelihood.parts import InParts
 
 

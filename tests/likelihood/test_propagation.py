@@ -21,19 +21,19 @@ from problems import (
 )
 
 from aleator import Collocation, Constant, Free, Inputs, Normal, ResponseSurface, TruncatedNormal
-from aleator.densities import Convolution, MaximumEntropy
-from aleator.densities.moments import Moments, weighted_moments
+from aleator.moments.densities import Convolution, MaximumEntropy
+from aleator.moments.densities.moments import Moments, weighted_moments
 from aleator.errors import InputsError
-from aleator.expansion import Regression
-from aleator.likelihood.propagation import (
+from aleator.moments.expansion import Regression
+from aleator.moments.propagation import (
     ProjectedPropagation,
     QuadraturePropagation,
     check_nodes,
     default_cubature,
     finer,
 )
-from aleator.polynomials.indices import TotalDegree
-from aleator.quadrature import GermGrid, Smolyak, SobolPoints, TensorGauss
+from aleator.moments.expansion.indices import TotalDegree
+from aleator.moments.quadrature import GermGrid, Smolyak, SobolPoints, TensorGauss
 from aleator.surrogates import build_surface
 from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array

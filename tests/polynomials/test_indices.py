@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aleator.errors import InputsError
-from aleator.polynomials.indices import Anisotropic, Hyperbolic, IndexSet, TotalDegree
+from aleator.moments.expansion.indices import Anisotropic, Hyperbolic, IndexSet, TotalDegree
 
 
 def rows(indices: np.ndarray) -> set[tuple[int, ...]]:

@@ -14,7 +14,7 @@ from scipy import special
 
 from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
 from aleator.errors import InputsError
-from aleator.quadrature import (
+from aleator.moments.quadrature import (
     Cubature,
     MonteCarloPoints,
     ProbabilityGrid,
@@ -22,7 +22,7 @@ from aleator.quadrature import (
     SobolPoints,
     TensorGauss,
 )
-from aleator.quadrature.nodes import axes, combined
+from aleator.moments.quadrature.nodes import axes, combined
 from aleator.types import Array
 
 BOX = (-1.0, 1.0)

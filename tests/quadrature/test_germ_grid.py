@@ -7,7 +7,7 @@ from scipy import stats
 from aleator.errors import AleatorError
 from aleator.laws import Constant, Normal, TruncatedNormal
 from aleator.laws.inputs import Inputs
-from aleator.quadrature import GermGrid, TensorGauss
+from aleator.moments.quadrature import GermGrid, TensorGauss
 
 ONE = Inputs({"x": Normal(0.0, 1.0), "b": Constant(2.0)})
 TWO = Inputs({"x": Normal(0.0, 1.0), "y": TruncatedNormal((-1.0, 2.0), 0.5, 1.0)})

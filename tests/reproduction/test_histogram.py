@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from aleator.densities.interface import Status
-from aleator.densities.outcomes import Outcomes
+from aleator.moments.densities.interface import Status
+from aleator.moments.densities.outcomes import Outcomes
 from aleator.errors import AleatorError
 from reproduction.sampling.histogram import HistogramSpline
 

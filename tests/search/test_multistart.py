@@ -14,7 +14,7 @@ from scipy import optimize, stats
 from aleator import Free, Gaussian, GradientMultistart, Inputs, MaximumEntropy, Normal
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
-from aleator.likelihood.likelihood import Continued
+from aleator.moments.likelihood import Continued
 from aleator.search import ascend
 from aleator.search.coordinates import Coordinates
 from aleator.search.interface import Optimum, SearchResult

@@ -26,7 +26,7 @@ from aleator import (
     Noise,
     Normal,
 )
-from aleator.likelihood.likelihood import Continued
+from aleator.moments.likelihood import Continued
 from aleator.search import compare, wide_limits
 
 

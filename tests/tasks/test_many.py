@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from aleator import Free, Gaussian, Identification, Inputs, MonteCarlo, Normal, identify
-from aleator.likelihood.likelihood import Continued
+from aleator.moments.likelihood import Continued
 from aleator.search import Ascent, Optimum, SearchResult
 from aleator.tasks import many
 

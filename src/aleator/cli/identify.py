@@ -24,11 +24,9 @@ from aleator.cli.running import (
     running,
 )
 from aleator.cli.showing import can_draw, can_report, say, shown
-from aleator.densities import Convolution, MaximumEntropy
 from aleator.errors import short
 from aleator.inference.check import Check
 from aleator.laws import LogNormal
-from aleator.likelihood.model import STAND_IN
 from aleator.plot.identification import save_figures
 from aleator.report import terminal
 from aleator.results import documents, printed
@@ -103,12 +101,10 @@ Further keys, with their defaults:
                 {_defaults(ResponseSurface, "max_runs")}, nodes, surfaces =
                 "none", "own" or "shared": left out, none if vectorized) or
                 "collocation" (nodes, moments = "quadrature" or "expansion", degree)
-  [density]     With noise none: the likelihood is an integral over individual
-                parameters. kind = "automatic": level sets for one that scatters,
-                and for two where these move an estimate, the convolution for three
-                where it does; else maximum entropy of order {STAND_IN.order}.
-                Or "maximum_entropy" ({_defaults(MaximumEntropy, "order")}), "gaussian",
-                "gaussian_mixture" or "convolution" ({_defaults(Convolution, "points")})
+  [density]     Left out, or kind = "automatic": the exact likelihood, by level sets without
+                noise and by an integral over individual parameters with it. Without noise
+                one of moments may be chosen: "maximum_entropy" (order), "gaussian" or
+                "gaussian_mixture"
   [search]      method = "gradient" ({_defaults(GradientMultistart, "starts", "evaluations")}),
                 "genetic", "differential_evolution" or "cmaes"
   [verification] samples: runs an experiment for the check on the simulator, 0 for

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from aleator.likelihood.level_sets import LevelLikelihood, searched, traceable
-from aleator.likelihood.likelihood import Continued, Likelihood
+from aleator.likelihood.level_sets.predicted import Predictor as PointPredictor
 from aleator.likelihood.model import Model
-from aleator.likelihood.nodes import propagated
-from aleator.likelihood.predictive import Predictive, predictive
 from aleator.progress import Progress
+from aleator.search import Objective
 from aleator.simulators import NoOutcome, Runner
-from aleator.surrogates import Surface, build_surface
+from aleator.surrogates import ResponseSurface, Surface, build_surface
 from aleator.surrogates.responses import (
     Confined,
     DirectResponse,
     Divisible,
+    Predicted,
     Response,
     attempts,
     by_calls,
@@ -27,6 +28,26 @@ from aleator.surrogates.responses import (
 )
 from aleator.types import Array, Flags, Indices
 
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.likelihood import Likelihood
+    from aleator.moments.predictive import Predictive
+
+
+class Predictor(Protocol):
+    """From a law alpha (K,) to the distributions of N outcomes, and what these reach."""
+
+    @property
+    def lower(self) -> Array:
+        """The ends (N,) of what is reached, possibly infinite."""
+
+    @property
+    def upper(self) -> Array:
+        """See `lower`."""
+
+    def under(self, alpha: Array) -> Predicted:
+        """The distributions of the outcomes."""
+
 
 @dataclass(frozen=True)
 class Forward:
@@ -34,11 +55,11 @@ class Forward:
 
     `condition` (N,) says which of the U distinct conditions each experiment has. `region` (n, 2) is
     where the response is known: the box, or the part of it where the law has its mass. `surface`
-    are the response surfaces of the parameters that are not known, or None for collocation.
+    are the response surfaces of the parameters that are not known, or None without any.
     """
 
     model: Model
-    predictive: Predictive
+    predictor: Predictor
     response: Response
     surface: Surface | None
     region: Array
@@ -52,36 +73,54 @@ class Forward:
     @property
     def name(self) -> str:
         """How reports name the propagation."""
-        return self.model.propagation.name
+        return self.model.name
 
     def given(self, outcomes: Array) -> Problem:
         """The inverse problem that measured outcomes (N,) make of it."""
-        own = (self.model, self.predictive, self.response, self.surface, self.region)
-        none = np.zeros(len(outcomes), dtype=np.bool_)
-        return Problem(*own, self.condition, outcomes, unreached=none)
-
-    def by(self, model: Model) -> Forward:
-        """The same response under other choices of density."""
-        way = propagated(model, self.response, self.region)
-        return replace(self, model=model, predictive=self.predictive.by(model.density, way))
+        own = (self.model, self.predictor, self.response, self.surface, self.region)
+        return Problem(*own, self.condition, outcomes, _likelihood(self, outcomes))
 
 
 @dataclass(frozen=True)
 class Problem(Forward):
     """The inverse problem: the forward problem and the measured outcomes (N,).
 
-    With `levels` the likelihood is that of the level sets, and the densities serve for what is
-    asked of outcomes that were not measured. There are none where outcomes are `unreached` (N,).
+    The `likelihood` is honest: by level sets, or by a density of moments where one was chosen.
     """
 
     outcomes: Array
-    levels: LevelLikelihood | None = None
-    unreached: Flags = field(kw_only=True)
+    likelihood: Likelihood | LevelLikelihood
 
     @property
-    def by_densities(self) -> Likelihood:
-        """The honest likelihood by the densities."""
-        return Likelihood(self.predictive, self.outcomes)
+    def levels(self) -> LevelLikelihood | None:
+        """The likelihood by level sets; None where a density was chosen."""
+        return self.likelihood if isinstance(self.likelihood, LevelLikelihood) else None
+
+    @property
+    def unreached(self) -> Flags:
+        """(N,) whose outcome is none of the response in the region; none by moments."""
+        return self._none if self.levels is None else self.levels.unreached
+
+    def unreached_at(self, alpha: Array) -> Flags:
+        """(N,) whose outcome is not reached under a law alpha (K,) either."""
+        return self._none if self.levels is None else self.levels.sets(alpha).empty
+
+    @property
+    def _none(self) -> Flags:
+        return np.zeros(self.outcomes.size, dtype=np.bool_)
+
+    def nodes(self, alpha: Array) -> Array:
+        """The nodes x (J, n) of the law, with collocation."""
+        from aleator.moments.predictive import Predictive
+
+        assert isinstance(self.predictor, Predictive)
+        return self.predictor.nodes(alpha)
+
+    def gap(self, alpha: Array) -> float:
+        """What more nodes of the law change of a log-likelihood by moments, on surfaces."""
+        if self.surface is None or isinstance(self.likelihood, LevelLikelihood):
+            return 0.0
+        return self.likelihood.gap(alpha)
 
     @property
     def exactly(self) -> LevelLikelihood | None:
@@ -89,22 +128,16 @@ class Problem(Forward):
         if self.levels is not None:
             return self.levels
         known = self.surface is not None and traceable(self.model.inputs)
-        return _levels(self).fine() if known else None
+        return level_sets(self, self.outcomes).fine() if known else None
 
     @property
-    def likelihood(self) -> Likelihood | LevelLikelihood:
-        """The honest likelihood: by the densities, or by level sets of the simulator itself."""
-        return self.levels or self.by_densities
-
-    @property
-    def objective(self) -> Continued | LevelLikelihood:
+    def objective(self) -> Objective:
         """What a search climbs: the likelihood, continued where there is none."""
         return self.likelihood.continued
 
     def given(self, outcomes: Array) -> Problem:
         """The same with other outcomes (N,)."""
-        levels = self.levels and self.levels.given(outcomes)
-        return replace(self, outcomes=outcomes, levels=levels)
+        return replace(self, outcomes=outcomes, likelihood=self.likelihood.given(outcomes))
 
 
 def forward(
@@ -126,6 +159,7 @@ def forward(
     first, condition = runner.cases.first, runner.cases.condition
     count, inputs = first.size, model.inputs
     response: Response
+    lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
     if model.surfaces is not None:
         if surface is None:
             surface = build_surface(
@@ -137,17 +171,17 @@ def forward(
         margin = 3.0 * surface.error
         lower, upper = surface.lower - margin, surface.upper + margin
         response = Confined(surface, region)
+    elif isinstance(model.propagation, ResponseSurface):
+        response = DirectResponse(straight(runner), count, inputs.box)
     else:
-        assert model.collocation is not None
-        step = model.collocation.difference_step
-        run = straight(runner) if model.collocation.fast else by_calls(runner)
-        response = DirectResponse(run, count, inputs.box, step)
-        lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
-    distribution = predictive(
-        propagated(model, response, region), model.density, condition, lower[condition],
-        upper[condition], model.hyperparameters,
-    )  # fmt: skip
-    return Forward(model, distribution, response, surface, region, condition)
+        step = model.propagation.difference_step
+        response = DirectResponse(by_calls(runner), count, inputs.box, step)
+    ends = lower[condition], upper[condition]
+    if model.density is None:
+        predictor: Predictor = PointPredictor(inputs, response, condition, *ends)
+    else:
+        predictor = _by_moments(model, model.density, response, condition, ends, region)
+    return Forward(model, predictor, response, surface, region, condition)
 
 
 def prepare(
@@ -159,22 +193,44 @@ def prepare(
     surface: Surface | None = None,
 ) -> Problem:
     """The inverse problem of outcomes (N,), as `forward` builds it."""
-    problem = forward(runner, model, region, progress, surface).given(outcomes)
-    if not model.traced:
-        return problem
-    levels = _levels(problem)
-    if levels.unreached.any():
-        return replace(problem, unreached=levels.unreached)
-    return replace(problem, levels=levels)
+    return forward(runner, model, region, progress, surface).given(outcomes)
 
 
-def _levels(problem: Problem) -> LevelLikelihood:
-    """Level sets for a search."""
+def level_sets(problem: Forward, outcomes: Array) -> LevelLikelihood:
+    """The likelihood of outcomes (N,) by level sets, as fine as a search needs."""
     inputs, response = problem.model.inputs, problem.response
     assert isinstance(response, Divisible)
     region = inputs.box if problem.surface is None else problem.region
     few = searched(inputs, int(problem.condition.max()) + 1)
-    return LevelLikelihood(inputs, response, region, problem.condition, problem.outcomes, few)
+    return LevelLikelihood(inputs, response, region, problem.condition, outcomes, few)
+
+
+def _by_moments(
+    model: Model,
+    density: Density,
+    response: Response,
+    condition: Indices,
+    ends: tuple[Array, Array],
+    region: Array,
+) -> Predictive:
+    """The paper's way: moments of the outcome, and a density that is fitted to them."""
+    from aleator.moments.nodes import propagated
+    from aleator.moments.predictive import Predictive
+
+    order = max(density.order, 4)
+    way = propagated(model.inputs, model.propagation, order, response, region)
+    return Predictive(way, density, condition, *ends, model.hyperparameters)
+
+
+def _likelihood(forward: Forward, outcomes: Array) -> Likelihood | LevelLikelihood:
+    """The one place that decides: level sets, or a density of moments where one was chosen."""
+    if forward.model.density is None:
+        return level_sets(forward, outcomes)
+    from aleator.moments.likelihood import Likelihood
+    from aleator.moments.predictive import Predictive
+
+    assert isinstance(forward.predictor, Predictive)
+    return Likelihood(forward.predictor, outcomes)
 
 
 def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> None:

@@ -13,10 +13,10 @@ from typing import get_type_hints as hints_of
 import numpy as np
 import pandas as pd
 
-from aleator.densities import Status
 from aleator.errors import InputsError, nearest
 from aleator.laws import Hyperparameter
 from aleator.results import documents
+from aleator.status import Status
 from aleator.types import Array
 
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)

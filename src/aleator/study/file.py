@@ -8,11 +8,10 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import ValidationError
 
-from aleator.densities import Density, NodeDensity
 from aleator.errors import (
     AleatorError,
     InputsError,
@@ -25,7 +24,6 @@ from aleator.inference.check import MonteCarlo
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
-from aleator.likelihood.propagation import Collocation
 from aleator.observations.covariates import covariates
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments
@@ -45,6 +43,10 @@ from aleator.study.units import units_of
 from aleator.surrogates import ResponseSurface
 from aleator.tasks import individual
 from aleator.tasks.individual.observed import varying_conditions
+
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
 
 T = TypeVar("T")
 
@@ -68,7 +70,7 @@ class Study:
     inputs: Inputs
     noise: Noise | Mapping[str, Noise] | None
     propagation: ResponseSurface | Collocation
-    density: Density | NodeDensity | None
+    density: Density | None
     search: Search
     verification: MonteCarlo
     table: ExperimentsSection

@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import UnionType
@@ -56,7 +57,8 @@ class Choice(Generic[T]):
 class Kinds(Generic[T]):
     """What a section may choose by name: the makers that come along, and those of entry points.
 
-    A maker is a class or a function. The keys of its section are its arguments, by name: one with a
+    A maker is a class or a function, or its name, "module:name", to be imported when it is chosen.
+    The keys of its section are its arguments, by name: one with a
     default may be left out, and the annotation is the type (`Specification`: a number or a table;
     `tuple`: a list; `Path`: a file relative to the study). An argument `folder` is the study's
     folder. An argument with a default whose type TOML does not have is no key.
@@ -74,7 +76,7 @@ class Kinds(Generic[T]):
 
     group: str
     key: str
-    known: Mapping[str, Callable[..., T]]
+    known: Mapping[str, Callable[..., T] | str]
     default: str = ""
     common: type[Section] = Section
 
@@ -130,7 +132,7 @@ class Kinds(Generic[T]):
     def _maker(self, kind: str) -> tuple[Callable[..., T], str]:
         """The maker of a kind, and the plug-in that it is of."""
         if kind in self.known:
-            return self.known[kind], ""
+            return _imported(self.known[kind]), ""
         found = [*entry_points(group=self.group, name=kind)]
         if not found:
             raise unknown(self.key, kind, self.names, self.group)
@@ -159,7 +161,7 @@ class Kinds(Generic[T]):
         if key in section.model_fields:
             return
         for other, maker in self.known.items():
-            if key in _section(maker, self.key, self.common).model_fields:
+            if key in _section(_imported(maker), self.key, self.common).model_fields:
                 here = f'{self.key} = "{kind}"' if self.key else kind
                 there = f'{self.key} = "{other}"' if self.key else other
                 raise fault(
@@ -170,6 +172,14 @@ class Kinds(Generic[T]):
 
     def _fault(self, problem: str, remedy: str) -> Exception:
         return fault(problem, remedy, self.key)
+
+
+def _imported(maker: Callable[..., T] | str) -> Callable[..., T]:
+    if not isinstance(maker, str):
+        return maker
+    module, name = maker.split(":")
+    found: Callable[..., T] = getattr(import_module(module), name)
+    return found
 
 
 @lru_cache(maxsize=64)

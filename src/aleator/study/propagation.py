@@ -9,41 +9,22 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, PlainValidator, Tag
 
 from aleator.errors import StudyError
-from aleator.expansion import Projection, Regression, SparseProjection
-from aleator.likelihood.propagation import Collocation
-from aleator.polynomials.indices import Hyperbolic, IndexSet, TotalDegree
-from aleator.quadrature import (
-    Cubature,
-    GermGrid,
-    MonteCarloPoints,
-    ProbabilityGrid,
-    Smolyak,
-    SobolPoints,
-    TensorGauss,
-)
 from aleator.study.kinds import Choice, Kinds
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.choice import Surfaces
 
-RULES: Kinds[Cubature] = Kinds(
+RULES: Kinds[Any] = Kinds(
     "aleator.cubatures",
     "rule",
     {
-        "gauss": TensorGauss,
-        "smolyak": Smolyak,
-        "sobol": SobolPoints,
-        "monte_carlo": MonteCarloPoints,
-        "probability_grid": ProbabilityGrid,
-        "germ_grid": GermGrid,
+        "gauss": "aleator.moments.quadrature:TensorGauss",
+        "smolyak": "aleator.moments.quadrature:Smolyak",
+        "sobol": "aleator.moments.quadrature:SobolPoints",
+        "monte_carlo": "aleator.moments.quadrature:MonteCarloPoints",
+        "probability_grid": "aleator.moments.quadrature:ProbabilityGrid",
     },
 )
 """`nodes = {rule = "sobol", points = 1024}`: other nodes than those of Gauss rules."""
-
-_FITS: dict[str, type[Projection] | type[SparseProjection] | type[Regression]] = {
-    "projection": Projection,
-    "sparse_grid": SparseProjection,
-    "regression": Regression,
-}
 
 
 def _kind(value: Any) -> str:
@@ -52,7 +33,7 @@ def _kind(value: Any) -> str:
 
 Nodes = Annotated[
     Annotated[int, Tag("number")]
-    | Annotated[Choice[Cubature], PlainValidator(RULES.read), Tag("table")],
+    | Annotated[Choice[Any], PlainValidator(RULES.read), Tag("table")],
     Discriminator(_kind),
 ]
 
@@ -77,8 +58,12 @@ def collocation(
     degree: int | None = None,
     fit: Literal["projection", "sparse_grid", "regression"] | None = None,
     terms: Literal["total_degree", "hyperbolic"] | None = None,
-) -> Collocation:
+) -> Any:
     """The simulator runs at the nodes of the law for every alpha."""
+    from aleator.moments.expansion import Projection, Regression, SparseProjection
+    from aleator.moments.expansion.indices import Hyperbolic, IndexSet, TotalDegree
+    from aleator.moments.propagation import Collocation
+
     if fit is None:
         if terms is not None:
             raise StudyError("terms has no meaning without fit", 'write fit = "regression"')
@@ -86,14 +71,19 @@ def collocation(
     if degree is None:
         raise StudyError(f'fit = "{fit}" lacks degree', "add degree = 2")
     kept: IndexSet = Hyperbolic(degree) if terms == "hyperbolic" else TotalDegree(degree)
-    return Collocation(nodes=_nodes(nodes, folder), moments=moments, fit=_FITS[fit](kept))
+    fits: dict[str, type[Projection] | type[SparseProjection] | type[Regression]] = {
+        "projection": Projection,
+        "sparse_grid": SparseProjection,
+        "regression": Regression,
+    }
+    return Collocation(nodes=_nodes(nodes, folder), moments=moments, fit=fits[fit](kept))
 
 
-def _nodes(value: int | Choice[Cubature] | None, folder: Path) -> int | Cubature | None:
+def _nodes(value: int | Choice[Any] | None, folder: Path) -> Any:
     return value.build(folder) if isinstance(value, Choice) else value
 
 
-PROPAGATIONS: Kinds[ResponseSurface | Collocation] = Kinds(
+PROPAGATIONS: Kinds[Any] = Kinds(
     "aleator.propagations",
     "method",
     {"response_surface": response_surface, "collocation": collocation},

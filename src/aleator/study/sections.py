@@ -7,18 +7,9 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag
 
-from aleator.densities import (
-    Convolution,
-    Density,
-    Gaussian,
-    GaussianMixture,
-    MaximumEntropy,
-    NodeDensity,
-)
 from aleator.inference.check import MonteCarlo
 from aleator.laws import Law, Specification
 from aleator.laws.correlation import full
-from aleator.likelihood.propagation import Collocation
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -34,7 +25,6 @@ from aleator.study.laws import LAWS
 from aleator.study.noise import NoiseChoice
 from aleator.study.propagation import PROPAGATIONS
 from aleator.study.simulators import SIMULATORS
-from aleator.surrogates import ResponseSurface
 
 ALL = "all"
 """The key of `[correlation]` that ties every pair of a list."""
@@ -83,18 +73,17 @@ def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
 
 
 def automatic() -> None:
-    """The density that the noise, the surfaces and the answer ask for."""
+    """No density of moments: the likelihood is exact, by level sets or an integral."""
 
 
-DENSITIES: Kinds[Density | NodeDensity | None] = Kinds(
+DENSITIES: Kinds[Any] = Kinds(
     "aleator.densities",
     "kind",
     {
         "automatic": automatic,
-        "maximum_entropy": MaximumEntropy,
-        "gaussian": Gaussian,
-        "gaussian_mixture": GaussianMixture,
-        "convolution": Convolution,
+        "maximum_entropy": "aleator.moments.densities:MaximumEntropy",
+        "gaussian": "aleator.moments.densities:Gaussian",
+        "gaussian_mixture": "aleator.moments.densities:GaussianMixture",
     },
     "automatic",
 )
@@ -137,11 +126,7 @@ class StudyFile(Section):
     correlation: CorrelationSection = Field(default_factory=dict)
     derived: dict[str, str] = Field(default_factory=dict)
     noise: NoiseChoice | None = None
-    propagation: Annotated[
-        Choice[ResponseSurface | Collocation], PlainValidator(PROPAGATIONS.read)
-    ] = PROPAGATIONS.read({})
-    density: Annotated[Choice[Density | NodeDensity | None], PlainValidator(DENSITIES.read)] = (
-        DENSITIES.read({})
-    )
+    propagation: Annotated[Choice[Any], PlainValidator(PROPAGATIONS.read)] = PROPAGATIONS.read({})
+    density: Annotated[Choice[Any], PlainValidator(DENSITIES.read)] = DENSITIES.read({})
     search: Annotated[Choice[Search], PlainValidator(SEARCHES.read)] = SEARCHES.read({})
     verification: VerificationSection = VerificationSection()

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 from aleator.errors import InputsError
-from aleator.quadrature import Cubature
 from aleator.surrogates.points import CANDIDATES
+
+if TYPE_CHECKING:
+    from aleator.moments.quadrature import Cubature
 
 Surfaces = Literal["none", "own", "shared"]
 

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from aleator.errors import InputsError
 from aleator.simulators import Runner
@@ -39,6 +40,32 @@ class Divisible(Response, Protocol):
     def at(self, index: Indices, x: Array) -> Array:
         """Outcomes (R,) of experiments index[r], each at its own point x[r], x (R, n)."""
         ...
+
+
+class Predicted(Protocol):
+    """The distributions of N outcomes under a law."""
+
+    @property
+    def mean(self) -> Array:
+        """(N,)."""
+
+    @property
+    def sd(self) -> Array:
+        """(N,)."""
+
+    @property
+    def standardized(self) -> Array:
+        """Standardized moments (N, 5) of orders zero to four."""
+
+    @property
+    def status(self) -> NDArray[np.int64]:
+        """(N,) `Status` codes."""
+
+    def cdf(self, y: Array) -> Array:
+        """P(outcome < y) at y (N,) or (N, G), of the same shape."""
+
+    def quantile(self, p: ArrayLike) -> Array:
+        """Outcomes (N, Q) that are not exceeded with probabilities p (Q,)."""
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,8 @@ import numpy as np
 from aleator.inference.information import Inference, infer
 from aleator.inference.profile import Profile, profile_intervals
 from aleator.likelihood.model import Model
-from aleator.likelihood.policy import better_model
 from aleator.likelihood.problem import Problem
-from aleator.search import Search, SearchResult, WarmStart, ascend
+from aleator.search import Search, SearchResult, ascend
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.tasks.baselines import baselines_of
@@ -51,8 +50,7 @@ class Question:
 class Answer:
     """A maximum that was found, and how sure it is.
 
-    `stands_in` tells that four moments serve although the exact density was tried. `surfaces` are
-    those that the problem's are of, with what they may still become; None for collocation.
+    `surfaces` are those that the problem's are of, with what they may still become; None without.
     `reason` says why there are surfaces, or none.
     """
 
@@ -60,41 +58,26 @@ class Answer:
     found: SearchResult
     inference: Inference
     profile: Profile
-    stands_in: bool
     surfaces: AdaptiveSurfaces | None
     reason: str
 
 
 def answered(question: Question, ledger: Ledger) -> Answer:
-    """Search until no other density does better at the answer, then see how sure it is.
-
-    A density that is open gives way at most twice: moments to the exact one, and that to moments.
-    """
+    """Search, refine the surfaces until nothing moves, and see how sure the answer is."""
     placed = way_of_outcomes(question.runner, question.model)
     model = question.model.directly() if placed.direct else question.model
-    search, tried, refined = question.search, [model], None
-    while True:
-        way = _way(question, tried[-1], search, ledger)
-        refined = way.resumed(refined) if refined else way.search(question.seed)
-        better = better_model(refined.problem, refined.found.alpha)
-        if better is None:
-            break
-        # the exact density is dear, and its maximum is near
-        search = (
-            WarmStart(refined.found.alpha, refined.found.once) if better.exact else question.search
-        )
-        tried.append(better)
-    refined, inference, profile = _sure(way, refined, ledger)
-    problem, found = refined.problem, refined.found
-    stands_in = any(model.exact for model in tried) and not tried[-1].exact
-    return Answer(problem, found, inference, profile, stands_in, refined.surfaces, placed.reason)
+    way = _way(question, model, ledger)
+    refined, inference, profile = _sure(way, way.search(question.seed), ledger)
+    return Answer(
+        refined.problem, refined.found, inference, profile, refined.surfaces, placed.reason
+    )
 
 
 def sharpened(
     question: Question, answer: Answer, draws: Mapping[int, Array], ledger: Ledger
 ) -> Answer:
     """The answer with a round of runs for some conditions, each where its own draws lie."""
-    way = _way(question, answer.problem.model, question.search, ledger)
+    way = _way(question, answer.problem.model, ledger)
     before = Refined(answer.problem, answer.found, answer.surfaces, held=True)
     refined, inference, profile = _sure(way, way.sharpened(before, draws), ledger)
     return replace(
@@ -149,8 +132,8 @@ class _Search:
             )  # fmt: skip
 
 
-def _way(question: Question, model: Model, search: Search, ledger: Ledger) -> Refinement:
-    own = _Search(question.runner, search, question.seed, ledger)
+def _way(question: Question, model: Model, ledger: Ledger) -> Refinement:
+    own = _Search(question.runner, question.search, question.seed, ledger)
     return refinement_of(
         question.runner, question.outcomes, model, own, ledger.stage, ledger.progress,
         question.ids,
@@ -167,10 +150,11 @@ def _sure(way: Refinement, refined: Refined, ledger: Ledger) -> tuple[Refined, I
         if held is None:
             break
         refined = held
-    if refined.problem.levels is None:
+    levels = refined.problem.levels
+    if levels is None:
         return refined, inference, profile
     with ledger.stage("inference"):
-        problem = replace(refined.problem, levels=refined.problem.levels.fine())
+        problem = replace(refined.problem, likelihood=levels.fine())
         found = climbed(problem, refined.found, inference)
         found, inference, profile = infer_at(problem, found)
     return replace(refined, problem=problem, found=found), inference, profile

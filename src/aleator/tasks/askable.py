@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from aleator.densities import Density, NodeDensity
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import DEFAULT_SEARCH, require_enough
 from aleator.tasks.replicates import job_of
+
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
 
 
 def require_askable(
@@ -19,7 +22,7 @@ def require_askable(
     inputs: Inputs,
     noise: Noise | Mapping[str, Noise] | None,
     propagation: ResponseSurface | Collocation,
-    density: Density | NodeDensity | None,
+    density: Density | None,
 ) -> None:
     """Raise the AleatorError that `identify` would before its first run.
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
-from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.search import GradientMultistart
 from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
+
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
 
 AnySimulator = Callable[..., Any] | Simulator | Runner
 """A function, another simulator, or a Runner, which has conditions, store and workers already."""
@@ -56,7 +58,7 @@ def require_enough(table: Experiments, hyperparameters: Sequence[Hyperparameter]
 
 
 def surfaces_alone(
-    propagation: ResponseSurface | Collocation, density: Density | NodeDensity | None
+    propagation: ResponseSurface | Collocation, density: Density | None
 ) -> ResponseSurface:
     """The choice of surfaces of a likelihood over individual parameters.
 
@@ -65,7 +67,7 @@ def surfaces_alone(
     """
     if density is not None:
         raise _of_exact_outcomes(f"the density ({density.name})", "[density]")
-    if isinstance(propagation, Collocation):
+    if not isinstance(propagation, ResponseSurface):
         raise _of_exact_outcomes('method = "collocation"', "[propagation] method")
     if propagation.surfaces == "shared":
         raise _of_exact_outcomes('surfaces = "shared"', "[propagation] surfaces")

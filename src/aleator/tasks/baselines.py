@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from aleator.densities import Gaussian
-from aleator.densities.moments import Moments
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.likelihood import Continued, Likelihood
 from aleator.likelihood.model import Model
-from aleator.likelihood.predictive import FromMoments
 from aleator.likelihood.problem import Problem
 from aleator.search import Search
+from aleator.search.value import LogLikelihood
+from aleator.status import DEGENERATE_VALUE, Status
 from aleator.surrogates.responses import Response, moving_parameters
 from aleator.types import Array, Indices
 
@@ -105,16 +103,33 @@ def least_squares(
 
 
 @dataclass(frozen=True)
-class _LinearPropagation:
-    """Mean and sd of eta_l(x0) + g_l (x - x0)."""
+class _LinearGaussian:
+    """The log-likelihood of y_l ~ Normal of the mean and sd of eta_l(x0) + g_l (x - x0)."""
 
     inputs: Inputs
     x0: Array
     value: Array
     slope: Array
+    outcomes: Array
 
-    def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:  # noqa: ARG002
-        """Mean and sd are exact for a linear simulator; the higher moments are normal."""
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        """Value and score at alpha (K,); none where nothing scatters."""
+        mean, sd, dmean, dsd = self._moments(alpha)
+        some = sd > 0.0
+        scale = np.where(some, sd, 1.0)
+        u = (self.outcomes - mean) / scale
+        each = np.where(some, -0.5 * (u**2 + np.log(2.0 * np.pi)) - np.log(scale), DEGENERATE_VALUE)
+        scores = (u / scale)[:, None] * dmean + ((u**2 - 1.0) / scale)[:, None] * dsd
+        status = np.where(some, int(Status.SOLVED), int(Status.DEGENERATE))
+        found = LogLikelihood(each, np.where(some[:, None], scores, 0.0), status)
+        return found.believed(self.inputs.hyperparameters, alpha)
+
+    def values(self, alphas: Array) -> Array:
+        """Totals (A,) at alphas (A, K)."""
+        return np.array([self(alpha).total for alpha in np.asarray(alphas)])
+
+    def _moments(self, alpha: Array) -> tuple[Array, Array, Array, Array]:
+        """Mean and sd (N,) of the outcomes with derivatives (N, K)."""
         n, k_total = self.x0.size, alpha.size
         center, spread = np.zeros(n), np.zeros(n)
         d_center, d_spread = np.zeros((n, k_total)), np.zeros((n, k_total))
@@ -132,9 +147,7 @@ class _LinearPropagation:
         sd_jac = (mixed * self.slope) @ d_spread / safe[:, None]
         for k in np.flatnonzero(np.any(by_correlation, axis=(0, 1))):
             sd_jac[:, k] += np.sum(scaled @ by_correlation[:, :, k] * scaled, axis=1) / (2.0 * safe)
-        standardized = np.tile(np.array([1.0, 0.0, 1.0, 0.0, 3.0]), (mean.size, 1))
-        jac = np.zeros((*standardized.shape, k_total))
-        return Moments(mean, sd, standardized, self.slope @ d_center, sd_jac, jac)
+        return mean, sd, self.slope @ d_center, sd_jac
 
 
 def linear_gaussian(
@@ -154,17 +167,10 @@ def linear_gaussian(
     point.
     """
     value, slope = response.evaluate_with_gradient(x0[None, :])
-    unbounded = np.full(outcomes.size, np.inf)
-    distribution = FromMoments(
-        _LinearPropagation(model.inputs, x0, value[:, 0], slope[:, 0]),
-        Gaussian(),
-        condition,
-        -unbounded,
-        unbounded,
-        model.hyperparameters,
+    likelihood = _LinearGaussian(
+        model.inputs, x0, value[condition, 0], slope[condition, 0], outcomes
     )
-    likelihood = Likelihood(distribution, outcomes)
-    result = search.maximize(Continued(likelihood), model.hyperparameters, seed=seed)
+    result = search.maximize(likelihood, model.hyperparameters, seed=seed)
     return LinearGaussian(result.alpha, result.log_likelihood)
 
 

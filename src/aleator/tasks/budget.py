@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.propagation import Collocation
 from aleator.simulators import Budget, Runner
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import first_runs
 from aleator.surrogates.afforded import RESERVED
 from aleator.surrogates.responses import moving_parameters
+
+if TYPE_CHECKING:
+    from aleator.moments.propagation import Collocation
 
 
 def spend(

@@ -8,7 +8,7 @@ import numpy as np
 
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.level_sets import on_a_grid, searched, traceable
+from aleator.likelihood.level_sets import on_a_grid, searched
 from aleator.likelihood.level_sets.lines import CROSSINGS
 from aleator.likelihood.model import Model
 from aleator.simulators import Runner
@@ -60,20 +60,18 @@ def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> 
 def way_of_outcomes(runner: Runner, model: Model) -> Way:
     """The way of a study with one exact outcome an experiment; no reason where it has no choice.
 
-    The simulator itself serves where the likelihood is that of level sets: one or two parameters
-    scatter, and the user chose neither density nor tolerance nor nodes. Raises InputsError where it
-    is asked for elsewhere.
+    The simulator itself serves where the likelihood is that of level sets, and the user chose no
+    tolerance. Raises InputsError where it is asked for elsewhere.
     """
     choice, inputs = model.surfaces, model.inputs
     if choice is None:
         return Way(False, "")
-    if model.open and model.follows and traceable(inputs):
+    if model.density is None and model.follows:
         start = np.clip(start_point(inputs), *inputs.box.T)
         return way_of(runner, choice, start, inputs.box)
     if choice.surfaces == "none":
         raise InputsError(
-            'surfaces = "none": one outcome an experiment has an integral over the simulator '
-            "itself with noise, or with at most two scattering parameters and no [density]",
+            'surfaces = "none": densities of moments and a tolerance take surfaces',
             'leave out surfaces, or take method = "collocation"',
         )
     return Way(False, "")

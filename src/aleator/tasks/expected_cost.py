@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from aleator.densities import Density, NodeDensity
 from aleator.inference.check import MonteCarlo
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
-from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.simulators import Runner
@@ -19,6 +18,10 @@ from aleator.tasks.baselines import start_point
 from aleator.tasks.direct import grids_each, runs_each, way_of, way_of_outcomes
 from aleator.tasks.first_look import Plan
 from aleator.tasks.individual.identify import wanted
+
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
 
 GROWTH = (1.0, 5.0)
 """Runs that surfaces came to, over those of their first round, in the examples and in trials of one
@@ -48,7 +51,7 @@ def expected_cost(
     inputs: Inputs,
     noise: Noise | Mapping[str, Noise] | None,
     propagation: ResponseSurface | Collocation,
-    density: Density | NodeDensity | None,
+    density: Density | None,
     verification: MonteCarlo,
     plan: Plan,
 ) -> Cost | None:

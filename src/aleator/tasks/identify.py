@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.inference import diagnostics
 from aleator.inference.check import Check, Checked, checked, smoothed
@@ -18,7 +17,6 @@ from aleator.inference.diagnostics.individual import rival_warnings
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import Layout, OnSurfaces
 from aleator.likelihood.model import Model
-from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
@@ -39,6 +37,10 @@ from aleator.tasks.ledger import Ledger
 from aleator.tasks.near_outcomes import doubt_of, nearer
 from aleator.types import Flags
 
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
+
 DEFAULT_CHECK = Check()
 UNLIMITED = Budget()
 
@@ -52,7 +54,7 @@ def identify(
     vectorized: bool = False,
     noise: Noise | Mapping[str, Noise] | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
-    density: Density | NodeDensity | None = None,
+    density: Density | None = None,
     search: Search = DEFAULT_SEARCH,
     verification: Check = DEFAULT_CHECK,
     seed: int = 0,
@@ -161,7 +163,7 @@ def _found(
         table, answer.problem, answer.found, answer.inference, answer.profile, check,
         baselines, runner.simulator, doubted=doubted, seconds=ledger.seconds,
         runs_by_stage=ledger.runs, seed=seed, failures=diagnostics.failure_report(runner),
-        notes=[*notes, *([diagnostics.MOMENTS_STAND_IN] if answer.stands_in else [])],
+        notes=notes,
     )  # fmt: skip
     found = replace(found, propagation_reason=answer.reason)
     if found.sound and not (answer.surfaces and answer.surfaces.broken):
@@ -175,7 +177,7 @@ def _doubtful(answer: Answer, doubted: diagnostics.Doubt) -> Flags:
 
     Without noise also those whose outcome lies at an extreme of the surface.
     """
-    return doubted.wanting | answer.problem.unreached
+    return doubted.wanting | answer.problem.unreached_at(answer.found.alpha)
 
 
 def _judged(

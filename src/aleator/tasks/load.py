@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from aleator.densities import Density, NodeDensity
 from aleator.errors import AleatorError, InputsError
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
-from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.observations.responses import Response
@@ -25,6 +23,10 @@ from aleator.tasks.identification import Identification
 from aleator.tasks.individual.session import IndividualSession, Runners, runners, session_of
 from aleator.tasks.session import OutcomeSession, Session
 
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
+
 
 def load(
     path: str | Path,
@@ -35,7 +37,7 @@ def load(
     noise: Noise | Mapping[str, Noise] | None = None,
     experiments: Experiments | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
-    density: Density | NodeDensity | None = None,
+    density: Density | None = None,
 ) -> Identification:
     """Read an identification that `found.save` or the command `aleator identify` wrote.
 

@@ -7,10 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from aleator.likelihood.level_sets import LevelLikelihood
-from aleator.likelihood.likelihood import Continued
 from aleator.likelihood.problem import Problem
-from aleator.search import Ascent, Optimum, SearchResult, ascend
+from aleator.search import Ascent, Objective, Optimum, SearchResult, ascend
 from aleator.search.interface import SAME_VALUE
 from aleator.search.optima import SAME_PLACE
 from aleator.types import Array
@@ -21,9 +19,7 @@ BEST = 2
 """Optima of the sample that are climbed from."""
 
 
-def of_many(
-    problem: Problem, search: Callable[[Continued | LevelLikelihood], SearchResult]
-) -> SearchResult:
+def of_many(problem: Problem, search: Callable[[Objective], SearchResult]) -> SearchResult:
     """What a search of all experiments would find; of up to MANY it is just that.
 
     An optimum of the sample lies within its standard errors of one of all, some sqrt(N/SAMPLE) of

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aleator.densities import Status
 from aleator.likelihood.model import Model
 from aleator.progress import Progress
 from aleator.results.values import QUANTILES
 from aleator.simulators import Runner
+from aleator.status import Status
 from aleator.tasks.refinement.choice import under_law
 from aleator.types import Array
 
@@ -25,17 +25,15 @@ def predicted(
 ) -> pd.DataFrame:
     """The table of `predict` for the conditions of a runner, under the law alpha (K,)."""
     ready = under_law(runner, model, alpha, progress)
-    moments, fitted = ready.predictive.moments(alpha), ready.predictive.fitted(alpha)
-    if model.open and np.any(fitted.status == Status.TOO_COARSE):
-        fitted = ready.by(model.by_moments()).predictive.fitted(alpha)
-    found = fitted.quantile(np.array(quantiles))
+    outcomes = ready.predictor.under(alpha)
+    found = outcomes.quantile(np.array(quantiles))
     columns: dict[str, Any] = {
         "id": list(runner.ids),
-        "mean": moments.mean,
-        "standard_deviation": moments.sd,
-        "skewness": moments.standardized[:, 3],
-        "kurtosis": moments.standardized[:, 4],
+        "mean": outcomes.mean,
+        "standard_deviation": outcomes.sd,
+        "skewness": outcomes.standardized[:, 3],
+        "kurtosis": outcomes.standardized[:, 4],
     }
     columns |= {f"q{p:g}": found[:, i] for i, p in enumerate(quantiles)}
-    columns["status"] = [Status(int(code)).name.lower() for code in fitted.status]
+    columns["status"] = [Status(int(code)).name.lower() for code in outcomes.status]
     return pd.DataFrame(columns)

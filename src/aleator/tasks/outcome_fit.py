@@ -15,16 +15,11 @@ from aleator.inference.fit import SPAN, stepped
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.level_sets import LevelLikelihood
-from aleator.likelihood.likelihood import Continued
-from aleator.likelihood.located import Located
-from aleator.likelihood.policy import quadrature_gap, with_fewer_nodes
 from aleator.likelihood.problem import Problem
-from aleator.likelihood.propagation import NodePropagation
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Observations
 from aleator.search.value import LogLikelihood
-from aleator.surrogates.responses import DirectResponse
+from aleator.surrogates.responses import DirectResponse, Predicted
 from aleator.types import Array
 
 MANY = 1000
@@ -37,17 +32,12 @@ TABULATED = 81
 
 @dataclass(frozen=True, eq=False)
 class OutcomeFit:
-    """A `Fit` of a problem; the outcomes of the table are those of the problem.
-
-    `known` are densities of the same problem at this alpha or at one nearby. They are found once
-    for all outcomes that are seen at one alpha.
-    """
+    """A `Fit` of a problem; the outcomes of the table are those of the problem."""
 
     problem: Problem
     alpha: Array
     inference: Inference
     table: Experiments
-    known: Located | None = None
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -75,10 +65,7 @@ class OutcomeFit:
 
     def objective(self) -> Callable[[Array], LogLikelihood]:
         """The continued log-likelihood."""
-        likelihood = self.problem.likelihood
-        if isinstance(likelihood, LevelLikelihood):
-            return likelihood
-        return Continued(likelihood, self._here)
+        return self.problem.objective
 
     def honest(self) -> Callable[[Array], LogLikelihood]:
         """The log-likelihood itself."""
@@ -86,34 +73,33 @@ class OutcomeFit:
 
     def more_nodes(self, alpha: Array) -> float:
         """With half as many nodes again; zero for collocation, where nodes cost runs."""
-        return quadrature_gap(self.problem, alpha)
+        return self.problem.gap(alpha)
 
     def probabilities(self, points: int | None = None) -> Array:  # noqa: ARG002  see `Fit`
         """P(below the outcome | alpha), (N,)."""
-        return self._here.fitted.cdf(self.problem.outcomes)
+        return self._under.cdf(self.problem.outcomes)
 
     def rough(self) -> OutcomeFit:
         """The same, with level sets on coarser grids; other nodes are those of the law."""
         levels = self.problem.levels
         if levels is None:
             return self
-        return replace(self, problem=replace(self.problem, levels=levels.coarse()))
+        return replace(self, problem=replace(self.problem, likelihood=levels.coarse()))
 
     def for_replicates(self) -> OutcomeFit:
         """Of very many experiments on coarser grids and fewer nodes, alpha fitted by these."""
         if self.problem.levels is None or self.count <= MANY:
             return self
-        fit = self.rough()
-        return stepped(replace(fit, problem=with_fewer_nodes(fit.problem, self.alpha), known=None))
+        return stepped(self.rough())
 
     def at(self, alpha: Array) -> OutcomeFit:
         """The same outcomes at another alpha."""
-        return replace(self, alpha=alpha, known=self._here)
+        return replace(self, alpha=alpha)
 
     def seeing(self, table: Experiments) -> OutcomeFit:
         """The same experiments with the outcomes of another table."""
         problem = self.problem.given(table.outcomes)
-        return replace(self, problem=problem, table=table, known=self._here)
+        return replace(self, problem=problem, table=table)
 
     def drawn(self, rng: np.random.Generator) -> OutcomeFit:
         """Other outcomes under the law of alpha.
@@ -131,15 +117,15 @@ class OutcomeFit:
 
     def span(self) -> tuple[Array, Array]:
         """Ends (N,): seven standard deviations about the mean, within what can be reached."""
-        predictive = self.problem.predictive
-        moments = predictive.moments(self.alpha)
-        reach = SPAN * moments.sd
-        low, high = moments.mean - reach, moments.mean + reach
-        return np.maximum(predictive.lower, low), np.minimum(predictive.upper, high)
+        under, ends = self._under, self.problem.predictor
+        reach = SPAN * under.sd
+        return np.maximum(ends.lower, under.mean - reach), np.minimum(
+            ends.upper, under.mean + reach
+        )
 
     def quantiles(self, probabilities: Array) -> Array:
         """Those (N, P) of the densities."""
-        return self.problem.predictive.fitted(self.alpha).quantile(probabilities)
+        return self._under.quantile(probabilities)
 
     def individuals(self, rng: np.random.Generator) -> None:  # noqa: ARG002  see `Fit`
         """None: without noise one outcome leaves a surface of parameters open."""
@@ -174,10 +160,7 @@ class OutcomeFit:
         """Those of the law at alpha, whose runs the likelihood at alpha has made."""
         if self.problem.surface is not None:
             return None
-        predictive = self.problem.predictive
-        way = predictive.propagation
-        assert isinstance(way, NodePropagation)
-        x = way.at(self.alpha)
+        x = self.problem.nodes(self.alpha)
         return x, self.problem.response.evaluate(x)[self.problem.condition]
 
     def _with(self, y: Array) -> OutcomeFit:
@@ -209,12 +192,12 @@ class OutcomeFit:
         return self.objective()(self.alpha)
 
     @cached_property
-    def _here(self) -> Located:
-        """The densities at alpha."""
-        return self.problem.predictive.at(self.alpha, self.known)
+    def _under(self) -> Predicted:
+        """The distributions of the outcomes at alpha."""
+        return self.problem.predictor.under(self.alpha)
 
     @cached_property
     def _quantiles(self) -> tuple[Array, Array]:
         """Normal scores (Q,) and the outcomes (N, Q) at their probabilities, at alpha."""
         score = np.linspace(-FARTHEST, FARTHEST, TABULATED)
-        return score, self._here.fitted.quantile(special.ndtr(score))
+        return score, self._under.quantile(special.ndtr(score))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from aleator.densities import Density, NodeDensity
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
-from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions
 from aleator.observations.noise import Noise
 from aleator.observations.responses import responses_of
@@ -19,6 +18,10 @@ from aleator.surrogates import ResponseSurface
 from aleator.tasks import individual
 from aleator.tasks.asked import DEFAULT_PROPAGATION, AnySimulator, runner_on
 from aleator.tasks.outcome import predicted
+
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
 
 
 def predict(
@@ -30,7 +33,7 @@ def predict(
     vectorized: bool = False,
     noise: Noise | Mapping[str, Noise] | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
-    density: Density | NodeDensity | None = None,
+    density: Density | None = None,
     quantiles: tuple[float, ...] = QUANTILES,
     progress: Progress | None = None,
 ) -> pd.DataFrame:

@@ -7,19 +7,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError, SurroundingsError
 from aleator.inference.information import LEVEL
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
@@ -39,6 +37,10 @@ from aleator.tasks.asked import (
 )
 from aleator.tasks.replicates import Job, Replicate, job_of
 from aleator.types import Array
+
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ def recover(
     vectorized: bool = False,
     noise: Noise | Mapping[str, Noise] | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
-    density: Density | NodeDensity | None = None,
+    density: Density | None = None,
     search: Search = DEFAULT_SEARCH,
     replicates: int = 40,
     seed: int = 0,

@@ -124,7 +124,7 @@ def next_region(
         wanted = padded(_likely_region(problem, alpha, likely), box)
         reach = region + width[:, None] * np.array([-1.0, 1.0])
         return hull(region, np.clip(wanted, reach[:, :1], reach[:, 1:]))
-    sd = problem.predictive.moments(alpha).sd
+    sd = problem.predictor.under(alpha).sd
     rough = surface.error[problem.condition] / np.where(sd > 0.0, sd, np.inf)
     if np.quantile(rough, 0.9 if likely is None else 1.0) <= FINE:
         return None

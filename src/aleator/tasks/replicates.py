@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import pandas as pd
 
-from aleator.densities import Density, NodeDensity
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
-from aleator.likelihood.propagation import Collocation
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
 from aleator.observations.responses import Observations, responses_of
@@ -27,6 +25,10 @@ from aleator.tasks.answer import Question, answered
 from aleator.tasks.asked import AnyTable
 from aleator.tasks.ledger import Ledger
 from aleator.types import Array
+
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,7 @@ def job_of(
     inputs: Inputs,
     noise: Noise | Mapping[str, Noise] | None,
     propagation: ResponseSurface | Collocation,
-    density: Density | NodeDensity | None,
+    density: Density | None,
     search: Search,
 ) -> Job:
     """The kind of study that this is. Raises InputsError for choices that do not go together."""

@@ -11,12 +11,12 @@ import numpy as np
 import pandas as pd
 
 from aleator.errors import InputsError, nearest
-from aleator.expansion import Basis, Expansion, Regression
-from aleator.expansion.sobol import SobolIndices, sobol_indices
 from aleator.laws import Law, Uniform
 from aleator.laws.inputs import Inputs
+from aleator.moments.expansion import Basis, Expansion, Regression
+from aleator.moments.expansion.indices import TotalDegree
+from aleator.moments.expansion.sobol import SobolIndices, sobol_indices
 from aleator.observations.experiments import Conditions
-from aleator.polynomials.indices import TotalDegree
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.simulators import Runner

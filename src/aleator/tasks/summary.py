@@ -19,11 +19,12 @@ from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.laws.prior import has_prior
-from aleator.likelihood.comparison import density_distances
+from aleator.likelihood.level_sets.predicted import Predictor as PointPredictor
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.results.values import (
     QUANTILES,
+    DensityDistance,
     Diagnostic,
     Estimate,
     ExperimentReport,
@@ -34,6 +35,7 @@ from aleator.results.values import (
 from aleator.search import SearchResult
 from aleator.search.value import LogLikelihood
 from aleator.simulators import Simulator
+from aleator.status import Status
 from aleator.tasks.baselines import LeastSquares, LinearGaussian
 from aleator.tasks.identification import Identification
 from aleator.tasks.outcome_fit import OutcomeFit
@@ -108,7 +110,7 @@ def assemble(
         seconds={**seconds, "total": sum(seconds.values())},
         seed=seed,
         versions=versions(),
-        density_distances=density_distances(problem, alpha),
+        density_distances=_distances(problem, alpha, exact),
         outcome=table.outcome_name,
         transform=table.transform,
         session=OutcomeSession(
@@ -141,6 +143,23 @@ def _log_likelihood(
     return LogLikelihoodReport(found, verified, of_check, error=known)
 
 
+def _distances(
+    problem: Problem, alpha: Array, exact: LogLikelihood | None
+) -> tuple[DensityDistance, ...]:
+    """How far densities of moments are from the exact one, where one of them was chosen."""
+    if exact is None or not np.isfinite(exact.total) or not np.all(exact.status == Status.SOLVED):
+        return ()
+    from aleator.moments.comparison import density_distances
+    from aleator.moments.likelihood import Likelihood
+
+    assert isinstance(problem.likelihood, Likelihood)
+    points = PointPredictor(
+        problem.model.inputs, problem.response, problem.condition, problem.predictor.lower,
+        problem.predictor.upper,
+    )  # fmt: skip
+    return density_distances(problem.likelihood, alpha, exact.total, points.under(alpha))
+
+
 def prior_of(at: LogLikelihood, hyperparameters: Sequence[Hyperparameter]) -> float | None:
     """The log prior of an answer; None where no hyperparameter has one."""
     return at.prior if has_prior(hyperparameters) else None
@@ -158,18 +177,18 @@ def experiment_reports(
 
     Log-densities are those of the `honest` log-likelihood: they sum to the total that is told.
     """
-    moments, fitted = problem.predictive.moments(alpha), problem.predictive.fitted(alpha)
-    pit, quantiles = fitted.cdf(problem.outcomes), fitted.quantile(np.array(QUANTILES))
+    under = problem.predictor.under(alpha)
+    pit, quantiles = under.cdf(problem.outcomes), under.quantile(np.array(QUANTILES))
     status = diagnostics.statuses(honest.status, honest.each)
     return tuple(
         ExperimentReport(
             id=ids[l],
             outcome=float(problem.outcomes[l]),
             log_density=float(honest.each[l]),
-            mean=float(moments.mean[l]),
-            standard_deviation=float(moments.sd[l]),
-            skewness=float(moments.standardized[l, 3]),
-            kurtosis=float(moments.standardized[l, 4]),
+            mean=float(under.mean[l]),
+            standard_deviation=float(under.sd[l]),
+            skewness=float(under.standardized[l, 3]),
+            kurtosis=float(under.standardized[l, 4]),
             quantiles={str(p): float(q) for p, q in zip(QUANTILES, quantiles[l], strict=True)},
             pit=float(pit[l]),
             status=status[l],

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from aleator.densities import StandardizedDensity
+from aleator.moments.densities import StandardizedDensity
 from aleator.types import Array
 
 SCALE = math.sqrt(3.0) / math.pi

@@ -6,13 +6,12 @@ from aleator.inference.diagnostics.failures import boxes_proposed, failure_repor
 from aleator.inference.diagnostics.levels import by_finer_cells, cells_error
 from aleator.inference.diagnostics.near_outcomes import ACCURACY, Doubt, doubt
 from aleator.inference.diagnostics.reach import out_of_reach, shortfalls, unreachable
-from aleator.inference.diagnostics.review import MOMENTS_STAND_IN, review, statuses
+from aleator.inference.diagnostics.review import review, statuses
 from aleator.inference.diagnostics.steps import step_warnings
 from aleator.inference.diagnostics.surfaces import surface_errors, surface_report
 
 __all__ = [
     "ACCURACY",
-    "MOMENTS_STAND_IN",
     "UNCHECKED",
     "Doubt",
     "boxes_proposed",

@@ -69,9 +69,9 @@ def level_refusals(changed: Array, ids: Sequence[str]) -> list[Diagnostic]:
     ]
 
 
-def unreached_refusals(problem: Problem, ids: Sequence[str]) -> list[Diagnostic]:
+def unreached_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> list[Diagnostic]:
     """Experiments whose outcome is not reached: it lies beyond an extreme of the response."""
-    rows = np.flatnonzero(problem.unreached)
+    rows = np.flatnonzero(problem.unreached_at(alpha))
     if not rows.size:
         return []
     what = "the simulator" if problem.surface is None else "the response surface"

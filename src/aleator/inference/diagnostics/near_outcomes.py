@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.densities import Status
 from aleator.inference.check import Checked
 from aleator.inference.diagnostics.naming import chosen, named
 from aleator.inference.information import Inference
 from aleator.likelihood.problem import Problem
 from aleator.results.values import Diagnostic
+from aleator.status import Status
 from aleator.types import Array, Flags
 
 

@@ -7,20 +7,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from aleator.errors import ExperimentsError
-from aleator.likelihood.likelihood import Likelihood
+from aleator.likelihood.problem import Problem
 from aleator.types import Array, Indices
 
 
-def shortfalls(likelihood: Likelihood) -> Array:
+def shortfalls(problem: Problem) -> Array:
     """How far outcomes (N,) lie above what is reached, or below it (negative); zero inside."""
-    y, reach = likelihood.outcomes, likelihood.predictive
+    y, reach = problem.outcomes, problem.predictor
     return np.asarray(np.maximum(y - reach.upper, 0.0) + np.minimum(y - reach.lower, 0.0))
 
 
-def unreachable(likelihood: Likelihood, ids: Sequence[str]) -> ExperimentsError:
+def unreachable(problem: Problem, ids: Sequence[str]) -> ExperimentsError:
     """What names the experiments outside the reachable range."""
-    rows, reach = np.flatnonzero(shortfalls(likelihood)), likelihood.predictive
-    return out_of_reach(rows, likelihood.outcomes, (reach.lower, reach.upper), ids)
+    rows, reach = np.flatnonzero(shortfalls(problem)), problem.predictor
+    return out_of_reach(rows, problem.outcomes, (reach.lower, reach.upper), ids)
 
 
 def out_of_reach(

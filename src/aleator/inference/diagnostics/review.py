@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aleator.densities import Status
 from aleator.inference.check import Checked
 from aleator.inference.diagnostics.centering import centering_warnings
 from aleator.inference.diagnostics.check import check_refusals, density_notes
@@ -29,19 +28,13 @@ from aleator.inference.diagnostics.near_outcomes import Doubt, doubt_refusals
 from aleator.inference.diagnostics.surfaces import surface_refusals, surface_warnings
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
-from aleator.likelihood.policy import nodes_remedy, quadrature_gap
 from aleator.likelihood.problem import Problem
 from aleator.results.values import Diagnostic
 from aleator.search import SearchResult
 from aleator.search.value import LogLikelihood
+from aleator.status import Status
 from aleator.types import Array
 
-MOMENTS_STAND_IN = Diagnostic(
-    "density",
-    "the exact density would need more nodes than are used, because the outcome bends too "
-    "much; a density with four moments of the outcome was taken in its place",
-    'compare with kind = "maximum_entropy" of order 6',
-)
 LARGEST_QUADRATURE_GAP = 0.1
 """Change of the log-likelihood with more nodes at which they are too few."""
 
@@ -81,8 +74,8 @@ def review(
         *surface_refusals(problem, checked, surface_error, ids),
         *doubt_refusals(doubted, ids),
         *level_refusals(changed, ids),
-        *unreached_refusals(problem, ids),
-        *_quadrature_refusals(quadrature_gap(problem, found.alpha), problem),
+        *unreached_refusals(problem, found.alpha, ids),
+        *_quadrature_refusals(problem.gap(found.alpha)),
     ]
     notes = [
         *count_warnings(len(ids), inference),
@@ -97,7 +90,7 @@ def review(
     return (*refusals, *notes), not refusals
 
 
-def _quadrature_refusals(gap: float, problem: Problem) -> list[Diagnostic]:
+def _quadrature_refusals(gap: float) -> list[Diagnostic]:
     # of an outcome without density there is no difference, and it is told as such
     if not np.isfinite(gap) or abs(gap) < LARGEST_QUADRATURE_GAP:
         return []
@@ -105,7 +98,7 @@ def _quadrature_refusals(gap: float, problem: Problem) -> list[Diagnostic]:
         Diagnostic(
             "quadrature",
             f"50 % more nodes change the log-likelihood by {gap:.2g}: there are too few",
-            nodes_remedy(problem),
+            "raise propagation.nodes, or leave [density] out: level sets have none",
         )
     ]
 

@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.densities import Status
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.individual import Individual, parameters_at, variates_of
 from aleator.laws.inputs import Inputs
@@ -30,6 +29,7 @@ from aleator.likelihood.individual.predictor import Predictor
 from aleator.likelihood.individual.rule import AsManyAsNeeded, Rule
 from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.value import LogLikelihood
+from aleator.status import Status
 from aleator.types import Array
 
 AROUND = (-2.0, -1.0, 1.0, 2.0)

@@ -163,6 +163,8 @@ class LevelLikelihood:
             if np.array_equal(known, alpha):
                 return sets
         sets = self._laid(alpha)
+        if sets.empty.any():
+            sets = sets.filled(self._everywhere)
         self._last = [*self._last[1 - LAST :], (alpha.copy(), sets)]
         return sets
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from aleator.laws.individual import parameters_at
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual.importance import standard_points
+from aleator.status import Status
 from aleator.surrogates.responses import Response
 from aleator.types import Array, Flags, Indices
 
@@ -54,9 +55,18 @@ class PredictedOutcomes:
         none, one = np.zeros_like(sd), np.ones_like(sd)
         return np.stack([one, none, one, third, fourth], axis=1)
 
+    @property
+    def status(self) -> NDArray[np.int64]:
+        """(N,) `Status` codes: solved where there is any value."""
+        none = ~self._finite.any(axis=1)
+        return np.where(none, int(Status.DEGENERATE), int(Status.SOLVED))
+
     def cdf(self, y: Array) -> Array:
-        """P(outcome < y) (N,)."""
+        """P(outcome < y) at y (N,) or (N, G), of the same shape."""
         value, level = self._sorted
+        if y.ndim > 1:
+            rows = zip(y, value, level, strict=True)
+            return np.array([np.interp(*row, left=0.0, right=1.0) for row in rows])
         place = np.sum(value < y[:, None], axis=1)
         last = value.shape[1] - 1
         low, high = np.clip(place - 1, 0, last), np.clip(place, 0, last)

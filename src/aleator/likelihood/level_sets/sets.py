@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.blocks import blocks
-from aleator.densities import Status
-from aleator.densities.interface import DEGENERATE_VALUE
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual.likelihood import mean_of
 from aleator.likelihood.individual.parameters import densities, law_scores
 from aleator.search.value import LogLikelihood
+from aleator.status import DEGENERATE_VALUE, Status
 from aleator.types import Array, Flags, Indices
 
 LARGEST = 64_000

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.densities import Status
 from aleator.inference.check import Checked
 from aleator.inference.diagnostics.centering import centering_advice
 from aleator.inference.diagnostics.check import check_refusals
@@ -31,6 +30,7 @@ from aleator.likelihood.individual import (
 )
 from aleator.observations.experiments import Experiments
 from aleator.results.values import Diagnostic, IndividualReport, LogLikelihoodReport
+from aleator.status import Status
 from aleator.tasks.identification import Identification
 from aleator.tasks.individual.answer import Answer, Question
 from aleator.tasks.individual.calibration import sequential_pit

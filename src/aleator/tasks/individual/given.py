@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.propagation import Collocation
 from aleator.observations.errors import noise_hyperparameters
 from aleator.observations.experiments import Conditions
 from aleator.observations.noise import Noise
@@ -25,6 +24,10 @@ from aleator.tasks.individual.population import FAR, held_region
 from aleator.tasks.individual.session import IndividualSession
 from aleator.types import Array
 
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
+
 
 def predicted(
     runner: Runner,
@@ -32,7 +35,7 @@ def predicted(
     inputs: Inputs,
     noise: Noise | Mapping[str, Noise] | None,
     propagation: ResponseSurface | Collocation,
-    density: Density | NodeDensity | None,
+    density: Density | None,
     values: Mapping[str, float | Estimate],
     quantiles: tuple[float, ...],
     progress: Progress | None,

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aleator.densities import Density, NodeDensity
 from aleator.errors import InputsError
 from aleator.inference import diagnostics
 from aleator.inference.check import Check, checked
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.propagation import Collocation
 from aleator.observations.covariates import covariates
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments
@@ -29,6 +28,10 @@ from aleator.tasks.identification import Identification
 from aleator.tasks.individual.answer import Question, answered
 from aleator.tasks.individual.assemble import assembled
 from aleator.tasks.ledger import Ledger
+
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
 
 Noises = Noise | Mapping[str, Noise]
 """The noise of the only response, or of each by name."""
@@ -50,7 +53,7 @@ def identified(
     inputs: Inputs,
     noise: Noises | None,
     surfaces: ResponseSurface | Collocation,
-    density: Density | NodeDensity | None,
+    density: Density | None,
     search: Search,
     choice: Check,
     seed: int,
@@ -123,7 +126,7 @@ def asked(
     inputs: Inputs,
     noise: Noises | None,
     surfaces: ResponseSurface | Collocation,
-    density: Density | NodeDensity | None,
+    density: Density | None,
     search: Search,
 ) -> Asked:
     """The choices checked, and laws that follow covariates resolved by the table.

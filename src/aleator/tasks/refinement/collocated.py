@@ -26,10 +26,6 @@ class Collocated(Refinement):
             self._require_reach(problem)
         return Refined(problem, self.full(problem, []), None)
 
-    def resumed(self, _refined: Refined) -> Refined:
-        """The answer of one search: no run is kept in surfaces."""
-        return self.search(0)
-
     def hold(self, _refined: Refined, _inference: Inference, _intervals: Array) -> None:
         """There is no region that could be too narrow."""
 

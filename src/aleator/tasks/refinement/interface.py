@@ -69,10 +69,6 @@ class Refinement(ABC):
     def search(self, seed: int) -> Refined:
         """The answer that further runs do not move."""
 
-    @abstractmethod
-    def resumed(self, refined: Refined) -> Refined:
-        """The same from the surfaces of an answer by another density."""
-
     def sharpened(self, refined: Refined, draws: Mapping[int, Array]) -> Refined:
         """The answer with a round of runs for some conditions, each where its own draws lie."""
         surfaces = refined.surfaces
@@ -97,7 +93,7 @@ class Refinement(ABC):
         inputs = self.model.inputs
         for _ in range(REACH.rounds):
             problem = self._on(surfaces, region)
-            short = diagnostics.shortfalls(problem.by_densities)
+            short = diagnostics.shortfalls(problem)
             lost = np.flatnonzero(short)
             most = REACH.most(len(moving_parameters(region)))
             if not lost.size or self.runner.account.given(most) < most:
@@ -110,7 +106,7 @@ class Refinement(ABC):
                 float(problem.outcomes[farthest]), side, support(inputs)[moving_parameters(region)],
             )  # fmt: skip
             if x is None:
-                raise diagnostics.unreachable(problem.by_densities, self.ids)
+                raise diagnostics.unreachable(problem, self.ids)
             wider = holding(region, x, inputs.box)
             if not np.array_equal(wider, region):
                 region = wider

@@ -24,13 +24,6 @@ class OnRegion(Refinement):
             surfaces, problem = self._first(seed)
         return self._followed(Refined(problem, self.full(problem, []), surfaces), surfaces)
 
-    def resumed(self, refined: Refined) -> Refined:
-        """The answer on a region that fits it, first on that of the other."""
-        surfaces = refined.surfaces
-        assert surfaces is not None
-        again = self._moved(refined, surfaces, refined.problem.region)
-        return self._followed(again, surfaces)
-
     def hold(self, refined: Refined, _: Inference, intervals: Array) -> Refined | None:
         """The answer on a region that holds the laws at the ends of the intervals."""
         region = interval_region(refined.problem, refined.found.alpha, intervals)

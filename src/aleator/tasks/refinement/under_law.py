@@ -46,15 +46,6 @@ class UnderLaw(Refinement):
         runs = surfaces.total_runs
         return self._settled(Refined(problem, self.full(problem, []), surfaces), surfaces, runs)
 
-    def resumed(self, refined: Refined) -> Refined:
-        """The answer that further runs do not move, from the surfaces of the other."""
-        surfaces = refined.surfaces
-        assert surfaces is not None
-        with self.stage(SURFACE):
-            problem = self._problem(surfaces, refined.problem.region)
-        runs, found = surfaces.total_runs, self.full(problem, [refined.found.alpha])
-        return self._settled(replace(refined, problem=problem, found=found), surfaces, runs)
-
     def hold(self, refined: Refined, inference: Inference, intervals: Array) -> Refined | None:
         """The answer on surfaces exact enough for the laws at the ends of the intervals too."""
         problem, alpha, surfaces = refined.problem, refined.found.alpha, refined.surfaces
