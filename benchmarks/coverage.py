@@ -17,7 +17,7 @@ def print_coverage(console: Console, replicates: int, workers: int) -> None:
     study, began = load_study(CLUTCH), time.perf_counter()
     found = recover(
         study.runner(), study.experiments, study.inputs, TRUTH,
-        noise=study.one_noise, propagation=study.propagation, density=study.density,
+        noise=study.noise, propagation=study.propagation, density=study.density,
         search=study.search,
         replicates=replicates, seed=0, workers=workers,
     )  # fmt: skip

@@ -89,7 +89,7 @@ def test_a_study_becomes_the_library_values(folder: Path) -> None:
     assert isinstance(study.propagation, ResponseSurface)
     assert study.simulator.vectorized is False
     assert [h.name for h in study.model.hyperparameters] == [
-        "stiffness.mean", "stiffness.sd", "offset.value", "noise.sd",
+        "stiffness.mean", "stiffness.sd", "offset.value",
     ]  # fmt: skip
 
 

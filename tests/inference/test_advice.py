@@ -99,11 +99,11 @@ def found_with(
     rng = np.random.default_rng(0)
     z = np.linspace(1.0, 2.0, count)
     x = 1.0 + 0.3 * rng.standard_normal(count)
-    y = np.exp(2.0 * z * x) + 0.1 * rng.standard_normal(count)
+    y = np.exp(2.0 * z * x)
     return unjudged(
         lambda z, x: np.exp(2.0 * z * x), pd.DataFrame({"z": z, "y": y}),
         Inputs({"x": Normal(1.0, Free(0.05, 0.5))}), outcome="y", vectorized=True,
-        noise=Noise(0.1), density=density, propagation=ResponseSurface(nodes=nodes),
+        density=density, propagation=ResponseSurface(nodes=nodes),
         search=GradientMultistart(2), verification=MonteCarlo(0),
     )  # fmt: skip
 
@@ -132,7 +132,7 @@ def test_too_few_nodes_are_told_and_more_of_them_end_it() -> None:
             'raise the nodes: propagation.nodes = {rule = "germ_grid", per_dimension = 301}',
         ),
         (
-            Convolution(), SobolPoints(256),
+            MaximumEntropy(4), SobolPoints(256),
             'raise the nodes: propagation.nodes = {rule = "sobol", points = 512}',
         ),
     ],

@@ -7,59 +7,26 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from identifications import Array, estimates, identified, maximum, unjudged
-from problems import FRONTIER, SAMPLE, log_frontier
+from identifications import Array, identified, unjudged
+from problems import SAMPLE
 
 from aleator import (
+    Collocation,
     Gaussian,
     Identification,
     MonteCarlo,
     ResponseSurface,
 )
-from aleator.moments.densities import Convolution, Status
+from aleator.densities import Status
 from aleator.errors import SimulatorError
-from aleator.results.values import Diagnostic
+from aleator.inference.diagnostics.diagnostic import Diagnostic
 
 
 def told(found: Identification, about: str) -> list[Diagnostic]:
     return [w for w in found.warnings if w.about == about]
 
 
-# ------------------------------------------------------------------------------ the exact density
-
-
-def frontier() -> tuple[Array, Array]:
-    """Outcomes whose fourth-order answer is known to be off, and where they lie."""
-    z = np.linspace(0.0, 3.0, 100)
-    problem = replace(FRONTIER, z=z)
-    return z, problem.draw(1, np.array([1.0, 0.7, 0.0, 0.69, 0.3]))
-
-
-def test_a_density_that_is_off_is_told_with_the_size_of_what_it_costs() -> None:
-    z, y = frontier()
-
-    def log_likelihood(p: Array) -> float:
-        if min(p[2], p[3]) <= 0.0:
-            return -1e10
-        return float(log_frontier(y - p[0] - p[1] * z, p[2], p[3]).sum())
-
-    truth, _, error = maximum(log_likelihood, [[1.0, 0.7, 0.5, 0.3], [0.8, 0.7, 0.2, 0.5]])
-    found = identified(replace(FRONTIER, z=z), y, samples=256)
-    off = (truth - estimates(found)[[0, 1, 3, 4]]) / error
-    assert off[3] > 0.9  # the noise is more than its estimate, the inefficiency less
-    assert off[2] < -0.4
-    (off_density,) = told(found, "density")
-    assert off_density.concerns[0] == "noise.sd"  # the largest first
-    assert "u.sd" in off_density.concerns
-    assert "0.87" in off_density.message
-    assert "convolution" in off_density.remedy
-
-
-def test_of_an_exact_density_nothing_is_told() -> None:
-    z, y = frontier()
-    found = identified(replace(FRONTIER, z=z), y, Convolution(), samples=256)
-    assert told(found, "density") == []
-    assert told(found, "verification") == []
+# ------------------------------------------------------------------------------ the density
 
 
 def test_a_gaussian_density_of_a_skew_outcome_is_told_and_one_of_a_normal_outcome_is_not() -> None:
@@ -128,6 +95,14 @@ def test_a_simulator_that_draws_random_numbers_is_refused_at_once() -> None:
     assert len(runs) == 2
 
 
+def test_collocation_is_verified_without_a_control() -> None:
+    problem = replace(SAMPLE, z=np.zeros(20))
+    found = identified(problem, problem.draw(6), propagation=Collocation(nodes=5), samples=256)
+    assert found.log_likelihood.verified_standard_error is not None
+    assert found.sound
+
+
+@pytest.mark.parametrize("status", [s for s in Status if s is not Status.SOLVED], ids=str)
 def test_every_failure_of_a_density_has_a_cause_and_a_remedy(status: Status) -> None:
     cause, colon, remedy = status.explanation.partition(": ")
     assert cause

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from problems import BINDING, FRONTIER, GROWTH, REGRESSION, SAMPLE, SQUARE, Problem
+from problems import BINDING, GROWTH, REGRESSION, SAMPLE, SQUARE, Problem
 from scipy import optimize, stats
 
 from aleator import Free, Gaussian, GradientMultistart, Inputs, MaximumEntropy, Normal
@@ -171,10 +171,11 @@ def test_limits_are_respected_and_a_maximum_beyond_ends_on_them() -> None:
 
 
 def test_fixed_hyperparameters_stay() -> None:
-    y = FRONTIER.draw(6)
-    objective = Counted(Continued(FRONTIER.likelihood(y)))
-    GradientMultistart(2).maximize(objective, FRONTIER.hyperparameters, seed=0)
-    assert np.all(np.array(objective.asked)[:, 2] == 0.0)
+    slope = Normal(mean=Free(-5.0, 5.0), sd=0.3)
+    problem = replace(REGRESSION, inputs=Inputs({**REGRESSION.inputs.laws, "b": slope}))
+    objective = Counted(Continued(problem.likelihood(problem.draw(6))))
+    GradientMultistart(2).maximize(objective, problem.hyperparameters, seed=0)
+    assert np.all(np.array(objective.asked)[:, 3] == 0.3)
 
 
 def test_nothing_to_search_is_one_evaluation() -> None:
@@ -205,11 +206,11 @@ def test_no_start_takes_more_evaluations_than_allowed(limit) -> None:
 
 
 def test_the_same_seed_finds_the_same_and_another_seed_starts_elsewhere() -> None:
-    y = FRONTIER.draw(9)
+    y = REGRESSION.draw(9)
     search = GradientMultistart(4)
 
     def found(seed: int):
-        return search.maximize(FRONTIER.likelihood(y), FRONTIER.hyperparameters, seed=seed)
+        return search.maximize(REGRESSION.likelihood(y), REGRESSION.hyperparameters, seed=seed)
 
     one, two, other = found(1), found(1), found(2)
     for a, b in zip(one.ascents, two.ascents, strict=True):

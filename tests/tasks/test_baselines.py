@@ -15,8 +15,6 @@ from aleator import (
     Gaussian,
     GradientMultistart,
     Inputs,
-    Noise,
-    Normal,
     ResponseSurface,
 )
 from aleator.likelihood.model import Model
@@ -27,7 +25,7 @@ LINE = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 40))
 
 
 def circe(problem: Problem, y: Array, x0: Array) -> LinearGaussian:
-    model = Model(problem.inputs, problem.noise, ResponseSurface(), Gaussian())
+    model = Model(problem.inputs, ResponseSurface(), Gaussian())
     return linear_gaussian(
         Exact(problem), model, x0, np.arange(y.size), y, GradientMultistart(4), seed=0
     )
@@ -106,32 +104,6 @@ def test_circe_of_a_linear_simulator_is_direct_maximum_likelihood() -> None:
     expected = other.x.copy()
     expected[[1, 3]] = np.exp(expected[[1, 3]])
     np.testing.assert_allclose(found.alpha, expected, atol=2e-4)
-
-
-def test_circe_with_noise_adds_the_variances() -> None:
-    """y = a + b z + e with a constant: the variance is b's times z^2, and the noise's."""
-    problem = replace(
-        LINE,
-        inputs=Inputs(
-            {"a": Constant(Free(-5.0, 5.0)), "b": Normal(mean=Free(-5.0, 5.0), sd=Free(0.01, 3.0))}
-        ),
-        noise=Noise(Free(0.01, 3.0)),
-        alpha=np.array([1.0, 2.0, 0.3, 0.5]),
-    )
-    y = problem.draw(4)
-    found = circe(problem, y, np.array([0.0, 0.0]))
-    total = stats.norm.logpdf(
-        y,
-        found.alpha[0] + found.alpha[1] * problem.z,
-        np.hypot(found.alpha[2] * problem.z, found.alpha[3]),
-    ).sum()
-    assert found.log_likelihood == pytest.approx(total, abs=1e-9)
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        other = found.alpha * (1.0 + 0.05 * rng.standard_normal(4))
-        scale = np.hypot(other[2] * problem.z, other[3])
-        value = stats.norm.logpdf(y, other[0] + other[1] * problem.z, scale).sum()
-        assert value <= total + 1e-8
 
 
 def test_circe_sees_only_the_tangent_of_a_nonlinear_simulator() -> None:

@@ -16,7 +16,6 @@ from scipy import stats
 
 from aleator import (
     By,
-    Collocation,
     Constant,
     Free,
     Identification,
@@ -211,12 +210,6 @@ def test_laws_that_follow_a_column_are_refused_by_its_name() -> None:
 def test_constants_alone_are_refused() -> None:
     with pytest.raises(AleatorError, match="no parameter scatters"):
         ceiling(identified(np.ones(20), Constant(Free(0.5, 1.5))))
-
-
-def test_collocation_is_refused_as_it_would_make_runs() -> None:
-    found = identified(one_mode()[:8], propagation=Collocation())
-    with pytest.raises(AleatorError, match="collocation"):
-        ceiling(found)
 
 
 def test_what_was_read_from_a_file_is_refused(right: Identification, tmp_path) -> None:

@@ -84,7 +84,6 @@ WAYS = [
     (smooth, ONE, law(), {"propagation": Collocation()}, "maximum entropy, 4 moments"),
     (smooth, ONE, law(), NOISE, "Gauss-Hermite, 5 nodes"),
     (smooth, REPEATED, law(), NOISE, "Gauss-Hermite, 5 nodes"),
-    (smooth, ONE, law(), {**NOISE, "density": Convolution()}, "convolution, 401 nodes"),
     (jump, FEW, law(), SMALL, "panels"),
     pytest.param(
         jump_of_two, FEW, law("z"), SMALL, "panels of two variates", marks=pytest.mark.slow

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identifications import Array, estimates, identified, maximum
-from problems import FRONTIER, REGRESSION, SAMPLE, log_frontier
+from problems import REGRESSION, SAMPLE
 from scipy import stats
 
 from aleator import Collocation, Gaussian, Identification, MaximumEntropy
@@ -144,55 +144,3 @@ def test_random_coefficients_by_collocation_are_the_same() -> None:
 
 
 # ------------------------------------------------------------------------------ stochastic frontier
-
-
-def frontier_truth(z: Array, y: Array) -> tuple[Array, float, Array]:
-    def log_likelihood(p: Array) -> float:
-        if min(p[2], p[3]) <= 0.0:
-            return -1e10
-        return float(log_frontier(y - p[0] - p[1] * z, p[2], p[3]).sum())
-
-    return maximum(log_likelihood, [[1.0, 0.7, 0.5, 0.3], [0.8, 0.7, 0.2, 0.5]])
-
-
-@pytest.mark.parametrize(
-    ("order", "closeness", "gap"), [(4, 0.35, 0.05), (6, 0.12, 0.05), (2, None, None)]
-)
-def test_a_stochastic_frontier_is_found_as_well_as_its_moments_tell(order, closeness, gap) -> None:
-    """Half normal inefficiency and normal noise (Aigner, Lovell and Schmidt, 1977).
-
-    The exact density is skew, so that two moments tell nothing of the inefficiency and more of
-    them come nearer: in standard errors of the exact fit 0.30 with four and 0.09 with six.
-    """
-    problem = replace(FRONTIER, z=np.linspace(0.0, 3.0, 100))
-    y = problem.draw(1)
-    truth, value, error = frontier_truth(problem.z, y)
-    assert truth[2] / truth[3] == pytest.approx(2.3, abs=0.1)
-    density = Gaussian() if order == 2 else MaximumEntropy(order)
-    found = identified(problem, y, density, samples=256 if order == 4 else 0)
-    alpha = estimates(found)[[0, 1, 3, 4]]
-    if closeness is None:
-        # all along a ridge the likelihood is the same, so that where it ends says nothing
-        assert not found.sound
-        assert "identifiability" in {warning.about for warning in found.warnings}
-        assert found.log_likelihood.estimated < value - 2.0
-        return
-    assert np.max(np.abs(alpha - truth) / error) < closeness
-    assert found.log_likelihood.estimated == pytest.approx(value, abs=gap)
-    assert found.sound
-    if found.log_likelihood.verified is not None:
-        exact = log_frontier(y - alpha[0] - alpha[1] * problem.z, alpha[2], alpha[3]).sum()
-        told = found.log_likelihood.verified_standard_error
-        assert told is not None
-        assert abs(found.log_likelihood.verified - exact) < 5.0 * told
-
-
-def test_a_search_that_leaves_the_pilot_s_region_comes_back() -> None:
-    """Almost no noise: the pilot takes the half normal law for a normal one, b0 a unit too low."""
-    problem = replace(FRONTIER, z=np.linspace(0.0, 3.0, 40))
-    y = problem.draw(5, np.array([1.0, 0.7, 0.0, 1.0, 0.1]))
-    found = identified(problem, y)
-    direct = identified(problem, y, propagation=Collocation(nodes=8))
-    # the same likelihood up to the supports, which a surface knows and collocation does not
-    assert found.log_likelihood.estimated == pytest.approx(direct.log_likelihood.estimated, abs=0.2)
-    assert found.alpha["b0.value"].estimate == pytest.approx(1.0, abs=0.3)

@@ -136,12 +136,36 @@ def test_another_maximum_is_news_only_outside_the_intervals() -> None:
 
 @pytest.mark.parametrize(
     "choice",
-    [{"density": aleator.Gaussian()}, {"propagation": aleator.ResponseSurface(surfaces="shared")}],
-    ids=["density", "shared"],
+    [
+        {"density": aleator.Gaussian()},
+        {"density": aleator.Convolution()},
+        {"propagation": aleator.Collocation(nodes=5)},
+        {"propagation": aleator.ResponseSurface(surfaces="shared")},
+        {"propagation": aleator.ResponseSurface(nodes=20)},
+    ],
+    ids=["gaussian", "convolution", "collocation", "shared", "nodes"],
 )
-def test_what_takes_one_outcome_is_refused_before_any_run(choice) -> None:
+@pytest.mark.parametrize("frame", [FRAME, FRAME.groupby("id").head(1)], ids=["series", "single"])
+def test_what_is_of_exact_outcomes_is_refused_before_any_run(choice, frame) -> None:
     def never(time, a):  # noqa: ARG001
         raise AssertionError
 
+    for noise in (aleator.Noise(0.1), NOISE):
+        with pytest.raises(aleator.AleatorError, match=r"exact outcome.*\n?.*leave \["):
+            unjudged(never, frame, ONE, outcome="y", noise=noise, **choice)
+    new = pd.DataFrame({"time": [1.0]})
     with pytest.raises(aleator.AleatorError, match="exact outcome"):
-        unjudged(never, FRAME, ONE, outcome="y", noise=NOISE, **choice)
+        aleator.predict(never, new, ONE, {}, noise=NOISE, **choice)
+
+
+def test_a_tolerance_is_met_all_over_the_region_before_the_search() -> None:
+    """Exact surfaces of a smooth response from the first: more runs, the same answer."""
+    plain, exact = (
+        unjudged(
+            lambda time, a: np.exp(-a * time), FRAME, ONE, outcome="y", noise=NOISE,
+            verification=aleator.MonteCarlo(0), propagation=surfaces,
+        )
+        for surfaces in (aleator.ResponseSurface(), aleator.ResponseSurface(tolerance=1e-5))
+    )  # fmt: skip
+    assert exact.runs > plain.runs
+    assert exact.alpha["a.mean"].estimate == pytest.approx(plain.alpha["a.mean"].estimate, abs=1e-3)

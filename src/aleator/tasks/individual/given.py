@@ -46,6 +46,7 @@ def predicted(
     Raises InputsError for a law that follows covariates by a formula that no table has resolved,
     and as `surfaces_alone`.
     """
+    surfaces = surfaces_alone(propagation, density)
     if inputs.regressed and inputs.covariate_model is None:
         raise InputsError(
             f"the law follows {', '.join(inputs.covariates)}, by a formula that the experiments "
@@ -55,7 +56,6 @@ def predicted(
     names = conditions.observations.names
     known = (*inputs.hyperparameters, *noise_hyperparameters(noise, names))
     alpha = in_order(values, known)[: inputs.size]
-    surfaces = surfaces_alone(propagation, density)
     way = _way(runner, surfaces, inputs, alpha, len(conditions.ids))
     session = IndividualSession(
         inputs, noise, conditions.responses, None, lambda _: runner, None, way.direct, surfaces,
