@@ -8,10 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from aleator.moments.expansion import Basis, Design, Regression
-from aleator.moments.expansion.sobol import sobol_indices
 from aleator.laws import Uniform
+from aleator.moments.expansion import Basis, Design, Regression
 from aleator.moments.expansion.indices import TotalDegree
+from aleator.moments.expansion.sobol import sobol_indices
 from aleator.types import Array
 from benchmarks.row import Row
 

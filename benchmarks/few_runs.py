@@ -21,13 +21,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from aleator.moments.densities import MaximumEntropy
 from aleator.errors import AleatorError
+from aleator.inference.check import Check
 from aleator.inference.information import infer
-from aleator.inference.check import MonteCarlo
 from aleator.laws.region import law_region
-from aleator.moments.likelihood import Continued, Likelihood
 from aleator.likelihood.problem import prepare
+from aleator.moments.densities import MaximumEntropy
+from aleator.moments.likelihood import Continued, Likelihood
 from aleator.moments.propagation import Collocation
 from aleator.moments.quadrature import MonteCarloPoints
 from aleator.search import GradientMultistart
@@ -111,7 +111,7 @@ def by_surfaces(way: str, study: Study, choice: ResponseSurface) -> Point:
     runner = study.runner()
     found = identify(
         runner, study.experiments, study.inputs, density=DENSITY, propagation=choice,
-        search=GradientMultistart(3), verification=MonteCarlo(0), seed=study.seed,
+        search=GradientMultistart(3), verification=Check(0), seed=study.seed,
     )  # fmt: skip
     alpha = np.array([found.alpha[h.name].estimate for h in study.model.hyperparameters])
     return Point(way, runner.fresh / len(runner.ids), alpha, found.log_likelihood.estimated)

@@ -25,11 +25,11 @@ from rich.console import Console
 from rich.table import Table
 
 from aleator import (
+    Check,
     Free,
     Inputs,
     LogNormal,
     Mixture,
-    MonteCarlo,
     Noise,
     Normal,
     StudentError,
@@ -191,7 +191,7 @@ def identified(law: Any, noise: Noise | None) -> Verdict:
         shown = data[[name for name in data if not str(name).startswith(HIDDEN)]]
         return identify(
             lambda load, a: a * load, shown, Inputs({"a": law}), outcome="y", noise=noise,
-            vectorized=True, verification=MonteCarlo(0), seed=seed, best_law=False,
+            vectorized=True, verification=Check(0), seed=seed, best_law=False,
         ).consistency  # fmt: skip
 
     return verdict

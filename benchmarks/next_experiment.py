@@ -15,12 +15,12 @@ from rich.console import Console
 from scipy.stats import qmc
 
 from aleator import (
+    Check,
     Free,
     GradientMultistart,
     Identification,
     Inputs,
     MaximumEntropy,
-    MonteCarlo,
     TruncatedNormal,
     identify,
     next_experiments,
@@ -88,7 +88,7 @@ def identified(table: pd.DataFrame) -> Identification:
     """The law by four moments, as the example identifies it."""
     return identify(
         shifting_time, table, LAWS, outcome="shifting_time", vectorized=True,
-        density=MaximumEntropy(4), verification=MonteCarlo(0), search=GradientMultistart(starts=4),
+        density=MaximumEntropy(4), verification=Check(0), search=GradientMultistart(starts=4),
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy import optimize, stats
 
-from aleator import Free, GradientMultistart, Inputs, MonteCarlo, Noise, Normal, identify
+from aleator import Check, Free, GradientMultistart, Inputs, Noise, Normal, identify
 from aleator.types import Array
 from benchmarks.kept import Entry, kept
 
@@ -130,7 +130,7 @@ def identified(name: str, kind: str, seed: int) -> Entry:
     found = identify(
         lambda load, a: a * load, plan, law, outcome="y", vectorized=True,
         noise=Noise(truth.noise), search=GradientMultistart(starts=2),
-        verification=MonteCarlo(0), seed=seed, best_law=False,
+        verification=Check(0), seed=seed, best_law=False,
     )  # fmt: skip
     told = [d.message for d in found.consistency.discrepancies]
     return {"flagged": found.consistent is False, "p": found.consistency.p, "told": told}

@@ -18,9 +18,9 @@ from rich.console import Console
 from scipy import stats
 
 from aleator import (
+    Check,
     GradientMultistart,
     Identification,
-    MonteCarlo,
     bootstrap,
     identify,
     posterior,
@@ -41,7 +41,7 @@ def identified(shape: Shape, seed: int, consistency: bool = False) -> Identifica
     """One virtual data set of a study, by default settings but for the search."""
     return identify(
         shape.simulator, shape.table(seed), shape.inputs, noise=shape.noise, vectorized=True,
-        search=SEARCH, verification=MonteCarlo(0), seed=seed, consistency=consistency,
+        search=SEARCH, verification=Check(0), seed=seed, consistency=consistency,
         best_law=False,
     )  # fmt: skip
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify
+from aleator import Check, Free, Inputs, Noise, Normal, identify
 from aleator.tasks.identification import Identification
 
 NEAR = 0.01
@@ -105,7 +105,7 @@ def _beyond(mean: float, sd: float, limit: float) -> Callable[[float, float], bo
 def _identified(simulator: Callable[..., object], table: pd.DataFrame, sd: float) -> Identification:
     law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
     return identify(
-        simulator, table, law, outcome="y", noise=Noise(sd), verification=MonteCarlo(0),
+        simulator, table, law, outcome="y", noise=Noise(sd), verification=Check(0),
         consistency=False, best_law=False,
     )  # fmt: skip
 

@@ -12,9 +12,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aleator.moments.expansion import Basis
+from aleator.moments.expansion.indices import TotalDegree
 from aleator.moments.expansion.moments import ExactQuadrature, Galerkin, prepare
 from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
-from aleator.moments.expansion.indices import TotalDegree
 from aleator.types import Indices
 from reproduction.canvas import explain, powers_of_ten
 from reproduction.context import Context

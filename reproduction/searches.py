@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from aleator.clutch import shifting_time
-from aleator.moments.densities import MaximumEntropy
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem, prepare
+from aleator.moments.densities import MaximumEntropy
 from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
 from aleator.progress import Progress
 from aleator.search import (

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from problems import from_raw
 
+from aleator.laws import Beta, Gamma, Law, Normal, Uniform
 from aleator.moments.expansion import Basis
 from aleator.moments.expansion.moments import ExactQuadrature, Galerkin
-from aleator.laws import Beta, Gamma, Law, Normal, Uniform
 from aleator.polynomials.recurrence import hermite_recurrence
 from aleator.types import Array
 

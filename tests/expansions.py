@@ -6,6 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from aleator.laws import (
+    Constant,
+    Law,
+    Normal,
+    TruncatedNormal,
+    Uniform,
+)
 from aleator.moments.expansion import (
     Basis,
     Design,
@@ -16,13 +23,6 @@ from aleator.moments.expansion import (
     SparseProjection,
 )
 from aleator.moments.expansion.design import induced
-from aleator.laws import (
-    Constant,
-    Law,
-    Normal,
-    TruncatedNormal,
-    Uniform,
-)
 from aleator.moments.expansion.indices import Anisotropic, Hyperbolic, TotalDegree
 from aleator.types import Array
 

@@ -10,7 +10,7 @@ import numpy as np
 from problems import Problem
 from scipy import optimize
 
-from aleator import GradientMultistart, Identification, MaximumEntropy, MonteCarlo, identify
+from aleator import Check, GradientMultistart, Identification, MaximumEntropy, identify
 from aleator.moments.densities import Density
 from aleator.study import load_study
 from aleator.types import Array
@@ -38,12 +38,12 @@ def identified(
         noise=problem.noise,
         density=density or MaximumEntropy(4),
         search=GradientMultistart(starts),
-        verification=MonteCarlo(samples),
+        verification=Check(samples),
         **more,  # type: ignore[arg-type]
     )
 
 
-def of_study(path: Path, verification: MonteCarlo) -> Identification:
+def of_study(path: Path, verification: Check) -> Identification:
     """A study file through the Python API, with another check; nothing is stored."""
     study = load_study(path)
     return unjudged(

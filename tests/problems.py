@@ -18,10 +18,10 @@ from scipy import stats
 from scipy.special import log_ndtr
 
 from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal
-from aleator.moments.densities import Density, MaximumEntropy, NodeDensity
 from aleator.laws import Hyperparameter
+from aleator.moments.densities import Density, MaximumEntropy
 from aleator.moments.likelihood import Likelihood
-from aleator.moments.predictive import predictive
+from aleator.moments.predictive import Predictive
 from aleator.moments.propagation import (
     ProjectedPropagation,
     Propagation,
@@ -110,10 +110,10 @@ class Problem:
         if nodes:
             way = collocated(self.inputs, Exact(self), nodes, degree)
         else:
-            cubature = default_cubature(self.inputs, density, runs=False)
+            cubature = default_cubature(self.inputs, runs=False)
             way = QuadraturePropagation(self.inputs, Exact(self), cubature)
         where = (np.arange(self.z.size), lower, upper)
-        distribution = predictive(way, density, *where, self.hyperparameters)
+        distribution = Predictive(way, density, *where, self.hyperparameters)
         return Likelihood(distribution, outcomes)
 
 

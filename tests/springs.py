@@ -9,10 +9,10 @@ import pandas as pd
 from identifications import unjudged
 
 from aleator import (
+    Check,
     Free,
     Identification,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
 )
@@ -47,7 +47,7 @@ def found_with(scatter: float = 0.4, noisy: bool = True) -> Identification:
         outcome="y",
         noise=Noise(NOISE) if noisy else None,
         vectorized=True,
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )
 
 

@@ -17,21 +17,21 @@ from click.testing import CliRunner
 
 import aleator
 from aleator import (
+    Check,
     Convolution,
     Experiments,
     Free,
     GradientMultistart,
     Inputs,
     MaximumEntropy,
-    MonteCarlo,
     Normal,
     ResponseSurface,
     cli,
 )
 from aleator.cli.program import COMMANDS
+from aleator.inference.check import POINTS
 from aleator.simulators import as_runner
 from aleator.tasks.first_look import planned_look
-from aleator.tasks.individual.check import POINTS
 
 
 def test_the_first_help_fits_a_screen() -> None:
@@ -118,7 +118,7 @@ def test_the_runs_of_the_check_are_as_the_help_of_identify_tells() -> None:
     text = shown("identify")
     part = text[text.index("[verification]") :]
     runs = [int(n.replace(",", "")) for n in re.findall(r"[\d,]*\d", part[: part.index("docs/")])]
-    assert runs == [0, MonteCarlo().near, POINTS, 8 * MonteCarlo().points]
+    assert runs == [0, Check().near, POINTS, 8 * Check().points]
 
 
 def test_the_first_runs_are_as_many_as_the_help_of_check_tells() -> None:

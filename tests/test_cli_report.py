@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from aleator import Free, Inputs, MonteCarlo, Noise, Normal, cli, identify
+from aleator import Check, Free, Inputs, Noise, Normal, cli, identify
 from aleator.tasks.pictures import pictured
 
 Run = Callable[..., Result]
@@ -26,7 +26,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     table["way"] = table["load"] * [1.1, 0.9, 1.2, 1.0, 0.8, 1.3, 0.7, 1.0]
     found = identify(
         lambda load, x: load * x, table, Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))}),
-        outcome="way", noise=Noise(0.1), vectorized=True, verification=MonteCarlo(0),
+        outcome="way", noise=Noise(0.1), vectorized=True, verification=Check(0),
         consistency=False, best_law=False,
     )  # fmt: skip
     folder = tmp_path_factory.mktemp("results")

@@ -20,6 +20,7 @@ from aleator import (
     Budget,
     By,
     Censoring,
+    Check,
     Collocation,
     Constant,
     Experiments,
@@ -28,7 +29,6 @@ from aleator import (
     Inputs,
     MaximumEntropy,
     Mixture,
-    MonteCarlo,
     Noise,
     Normal,
     ResponseSurface,
@@ -50,7 +50,7 @@ SLOPE = 1.1 + 0.15 * RNG.standard_normal(LOAD.size)
 TABLE = pd.DataFrame({"load": LOAD, "y": LOAD * SLOPE + 0.05 * RNG.standard_normal(LOAD.size)})
 SCATTER = Normal(Free(0.5, 2.0), Free(0.01, 0.8))
 LAW = Inputs({"k": SCATTER})
-UNCHECKED = MonteCarlo(0)
+UNCHECKED = Check(0)
 
 
 def product(load: Any, k: Any) -> Any:
@@ -62,7 +62,7 @@ def brittle(load: float, k: float) -> float:
 
 
 def exact() -> Identification:
-    return identify(product, TABLE, LAW, outcome="y", verification=MonteCarlo(100))
+    return identify(product, TABLE, LAW, outcome="y", verification=Check(100))
 
 
 def vectorized() -> Identification:

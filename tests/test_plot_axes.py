@@ -9,10 +9,10 @@ import pytest
 
 from aleator import (
     AleatorError,
+    Check,
     Free,
     Identification,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
     identify,
@@ -25,7 +25,7 @@ def found() -> Identification:
     y = np.random.default_rng(4).normal(1.0, 0.4, 30)
     return identify(
         lambda x: x, pd.DataFrame({"y": y}), Inputs({"x": Normal(Free(0.0, 2.0), Free(0.05, 2.0))}),
-        outcome="y", noise=Noise(0.1), vectorized=True, verification=MonteCarlo(0),
+        outcome="y", noise=Noise(0.1), vectorized=True, verification=Check(0),
         consistency=False, best_law=False,
     )  # fmt: skip
 

@@ -14,7 +14,7 @@ from rich.console import Console
 from scipy import stats
 
 import aleator
-from aleator import Constant, Free, Identification, Inputs, MonteCarlo, Noise, Normal, Uniform
+from aleator import Check, Constant, Free, Identification, Inputs, Noise, Normal, Uniform
 from aleator.errors import AleatorError, InputsError
 from aleator.report.terminal import render
 from aleator.results.documents import to_json
@@ -35,7 +35,7 @@ def spring(load: float, softness: float) -> float:
 @pytest.fixture(scope="module")
 def found() -> Identification:
     """y = load x with x ~ N(mean, sd^2): maximum likelihood is the mean and sd of y/load."""
-    return aleator.identify(spring, TABLE, INPUTS, outcome="length", verification=MonteCarlo(200))
+    return aleator.identify(spring, TABLE, INPUTS, outcome="length", verification=Check(200))
 
 
 RATIO = MEASURED / LOAD
@@ -250,7 +250,7 @@ def test_a_logarithm_is_remembered(tmp_path: Path) -> None:
     )
     found = aleator.identify(
         lambda load, softness: np.exp(softness) + 0.0 * load, table, INPUTS,
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )  # fmt: skip
     assert (found.outcome, found.transform) == ("length", "log")
     assert found.predict(pd.DataFrame({"load": [1.0]}))["mean"][0] == pytest.approx(MEAN, rel=1e-3)

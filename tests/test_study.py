@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from aleator.moments.densities import Convolution, Gaussian, MaximumEntropy
 from aleator.errors import AleatorError, ExperimentsError, SimulatorError, StudyError
-from aleator.moments.expansion import Regression, SparseProjection
 from aleator.laws import Constant, Free, Normal, TruncatedNormal
-from aleator.moments.propagation import Collocation
+from aleator.moments.densities import Gaussian, MaximumEntropy
+from aleator.moments.expansion import Regression, SparseProjection
 from aleator.moments.expansion.indices import Hyperbolic, TotalDegree
+from aleator.moments.propagation import Collocation
 from aleator.moments.quadrature import GermGrid, Smolyak, SobolPoints
 from aleator.search import GradientMultistart
 from aleator.study import Study, load_study

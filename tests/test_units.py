@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 import aleator
-from aleator import Free, Identification, Inputs, MonteCarlo, Noise, Normal, cli, plot
+from aleator import Check, Free, Identification, Inputs, Noise, Normal, cli, plot
 from aleator.errors import AleatorError
 from aleator.plot.identification import experiments_figure
 from aleator.plot.individual import experiments_figure as series_figure
@@ -34,7 +34,7 @@ def identified(units: dict[str, str] | None = None) -> Identification:
     law = Inputs({"softness": Normal(Free(0.2, 0.8), Free(0.001, 0.3))})
     return aleator.identify(
         lambda force, softness: force * softness, springs(), law, outcome="travel",
-        noise=Noise(Free(0.01, 1.0)), vectorized=True, verification=MonteCarlo(0),
+        noise=Noise(Free(0.01, 1.0)), vectorized=True, verification=Check(0),
         consistency=False, best_law=False, units=units,
     )  # fmt: skip
 

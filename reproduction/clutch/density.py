@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aleator.status import Status
 from aleator.moments.densities.moments import weighted_moments
-from aleator.plot.style import BLUE, GRAY, VERMILION
 from aleator.moments.quadrature import TensorGauss
+from aleator.plot.style import BLUE, GRAY, VERMILION
+from aleator.status import Status
 from reproduction.canvas import DASHES, PALE, explain
 from reproduction.clutch.reference import (
     DENSITIES,

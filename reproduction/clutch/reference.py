@@ -22,14 +22,14 @@ from aleator.moments.densities import (
     Gaussian,
     GaussianMixture,
     MaximumEntropy,
-    Status,
 )
 from aleator.moments.densities.distances import earth_movers_distance
 from aleator.moments.densities.moments import Moments, joined, weighted_moments
 from aleator.moments.densities.outcomes import Outcomes
 from aleator.moments.expansion.projection import expansion_map
-from aleator.progress import Progress
 from aleator.moments.quadrature import TensorGauss
+from aleator.progress import Progress
+from aleator.status import Status
 from aleator.surrogates import ResponseSurface, Surface, build_surface
 from aleator.types import Array
 from reproduction.clutch.study import ClutchStudy

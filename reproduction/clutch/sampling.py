@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 
 from aleator.moments.densities import Gaussian, MaximumEntropy
-from aleator.progress import Progress
 from aleator.moments.quadrature import (
     Cubature,
     MonteCarloPoints,
@@ -21,6 +20,7 @@ from aleator.moments.quadrature import (
     SobolPoints,
     TensorGauss,
 )
+from aleator.progress import Progress
 from aleator.surrogates.responses import DirectResponse, Response
 from reproduction.clutch.laws import EXPANSION, SAMPLED, Judged
 from reproduction.clutch.reference import NODES, SAMPLES

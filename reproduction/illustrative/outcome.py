@@ -15,11 +15,11 @@ from typing import Literal, cast
 import numpy as np
 from scipy.special import ndtr
 
+from aleator.laws import TruncatedNormal
+from aleator.laws.inputs import Inputs
 from aleator.moments.densities import FittedDensity
 from aleator.moments.densities.moments import Moments, weighted_moments
 from aleator.moments.expansion.projection import expansion_map
-from aleator.laws import TruncatedNormal
-from aleator.laws.inputs import Inputs
 from aleator.polynomials.recurrence import evaluate
 from aleator.types import Array
 

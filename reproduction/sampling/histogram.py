@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from aleator.moments.densities.interface import Codes, Status, by_experiment, probabilities
-from aleator.moments.densities.outcomes import Outcomes
 from aleator.errors import InputsError
+from aleator.moments.densities.interface import Codes, by_experiment, probabilities
+from aleator.moments.densities.outcomes import Outcomes
+from aleator.status import Status
 from aleator.types import Array, Flags
 
 _BISECTIONS = 60

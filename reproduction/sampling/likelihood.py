@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aleator.moments.densities import Density, FittedDensity
-from aleator.moments.densities.outcomes import Outcomes
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
+from aleator.moments.densities import Density, FittedDensity
+from aleator.moments.densities.outcomes import Outcomes
 from aleator.moments.quadrature import Cubature, MonteCarloPoints, SobolPoints
 from aleator.surrogates.responses import Response
 from aleator.types import Array

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from aleator.errors import AleatorError as AleatorError
-    from aleator.inference.check import MonteCarlo as MonteCarlo
+    from aleator.inference.check import Check as Check
     from aleator.laws import Beta as Beta
     from aleator.laws import By as By
     from aleator.laws import Constant as Constant
@@ -111,7 +111,7 @@ _HOMES = {
     "search": [
         "GradientMultistart", "GeneticAlgorithm", "DifferentialEvolution", "CMAES", "CustomSearch",
     ],
-    "inference.check": ["MonteCarlo"],
+    "inference.check": ["Check"],
     "report.progress_line": ["ProgressLine"],
     "errors": ["AleatorError"],
 }  # fmt: skip

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from browser.chromium import Page, chromium
 
-from aleator import Experiments, Free, Inputs, MonteCarlo, Noise, Normal, identify
+from aleator import Check, Experiments, Free, Inputs, Noise, Normal, identify
 from aleator.tasks.pictures import pictured
 
 OUT = Path(__file__).parents[2] / "out" / "browser"
@@ -45,7 +45,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         Experiments.from_frame(frame, outcome="way", beside=["maker", "load"]),
         Inputs({"start": Normal(Free(1.0, 3.0), Free(0.0, 1.0)),
                 "slope": Normal(Free(0.0, 2.0), Free(0.0, 1.0))}),
-        noise=Noise(Free(0.01, 1.0)), vectorized=True, verification=MonteCarlo(0), best_law=False,
+        noise=Noise(Free(0.01, 1.0)), vectorized=True, verification=Check(0), best_law=False,
         units={"way": r"$$mm^2$$ \(a\) \[b\]", "start": "$$mm$$"},
     )  # fmt: skip
     path = tmp_path_factory.mktemp("report") / "report.html"

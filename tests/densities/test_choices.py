@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic_core import PydanticCustomError
 
-from aleator.moments.densities import Convolution, Gaussian, GaussianMixture, MaximumEntropy
+from aleator.moments.densities import Gaussian, GaussianMixture, MaximumEntropy
 from aleator.study.sections import DENSITIES
 
 

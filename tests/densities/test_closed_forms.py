@@ -6,8 +6,9 @@ import pytest
 from densities.targets import single
 from scipy import stats
 
-from aleator.moments.densities import Gaussian, MaximumEntropy, Status
+from aleator.moments.densities import Gaussian, MaximumEntropy
 from aleator.moments.densities.moments import Moments
+from aleator.status import Status
 
 
 @pytest.mark.parametrize("order", range(2, 9))

@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize, stats
 
+from aleator.errors import InputsError
 from aleator.moments.densities import Gaussian, GaussianMixture, MaximumEntropy
 from aleator.moments.densities.distances import earth_movers_distance
 from aleator.moments.densities.gaussian import FittedGaussian
 from aleator.moments.densities.moments import Moments, weighted_moments
 from aleator.moments.densities.outcomes import Outcomes
-from aleator.errors import InputsError
 from aleator.types import Array
 
 

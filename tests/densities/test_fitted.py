@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.integrate import quad
 
-from aleator.moments.densities import FittedDensity, MaximumEntropy, Status
+from aleator.moments.densities import FittedDensity, MaximumEntropy
 from aleator.moments.densities.moments import Moments
+from aleator.status import Status
 
 
 def moments_by_quad(fitted: FittedDensity, index: int, moments: Moments, order: int) -> list[float]:

@@ -10,18 +10,17 @@ from hypothesis import strategies as st
 from scipy import optimize, stats
 from scipy.special import expit
 
+from aleator.errors import InputsError
 from aleator.moments.densities import (
-    DEGENERATE_VALUE,
     FAILED_SOLVE_PENALTY,
     FittedGaussianMixture,
     Gaussian,
     GaussianMixture,
     Sensitivity,
-    Status,
 )
 from aleator.moments.densities.moments import Moments, weighted_moments
 from aleator.moments.densities.pearson import mixture_moments, two_normals
-from aleator.errors import InputsError
+from aleator.status import DEGENERATE_VALUE, Status
 from aleator.types import Array
 
 

@@ -6,16 +6,10 @@ from densities.targets import mixed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aleator.moments.densities import (
-    DEGENERATE_VALUE,
-    FAILED_SOLVE_PENALTY,
-    Gaussian,
-    MaximumEntropy,
-    Sensitivity,
-    Status,
-)
-from aleator.moments.densities.moments import Moments
 from aleator.errors import InputsError
+from aleator.moments.densities import FAILED_SOLVE_PENALTY, Gaussian, MaximumEntropy, Sensitivity
+from aleator.moments.densities.moments import Moments
+from aleator.status import DEGENERATE_VALUE, Status
 
 INF = np.array([np.inf])
 

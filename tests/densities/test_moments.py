@@ -14,8 +14,8 @@ from aleator.moments.densities.moments import (
     weighted_moments,
     weighted_moments_with_gradient,
 )
-from aleator.polynomials.gauss import gauss_hermite
 from aleator.moments.quadrature import TensorGauss
+from aleator.polynomials.gauss import gauss_hermite
 from aleator.types import Array
 
 

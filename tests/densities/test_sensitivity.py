@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 from densities.targets import mixed
 
-from aleator.moments.densities import Gaussian, MaximumEntropy, Sensitivity, Status
-from aleator.moments.densities.moments import Moments, weighted_moments, weighted_moments_with_gradient
+from aleator.moments.densities import Gaussian, MaximumEntropy, Sensitivity
+from aleator.moments.densities.moments import (
+    Moments,
+    weighted_moments,
+    weighted_moments_with_gradient,
+)
+from aleator.status import Status
 from aleator.types import Array
 
 Change = Callable[[float], tuple[Moments, Array, Array]]

@@ -6,9 +6,10 @@ from densities.targets import cubics, row, varied
 from scipy.integrate import quad_vec
 from scipy.linalg import eigh
 
-from aleator.moments.densities import FittedDensity, MaximumEntropy, Status
+from aleator.moments.densities import FittedDensity, MaximumEntropy
 from aleator.moments.densities.maximum_entropy.support import reach_of, support_of
 from aleator.moments.densities.moments import Moments
+from aleator.status import Status
 from aleator.types import Array
 
 UNBOUNDED = (-np.inf, np.inf)

@@ -8,7 +8,7 @@ import pytest
 from identifications import assert_maximum, errors_of, estimates, of_study
 from scipy import optimize, stats
 
-from aleator import MonteCarlo, identify
+from aleator import Check, identify
 from aleator.study import load_study
 from aleator.types import Array
 
@@ -62,7 +62,7 @@ def exact():
 
 @pytest.mark.slow
 def test_the_answer_is_the_exact_maximum_of_the_likelihood(exact) -> None:
-    found = of_study(STUDY / "study.toml", MonteCarlo(0))
+    found = of_study(STUDY / "study.toml", Check(0))
     alpha = estimates(found)
     assert found.sound
     assert found.log_likelihood.estimated == pytest.approx(exact(alpha), abs=0.01)

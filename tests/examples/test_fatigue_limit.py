@@ -10,7 +10,7 @@ import pytest
 from identifications import estimates, maximum, of_study
 from scipy import stats
 
-from aleator import Identification, MonteCarlo
+from aleator import Check, Identification
 from aleator.study import load_study
 from aleator.types import Array
 
@@ -44,7 +44,7 @@ def answer() -> tuple[Array, float, Array]:
 
 @pytest.fixture(scope="module")
 def found() -> Identification:
-    return of_study(STUDY / "study.toml", MonteCarlo())
+    return of_study(STUDY / "study.toml", Check())
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from identifications import assert_maximum, errors_of, estimates, of_study
 from scipy import stats
 from scipy.stats import qmc
 
-from aleator import MonteCarlo, ceiling
+from aleator import Check, ceiling
 from aleator.inference.ceiling.best import best_law
 from aleator.study import load_study
 from aleator.types import Array
@@ -66,7 +66,7 @@ def test_the_best_of_all_laws_has_six_points_and_the_known_log_likelihood(densit
 @pytest.mark.slow
 @pytest.mark.long
 def test_the_answer_is_the_exact_maximum_of_the_likelihood(exact) -> None:
-    found = of_study(STUDY / "study.toml", MonteCarlo(0))
+    found = of_study(STUDY / "study.toml", Check(0))
     alpha = estimates(found)
     assert found.sound
     assert found.log_likelihood.estimated == pytest.approx(57.102331, abs=0.01)

@@ -10,7 +10,7 @@ import pytest
 from identifications import assert_maximum, errors_of, estimates, of_study
 from scipy import stats
 
-from aleator import Identification, MonteCarlo
+from aleator import Check, Identification
 from aleator.types import Array
 
 STUDY = Path(__file__).parents[2] / "examples" / "run_outs"
@@ -37,7 +37,7 @@ def exact(alpha: Array) -> float:
 
 @pytest.fixture(scope="module")
 def found() -> Identification:
-    return of_study(STUDY / "study.toml", MonteCarlo(0))
+    return of_study(STUDY / "study.toml", Check(0))
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from identifications import of_study
 
-from aleator import MonteCarlo
+from aleator import Check
 
 STUDY = Path(__file__).parents[2] / "examples" / "sleep_study"
 DATA = Path(__file__).parents[1] / "data" / "sleepstudy.csv"
@@ -20,7 +20,7 @@ def test_the_table_is_the_measured_one() -> None:
 )
 def test_the_maximum_is_the_published_one(name: str, value: float) -> None:
     """lme4 by maximum likelihood: (1 | unit), (days || unit), (days | unit)."""
-    found = of_study(STUDY / f"{name}.toml", MonteCarlo(0))
+    found = of_study(STUDY / f"{name}.toml", Check(0))
     assert found.log_likelihood.estimated == pytest.approx(value, abs=2e-3)
     page = (STUDY / "README.md").read_text(encoding="utf-8")
     assert f"{value:.2f}" in page

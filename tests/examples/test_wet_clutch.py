@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from identifications import of_study
 
-from aleator import Identification, MonteCarlo
+from aleator import Check, Identification
 from aleator.clutch import measure
 
 CLUTCH = Path(__file__).parents[2] / "examples" / "wet_clutch"
@@ -15,7 +15,7 @@ CLUTCH = Path(__file__).parents[2] / "examples" / "wet_clutch"
 
 @pytest.fixture(scope="module")
 def clutch() -> Identification:
-    return of_study(CLUTCH / "study.toml", MonteCarlo(128))
+    return of_study(CLUTCH / "study.toml", Check(128))
 
 
 def test_the_bench_regenerates_the_clutch_measurements() -> None:

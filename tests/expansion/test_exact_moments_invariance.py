@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from aleator.moments.expansion import Basis
-from aleator.moments.expansion.moments import ExactQuadrature, Galerkin, prepare
 from aleator.moments.expansion.indices import constant
+from aleator.moments.expansion.moments import ExactQuadrature, Galerkin, prepare
 
 # ------------------------------------------------------------------------------ properties
 

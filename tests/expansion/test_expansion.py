@@ -12,6 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aleator.errors import InputsError
+from aleator.laws import (
+    Constant,
+    Free,
+    Normal,
+)
+from aleator.laws.inputs import Inputs
 from aleator.moments.expansion import (
     Basis,
     Expanding,
@@ -21,15 +27,9 @@ from aleator.moments.expansion import (
     SparseProjection,
 )
 from aleator.moments.expansion.design import FINE, induced
+from aleator.moments.expansion.indices import Hyperbolic, TotalDegree
 from aleator.moments.expansion.projection import project
 from aleator.moments.expansion.sparse_projection import combination
-from aleator.laws import (
-    Constant,
-    Free,
-    Normal,
-)
-from aleator.laws.inputs import Inputs
-from aleator.moments.expansion.indices import Hyperbolic, TotalDegree
 
 # ------------------------------------------------------------------------------ the basis
 

@@ -8,6 +8,14 @@ import numpy as np
 import pytest
 from expansions import MIXED, NORMAL, basis_of, box, drawn, fitted, miss
 
+from aleator.laws import (
+    Beta,
+    Gamma,
+    Law,
+    LogNormal,
+    TruncatedNormal,
+    Uniform,
+)
 from aleator.moments.expansion import (
     Basis,
     Design,
@@ -17,16 +25,8 @@ from aleator.moments.expansion import (
     SparseProjection,
 )
 from aleator.moments.expansion.design import induced
-from aleator.moments.expansion.least_squares import nested_fits
-from aleator.laws import (
-    Beta,
-    Gamma,
-    Law,
-    LogNormal,
-    TruncatedNormal,
-    Uniform,
-)
 from aleator.moments.expansion.indices import TotalDegree
+from aleator.moments.expansion.least_squares import nested_fits
 from aleator.types import Array
 
 # ------------------------------------------------------------------------------ designs

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from aleator.errors import InputsError
-from aleator.moments.expansion import Basis, Regression, SparseProjection
-from aleator.moments.expansion.sobol import SobolIndices, sobol_indices
 from aleator.laws import Normal, TruncatedNormal, Uniform
+from aleator.moments.expansion import Basis, Regression, SparseProjection
 from aleator.moments.expansion.indices import TotalDegree
+from aleator.moments.expansion.sobol import SobolIndices, sobol_indices
 from aleator.types import Array
 
 

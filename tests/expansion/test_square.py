@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from aleator.moments.expansion import Basis
+from aleator.moments.expansion.indices import TotalDegree
 from aleator.moments.expansion.moments.linearization import linearization
 from aleator.moments.expansion.moments.products import Square
-from aleator.moments.expansion.indices import TotalDegree
 
 STRIDES = np.array([9, 1])
 """Of two parameters whose degrees stay below nine."""

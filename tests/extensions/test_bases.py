@@ -11,10 +11,10 @@ import pytest
 from scipy import stats
 
 from aleator import Free
-from aleator.moments.densities import DEGENERATE_VALUE, Status
-from aleator.moments.densities.moments import Moments
 from aleator.errors import InputsError
+from aleator.moments.densities.moments import Moments
 from aleator.polynomials.recurrence import evaluate
+from aleator.status import DEGENERATE_VALUE, Status
 
 PLUGINS = Path(__file__).parent / "plugins"
 SCALE = 1.3

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from identifications import unjudged
 from scipy import stats
 
-from aleator import Collocation, Constant, Free, Inputs, MonteCarlo, Noise, Normal
+from aleator import Check, Collocation, Constant, Free, Inputs, Noise, Normal
 from aleator.cli import main
 from aleator.errors import InputsError, SimulatorError, StudyError
 from aleator.study import load_study
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures("unreported")
 
 PLUGINS = Path(__file__).parent / "plugins"
 LONGEST = 120
-UNCHECKED = MonteCarlo(0)
+UNCHECKED = Check(0)
 Install = Callable[[str, str, str], None]
 Write = Callable[..., Path]
 

@@ -11,19 +11,19 @@ import pytest
 from identifications import unjudged
 
 from aleator import (
+    Check,
     Constant,
     Free,
     GradientMultistart,
     Identification,
     Inputs,
     MaximumEntropy,
-    MonteCarlo,
     Noise,
     Normal,
     ResponseSurface,
 )
-from aleator.moments.densities import Convolution, Density, NodeDensity
 from aleator.laws import Law
+from aleator.moments.densities import Density
 from aleator.moments.quadrature import Cubature, GermGrid, SobolPoints
 from aleator.types import Array
 
@@ -47,7 +47,7 @@ def expanded(model: Callable[..., Array], a: Law, noise: Noise | None = None) ->
     table = pd.DataFrame({"T": TEMPERATURE, "day": 20.0, "length": LENGTH})
     return unjudged(
         model, table, Inputs({"a": a, "b": Constant(Free(0.0, 0.1))}), outcome="length",
-        vectorized=True, noise=noise, search=GradientMultistart(2), verification=MonteCarlo(0),
+        vectorized=True, noise=noise, search=GradientMultistart(2), verification=Check(0),
     )  # fmt: skip
 
 
@@ -84,7 +84,7 @@ def test_parameters_alike_for_another_reason_get_no_such_advice() -> None:
     found = unjudged(
         model, table,
         Inputs({"a": Normal(Free(-20.0, 40.0), Free(0.01, 4.0)), "b": Constant(Free(0.0, 0.3))}),
-        outcome="y", vectorized=True, search=GradientMultistart(2), verification=MonteCarlo(0),
+        outcome="y", vectorized=True, search=GradientMultistart(2), verification=Check(0),
     )  # fmt: skip
     assert remedies(found, "identifiability")
     assert to_center(found) == []
@@ -93,9 +93,7 @@ def test_parameters_alike_for_another_reason_get_no_such_advice() -> None:
 # ------------------------------------------------------------------------------ nodes
 
 
-def found_with(
-    density: Density, nodes: int | Cubature | None, count: int = 12
-) -> Identification:
+def found_with(density: Density, nodes: int | Cubature | None, count: int = 12) -> Identification:
     rng = np.random.default_rng(0)
     z = np.linspace(1.0, 2.0, count)
     x = 1.0 + 0.3 * rng.standard_normal(count)
@@ -104,7 +102,7 @@ def found_with(
         lambda z, x: np.exp(2.0 * z * x), pd.DataFrame({"z": z, "y": y}),
         Inputs({"x": Normal(1.0, Free(0.05, 0.5))}), outcome="y", vectorized=True,
         density=density, propagation=ResponseSurface(nodes=nodes),
-        search=GradientMultistart(2), verification=MonteCarlo(0),
+        search=GradientMultistart(2), verification=Check(0),
     )  # fmt: skip
 
 

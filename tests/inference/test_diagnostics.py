@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from aleator.densities import Status
+from aleator.inference.diagnostics.diagnostic import Diagnostic
 from identifications import Array, identified, unjudged
 from problems import SAMPLE
 
 from aleator import (
+    Check,
     Collocation,
     Gaussian,
     Identification,
-    MonteCarlo,
     ResponseSurface,
 )
-from aleator.densities import Status
 from aleator.errors import SimulatorError
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 
 
 def told(found: Identification, about: str) -> list[Diagnostic]:
@@ -36,7 +36,7 @@ def test_a_gaussian_density_of_a_skew_outcome_is_told_and_one_of_a_normal_outcom
     assert told(straight, "density") == []
     bent = unjudged(
         lambda x: np.exp(0.8 * x), pd.DataFrame({"y": np.exp(0.8 * y)}), problem.inputs,
-        outcome="y", vectorized=True, density=Gaussian(), verification=MonteCarlo(512),
+        outcome="y", vectorized=True, density=Gaussian(), verification=Check(512),
     )  # fmt: skip
     assert told(bent, "density") or not bent.sound
 
@@ -68,7 +68,7 @@ def test_a_surface_that_stalls_and_one_that_ran_out_of_runs_are_told_apart() -> 
             unjudged(
                 saw, table, problem.inputs, outcome="y", vectorized=True,
                 propagation=ResponseSurface(tolerance=0.001, max_runs=runs),
-                verification=MonteCarlo(0),
+                verification=Check(0),
             ),
             "response surface",
         )

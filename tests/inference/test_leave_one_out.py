@@ -11,12 +11,12 @@ from identifications import unjudged
 from scipy import stats
 
 from aleator import (
+    Check,
     Constant,
     Experiments,
     Free,
     Identification,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
 )
@@ -36,7 +36,7 @@ def regression() -> tuple[Identification, np.ndarray, np.ndarray]:
     law = Inputs({"a": Constant(Free(-5.0, 5.0)), "b": Constant(Free(-5.0, 5.0))})
     found = unjudged(
         lambda t, a, b: a + b * t, pd.DataFrame({"t": t, "y": y}), law, outcome="y",
-        noise=Noise(Free(0.01, 3.0)), vectorized=True, verification=MonteCarlo(0),
+        noise=Noise(Free(0.01, 3.0)), vectorized=True, verification=Check(0),
     )  # fmt: skip
     return found, np.column_stack([np.ones(COUNT), t]), y
 
@@ -49,7 +49,7 @@ def multiplied(noise: float | None, count: int = COUNT) -> Identification:
     law = Inputs({"x": Normal(Free(-1.0, 1.0), Free(0.01, 1.0))})
     return unjudged(
         lambda load, x: np.exp(load * x), pd.DataFrame({"load": load, "y": y}), law, outcome="y",
-        noise=None if noise is None else Noise(noise), vectorized=True, verification=MonteCarlo(0),
+        noise=None if noise is None else Noise(noise), vectorized=True, verification=Check(0),
     )  # fmt: skip
 
 
@@ -95,7 +95,7 @@ def test_a_scale_that_only_one_experiment_needs_is_zero_without_it() -> None:
     law = Inputs({"x": Normal(Free(0.0, 5.0), Free(0.0, 2.0))})
     found = unjudged(
         lambda x: x, Experiments.from_frame(frame, outcome="y"), law, noise=Noise(Free(0.01, 2.0)),
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )  # fmt: skip
     left_out = leave_one_out(found.fit)
     assert found.values["x.sd"] > 0.1
@@ -135,7 +135,7 @@ def test_a_prior_stays_when_an_experiment_goes() -> None:
     law = Inputs({"x": Normal(Free(-5.0, 5.0, prior=Normal(0.0, 0.5)), 0.6)})
     found = unjudged(
         lambda x: x, pd.DataFrame({"y": y}), law, outcome="y", noise=Noise(0.8), vectorized=True,
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )  # fmt: skip
     left_out = leave_one_out(found.fit)
     for l in range(12):

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
-from aleator.moments.densities.moments import weighted_moments
 from aleator.errors import InputsError
-from aleator.moments.expansion.projection import expansion_map
 from aleator.laws import Beta, Gamma, LogNormal, Uniform
 from aleator.laws.correlation import Correlation, between
+from aleator.moments.densities.moments import weighted_moments
+from aleator.moments.expansion.projection import expansion_map
 from aleator.moments.quadrature import ProbabilityGrid, Smolyak, SobolPoints, TensorGauss
 from aleator.types import Array
 

@@ -8,8 +8,8 @@ from problems import from_raw, raw_normal, raw_truncated
 from scipy import special
 
 from aleator import Constant, Free, Inputs, Normal, TensorGauss, TruncatedNormal
-from aleator.moments.densities.moments import weighted_moments
 from aleator.errors import InputsError
+from aleator.moments.densities.moments import weighted_moments
 from aleator.moments.expansion import Basis
 from aleator.moments.expansion.projection import expansion_map, tensor_design
 from aleator.polynomials.recurrence import evaluate

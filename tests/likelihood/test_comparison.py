@@ -7,12 +7,11 @@ from problems import GROWTH, SQUARE, Problem
 from scipy import integrate, stats
 
 from aleator import Inputs, MaximumEntropy, Normal, ResponseSurface
-from aleator.moments.densities import Convolution
 from aleator.laws.region import law_region
-from aleator.moments.comparison import density_distances, exact_movement
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem as Prepared
 from aleator.likelihood.problem import prepare
+from aleator.moments.comparison import density_distances, exact_movement
 from aleator.moments.propagation import ExpandedPropagation
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner, as_simulator

@@ -7,12 +7,12 @@ import pytest
 
 from aleator import Free, Inputs, Normal, TruncatedNormal
 from aleator.moments.expansion import Projection, Regression, SparseProjection
+from aleator.moments.expansion.indices import Anisotropic, TotalDegree
 from aleator.moments.propagation import (
     Collocation,
     ExpandedPropagation,
     QuadraturePropagation,
 )
-from aleator.moments.expansion.indices import Anisotropic, TotalDegree
 from aleator.moments.quadrature import SobolPoints, TensorGauss
 
 TEN = Inputs({f"x{i}": Normal(Free(-1.0, 1.0), Free(0.01, 1.0)) for i in range(10)})

@@ -20,12 +20,13 @@ from problems import (
 )
 
 from aleator import Free, Gaussian, Inputs, MaximumEntropy, Normal
-from aleator.moments.densities import DEGENERATE_VALUE, FAILED_SOLVE_PENALTY, Density, Status
+from aleator.moments.densities import FAILED_SOLVE_PENALTY, Density
 from aleator.moments.likelihood import Continued, Likelihood
 from aleator.moments.predictive import predictive
 from aleator.moments.propagation import QuadraturePropagation
 from aleator.moments.quadrature import TensorGauss
 from aleator.search.value import LogLikelihood
+from aleator.status import DEGENERATE_VALUE, Status
 from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array
 

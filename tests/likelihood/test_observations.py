@@ -10,7 +10,7 @@ import pytest
 from identifications import unjudged
 from scipy import optimize, stats
 
-from aleator import Free, Inputs, MonteCarlo, Noise, Normal
+from aleator import Check, Free, Inputs, Noise, Normal
 from aleator.observations.model import Observed
 from aleator.observations.normal import NormalError
 
@@ -72,7 +72,7 @@ def test_noise_of_another_kind_is_identified_exactly() -> None:
     law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.02, 1.0))})
     found = unjudged(
         lambda z, x: z * x, pd.DataFrame({"z": z, "y": y}), law, outcome="y", vectorized=True,
-        noise=Noise(Free(0.02, 1.0), StudentError()), verification=MonteCarlo(0),
+        noise=Noise(Free(0.02, 1.0), StudentError()), verification=Check(0),
     )  # fmt: skip
 
     def lost(alpha):

@@ -21,10 +21,11 @@ from problems import (
 )
 
 from aleator import Collocation, Constant, Free, Inputs, Normal, ResponseSurface, TruncatedNormal
-from aleator.moments.densities import Convolution, MaximumEntropy
-from aleator.moments.densities.moments import Moments, weighted_moments
 from aleator.errors import InputsError
+from aleator.moments.densities import MaximumEntropy
+from aleator.moments.densities.moments import Moments, weighted_moments
 from aleator.moments.expansion import Regression
+from aleator.moments.expansion.indices import TotalDegree
 from aleator.moments.propagation import (
     ProjectedPropagation,
     QuadraturePropagation,
@@ -32,7 +33,6 @@ from aleator.moments.propagation import (
     default_cubature,
     finer,
 )
-from aleator.moments.expansion.indices import TotalDegree
 from aleator.moments.quadrature import GermGrid, Smolyak, SobolPoints, TensorGauss
 from aleator.surrogates import build_surface
 from aleator.surrogates.responses import DirectResponse

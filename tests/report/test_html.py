@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aleator import Censoring, Experiments, Free, Identification, Inputs, MonteCarlo, Noise, Normal
+from aleator import Censoring, Check, Experiments, Free, Identification, Inputs, Noise, Normal
 from aleator.report.html.bundle import TEX, bokeh_script
 from aleator.report.html.chart import axes, fewer_ticks
 from aleator.report.html.page import page
@@ -105,7 +105,7 @@ def springs(count: int = COUNT, **more: Any) -> Identification:
         outcome="way",
         noise=Noise(0.1),
         vectorized=True,
-        verification=MonteCarlo(0),
+        verification=Check(0),
         best_law=False,
         **more,
     )
@@ -204,7 +204,7 @@ def test_bounds_are_drawn_as_bounds() -> None:
     table = Experiments.from_frame(frame, outcome="y", censored={"y": censoring})
     found = identify(
         lambda x: x, table, Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.8))}),
-        noise=Noise(0.05), vectorized=True, verification=MonteCarlo(0), best_law=False,
+        noise=Noise(0.05), vectorized=True, verification=Check(0), best_law=False,
         consistency=False,
     )  # fmt: skip
     columns = sources(report_of(pictured(found).to_dict()).text)["measured-0"]

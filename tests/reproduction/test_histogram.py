@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from aleator.moments.densities.interface import Status
-from aleator.moments.densities.outcomes import Outcomes
 from aleator.errors import AleatorError
+from aleator.moments.densities.outcomes import Outcomes
+from aleator.status import Status
 from reproduction.sampling.histogram import HistogramSpline
 
 

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from problems import BINDING, GROWTH, PRODUCT, REGRESSION, SAMPLE, SQUARE, Exact, Problem
 from scipy import stats
 
+from aleator.errors import InputsError
 from aleator.moments.densities import Gaussian, MaximumEntropy
 from aleator.moments.densities.outcomes import Outcomes
-from aleator.errors import InputsError
 from aleator.moments.quadrature import (
     Cubature,
     MonteCarloPoints,

@@ -13,6 +13,7 @@ from scipy import optimize, stats
 
 from aleator import (
     CMAES,
+    Check,
     Collocation,
     Constant,
     CustomSearch,
@@ -22,7 +23,6 @@ from aleator import (
     GeneticAlgorithm,
     GradientMultistart,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
 )
@@ -122,7 +122,7 @@ def test_an_answer_that_is_no_maximum_names_the_wide_limits() -> None:
         propagation=Collocation(nodes=5),
         density=Gaussian(),
         search=GradientMultistart(2),
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )
     assert not found.sound
     remedies = [w.remedy for w in found.warnings if w.about == "search"]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from identifications import unjudged
 
-from aleator import Identification, MonteCarlo
+from aleator import Check, Identification
 from aleator.errors import AleatorError, SimulatorError, StudyError
 from aleator.search import GradientMultistart
 from aleator.simulators.command import (
@@ -73,7 +73,7 @@ def identified(path: Path) -> Identification:
         study.experiments,
         study.inputs,
         search=GradientMultistart(starts=2),
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )
 
 

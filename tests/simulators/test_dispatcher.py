@@ -16,7 +16,7 @@ import pytest
 from identifications import unjudged
 
 from aleator.errors import InputsError, SimulatorError
-from aleator.inference.check import MonteCarlo
+from aleator.inference.check import Check
 from aleator.laws import Free, Normal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions
@@ -318,7 +318,7 @@ def test_an_identification_by_workers_is_the_same(pool: ProcessPool) -> None:
     law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
     results = [
         unjudged(
-            lambda load, x: load * x, table, law, outcome="y", verification=MonteCarlo(50),
+            lambda load, x: load * x, table, law, outcome="y", verification=Check(50),
             executor=executor,
         ).to_dict()
         for executor in (None, pool)

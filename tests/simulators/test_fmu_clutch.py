@@ -10,12 +10,12 @@ from fmus.build import python_fmu
 from identifications import unjudged
 
 from aleator import (
+    Check,
     Experiments,
     Free,
     GradientMultistart,
     Identification,
     Inputs,
-    MonteCarlo,
     Noise,
     ResponseSurface,
     TruncatedNormal,
@@ -83,7 +83,7 @@ def test_the_fmu_leads_to_the_same_law(simulator: FMUSimulator, table: pd.DataFr
             noise=Noise(0.005),
             propagation=ResponseSurface(tolerance=0.1),
             search=GradientMultistart(starts=2),
-            verification=MonteCarlo(0),
+            verification=Check(0),
             seed=0,
         )
 

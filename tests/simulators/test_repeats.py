@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from identifications import unjudged
 
-from aleator import Free, Inputs, MonteCarlo, Noise, Normal
+from aleator import Check, Free, Inputs, Noise, Normal
 from aleator.errors import SimulatorError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner
@@ -113,4 +113,4 @@ def test_an_identification_refuses_it(noise: Noise | None) -> None:
     table = pd.DataFrame({"load": load, "y": load * rng.normal(1.0, 0.1, 30)})
     inputs = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))})
     with pytest.raises(SimulatorError, match="for the same run"):
-        unjudged(Sometimes(), table, inputs, outcome="y", noise=noise, verification=MonteCarlo(0))
+        unjudged(Sometimes(), table, inputs, outcome="y", noise=noise, verification=Check(0))

@@ -13,7 +13,7 @@ import pytest
 from identifications import unjudged
 
 from aleator.errors import SimulatorError
-from aleator.inference.check import MonteCarlo
+from aleator.inference.check import Check
 from aleator.laws import Free, Normal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions, Experiments
@@ -241,7 +241,7 @@ def test_an_identification_counts_the_different_runs_it_needed(tmp_path: Path) -
         with Store(path) if path else nullcontext() as store:
             run = Runner(simulator, table, law.names, store=store)
             found = unjudged(
-                run, table, law, verification=MonteCarlo(50),
+                run, table, law, verification=Check(50),
                 propagation=ResponseSurface(surfaces="own"),
             )  # fmt: skip
         counts.append((found.runs, run.runs, len(asked)))

@@ -12,11 +12,11 @@ from identifications import unjudged
 
 from aleator import (
     AleatorError,
+    Check,
     Experiments,
     Free,
     Identification,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
     bootstrap,
@@ -40,7 +40,7 @@ def found_with(noise: float | None, count: int = COUNT, seed: int = 0) -> Identi
     law = Inputs({"x": Normal(Free(0.0, 2.0), Free(0.001, 1.0))})
     return unjudged(
         proportional, pd.DataFrame({"load": load, "y": y}), law, outcome="y", vectorized=True,
-        noise=None if noise is None else Noise(noise), verification=MonteCarlo(0),
+        noise=None if noise is None else Noise(noise), verification=Check(0),
     )  # fmt: skip
 
 
@@ -130,7 +130,7 @@ def test_a_scale_may_go_to_zero_and_come_back() -> None:
     law = Inputs({"m": Normal(Free(1000.0, 2000.0), Free(0.0, 500.0))})
     found = unjudged(
         lambda m: m, table, law, noise=Noise(Free(1.0, 500.0)), vectorized=True,
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )  # fmt: skip
     made = bootstrap(found, replicates=60)
     row = made.table().loc["m.sd"]

@@ -16,11 +16,11 @@ from scipy import stats
 
 from aleator import (
     By,
+    Check,
     Constant,
     Free,
     Identification,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
     TruncatedNormal,
@@ -44,7 +44,7 @@ def identified(x: np.ndarray, law: Law = LAW, noise: Noise | None = None, **more
     y = load * x + rng.normal(0.0, NOISE, len(x))
     return unjudged(
         lambda load, x: load * x, pd.DataFrame({"load": load, "y": y}), Inputs({"x": law}),
-        outcome="y", vectorized=True, noise=noise or Noise(NOISE), verification=MonteCarlo(0),
+        outcome="y", vectorized=True, noise=noise or Noise(NOISE), verification=Check(0),
         **more,
     )  # fmt: skip
 
@@ -123,7 +123,7 @@ def test_curves_see_experiments_that_say_sharply_what_their_parameter_is() -> No
     frame = pd.DataFrame({"y": x + rng.normal(0.0, 0.004, 24)})
     found = unjudged(
         lambda x: x, frame, Inputs({"x": LAW}), outcome="y", vectorized=True, noise=Noise(0.004),
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )  # fmt: skip
     curve = ceiling(found, replicates=1).curves["x"]
     mean = np.trapezoid(curve["gradient"] * curve["density"], curve["x"])
@@ -151,7 +151,7 @@ def test_constants_and_noise_are_held_at_their_estimates() -> None:
     found = unjudged(
         lambda load, x, b: b + load * x, pd.DataFrame({"load": load, "y": y}),
         Inputs({"x": LAW, "b": Constant(Free(0.0, 1.0))}), outcome="y", vectorized=True,
-        noise=Noise(Free(0.01, 1.0)), verification=MonteCarlo(0),
+        noise=Noise(Free(0.01, 1.0)), verification=Check(0),
     )  # fmt: skip
     best = ceiling(found, replicates=0)
     assert best.held == pytest.approx(found.values[["b.value", "noise.sd"]].to_dict())
@@ -181,7 +181,7 @@ def test_surfaces_serve_as_well_as_the_simulator() -> None:
         sum(range(50_000))  # too slow for thousands of runs
         return float(load * np.exp(x))
 
-    found = unjudged(slow, table, law, outcome="y", noise=Noise(NOISE), verification=MonteCarlo(0))
+    found = unjudged(slow, table, law, outcome="y", noise=Noise(NOISE), verification=Check(0))
     best = ceiling(found, replicates=0)
     at = best.points["x"].to_numpy()
     density = stats.norm.pdf(y[:, None], load[:, None] * np.exp(at), NOISE)
@@ -195,7 +195,7 @@ def test_surfaces_serve_as_well_as_the_simulator() -> None:
 def test_without_noise_it_is_refused_with_the_remedy() -> None:
     table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
     found = unjudged(lambda load, x: load * x, table, Inputs({"x": LAW}), outcome="y",
-                     verification=MonteCarlo(0))  # fmt: skip
+                     verification=Check(0))  # fmt: skip
     with pytest.raises(AleatorError, match="noise") as told:
         ceiling(found)
     assert "[noise] sd" in told.value.remedy

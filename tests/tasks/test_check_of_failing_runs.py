@@ -5,10 +5,10 @@ import pytest
 from individual_cases import ALPHA, PAIR, likelihood_of, straight_line, table
 
 from aleator import Experiments
+from aleator.inference.check import Checked, checked
 from aleator.likelihood.individual import OnSurfaces
 from aleator.simulators import Runner
 from aleator.surrogates import build_surface
-from aleator.tasks.individual.check import Checked, checked
 
 REGION = np.array([[-12.0, 14.0], [-6.0, 6.0]])
 

@@ -15,13 +15,13 @@ from scipy import stats
 from aleator import (
     AleatorError,
     Censoring,
+    Check,
     Constant,
     Experiments,
     Free,
     Identification,
     Inputs,
     LogNormal,
-    MonteCarlo,
     Noise,
     Normal,
     TruncatedNormal,
@@ -41,7 +41,7 @@ def line(days: np.ndarray, start: np.ndarray, slope: np.ndarray) -> np.ndarray:
 def found_by(model, table: Experiments, noise: Noise, correlation=None, **laws) -> Identification:
     return unjudged(
         model, table, Inputs(laws, correlation), noise=noise, vectorized=True,
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )  # fmt: skip
 
 
@@ -297,7 +297,7 @@ def test_a_comparison_makes_no_run() -> None:
     models = {
         name: unjudged(
             sprung, frame, Inputs({"k": law}), outcome="y", noise=Noise(0.02),
-            verification=MonteCarlo(0),
+            verification=Check(0),
         )
         for name, law in laws.items()
     }  # fmt: skip

@@ -14,6 +14,7 @@ from rich.console import Console
 from scipy import optimize, stats
 
 from aleator import (
+    Check,
     Collocation,
     Free,
     Gaussian,
@@ -21,7 +22,6 @@ from aleator import (
     Identification,
     Inputs,
     MaximumEntropy,
-    MonteCarlo,
     Normal,
     predict,
 )
@@ -100,7 +100,7 @@ def found_for(
         propagation=Collocation(nodes=nodes),
         density=density,
         search=GradientMultistart(4),
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )
 
 
@@ -163,7 +163,7 @@ def test_a_known_correlation_and_what_follows_from_known_ones_have_no_error() ->
         propagation=Collocation(nodes=2),
         density=Gaussian(),
         search=GradientMultistart(2),
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )
     ab, ac, bc = found.parameter_correlations
     own = found.alpha["correlation.a.c"]

@@ -9,11 +9,11 @@ from scipy import stats
 import aleator
 from aleator import (
     Censoring,
+    Check,
     Experiments,
     Free,
     Identification,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
 )
@@ -35,7 +35,7 @@ def life(x):
 @pytest.fixture(scope="module")
 def found() -> Identification:
     return unjudged(
-        life, TABLE, INPUTS, vectorized=True, noise=Noise(NOISE), verification=MonteCarlo(64)
+        life, TABLE, INPUTS, vectorized=True, noise=Noise(NOISE), verification=Check(64)
     )
 
 

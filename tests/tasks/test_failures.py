@@ -12,7 +12,7 @@ from identifications import unjudged
 
 from aleator import cli
 from aleator.errors import SimulatorError
-from aleator.inference.check import MonteCarlo
+from aleator.inference.check import Check
 from aleator.laws import Free, Normal, TruncatedNormal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions
@@ -43,7 +43,7 @@ def test_runs_that_fail_here_and_there_leave_the_answer() -> None:
         hashed = np.modf(1e4 * np.abs(np.sin(1e4 * x + z)))[0]
         return np.where(hashed < 0.06, np.nan, model(z, x))
 
-    check = MonteCarlo(64)
+    check = Check(64)
     whole = unjudged(model, TABLE, BOXED, outcome="y", vectorized=True, verification=check)
     result = unjudged(brittle, TABLE, BOXED, outcome="y", vectorized=True, verification=check)
     error = {name: value.standard_error or 0.0 for name, value in whole.alpha.items()}
@@ -76,7 +76,7 @@ def test_a_fast_simulator_with_holes_is_not_integrated_over_itself() -> None:
     def answer(simulator: Callable[..., Array]) -> Identification:
         return identify(
             simulator, TABLE, BOXED, outcome="y", vectorized=True, noise=Noise(0.02),
-            verification=MonteCarlo(0), consistency=False, best_law=False,
+            verification=Check(0), consistency=False, best_law=False,
         )  # fmt: skip
 
     whole, holes, cut = answer(model), answer(brittle), answer(ends)
@@ -96,7 +96,7 @@ def test_the_first_look_of_a_law_without_a_box_leaves_out_what_fails() -> None:
         lost = (np.abs(x - 1.5) < 1e-3) & (np.abs(z - Z[3]) < 1e-9)
         return np.where(lost, np.nan, model(z, x))
 
-    check = MonteCarlo(64)
+    check = Check(64)
     whole = unjudged(model, TABLE, free, outcome="y", vectorized=True, verification=check)
     result = unjudged(brittle, TABLE, free, outcome="y", vectorized=True, verification=check)
     for name, value in result.alpha.items():
@@ -136,7 +136,7 @@ def test_surfaces_that_follow_the_law_leave_what_fails_behind() -> None:
     def rooted(z: Array, x: Array) -> Array:
         return np.where(x > 0.0, model(z, np.abs(x)), np.nan)
 
-    result = unjudged(rooted, TABLE, WIDE, outcome="y", vectorized=True, verification=MonteCarlo(0))
+    result = unjudged(rooted, TABLE, WIDE, outcome="y", vectorized=True, verification=Check(0))
     assert result.alpha["x.mean"].estimate == pytest.approx(MEAN, abs=1e-3)
     assert result.alpha["x.sd"].estimate == pytest.approx(SD, abs=1e-3)
     assert result.failures is not None

@@ -15,6 +15,7 @@ from rich.console import Console
 from scipy import stats
 
 from aleator import (
+    Check,
     Collocation,
     Convolution,
     Free,
@@ -22,7 +23,6 @@ from aleator import (
     Identification,
     Inputs,
     MaximumEntropy,
-    MonteCarlo,
     Noise,
     Normal,
     plot,
@@ -138,7 +138,7 @@ def identified(
     simulator: Callable[..., Array], table: pd.DataFrame, inputs: Inputs, **choices: Any
 ) -> Identification:
     return unjudged(
-        simulator, table, inputs, outcome="y", vectorized=True, verification=MonteCarlo(0),
+        simulator, table, inputs, outcome="y", vectorized=True, verification=Check(0),
         **choices,
     )  # fmt: skip
 

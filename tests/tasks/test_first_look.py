@@ -6,7 +6,7 @@ import pytest
 
 from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal, identify
 from aleator.errors import SimulatorError
-from aleator.inference.check import MonteCarlo
+from aleator.inference.check import Check
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
@@ -141,9 +141,7 @@ def test_an_identification_takes_no_more_runs_than_were_expected() -> None:
     experiments = Experiments.from_frame(table, outcome="travel")
     runner = Runner(spring, experiments, inputs.names)
     plan = planned_look(runner, experiments, inputs)
-    cost = expected_cost(
-        runner, experiments, inputs, None, ResponseSurface(), None, MonteCarlo(), plan
-    )
+    cost = expected_cost(runner, experiments, inputs, None, ResponseSurface(), None, Check(), plan)
     assert cost is not None
     found = identify(spring, table, inputs, outcome="travel", consistency=False, best_law=False)
     assert cost.least <= found.runs <= cost.most

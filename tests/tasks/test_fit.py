@@ -11,7 +11,7 @@ import pytest
 from identifications import unjudged
 from scipy import stats
 
-from aleator import Experiments, Free, Identification, Inputs, MonteCarlo, Noise, Normal
+from aleator import Check, Experiments, Free, Identification, Inputs, Noise, Normal
 from aleator.inference.fit import climbed, stepped
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.search.value import LogLikelihood
@@ -32,7 +32,7 @@ def identified(noise: Noise | None) -> Identification:
     law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.6))})
     return unjudged(
         model, pd.DataFrame({"load": load, "y": y}), law, outcome="y", vectorized=True,
-        noise=noise, verification=MonteCarlo(0),
+        noise=noise, verification=Check(0),
     )  # fmt: skip
 
 
@@ -124,7 +124,7 @@ def test_where_nothing_is_identified_a_fit_stays_where_it_is() -> None:
     law = Inputs({"x": Normal(1.0, 0.2)})
     fit = unjudged(
         model, table, law, outcome="y", vectorized=True, noise=Noise(0.1),
-        verification=MonteCarlo(0),
+        verification=Check(0),
     ).fit  # fmt: skip
     other = fit.drawn(rng)
     for end in (stepped(other), climbed(other)):
@@ -142,7 +142,7 @@ def test_probabilities_of_series_that_tell_their_parameters_are_those_of_the_nor
     law = Inputs({"a": Normal(1.0, 0.3), "b": Normal(2.0, 0.4)})
     fit = unjudged(
         lambda t, a, b: a + b * t, Experiments.from_frame(table, outcome="y", id="id"), law,
-        vectorized=True, noise=Noise(0.01), verification=MonteCarlo(0),
+        vectorized=True, noise=Noise(0.01), verification=Check(0),
     ).fit  # fmt: skip
     curve = np.stack([0.3 * np.ones(12), 0.4 * times], axis=1)
     root = np.linalg.cholesky(curve @ curve.T + 1e-4 * np.eye(12))

@@ -6,7 +6,7 @@ import pytest
 from identifications import unjudged
 from scipy import optimize, stats
 
-from aleator import Free, GradientMultistart, Inputs, MonteCarlo, Noise, Normal
+from aleator import Check, Free, GradientMultistart, Inputs, Noise, Normal
 
 N, NOISE = 12, 0.05
 TIMES = np.linspace(-1.0, 1.0, 7)
@@ -57,7 +57,7 @@ def test_standard_errors_are_those_of_the_exact_information() -> None:
     inputs = Inputs({name: Normal(Free(-2.0, 2.0), Free(0.02, 1.5)) for name in "abcd"})
     found = unjudged(
         cubic, rows, inputs, outcome="y", vectorized=True, noise=Noise(Free(0.01, 0.3)),
-        search=GradientMultistart(1), verification=MonteCarlo(0),
+        search=GradientMultistart(1), verification=Check(0),
     )  # fmt: skip
     start = np.concatenate([MEANS, SDS, [NOISE]])
     limits = [(-2.0, 2.0)] * 4 + [(0.02, 1.5)] * 4 + [(0.01, 0.3)]

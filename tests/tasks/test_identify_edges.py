@@ -13,13 +13,13 @@ from problems import BINDING, REGRESSION, SAMPLE
 from scipy import stats
 
 from aleator import (
+    Check,
     Collocation,
     Constant,
     Experiments,
     Free,
     GradientMultistart,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
     ResponseSurface,
@@ -83,7 +83,7 @@ def test_a_known_constant_is_no_parameter_of_the_surface() -> None:
     inputs = Inputs({"x": SAMPLE.inputs.laws["x"], "k": Constant(2.0)})
     found = unjudged(
         lambda x, k: k * x, pd.DataFrame({"y": y}), inputs, outcome="y",
-        search=GradientMultistart(3), verification=MonteCarlo(0),
+        search=GradientMultistart(3), verification=Check(0),
     )  # fmt: skip
     assert found.alpha["x.mean"].estimate == pytest.approx(y.mean() / 2.0, abs=1e-4)
     assert found.alpha["k.value"].fixed
@@ -96,7 +96,7 @@ def test_constants_and_noise_alone_are_least_squares() -> None:
     inputs = Inputs({"b0": Constant(Free(-20.0, 20.0)), "b1": Constant(Free(-20.0, 20.0))})
     found = unjudged(
         lambda z, b0, b1: b0 + b1 * z, pd.DataFrame({"z": z, "y": y}), inputs, outcome="y",
-        noise=Noise(Free(0.01, 10.0)), search=GradientMultistart(3), verification=MonteCarlo(64),
+        noise=Noise(Free(0.01, 10.0)), search=GradientMultistart(3), verification=Check(64),
     )  # fmt: skip
     design = np.stack([np.ones(40), z], axis=1)
     coefficients, rss, *_ = np.linalg.lstsq(design, y)
@@ -113,7 +113,7 @@ def test_a_logarithmic_transform_is_that_of_the_outcome() -> None:
     table = Experiments.from_frame(pd.DataFrame({"y": y}), outcome="y", transform="log")
     found = unjudged(
         lambda x: np.exp(x), table, SAMPLE.inputs, vectorized=True,
-        search=GradientMultistart(3), verification=MonteCarlo(0),
+        search=GradientMultistart(3), verification=Check(0),
     )  # fmt: skip
     assert found.alpha["x.mean"].estimate == pytest.approx(np.log(y).mean(), abs=1e-4)
     assert found.alpha["x.sd"].estimate == pytest.approx(np.log(y).std(), abs=1e-4)
@@ -185,7 +185,7 @@ def test_intervals_of_a_weak_line_are_those_of_the_books(propagation) -> None:
     found = unjudged(
         lambda z, a, b: a + b * z, pd.DataFrame({"z": z, "y": y}), inputs, outcome="y",
         vectorized=True, propagation=propagation, search=GradientMultistart(4),
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )  # fmt: skip
     design = np.stack([np.ones(60), z], axis=1)
     coefficients, rss, *_ = np.linalg.lstsq(design, y)

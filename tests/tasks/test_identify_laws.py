@@ -14,12 +14,12 @@ from scipy import optimize, stats
 
 from aleator import (
     Beta,
+    Check,
     Constant,
     Free,
     Gamma,
     Inputs,
     LogNormal,
-    MonteCarlo,
     Noise,
     Normal,
     ScipyLaw,
@@ -91,7 +91,7 @@ def identified(y: Array, inputs: Inputs, simulator: Callable[..., Array]) -> Any
     return unjudged(
         simulator, pd.DataFrame({"z": Z, "y": y}), inputs, outcome="y", vectorized=True,
         noise=Noise(NOISE), search=GradientMultistart(4),
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )  # fmt: skip
 
 

@@ -10,12 +10,12 @@ from individual_cases import PAIR, straight_line, table
 
 import aleator
 from aleator import (
+    Check,
     Experiments,
     Free,
     GradientMultistart,
     Identification,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
 )
@@ -39,7 +39,7 @@ def identified(
     experiments = Experiments.from_frame(frame, outcome="y", id="id", **keys)
     return unjudged(
         model, experiments, inputs, vectorized=vectorized, noise=NOISE,
-        search=GradientMultistart(starts=starts), verification=MonteCarlo(samples),
+        search=GradientMultistart(starts=starts), verification=Check(samples),
         propagation=aleator.ResponseSurface(surfaces=surfaces),
     )  # fmt: skip
 
@@ -163,7 +163,7 @@ def test_a_tolerance_is_met_all_over_the_region_before_the_search() -> None:
     plain, exact = (
         unjudged(
             lambda time, a: np.exp(-a * time), FRAME, ONE, outcome="y", noise=NOISE,
-            verification=aleator.MonteCarlo(0), propagation=surfaces,
+            verification=aleator.Check(0), propagation=surfaces,
         )
         for surfaces in (aleator.ResponseSurface(), aleator.ResponseSurface(tolerance=1e-5))
     )  # fmt: skip

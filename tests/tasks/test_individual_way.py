@@ -8,10 +8,10 @@ from identifications import unjudged
 from individual_cases import ALPHA, PAIR, decay, likelihood_of, straight_line, table
 
 from aleator import Experiments, Free, Noise, ResponseSurface
+from aleator.inference.check import checked
 from aleator.likelihood.individual import OnSurfaces
 from aleator.simulators import Runner
 from aleator.surrogates import build_surface
-from aleator.tasks.individual.check import checked
 from aleator.tasks.individual.settle import climbed, settled
 
 REGION = np.array([[-12.0, 14.0], [-6.0, 6.0]])

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aleator import Free, Gaussian, Identification, Inputs, MonteCarlo, Normal, identify
+from aleator import Check, Free, Gaussian, Identification, Inputs, Normal, identify
 from aleator.moments.likelihood import Continued
 from aleator.search import Ascent, Optimum, SearchResult
 from aleator.tasks import many
@@ -21,7 +21,7 @@ def table(count: int) -> pd.DataFrame:
 def scatter(law: Inputs, data: pd.DataFrame) -> Identification:
     return identify(
         lambda z, a: z * a, data, law, outcome="y", vectorized=True, density=Gaussian(),
-        verification=MonteCarlo(0), consistency=False, best_law=False,
+        verification=Check(0), consistency=False, best_law=False,
     )  # fmt: skip
 
 

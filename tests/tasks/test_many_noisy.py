@@ -6,7 +6,7 @@ import pytest
 from identifications import unjudged
 from scipy import optimize, stats
 
-from aleator import Free, GradientMultistart, Inputs, MonteCarlo, Noise, Normal
+from aleator import Check, Free, GradientMultistart, Inputs, Noise, Normal
 
 NOISE = 0.25
 
@@ -57,7 +57,7 @@ def test_the_maximum_is_that_of_the_closed_form(many: int, bend: float, vectoriz
     model, table, inputs, end = study(many, 50, bend, seed=many + 30)
     found = unjudged(
         model, table, inputs, outcome="y", vectorized=vectorized, noise=Noise(NOISE),
-        search=GradientMultistart(2), verification=MonteCarlo(0),
+        search=GradientMultistart(2), verification=Check(0),
     )  # fmt: skip
     # a flat standard deviation can be told as not arrived at, by a score of few points
     off = abs(found.log_likelihood.estimated + end.fun)

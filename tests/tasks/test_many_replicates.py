@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from aleator import Free, Inputs, MonteCarlo, Normal, identify
+from aleator import Check, Free, Inputs, Normal, identify
 from aleator.tasks import consistency
 
 LOADS = np.repeat(np.linspace(1.0, 3.0, 31), 100)
@@ -20,7 +20,7 @@ def found():
     law = Inputs({"a": Normal(Free(-0.5, 1.0), Free(0.02, 1.0))})
     return identify(
         lambda z, a: z * np.exp(a), pd.DataFrame({"z": LOADS, "y": LOADS * np.exp(a)}), law,
-        outcome="y", vectorized=True, verification=MonteCarlo(0),
+        outcome="y", vectorized=True, verification=Check(0),
     )  # fmt: skip
 
 

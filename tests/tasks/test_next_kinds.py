@@ -12,10 +12,10 @@ from springs import NOISE, asked, closed_form, data, found_with, observed, sprin
 from aleator import (
     By,
     Censoring,
+    Check,
     Experiments,
     Free,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
     next_experiments,
@@ -74,7 +74,7 @@ def test_candidates_are_tested_to_the_limit_of_the_others() -> None:
         Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 1.5))}),
         noise=Noise(NOISE),
         vectorized=True,
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )
     conditions = Conditions.from_frame(
         asked(np.array([1.0, 20.0])), responses=found.fit.table.observations.responses
@@ -105,7 +105,7 @@ def test_a_law_that_follows_a_covariate_is_learnt_at_its_far_ends() -> None:
         outcome="y",
         noise=Noise(0.1),
         vectorized=True,
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )
     (slope,) = (name for name in found.values.index if "heat" in name)
     new = pd.DataFrame({"heat": [0.0, 0.5, 3.0]})

@@ -11,13 +11,13 @@ from problems import BINDING, GROWTH, Problem
 from scipy import optimize, stats
 
 from aleator import (
+    Check,
     Convolution,
     Free,
     GradientMultistart,
     Identification,
     Inputs,
     MaximumEntropy,
-    MonteCarlo,
     Noise,
     Normal,
     ResponseSurface,
@@ -42,7 +42,7 @@ def exponential(x: np.ndarray) -> np.ndarray:
 def identified(y: np.ndarray, **more: object) -> Identification:
     return unjudged(
         exponential, pd.DataFrame({"y": y}), EXPONENT, outcome="y", vectorized=True,
-        verification=MonteCarlo(0), search=GradientMultistart(3), **more,
+        verification=Check(0), search=GradientMultistart(3), **more,
     )  # type: ignore[arg-type]  # fmt: skip
 
 
@@ -96,7 +96,7 @@ def test_no_outcome_is_out_of_reach_of_a_normal_law_without_a_box(
     wide = Inputs({"x": Normal(mean=Free(-5.0, 10.0), sd=Free(0.02, 3.0))})
     found = unjudged(
         exponential, pd.DataFrame({"y": y}), wide, outcome="y", vectorized=True,
-        verification=MonteCarlo(0), search=GradientMultistart(3), propagation=propagation,
+        verification=Check(0), search=GradientMultistart(3), propagation=propagation,
     )  # fmt: skip
     assert found.sound
     assert np.abs(offset(found, y)).max() < 0.1
@@ -148,7 +148,7 @@ def test_of_two_parameters_the_exact_density_is_taken_where_it_moves_an_estimate
     )
     found = unjudged(
         lambda x, w: w * np.exp(x), pd.DataFrame({"y": y}), law, outcome="y", vectorized=True,
-        verification=MonteCarlo(0), search=GradientMultistart(2),
+        verification=Check(0), search=GradientMultistart(2),
         propagation=ResponseSurface(tolerance=1e-3),
     )  # fmt: skip
     assert found.density.startswith(("level sets", "convolution"))

@@ -10,13 +10,13 @@ from problems import FRONTIER, NOISY, Problem, log_frontier
 from scipy import optimize
 
 from aleator import (
+    Check,
     Convolution,
     Free,
     GradientMultistart,
     Identification,
     Inputs,
     LogNormal,
-    MonteCarlo,
     Noise,
     ResponseSurface,
     SobolPoints,
@@ -28,7 +28,7 @@ from aleator.polynomials.gauss import gauss_hermite
 def identified(problem: Problem, y: np.ndarray, **more: object) -> Identification:
     return unjudged(
         problem.simulator, problem.table(y), problem.inputs, outcome="y", vectorized=True,
-        noise=problem.noise, search=GradientMultistart(3), verification=MonteCarlo(0), **more,
+        noise=problem.noise, search=GradientMultistart(3), verification=Check(0), **more,
     )  # type: ignore[arg-type]  # fmt: skip
 
 

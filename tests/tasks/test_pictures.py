@@ -11,13 +11,13 @@ import pytest
 from scipy import stats
 
 from aleator import (
+    Check,
     Collocation,
     Experiments,
     Free,
     GradientMultistart,
     Identification,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
     Regression,
@@ -42,7 +42,7 @@ def normal_sample(count: int = COUNT) -> Identification:
         lambda x: x,
         pd.DataFrame({"maker": ["A", "B"] * (count // 2), "y": Y[:count]}),
         Inputs({"x": Normal(Free(0.0, 2.0), Free(0.05, 2.0))}),
-        outcome="y", noise=Noise(SD), vectorized=True, verification=MonteCarlo(0),
+        outcome="y", noise=Noise(SD), vectorized=True, verification=Check(0),
         consistency=False, best_law=False,
     )  # fmt: skip
 
@@ -107,7 +107,7 @@ def test_contours_hold_what_they_say_of_correlated_parameters() -> None:
         lambda time, a, b: a + b * time, Experiments.from_frame(frame, outcome="y"),
         Inputs({"a": Normal(Free(0.0, 2.0), Free(0.01, 1.0)),
                 "b": Normal(Free(0.0, 2.0), Free(0.01, 1.0))}, full(["a", "b"])),
-        noise=Noise(0.1), vectorized=True, verification=MonteCarlo(0),
+        noise=Noise(0.1), vectorized=True, verification=Check(0),
         consistency=False, best_law=False,
     ))  # fmt: skip
     (pair,) = found.pictures["contours"]
@@ -130,7 +130,7 @@ def test_one_outcome_an_experiment_without_noise_has_profiles_too() -> None:
     found = pictured(identify(
         lambda x: x, pd.DataFrame({"y": Y[:30]}),
         Inputs({"x": Normal(Free(0.0, 2.0), Free(0.05, 2.0))}),
-        outcome="y", vectorized=True, verification=MonteCarlo(0),
+        outcome="y", vectorized=True, verification=Check(0),
         consistency=False, best_law=False,
     ))  # fmt: skip
     assert set(found.pictures["profiles"]) == {"x.mean", "x.sd"}
@@ -162,7 +162,7 @@ def test_the_response_is_the_simulators_own_and_knows_where_it_has_no_value() ->
             simulator,
             table,
             Inputs({"a": Normal(Free(0.8, 1.2), 0.2), "b": Normal(0.0, 0.1)}),
-            outcome="y", noise=Noise(0.2), vectorized=True, verification=MonteCarlo(0),
+            outcome="y", noise=Noise(0.2), vectorized=True, verification=Check(0),
             search=GradientMultistart(1), consistency=False, best_law=False,
         )  # fmt: skip
         response = responses(found.fit)
@@ -207,7 +207,7 @@ def test_with_collocation_the_response_is_that_of_its_runs(propagation: Collocat
 
     found = identify(
         simulator, table, Inputs({"a": Normal(Free(0.8, 1.2), 0.2), "b": Normal(0.0, 0.1)}),
-        outcome="y", propagation=propagation, vectorized=True, verification=MonteCarlo(0),
+        outcome="y", propagation=propagation, vectorized=True, verification=Check(0),
         search=GradientMultistart(1), consistency=False, best_law=False,
     )  # fmt: skip
     needed = len(made)
@@ -228,7 +228,7 @@ def test_of_a_series_the_first_the_middle_and_the_last_row_are_shown() -> None:
     found = identify(
         lambda time, a: a + 2.0 * time, Experiments.from_frame(frame, outcome="y"),
         Inputs({"a": Normal(Free(0.0, 2.0), Free(0.01, 1.0))}), noise=Noise(0.1),
-        vectorized=True, verification=MonteCarlo(0), consistency=False, best_law=False,
+        vectorized=True, verification=Check(0), consistency=False, best_law=False,
     )  # fmt: skip
     response = responses(found.fit)
     a, shown = np.array(response["over"]["a"]), response["shown"]

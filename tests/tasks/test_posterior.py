@@ -16,7 +16,7 @@ from identifications import unjudged
 from scipy import stats
 
 import aleator
-from aleator import Free, Identification, Inputs, MonteCarlo, Noise, Normal, Posterior, posterior
+from aleator import Check, Free, Identification, Inputs, Noise, Normal, Posterior, posterior
 from aleator.cli import main
 from aleator.errors import AleatorError, InputsError, installing
 from aleator.laws import Constant, Law
@@ -36,7 +36,7 @@ def identified(law: Law, noise: Noise | None = None, **more: bool) -> Identifica
     table = pd.DataFrame({"id": ids, "z": np.linspace(0.0, 1.0, COUNT), "y": MEASURED})
     return unjudged(
         direct, table, Inputs({"x": law}), outcome="y", vectorized=True, noise=noise,
-        verification=MonteCarlo(0), **more,
+        verification=Check(0), **more,
     )  # fmt: skip
 
 

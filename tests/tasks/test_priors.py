@@ -7,13 +7,13 @@ from identifications import unjudged
 from scipy import optimize, stats
 
 from aleator import (
+    Check,
     Experiments,
     Free,
     Gamma,
     Identification,
     Inputs,
     LogNormal,
-    MonteCarlo,
     Noise,
     Normal,
 )
@@ -33,7 +33,7 @@ def identified(law: Law, noise: Noise | None, y: Array = MEASURED) -> Identifica
     table = pd.DataFrame({"z": np.linspace(0.0, 1.0, y.size), "y": y})
     return unjudged(
         direct, table, Inputs({"x": law}), outcome="y", vectorized=True, noise=noise,
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )  # fmt: skip
 
 
@@ -120,7 +120,7 @@ def test_a_correlation_may_have_a_prior() -> None:
     )
     found = unjudged(
         lambda z, a, b: np.where(z > 0.5, b, a), Experiments.from_frame(table, outcome="y"),
-        inputs, vectorized=True, noise=Noise(0.1), verification=MonteCarlo(0),
+        inputs, vectorized=True, noise=Noise(0.1), verification=Check(0),
     )  # fmt: skip
     assert abs(found.values["correlation.a.b"]) < 0.01
 

@@ -6,11 +6,11 @@ import pytest
 from identifications import unjudged
 
 from aleator import (
+    Check,
     Experiments,
     Free,
     GradientMultistart,
     Inputs,
-    MonteCarlo,
     ResponseSurface,
     TruncatedNormal,
 )
@@ -39,7 +39,7 @@ def found(propagation: ResponseSurface, run: Runner | None = None) -> Identifica
     return unjudged(
         run or front, Experiments.from_frame(TABLE, outcome="y"), LAW, vectorized=True,
         propagation=propagation, search=GradientMultistart(3),
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import pytest
 from identifications import unjudged
 from numpy.typing import NDArray
 
-from aleator import Free, Inputs, MaximumEntropy, MonteCarlo, Normal, ResponseSurface
+from aleator import Check, Free, Inputs, MaximumEntropy, Normal, ResponseSurface
 from aleator.errors import InputsError
 from aleator.observations.experiments import Experiments
 from aleator.simulators import FunctionSimulator, Runner
@@ -82,7 +82,7 @@ def test_a_shared_surface_leads_to_the_exact_maximum() -> None:
     result = unjudged(
         lambda load, x: load * x + np.sin(load), table, inputs, outcome="y",
         propagation=ResponseSurface(surfaces="shared"), density=MaximumEntropy(order=4),
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )  # fmt: skip
     assert result.alpha["x.mean"].estimate == pytest.approx(x.mean(), abs=0.02 * x.std())
     assert result.alpha["x.sd"].estimate == pytest.approx(x.std(), rel=0.02)

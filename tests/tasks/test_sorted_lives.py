@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy import optimize, stats
 
-from aleator import Censoring, Constant, Experiments, Free, Inputs, MonteCarlo, Noise, identify
+from aleator import Censoring, Check, Constant, Experiments, Free, Inputs, Noise, identify
 from aleator.types import Array
 
 
@@ -28,7 +28,7 @@ def test_sorted_lives_with_bounds_do_not_drift() -> None:
         Inputs({"log_life": Constant(Free(6.0, 14.0))}),
         noise=Noise(Free(0.01, 3.0)),
         vectorized=True,
-        verification=MonteCarlo(0),
+        verification=Check(0),
         best_law=False,
     )
 

@@ -9,12 +9,12 @@ from scipy import optimize, special, stats
 
 from aleator import (
     Censoring,
+    Check,
     Constant,
     Experiments,
     Free,
     GradientMultistart,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
     identify,
@@ -83,7 +83,7 @@ def test_an_end_that_needs_more_nodes_than_the_answer_is_found_and_a_limit_is_to
             "b0": Constant(Free(0.0, 30.0)), "b1": Constant(Free(-8.0, -0.1)),
         }),
         noise=Noise(Free(0.01, 1.5)), vectorized=True, search=GradientMultistart(starts=1),
-        verification=MonteCarlo(0), consistency=False, best_law=False,
+        verification=Check(0), consistency=False, best_law=False,
     )  # fmt: skip
     top = maximum(START, {})
     assert found.log_likelihood.estimated == pytest.approx(top, abs=0.005)

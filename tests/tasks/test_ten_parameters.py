@@ -6,7 +6,7 @@ import pytest
 from identifications import unjudged
 from scipy import optimize
 
-from aleator import Free, GradientMultistart, Inputs, MonteCarlo, Normal
+from aleator import Check, Free, GradientMultistart, Inputs, Normal
 
 COUNT, TEN, BEND = 80, 10, 0.03
 MEANS, SDS = np.linspace(-1.0, 1.0, TEN), np.linspace(0.1, 0.5, TEN)
@@ -55,7 +55,7 @@ def test_a_law_of_ten_parameters_is_identified_from_few_runs() -> None:
     }
     found = unjudged(
         model, table, Inputs(laws), outcome="y", vectorized=True,
-        search=GradientMultistart(1), verification=MonteCarlo(0),
+        search=GradientMultistart(1), verification=Check(0),
     )  # fmt: skip
     assert found.runs / COUNT <= 2000
     truth, largest = exact_maximum(c, y)

@@ -229,6 +229,3 @@ def _likeliest(
     best = np.argsort(-total, axis=1)[:, :most]
     chosen = np.take_along_axis(found.x, best[..., None], axis=1)
     return chosen, np.take_along_axis(log_weight, best, axis=1)
-
-
-MonteCarlo = Check

@@ -20,7 +20,7 @@ from aleator.errors import (
     nearest,
     require_filled,
 )
-from aleator.inference.check import MonteCarlo
+from aleator.inference.check import Check
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
@@ -72,7 +72,7 @@ class Study:
     propagation: ResponseSurface | Collocation
     density: Density | None
     search: Search
-    verification: MonteCarlo
+    verification: Check
     table: ExperimentsSection
     store: Path
     retries: int
@@ -106,7 +106,7 @@ class Study:
             self,
             seed=self.seed if seed is None else seed,
             search=self.search if starts is None else _started(self.search, starts),
-            verification=self.verification if verified else MonteCarlo(0),
+            verification=self.verification if verified else Check(0),
         )
 
     def runner(

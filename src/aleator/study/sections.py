@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag
 
-from aleator.inference.check import MonteCarlo
+from aleator.inference.check import Check
 from aleator.laws import Law, Specification
 from aleator.laws.correlation import full
 from aleator.search import (
@@ -108,9 +108,9 @@ class VerificationSection(Section):
 
     samples: int | None = None
 
-    def build(self) -> MonteCarlo:
+    def build(self) -> Check:
         """The library's choice."""
-        return MonteCarlo(self.samples)
+        return Check(self.samples)
 
 
 class StudyFile(Section):

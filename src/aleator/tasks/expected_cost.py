@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from aleator.inference.check import MonteCarlo
+from aleator.inference.check import Check
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.observations.experiments import Experiments
@@ -52,7 +52,7 @@ def expected_cost(
     noise: Noise | Mapping[str, Noise] | None,
     propagation: ResponseSurface | Collocation,
     density: Density | None,
-    verification: MonteCarlo,
+    verification: Check,
     plan: Plan,
 ) -> Cost | None:
     """How many runs `identify` will make; None where it says nothing beforehand (collocation).

@@ -54,11 +54,11 @@ class Identification(Result):
     model, simulator, surfaces. An identification that was read from a file has only what was given
     again.
 
-    >>> from aleator import Free, Inputs, MonteCarlo, Normal, identify
+    >>> from aleator import Free, Inputs, Check, Normal, identify
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
     >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
     >>> found = identify(lambda load, x: load * x, table, law, outcome="y",
-    ...                  verification=MonteCarlo(0))
+    ...                  verification=Check(0))
     >>> found
     2 hyperparameters identified from 4 experiments, ... runs of the simulator
     alpha   estimate  std. error   95 % interval  note

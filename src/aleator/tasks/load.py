@@ -49,11 +49,11 @@ def load(
 
     >>> from tempfile import TemporaryDirectory
     >>> import pandas as pd
-    >>> from aleator import Free, MonteCarlo, Normal, identify
+    >>> from aleator import Free, Check, Normal, identify
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
     >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
     >>> found = identify(lambda load, x: load * x, table, law, outcome="y",
-    ...                  verification=MonteCarlo(0))
+    ...                  verification=Check(0))
     >>> with TemporaryDirectory() as folder:
     ...     found.save(f"{folder}/found.json")
     ...     again = load(f"{folder}/found.json", inputs=law)

@@ -150,11 +150,11 @@ def next_experiments(
     more experiments than candidates, AleatorError where `found` was read from a file. Cost: 97
     evaluations of the likelihood of the candidates, 400 where they have several observations.
 
-    >>> from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify
+    >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.5, 1.2, 4.2, 3.4]})
     >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.9))})
     >>> found = identify(lambda load, x: load * x, table, law, outcome="y", noise=Noise(0.1),
-    ...                  vectorized=True, verification=MonteCarlo(0))
+    ...                  vectorized=True, verification=Check(0))
     >>> plan = next_experiments(found, pd.DataFrame({"load": [0.1, 1.0, 9.0]}), count=1)
     >>> plan.about, plan.chosen
     ('x.sd', ('3',))

@@ -50,11 +50,11 @@ class Posterior:
     what more nodes change of the log-likelihood, `outside` the share of the laws that lies where no
     simulated values are known. `sound` and `consistent` are the verdicts of the identification.
 
-    >>> from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify, posterior
+    >>> from aleator import Free, Inputs, Check, Noise, Normal, identify, posterior
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
     >>> law = Inputs({"x": Normal(mean=Free(0.0, 2.0, prior=Normal(1.2, 0.1)), sd=0.1)})
     >>> found = identify(lambda load, x: load * x, table, law, outcome="y", noise=Noise(0.1),
-    ...                  vectorized=True, verification=MonteCarlo(0))
+    ...                  vectorized=True, verification=Check(0))
     >>> drawn = posterior(found, draws=100, chains=2)
     >>> drawn.draws.shape, list(drawn.frame().columns)
     ((2, 100, 1), ['chain', 'draw', 'x.mean', 'log_likelihood', 'log_prior'])
@@ -270,11 +270,11 @@ def posterior(
     Cost: some three to seven evaluations of the likelihood a draw, no run of a slow simulator.
 
     >>> import pandas as pd
-    >>> from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify
+    >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
     >>> law = Inputs({"x": Normal(mean=Free(0.0, 2.0, prior=Normal(1.2, 0.1)), sd=0.1)})
     >>> found = identify(lambda load, x: load * x, table, law, outcome="y", noise=Noise(0.1),
-    ...                  vectorized=True, verification=MonteCarlo(0))
+    ...                  vectorized=True, verification=Check(0))
     >>> drawn = posterior(found, draws=50, chains=2)
     >>> bool(abs(drawn.table().loc["x.mean", "mean"] - found.values["x.mean"]) < 0.05)
     True

@@ -6,11 +6,11 @@ import pytest
 
 from aleator import (
     Censoring,
+    Check,
     Experiments,
     Free,
     Identification,
     Inputs,
-    MonteCarlo,
     Noise,
     Normal,
     identify,
@@ -126,7 +126,7 @@ def spring(force: Array, softness: Array) -> Array:
 def identified(frame: pd.DataFrame) -> Identification:
     return identify(
         spring, frame, Inputs({"softness": Normal(Free(0.0, 1.0), Free(0.01, 0.5))}),
-        outcome="travel", noise=Noise(0.2), vectorized=True, verification=MonteCarlo(0),
+        outcome="travel", noise=Noise(0.2), vectorized=True, verification=Check(0),
         best_law=False,
     )  # fmt: skip
 

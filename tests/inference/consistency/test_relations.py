@@ -7,12 +7,12 @@ from normal_levels import judged
 from scipy import stats
 
 from aleator import (
+    Check,
     Free,
     GradientMultistart,
     Identification,
     Inputs,
     MaximumEntropy,
-    MonteCarlo,
     Noise,
     Normal,
     identify,
@@ -35,7 +35,7 @@ def found(rho: float) -> Identification:
     law = Inputs({"a": Normal(**limits), "b": Normal(**limits)})
     return identify(
         lambda time, a, b: a + b * time, table, law, outcome="y", vectorized=True,
-        noise=Noise(NOISE), verification=MonteCarlo(0), best_law=False,
+        noise=Noise(NOISE), verification=Check(0), best_law=False,
     )  # fmt: skip
 
 
@@ -108,7 +108,7 @@ def test_two_parameters_without_noise_are_in_no_pair() -> None:
     consistency = identify(
         lambda c, a, b: a + b * c, pd.DataFrame({"c": c, "y": y}), Inputs(laws), outcome="y",
         vectorized=True, density=MaximumEntropy(4), search=GradientMultistart(2),
-        verification=MonteCarlo(0), best_law=False,
+        verification=Check(0), best_law=False,
     ).consistency  # fmt: skip
     assert consistency.consistent is not None
     assert consistency.relations == ()

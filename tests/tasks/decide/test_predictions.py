@@ -6,7 +6,7 @@ import pytest
 from identifications import unjudged
 from scipy import stats
 
-from aleator import Free, GradientMultistart, Identification, Inputs, MonteCarlo, Noise, Normal
+from aleator import Check, Free, GradientMultistart, Identification, Inputs, Noise, Normal
 
 N = 12
 LOAD = np.linspace(1.0, 3.0, N)
@@ -21,7 +21,7 @@ def found() -> Identification:
     """y = load x without noise: x itself is seen, a normal sample of twelve."""
     return unjudged(
         lambda load, x: load * x, TABLE, Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))}),
-        outcome="y", vectorized=True, search=GradientMultistart(1), verification=MonteCarlo(0),
+        outcome="y", vectorized=True, search=GradientMultistart(1), verification=Check(0),
     )  # fmt: skip
 
 
@@ -59,7 +59,7 @@ def test_with_noise_both_kinds_of_uncertainty_add_up() -> None:
     found = unjudged(
         lambda t, x: x + t, rows, Inputs({"x": Normal(Free(0.0, 2.0), Free(0.01, 2.0))}),
         outcome="y", vectorized=True, noise=Noise(Free(0.01, 1.0)), search=GradientMultistart(1),
-        verification=MonteCarlo(0),
+        verification=Check(0),
     )  # fmt: skip
     told = found.predict(pd.DataFrame({"t": [1.0]}))
     fixed = found.predict(pd.DataFrame({"t": [1.0]}), uncertainty=False)

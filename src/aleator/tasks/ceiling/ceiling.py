@@ -101,11 +101,11 @@ def ceiling(
     scatters; AleatorError where `found` was read from a file. Cost: some seconds for a hundred
     experiments.
 
-    >>> from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify
+    >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
     >>> table = pd.DataFrame({"y": [0.9, 1.1, 0.9, 1.1, 0.9, 1.1]})
     >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
     >>> found = identify(lambda x: x, table, law, outcome="y", noise=Noise(0.01),
-    ...                  verification=MonteCarlo(0))
+    ...                  verification=Check(0))
     >>> best = ceiling(found, replicates=0)
     >>> best.points.round(3).to_numpy().tolist()
     [[0.5, 0.9], [0.5, 1.1]]

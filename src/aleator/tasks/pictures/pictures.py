@@ -34,11 +34,11 @@ def pictured(found: Identification, progress: Progress | None = None) -> Identif
     Raises AleatorError where the identification was read from a file.
 
     >>> import pandas as pd
-    >>> from aleator import Free, Inputs, MonteCarlo, Noise, Normal, identify
+    >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
     >>> law = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))})
     >>> found = identify(lambda load, x: load * x, table, law, outcome="y", noise=Noise(0.1),
-    ...                  verification=MonteCarlo(0))
+    ...                  verification=Check(0))
     >>> sorted(pictured(found).pictures)
     ['conditions', 'contours', 'laws', 'predicted', 'profiles', 'response', 'roughness', 'surface']
     """
