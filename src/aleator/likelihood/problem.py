@@ -101,7 +101,7 @@ class Problem(Forward):
         if self.levels is None:
             return self
         assert isinstance(self.predictor, PointPredictor)
-        return replace(self, predictor=self.predictor.coarse(), likelihood=self.levels.coarse(4))
+        return replace(self, predictor=self.predictor.coarse(), likelihood=self.levels.few())
 
     @property
     def unreached(self) -> Flags:

@@ -64,7 +64,7 @@ def on_a_grid(inputs: Inputs) -> bool:
 def searched(inputs: Inputs, conditions: int) -> int:
     """The same for a search."""
     answers = cells_of(inputs, conditions)
-    return answers // 2 if on_a_grid(inputs) else answers // 4
+    return answers // 2 if on_a_grid(inputs) else answers // 8
 
 
 def cells_of(inputs: Inputs, conditions: int) -> int:
@@ -189,6 +189,10 @@ class LevelLikelihood:
     def given(self, outcomes: Array) -> LevelLikelihood:
         """The same experiments with other outcomes (N,)."""
         return self._with(outcomes, self.cells)
+
+    def few(self) -> LevelLikelihood:
+        """The same as coarse as a search needs it."""
+        return self._with(self.outcomes, searched(self.inputs, int(self.condition.max()) + 1))
 
     def coarse(self, times: int = 2) -> LevelLikelihood:
         """The same on grids of half as many cells: for a search, and for drawn experiments.
