@@ -23,13 +23,18 @@ REACH = 7.0
 """Standard normal variates to which a lattice goes."""
 
 
+WIDE = 1.6
+"""So many times farther out lies half of the points of more variates than two, for the tails."""
+
+
 @dataclass(frozen=True, eq=False)
 class PredictedOutcomes:
     """The distributions of N outcomes: values (N, P) with weights (P,) of the points of a law.
 
     A lattice with the weights of the normal law for one variate or two, so that moments are exact
-    to many digits; else points of a Sobol' sequence. Between neighbouring values probability is
-    linear. A value that is not finite counts as none.
+    to many digits; else points of a Sobol' sequence, half of the law and half farther out. Between
+    neighbouring values probability is linear; beyond all of them it is half of what there is beyond
+    the last. A value that is not finite counts as none.
 
     >>> found = PredictedOutcomes(np.array([[0.0, 1.0, 2.0]]), np.full(3, 1 / 3))
     >>> found.cdf(np.array([1.0])).tolist(), found.quantile(np.array([0.5])).tolist()
@@ -69,6 +74,7 @@ class PredictedOutcomes:
         if y.ndim > 1:
             rows = zip(y, value, level, strict=True)
             return np.array([np.interp(*row, left=0.0, right=1.0) for row in rows])
+        first, end = 0.5 * level[:, 0], 0.5 + 0.5 * level[:, -1]
         place = np.sum(value < y[:, None], axis=1)
         last = value.shape[1] - 1
         low, high = np.clip(place - 1, 0, last), np.clip(place, 0, last)
@@ -77,7 +83,7 @@ class PredictedOutcomes:
         with np.errstate(invalid="ignore", divide="ignore"):
             share = np.nan_to_num((y - ends[0]) / (ends[1] - ends[0]))
         inside = ends[2] + np.clip(share, 0.0, 1.0) * (ends[3] - ends[2])
-        return np.where(place == 0, 0.0, np.where(place > last, 1.0, inside))
+        return np.where(place == 0, first, np.where(place > last, end, inside))
 
     def quantile(self, p: ArrayLike) -> Array:
         """Outcomes (N, Q) that are not exceeded with probabilities p (Q,)."""
@@ -106,8 +112,9 @@ class PredictedOutcomes:
     @cached_property
     def _sorted(self) -> tuple[Array, Array]:
         """Values in order, and the probability below the middle of each."""
-        order = np.argsort(np.where(self._finite, self.values, np.inf), axis=1)
-        value = np.take_along_axis(self.values, order, axis=1)
+        values = np.where(self._finite, self.values, self.mean[:, None])
+        order = np.argsort(values, axis=1)
+        value = np.take_along_axis(values, order, axis=1)
         share = np.take_along_axis(self._share, order, axis=1)
         return value, np.cumsum(share, axis=1) - 0.5 * share
 
@@ -144,7 +151,12 @@ class Predictor:
         s = self.inputs.scattering
         count = min(self.points, max(VALUES // self.condition.size, FEWEST))
         if not 1 <= s <= 2:
-            return standard_points(count, s), np.full(count, 1.0 / count)
+            xi = standard_points(count, s)
+            xi[count // 2 :] *= WIDE
+            square = 0.5 * np.sum(xi**2, axis=1)
+            wider = np.exp(square * (1.0 - WIDE**-2)) / WIDE**s
+            weights = 1.0 / (0.5 + 0.5 * wider)
+            return xi, weights / weights.sum()
         each = round(count ** (1.0 / s)) | 1
         t = np.linspace(-REACH, REACH, each)
         corners = np.meshgrid(*[t] * s, indexing="ij")
