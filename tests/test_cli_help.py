@@ -100,7 +100,8 @@ def test_the_defaults_of_a_study_file_are_those_of_the_library() -> None:
     """Every `key = value` of a kind that `identify --help` names, against what is built of it."""
     text = shown("identify")
     choices = {
-        "propagation": ResponseSurface(), "gradient": GradientMultistart(),
+        "propagation": ResponseSurface(),
+        "gradient": GradientMultistart(),
     }
     for kind, choice in choices.items():
         part = text[text.index(f"[{kind}]" if kind == "propagation" else f'"{kind}" (') :]

@@ -123,7 +123,7 @@ docs/study.md explains them all.
     type=click.IntRange(min=1),
     help="Starts of the gradient search [default: the study's].",
 )
-@click.option("--no-verify", is_flag=True, help="Leave out the Monte Carlo check on the simulator.")
+@click.option("--no-verify", is_flag=True, help="Leave out the check on the simulator.")
 @makes_runs
 @click.option(
     "--max-runs",
