@@ -48,7 +48,7 @@ def plain_fields(kind: Any) -> Mapping[str, Any]:
 def typed(hint: Any, value: Any) -> Any:
     """A value as a field of this type has it, from a program or from a document.
 
-    >>> typed(tuple[float, ...], [1, None]), typed(float | None, np.inf), typed(Any, np.int64(3))
+    >>> typed(tuple[float, ...], [1.0, None]), typed(float | None, np.inf), typed(Any, np.int64(3))
     ((1.0, nan), None, 3)
     """
     if isinstance(value, Plain):
