@@ -81,7 +81,8 @@ def identify(
     would buy: such an answer depends on what the store knows. `units` of outcomes, conditions and
     parameters by name are shown beside them, no more. Raises AleatorError for input that cannot be
     used; failures of numerics are statuses and warnings on the result. Cost: the runs of the
-    surfaces and of the check, and some milliseconds for each of some hundred evaluations of the likelihood.
+    surfaces and of the check, and some milliseconds for each of some hundred evaluations of the
+    likelihood.
 
     >>> from aleator.laws import Free, Normal
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
