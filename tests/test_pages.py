@@ -12,6 +12,7 @@ import sys
 import tomllib
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -153,7 +154,8 @@ def test_every_kind_is_there_with_its_keys_and_their_defaults(
     page: str, kinds: Kinds[object], kind: str
 ) -> None:
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-    parts = inspect.signature(kinds.known[kind]).parameters
+    maker = kinds.known[kind]
+    parts = inspect.signature(resolved(maker) if isinstance(maker, str) else maker).parameters
     for key in parts.keys() - {"folder"}:
         assert re.search(rf"`{key}\b", text), key
     if kinds.key:
@@ -190,7 +192,11 @@ def test_what_a_page_links_to_is_there(page: Path) -> None:
         assert not place or place in map(anchor, headings), link
 
 
-FILES_OF_A_RUN = {"aleator.stdout", "aleator.stderr", "aleator.run"}
+NO_MODULES = {"aleator.stdout", "aleator.stderr", "aleator.run"} | {
+    kinds.group
+    for kinds in (LAWS, OBSERVATIONS, DENSITIES, SEARCHES, PROPAGATIONS, RULES, SIMULATORS)
+}
+"""Files of a run, and groups of entry points."""
 
 
 @pytest.mark.parametrize("page", EVERY, ids=str)
@@ -199,7 +205,7 @@ def test_modules_tests_and_examples_that_a_page_names_are_there(page: Path) -> N
     quoted = "".join(re.findall(r"`[^`]+`", text))
     named = set(re.findall(r"\b(aleator(?:\.[A-Za-z_]\w*)+)", quoted))
     for name in {".".join(name.split(".")[:3]) for name in named}:
-        assert any(map(name.startswith, FILES_OF_A_RUN)) or resolved(name), name
+        assert any(map(name.startswith, NO_MODULES)) or resolved(name) is not None, name
     for path in set(re.findall(r"\b((?:tests|examples|src)/[\w/]+\.(?:py|toml|csv|md))\b", text)):
         assert (ROOT / path).exists(), path
 
@@ -210,12 +216,12 @@ def test_what_the_python_of_a_page_imports_is_there(page: Path) -> None:
         lines = re.findall(r"^(?:>>> )?from (aleator[\w.]*) import (.*?)(?:#.*)?$", block, re.M)
         for module, names in lines:
             for name in re.findall(r"\w+", names):
-                assert resolved(f"{module}.{name}"), (module, name)
+                assert resolved(f"{module}.{name}") is not None, (module, name)
 
 
-def resolved(name: str) -> bool:
-    """Whether a dotted name leads to a module, or to something in one."""
-    parts = name.split(".")
+def resolved(name: str) -> Any:
+    """The module that a dotted name leads to, or what is in one; None where it leads nowhere."""
+    parts = name.replace(":", ".").split(".")
     for last in range(len(parts), 0, -1):
         with suppress(ImportError):
             found = importlib.import_module(".".join(parts[:last]))
@@ -223,6 +229,6 @@ def resolved(name: str) -> bool:
                 for part in parts[last:]:
                     found = getattr(found, part)
             except AttributeError:
-                return False
-            return True
-    return False
+                return None
+            return found
+    return None

@@ -196,17 +196,16 @@ def test_what_is_read_back_is_the_same(kind: Callable[[], Identification], tmp_p
 
 def test_numbers_that_no_file_holds_are_the_same_before_and_after(tmp_path: Path) -> None:
     """Infinities, NaN and NumPy's numbers in every place where a numerical failure puts them."""
-    part = {"experiments": np.int64(1), "estimated": np.nan, "verified": 1.0, "standard_error": 0.1}
     nan, inf = np.float64(np.nan), np.float64(np.inf)
     row = ExperimentReport(
         id="1", outcome=np.float64(1.5), log_density=-inf, mean=nan, standard_deviation=inf,
         skewness=nan, kurtosis=inf, quantiles={"0.5": -inf}, pit=nan, status="outside_support",
-        surface_error=inf, verified=np.bool_(True),
+        surface_error=inf,
     )  # fmt: skip
     failed = replace(row, id="2", log_density=nan, status="no_convergence")
     found = Result(
         alpha={"x.mean": Estimate(np.float64(2.0), inf, nan, (1.0, 3.0), None, np.bool_(False))},
-        log_likelihood=LogLikelihoodReport(nan, inf, nan, part, error=inf),
+        log_likelihood=LogLikelihoodReport(nan, inf, nan, error=inf),
         density="level sets", propagation="response_surface", sound=np.bool_(False), warnings=[],
         experiments=[row, failed], correlation_names=["x.mean"], correlation=np.eye(1),
         search={"edm": inf, "optima": ({"log_likelihood": inf, "starts": np.int64(1)},)},

@@ -38,6 +38,18 @@ def found() -> Identification:
     return aleator.identify(spring, TABLE, INPUTS, outcome="length", verification=Check(200))
 
 
+def test_a_file_with_the_keys_of_an_earlier_version_is_the_same_result(
+    found: Identification, tmp_path: Path
+) -> None:
+    document = found.to_dict()
+    likelihood = {**document["log_likelihood"], "reached": {"experiments": 11, "verified": 1.0}}
+    experiments = [{**one, "verified": True} for one in document["experiments"]]
+    older = {**document, "log_likelihood": likelihood, "experiments": experiments}
+    path = tmp_path / "identification.json"
+    path.write_text(to_json(older))
+    assert aleator.load(path) == found
+
+
 RATIO = MEASURED / LOAD
 MEAN, SD = float(RATIO.mean()), float(RATIO.std())
 

@@ -16,7 +16,6 @@ from aleator import (
     GradientMultistart,
     Identification,
     Inputs,
-    Noise,
     ResponseSurface,
     TruncatedNormal,
 )
@@ -80,8 +79,7 @@ def test_the_fmu_leads_to_the_same_law(simulator: FMUSimulator, table: pd.DataFr
             model,
             experiments,
             inputs,
-            noise=Noise(0.005),
-            propagation=ResponseSurface(tolerance=0.1),
+            propagation=ResponseSurface(tolerance=0.1, surfaces="own"),
             search=GradientMultistart(starts=2),
             verification=Check(0),
             seed=0,
@@ -93,7 +91,7 @@ def test_the_fmu_leads_to_the_same_law(simulator: FMUSimulator, table: pd.DataFr
     assert scatter.standard_error is not None  # it is not on a limit, where all would agree
     for name, value in by_function.alpha.items():
         assert by_fmu.alpha[name].estimate == pytest.approx(value.estimate, abs=1e-4), name
-    # Six outcomes that differ by up to 1e-5 s, seen through a noise of 5e-3 s.
+    # Six outcomes that differ by up to 1e-5 s.
     assert by_fmu.log_likelihood.estimated == pytest.approx(
         by_function.log_likelihood.estimated, abs=0.012
     )

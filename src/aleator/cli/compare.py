@@ -54,7 +54,7 @@ from aleator.tasks.compare import compare as compare_models
     help="Folder of compare.json and compare.png [default: out/compare].",
 )
 @SEED
-@click.option("--no-verify", is_flag=True, help="Leave out the Monte Carlo check on the simulator.")
+@click.option("--no-verify", is_flag=True, help="Leave out the check on the simulator.")
 @makes_runs
 @click.option("--no-figures", is_flag=True, help="Draw no figure.")
 def compare(

@@ -101,15 +101,15 @@ Further keys, with their defaults:
                 {_defaults(ResponseSurface, "max_runs")}, nodes, surfaces =
                 "none", "own" or "shared": left out, none if vectorized) or
                 "collocation" (nodes, moments = "quadrature" or "expansion", degree)
-  [density]     Left out, or kind = "automatic": the exact likelihood, by level sets without
-                noise and by an integral over individual parameters with it. Without noise
-                one of moments may be chosen: "maximum_entropy" (order), "gaussian" or
-                "gaussian_mixture"
+  [density]     left out, or kind = "automatic": the exact likelihood, by level sets
+                without noise, by an integral over individual parameters with it.
+                Without noise one of moments may be chosen: "maximum_entropy"
+                (order), "gaussian" or "gaussian_mixture"
   [search]      method = "gradient" ({_defaults(GradientMultistart, "starts", "evaluations")}),
                 "genetic", "differential_evolution" or "cmaes"
-  [verification] samples: runs an experiment for the check on the simulator, 0 for
-                none. Left out: up to {Check().most} of each row or series where surfaces
-                stand for it
+  [verification] samples: runs of each row or series, at most, for the check on the
+                simulator, 0 for none. Left out: up to {Check().most} where surfaces stand
+                for it
 docs/study.md explains them all.
 """
 
@@ -123,7 +123,7 @@ docs/study.md explains them all.
     type=click.IntRange(min=1),
     help="Starts of the gradient search [default: the study's].",
 )
-@click.option("--no-verify", is_flag=True, help="Leave out the Monte Carlo check on the simulator.")
+@click.option("--no-verify", is_flag=True, help="Leave out the check on the simulator.")
 @makes_runs
 @click.option(
     "--max-runs",
@@ -141,7 +141,8 @@ docs/study.md explains them all.
 @click.option(
     "--details",
     is_flag=True,
-    help="Report what other densities would change, all surfaces, and where the time went, too.",
+    help="Report all surfaces, what other densities than a chosen one would change, and where the "
+    "time went, too.",
 )
 def identify(
     study: Path,

@@ -191,16 +191,7 @@ def _values(result: Result) -> Iterator[tuple[str, str, str]]:
         yield "log prior", to_three(found["log_prior"]), what
     if found.get("verified") is not None:
         error = number(found.get("verified_standard_error"), 2)
-        by = "a few runs of" if individual.is_individual(result) else "Monte Carlo on"
-        yield "verified", to_three(found["verified"]), f"+- {error}, {by} the simulator"
-    if part := found.get("reached"):
-        yield (
-            "verified in part",
-            to_three(part["verified"]),
-            f"+- {number(part['standard_error'], 2)}, Monte Carlo on the simulator, for the "
-            f"{part['experiments']} experiments that it could judge; estimated for the same: "
-            f"{to_three(part['estimated'])}",
-        )
+        yield "verified", to_three(found["verified"]), f"+- {error}, a few runs of the simulator"
     if best := result.get("best_possible"):
         yield (
             "best possible law",

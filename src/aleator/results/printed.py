@@ -213,12 +213,6 @@ def _reasons(document: Document) -> str:
 
 def _checked(document: Document) -> str:
     found = document["log_likelihood"]
-    if part := found.get("reached"):
-        count = len(document["experiments"])
-        return (
-            f", and the simulator itself agrees for {part['experiments']} of {count} experiments; "
-            "the others lie too far out to be verified"
-        )
     if document["propagation"] == "direct":
         return "; the simulator itself was integrated over"
     agrees = found.get("verified") is not None

@@ -39,11 +39,11 @@ class Result(Plain):
     """An identified law: alpha with its uncertainty, its log-likelihood, and how it was found.
 
     `sound` is true only if the search converged, every density was solved with every outcome in its
-    support, and the Monte Carlo check, where it was made, agrees; `consistency` says whether the
-    experiments look as the identified model says. `density` names the likelihood, `quadrature` its
-    nodes, `log_likelihood` has its error. `correlation` (F, F) is that of the estimates that have
-    an error, `correlation_names`. `search`, `surface`, `baselines`, `best_possible` and `pictures`
-    are as a document has them: None stands for a number that JSON cannot hold.
+    support, and the check on the simulator, where it was made, agrees; `consistency` says whether
+    the experiments look as the identified model says. `density` names the likelihood, `quadrature`
+    its nodes, `log_likelihood` has its error. `correlation` (F, F) is that of the estimates that
+    have an error, `correlation_names`. `search`, `surface`, `baselines`, `best_possible` and
+    `pictures` are as a document has them: None stands for a number that JSON cannot hold.
 
     Every field is made what is read back from its document: Python's numbers, tuples, dicts. Two
     results are equal where all of their values are, NaN equal to NaN.

@@ -38,6 +38,8 @@ Finite = Annotated[float, Known(allow_inf_nan=False)]
 Number = Finite | None
 Series = list[Number]
 Grid = list[Series]
+FORMER = (Any, None)
+"""A key of files that earlier versions wrote, which nobody reads."""
 NEEDED = ("alpha", "log_likelihood", "experiments")
 """Keys by which an identification is known as one."""
 DIGITS = 19
@@ -289,15 +291,6 @@ class Pictures(Entry):
 # ------------------------------------------------------------------------------ the documents
 
 
-class Reached(Entry):
-    """The part of the log-likelihood that the check reached."""
-
-    experiments: int
-    estimated: Number
-    verified: Number
-    standard_error: Number
-
-
 class _Answer(Entry):
     """What identification.json has beside the fields of `Result`, and what must agree."""
 
@@ -425,11 +418,11 @@ def _answer(individual: bool) -> type[Entry]:
     one = (
         entry_of(IndividualReport)
         if individual
-        else entry_of(ExperimentReport, surface_error=(Number, None))
+        else entry_of(ExperimentReport, surface_error=(Number, None), verified=FORMER)
     )
     tests = ("discrepancies", "outliers", "tests", "reason")
     consistency = entry_of(Consistency, required=tests, consistent=None)
-    likelihood = entry_of(LogLikelihoodReport, reached=(Reached | None, None))
+    likelihood = entry_of(LogLikelihoodReport, reached=FORMER)
     return entry_of(
         Result, _Answer,
         alpha=(GenericAlias(dict, (str, estimate)), ...),

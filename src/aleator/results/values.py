@@ -48,7 +48,7 @@ def plain_fields(kind: Any) -> Mapping[str, Any]:
 def typed(hint: Any, value: Any) -> Any:
     """A value as a field of this type has it, from a program or from a document.
 
-    >>> typed(tuple[float, ...], [1, None]), typed(float | None, np.inf), typed(Any, np.int64(3))
+    >>> typed(tuple[float, ...], [1.0, None]), typed(float | None, np.inf), typed(Any, np.int64(3))
     ((1.0, nan), None, 3)
     """
     if isinstance(value, Plain):
@@ -118,20 +118,17 @@ class ParameterCorrelation(Plain):
 
 @dataclass(frozen=True)
 class LogLikelihoodReport(Plain):
-    """The log-likelihood as `estimated` by the densities and as `verified` on the simulator itself.
+    """The log-likelihood as `estimated`, and as `verified` by runs of the simulator itself.
 
     `error` is that of `estimated`: its difference from what was verified and the standard error of
     that together, or without a check what finer nodes change; None where neither is known.
-    `verified` is None without a check, and where it did not reach every experiment: `reached` has
-    then the number of `experiments` that it did, and their sum as `estimated`, `verified` and
-    `standard_error`. `log_prior` is that of the priors, where a hyperparameter has one: the sum of
-    both is what was maximized.
+    `verified` is None without a check. `log_prior` is that of the priors, where a hyperparameter
+    has one: the sum of both is what was maximized.
     """
 
     estimated: float
     verified: float | None
     verified_standard_error: float | None
-    reached: Mapping[str, float] | None = None
     log_prior: float | None = None
     error: float | None = None
 
@@ -147,9 +144,8 @@ class ExperimentReport(Plain):
     """What the identified law says of one experiment; moments include measurement noise.
 
     `kurtosis` is not in excess (3 for a normal outcome); `pit` is the probability of an outcome
-    below the measured one; `surface_error` the root-mean-square error of the response surface
-    under the identified law, over the outcome's standard deviation, where it was verified.
-    `verified` tells whether the Monte Carlo check reached the experiment; None without a check.
+    below the measured one; `surface_error` the root mean square of what the response surface has
+    wrong at the runs of the check, over the outcome's standard deviation; None without a check.
     """
 
     id: str
@@ -163,7 +159,6 @@ class ExperimentReport(Plain):
     pit: float
     status: str
     surface_error: float | None
-    verified: bool | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -104,7 +104,7 @@ SEARCHES: Kinds[Search] = Kinds(
 
 
 class VerificationSection(Section):
-    """`[verification]`: simulator runs an experiment for the Monte Carlo check; 0 is none."""
+    """`[verification]`: runs of each row or series for the check on the simulator; 0 is none."""
 
     samples: int | None = None
 

@@ -27,7 +27,7 @@ GROWTH = (1.0, 5.0)
 """Runs that surfaces came to, over those of their first round, in the examples and in trials of one
 and two parameters: the wet clutch 4.1, an outcome that wiggles against a small noise 4.7."""
 CHECK = 0, 12
-"""Runs an experiment that the check on the simulator takes."""
+"""Runs of each unit that the check on the simulator takes."""
 PROBED = 70
 """Runs an experiment that finding a region takes where a law has no box and there is no noise."""
 
@@ -76,10 +76,10 @@ def expected_cost(
     few = few_runs(moving, propagation, plan.count)
     begun = few, first_runs(moving, propagation)
     given = verification.samples
-    check = CHECK if given is None else (given, given)
+    check = CHECK if given is None else (0, given)
     found = 0 if alone or inputs.bounded else PROBED
     least, most = (
-        plan.count * (min(int(growth * first), propagation.max_runs) + found) + runs * len(table)
+        plan.count * (min(int(growth * first), propagation.max_runs) + found) + runs * runner.units
         for growth, first, runs in zip(GROWTH, begun, check, strict=True)
     )
     return Cost(least, most, False)

@@ -48,11 +48,11 @@ class Identification(Result):
     """An identified law: alpha with its uncertainty, its log-likelihood, and how it was found.
 
     `sound` is true only if the search converged, every density was solved with every outcome
-    in its support, and the Monte Carlo check, where it was made, agrees. `consistent` says whether
-    the experiments look as the identified model says, `consistency` what does not. `warnings` say
-    what to mend or to know. It prints as a report in short. `session` holds what it was made with:
-    model, simulator, surfaces. An identification that was read from a file has only what was given
-    again.
+    in its support, and the check on the simulator, where it was made, agrees. `consistent` says
+    whether the experiments look as the identified model says, `consistency` what does not.
+    `warnings` say what to mend or to know. It prints as a report in short. `session` holds what it
+    was made with: model, simulator, surfaces. An identification that was read from a file has only
+    what was given again.
 
     >>> from aleator import Free, Inputs, Check, Normal, identify
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})

@@ -72,18 +72,17 @@ def identify(
     `simulator` takes conditions and parameters by keyword and returns the outcome: once a run with
     floats, or with arrays of R runs if `vectorized`. `experiments` is an `Experiments`, or a data
     frame whose column `outcome` is the measured outcome and whose other columns are conditions.
-    With `noise` the likelihood is an integral over each experiment's own parameters. Without, and
-    with `density` None, it takes the density of the outcome itself if there are response surfaces,
-    at most three parameters scatter, and its nodes suffice; otherwise that of maximum entropy with
-    four moments. Runs are made by the workers of `executor`, or here; the
-    result does not depend on it. With `consistency` False the second verdict is left out, with
-    `best_law` False the best possible law; the estimates do not depend on them. A `budget` ends
-    the runs of the surfaces with the best answer so far, and a warning says what more would buy:
-    such an answer depends on what the store knows. `units` of outcomes, conditions and parameters
-    by name are shown beside them, no more. Raises
-    AleatorError for input that cannot be used; failures of
-    numerics are statuses and warnings on the result. Cost: the runs of the surfaces and of the
-    verification, and some milliseconds for each of some hundred evaluations of the likelihood.
+    With `noise` the likelihood is an integral over each experiment's own parameters, without it is
+    one over the level sets of the response: both exact. A `density`, `Collocation` and `nodes` of
+    the law ask for moments of an exact outcome instead. Runs are made by the workers of `executor`,
+    or here; the result does not depend on it. With `consistency` False the second verdict is left
+    out, with `best_law` False the best possible law; the estimates do not depend on them. A
+    `budget` ends the runs of the surfaces with the best answer so far, and a warning says what more
+    would buy: such an answer depends on what the store knows. `units` of outcomes, conditions and
+    parameters by name are shown beside them, no more. Raises AleatorError for input that cannot be
+    used; failures of numerics are statuses and warnings on the result. Cost: the runs of the
+    surfaces and of the check, and some milliseconds for each of some hundred evaluations of the
+    likelihood.
 
     >>> from aleator.laws import Free, Normal
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})

@@ -98,7 +98,7 @@ def assemble(
         propagation=problem.name,
         sound=sound,
         warnings=(*warnings, *diagnostics.failure_warnings(failures), *notes),
-        experiments=experiment_reports(problem, alpha, honest, ids, surface_error, checked),
+        experiments=experiment_reports(problem, alpha, honest, ids, surface_error),
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
         search=search_of(found, inference, hyperparameters),
@@ -171,7 +171,6 @@ def experiment_reports(
     honest: LogLikelihood,
     ids: Sequence[str],
     surface_error: Array,
-    checked: Checked | None = None,
 ) -> tuple[ExperimentReport, ...]:
     """What the law alpha says of each experiment, beside its measured outcome.
 
@@ -193,7 +192,6 @@ def experiment_reports(
             pit=float(pit[l]),
             status=status[l],
             surface_error=float(surface_error[l]) if np.isfinite(surface_error[l]) else None,
-            verified=None if checked is None else bool(np.isfinite(checked.error[l])),
         )
         for l in range(len(ids))
     )
