@@ -33,7 +33,7 @@ def floor(name: str) -> int:
 
 
 GROUND = floors()[-1]
-NUMERICS = set().union(*floors()[floor("observations") + 1 : -1], {"expansion"})
+NUMERICS = set().union(*floors()[floor("observations") + 1 : -1], {"moments"})
 
 
 def every_file() -> dict[str, str]:
@@ -66,7 +66,7 @@ def imports(name: str, path: Path) -> Iterator[str]:
 
 
 def room(name: str) -> str:
-    """The part of the package that a module lies in: `densities` for `densities.mixture`."""
+    """The part of the package that a module lies in: `moments` for `moments.densities`."""
     return name.partition(".")[0]
 
 
@@ -80,11 +80,11 @@ def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
         "import numpy as np\n"
         "from aleator import simulators\n"
         "from . import gaussian\n"
-        "from ..laws.normal import Normal\n"
+        "from ...laws.normal import Normal\n"
         "def late():\n"
         "    from aleator.clutch import bench\n"
     )
-    assert list(imports("densities.mixture", module)) == [
+    assert list(imports("moments.densities.mixture", module)) == [
         "numpy",
         "aleator.simulators",
         "aleator.moments.densities.gaussian",

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from densities.targets import mixed, row, single
+from moments.densities.targets import mixed, row, single
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats

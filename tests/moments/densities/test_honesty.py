@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from densities.targets import mixed
+from moments.densities.targets import mixed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
