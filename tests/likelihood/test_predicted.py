@@ -20,7 +20,7 @@ def under(inputs: Inputs, outcome, alpha: np.ndarray) -> PredictedOutcomes:  # t
 
 
 @pytest.mark.parametrize(
-    ("count", "moment", "level"), [(1, 1e-6, 1e-5), (2, 1e-6, 2e-2), (5, 5e-3, 2e-3)]
+    ("count", "moment", "level"), [(1, 1e-6, 1e-5), (2, 1e-6, 2e-2), (5, 5e-3, 4e-3)]
 )
 def test_a_normal_outcome(count: int, moment: float, level: float) -> None:
     inputs = Inputs({f"x{i}": Normal(Free(-3.0, 3.0), Free(0.1, 2.0)) for i in range(count)})
@@ -52,5 +52,19 @@ def test_runs_that_fail_count_as_none() -> None:
     found = PredictedOutcomes(np.array([[0.0, 1.0, np.nan, 2.0]]), np.full(4, 0.25))
     assert found.mean.tolist() == [1.0]
     assert found.quantile(0.5).ravel().tolist() == [1.0]
-    assert found.cdf(np.array([-1.0])).tolist() == [0.0]
-    assert found.cdf(np.array([3.0])).tolist() == [1.0]
+    # beyond all values there is some probability, of which half is told
+    assert found.cdf(np.array([-1.0])) == pytest.approx(1.0 / 12.0)
+    assert found.cdf(np.array([3.0])) == pytest.approx(11.0 / 12.0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_an_outcome_far_out_is_as_rare_as_it_is(count: int) -> None:
+    """By the few points of many data sets: four standard deviations are not fifteen."""
+    inputs = Inputs({f"x{i}": Normal(Free(-3.0, 3.0), Free(0.1, 2.0)) for i in range(count)})
+    response = DirectResponse(lambda i, x: x.sum(axis=1), 1, inputs.box)
+    infinite = np.full(1, np.inf)
+    few = Predictor(inputs, response, np.zeros(1, dtype=int), -infinite, infinite).coarse()
+    found = few.under(np.tile([0.0, 1.0], count))
+    for sds in (1.0, 2.0, 3.0, 4.0):
+        score = stats.norm.ppf(found.cdf(np.array([-sds * np.sqrt(count)])))
+        assert score == pytest.approx(-sds, abs=0.35)

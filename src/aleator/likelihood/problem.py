@@ -96,6 +96,13 @@ class Problem(Forward):
         """The likelihood by level sets; None where a density was chosen."""
         return self.likelihood if isinstance(self.likelihood, LevelLikelihood) else None
 
+    def coarse(self) -> Problem:
+        """The same with as little as serves for many data sets in turn."""
+        if self.levels is None:
+            return self
+        assert isinstance(self.predictor, PointPredictor)
+        return replace(self, predictor=self.predictor.coarse(), likelihood=self.levels.few())
+
     @property
     def unreached(self) -> Flags:
         """(N,) whose outcome is none of the response in the region; none by moments."""

@@ -81,16 +81,11 @@ class OutcomeFit:
 
     def rough(self) -> OutcomeFit:
         """The same, with level sets on coarser grids; other nodes are those of the law."""
-        levels = self.problem.levels
-        if levels is None:
-            return self
-        return replace(self, problem=replace(self.problem, likelihood=levels.coarse()))
+        return replace(self, problem=self.problem.coarse())
 
     def for_replicates(self) -> OutcomeFit:
-        """Of very many experiments on coarser grids and fewer nodes, alpha fitted by these."""
-        if self.problem.levels is None or self.count <= MANY:
-            return self
-        return stepped(self.rough())
+        """The same on coarser grids, alpha fitted by these."""
+        return self if self.problem.levels is None else stepped(self.rough())
 
     def at(self, alpha: Array) -> OutcomeFit:
         """The same outcomes at another alpha."""

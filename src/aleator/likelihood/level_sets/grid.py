@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,6 +19,29 @@ LEAST = 1e-3
 """Share of its changes that an outcome is taken to have along each side, at least."""
 MOST = 250_000
 """Simulated values of the grid that are looked at together."""
+KEPT = 8_000_000
+"""Simulated values of grids that are kept for other outcomes."""
+
+
+class Values:
+    """Simulated values of the last grids of one response, whatever the outcomes are."""
+
+    def __init__(self) -> None:
+        self._known: list[tuple[tuple[Array, ...], Array]] = []
+
+    def of(self, sides: tuple[Array, ...]) -> Array | None:
+        """Values (U, P) on the grid with these sides; None where they are not known."""
+        for known, values in self._known:
+            if all(np.array_equal(a, b) for a, b in zip(known, sides, strict=True)):
+                return values
+        return None
+
+    def keep(self, sides: tuple[Array, ...], values: Array) -> None:
+        """Remember them, as many as may be kept."""
+        known = [*self._known, (sides, values)]
+        while known and sum(one.size for _, one in known) > KEPT:
+            known = known[1:]
+        self._known = known
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +51,8 @@ class Grid:
     `response` is that of the distinct conditions, the simulator or surfaces; `condition` (N,) are
     those of the experiments. `sides` are rising values (C + 1,) of each of the parameters
     `scattered`, one or two; the others stay at their values in `x` (n,). `alike` is the relative
-    error of a slope up to which a cell is not halved; see `crossed`.
+    error of a slope up to which a cell is not halved; see `crossed`. `values` are those of grids
+    of this response that are known.
     """
 
     response: Divisible
@@ -37,6 +61,7 @@ class Grid:
     sides: tuple[Array, ...]
     x: Array
     alike: float
+    values: Values = field(default_factory=Values)
 
     def serves(self, marks: Array) -> bool:
         """Whether a law is resolved on this grid, of which `marks` (s, Q) are rising quantiles.
@@ -102,13 +127,18 @@ class Grid:
     def _simulated(self, points: Array) -> Iterator[tuple[Indices, Array]]:
         """Experiments (B,) with their outcomes (B, P) at the points, so many as fit together."""
         count = int(self.condition.max()) + 1
-        block = max(1, MOST // len(points))
+        block, known = max(1, MOST // len(points)), self.values.of(self.sides)
+        made = list[Array]()
         for first in range(0, count, block):
             own = np.arange(first, min(first + block, count))
-            eta = self.response.take(own).evaluate(points)
+            eta = self.response.take(own).evaluate(points) if known is None else known[own]
+            if known is None and count * len(points) <= KEPT:
+                made.append(eta)
             rows = np.flatnonzero((first <= self.condition) & (self.condition < first + block))
             for part in np.array_split(rows, max(1, -(-rows.size // block))):
                 yield part, eta[self.condition[part] - first]
+        if made:
+            self.values.keep(self.sides, np.concatenate(made))
 
 
 def in_rows(count: int, owner: Indices, x: Array, log_weight: Array) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.laws.tabulated import image_at
 from aleator.likelihood.individual.parameters import moving
-from aleator.likelihood.level_sets.grid import Grid, in_rows
+from aleator.likelihood.level_sets.grid import Grid, Values, in_rows
 from aleator.likelihood.level_sets.lines import traced
 from aleator.likelihood.level_sets.sets import LevelSets
 from aleator.search.value import LogLikelihood
@@ -64,7 +64,7 @@ def on_a_grid(inputs: Inputs) -> bool:
 def searched(inputs: Inputs, conditions: int) -> int:
     """The same for a search."""
     answers = cells_of(inputs, conditions)
-    return answers // 2 if on_a_grid(inputs) else answers // 4
+    return answers // 2 if on_a_grid(inputs) else answers // 8
 
 
 def cells_of(inputs: Inputs, conditions: int) -> int:
@@ -94,9 +94,11 @@ class LevelLikelihood:
         condition: Indices,
         outcomes: Array,
         cells: int,
+        values: Values | None = None,
     ) -> None:
         self.inputs, self.response, self.region = inputs, response, region
         self.condition, self.outcomes, self.cells = condition, outcomes, cells
+        self._values = values or Values()
         self._known: list[tuple[Grid, LevelSets]] = []
         self._last: list[tuple[Array, LevelSets]] = []
 
@@ -144,13 +146,13 @@ class LevelLikelihood:
         return self._of_grid(alpha) if self._on_a_grid else self._of_lines(alpha)
 
     def _of_grid(self, alpha: Array) -> LevelSets:
-        marks = self._values(alpha, MARKS)
+        marks = self._quantiles(alpha, MARKS)
         if self._whole.serves(marks):
             return self._everywhere
         for grid, sets in self._known:
             if grid.serves(marks):
                 return sets
-        grid = self._grid(self._values(alpha, np.linspace(-REACH, REACH, self.cells + 1)))
+        grid = self._grid(self._quantiles(alpha, np.linspace(-REACH, REACH, self.cells + 1)))
         sets = self._traced(grid)
         if sets.empty.any():
             sets = sets.filled(self._everywhere)
@@ -179,22 +181,29 @@ class LevelLikelihood:
     def take(self, rows: Indices) -> LevelLikelihood:
         """That of some of the experiments."""
         own, condition = np.unique(self.condition[rows], return_inverse=True)
-        return self._with(self.response.take(own), condition, self.outcomes[rows], self.cells)
+        return LevelLikelihood(
+            self.inputs, self.response.take(own), self.region, condition, self.outcomes[rows],
+            self.cells,
+        )  # fmt: skip
 
     def given(self, outcomes: Array) -> LevelLikelihood:
         """The same experiments with other outcomes (N,)."""
-        return self._with(self.response, self.condition, outcomes, self.cells)
+        return self._with(outcomes, self.cells)
+
+    def few(self) -> LevelLikelihood:
+        """The same as coarse as a search needs it."""
+        return self._with(self.outcomes, searched(self.inputs, int(self.condition.max()) + 1))
 
     def coarse(self, times: int = 2) -> LevelLikelihood:
         """The same on grids of half as many cells: for a search, and for drawn experiments.
 
         Or of so many `times` fewer cells a parameter, to tell what cells change.
         """
-        return self._with(self.response, self.condition, self.outcomes, self._answers // times)
+        return self._with(self.outcomes, max(self._answers // times, 1))
 
     def fine(self) -> LevelLikelihood:
         """The same on the grids of an answer."""
-        return self._with(self.response, self.condition, self.outcomes, self._answers)
+        return self._with(self.outcomes, self._answers)
 
     @property
     def unreached(self) -> Flags:
@@ -222,12 +231,13 @@ class LevelLikelihood:
     def _answers(self) -> int:
         return cells_of(self.inputs, int(self.condition.max()) + 1)
 
-    def _with(
-        self, response: Divisible, condition: Indices, outcomes: Array, cells: int
-    ) -> LevelLikelihood:
-        return LevelLikelihood(self.inputs, response, self.region, condition, outcomes, cells)
+    def _with(self, outcomes: Array, cells: int) -> LevelLikelihood:
+        """Other outcomes or cells of the same response, whose values on grids are shared."""
+        return LevelLikelihood(
+            self.inputs, self.response, self.region, self.condition, outcomes, cells, self._values
+        )
 
-    def _values(self, alpha: Array, theta: Array) -> Array:
+    def _quantiles(self, alpha: Array, theta: Array) -> Array:
         """Values (s, Q) of each parameter that scatters at standard normal variates (Q,)."""
         own = self.inputs.slices
         return np.stack([
@@ -246,8 +256,9 @@ class LevelLikelihood:
         each = tuple(np.unique(side) for side in sides)
         alike = ALIKE * max(1.0, self._answers / self.cells)
         return Grid(
-            self.response, self.condition, self.inputs.scattered, each, self.region[:, 0], alike
-        )
+            self.response, self.condition, self.inputs.scattered, each, self.region[:, 0], alike,
+            self._values,
+        )  # fmt: skip
 
     def _traced(self, grid: Grid) -> LevelSets:
         return LevelSets(self.inputs, *grid.traced(self.outcomes))

@@ -40,8 +40,8 @@ class Crossings:
     the `power` of the slopes along them.
     """
 
-    points: int = 1024
-    nearest: int = 64
+    points: int = 256
+    nearest: int = 32
     wider: float = 1.2
     reach: float = 8.0
     steps: int = 24

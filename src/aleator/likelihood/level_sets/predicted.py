@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,8 +17,14 @@ from aleator.types import Array, Flags, Indices
 
 POINTS, FEWEST, VALUES = 8192, 512, 8_000_000
 """Points of the law, fewest of very many experiments, and values of all of these together."""
+FEW = {1: 161, 2: 1681}
+"""Points that tell a probability to a thousandth, by scattering parameters; of more FEWEST."""
 REACH = 7.0
 """Standard normal variates to which a lattice goes."""
+
+
+WIDE = 1.6
+"""So many times farther out lies half of the points of more variates than two, for the tails."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +32,9 @@ class PredictedOutcomes:
     """The distributions of N outcomes: values (N, P) with weights (P,) of the points of a law.
 
     A lattice with the weights of the normal law for one variate or two, so that moments are exact
-    to many digits; else points of a Sobol' sequence. Between neighbouring values probability is
-    linear. A value that is not finite counts as none.
+    to many digits; else points of a Sobol' sequence, half of the law and half farther out. Between
+    neighbouring values probability is linear; beyond all of them it is half of what there is beyond
+    the last. A value that is not finite counts as none.
 
     >>> found = PredictedOutcomes(np.array([[0.0, 1.0, 2.0]]), np.full(3, 1 / 3))
     >>> found.cdf(np.array([1.0])).tolist(), found.quantile(np.array([0.5])).tolist()
@@ -67,6 +74,7 @@ class PredictedOutcomes:
         if y.ndim > 1:
             rows = zip(y, value, level, strict=True)
             return np.array([np.interp(*row, left=0.0, right=1.0) for row in rows])
+        first, end = 0.5 * level[:, 0], 0.5 + 0.5 * level[:, -1]
         place = np.sum(value < y[:, None], axis=1)
         last = value.shape[1] - 1
         low, high = np.clip(place - 1, 0, last), np.clip(place, 0, last)
@@ -75,7 +83,7 @@ class PredictedOutcomes:
         with np.errstate(invalid="ignore", divide="ignore"):
             share = np.nan_to_num((y - ends[0]) / (ends[1] - ends[0]))
         inside = ends[2] + np.clip(share, 0.0, 1.0) * (ends[3] - ends[2])
-        return np.where(place == 0, 0.0, np.where(place > last, 1.0, inside))
+        return np.where(place == 0, first, np.where(place > last, end, inside))
 
     def quantile(self, p: ArrayLike) -> Array:
         """Outcomes (N, Q) that are not exceeded with probabilities p (Q,)."""
@@ -104,8 +112,9 @@ class PredictedOutcomes:
     @cached_property
     def _sorted(self) -> tuple[Array, Array]:
         """Values in order, and the probability below the middle of each."""
-        order = np.argsort(np.where(self._finite, self.values, np.inf), axis=1)
-        value = np.take_along_axis(self.values, order, axis=1)
+        values = np.where(self._finite, self.values, self.mean[:, None])
+        order = np.argsort(values, axis=1)
+        value = np.take_along_axis(values, order, axis=1)
         share = np.take_along_axis(self._share, order, axis=1)
         return value, np.cumsum(share, axis=1) - 0.5 * share
 
@@ -123,6 +132,11 @@ class Predictor:
     condition: Indices
     lower: Array
     upper: Array
+    points: int = POINTS
+
+    def coarse(self) -> Predictor:
+        """By as few points of the law as serve for many data sets."""
+        return replace(self, points=FEW.get(self.inputs.scattering, FEWEST))
 
     def under(self, alpha: Array) -> PredictedOutcomes:
         """Their distributions. Cost: the response at 8192 points of the law, fewer of very many."""
@@ -135,9 +149,14 @@ class Predictor:
     def _points(self) -> tuple[Array, Array]:
         """Variates (P, s) and their weights (P,)."""
         s = self.inputs.scattering
-        count = int(np.clip(VALUES // self.condition.size, FEWEST, POINTS))
+        count = min(self.points, max(VALUES // self.condition.size, FEWEST))
         if not 1 <= s <= 2:
-            return standard_points(count, s), np.full(count, 1.0 / count)
+            xi = standard_points(count, s)
+            xi[count // 2 :] *= WIDE
+            square = 0.5 * np.sum(xi**2, axis=1)
+            wider = np.exp(square * (1.0 - WIDE**-2)) / WIDE**s
+            weights = 1.0 / (0.5 + 0.5 * wider)
+            return xi, weights / weights.sum()
         each = round(count ** (1.0 / s)) | 1
         t = np.linspace(-REACH, REACH, each)
         corners = np.meshgrid(*[t] * s, indexing="ij")
