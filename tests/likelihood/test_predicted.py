@@ -61,7 +61,7 @@ def test_runs_that_fail_count_as_none() -> None:
 def test_an_outcome_far_out_is_as_rare_as_it_is(count: int) -> None:
     """By the few points of many data sets: four standard deviations are not fifteen."""
     inputs = Inputs({f"x{i}": Normal(Free(-3.0, 3.0), Free(0.1, 2.0)) for i in range(count)})
-    response = DirectResponse(lambda i, x: x.sum(axis=1), 1, inputs.box)
+    response = DirectResponse(lambda _, x: x.sum(axis=1), 1, inputs.box)
     infinite = np.full(1, np.inf)
     few = Predictor(inputs, response, np.zeros(1, dtype=int), -infinite, infinite).coarse()
     found = few.under(np.tile([0.0, 1.0], count))

@@ -142,7 +142,10 @@ def _way(question: Question, model: Model, ledger: Ledger) -> Refinement:
 
 def _sure(way: Refinement, refined: Refined, ledger: Ledger) -> tuple[Refined, Inference, Profile]:
     """Inference on surfaces that hold the laws at the ends of the intervals, and on fine grids."""
+    levels = refined.problem.levels
     for widened in range(WIDER + 1):
+        if levels is not None and refined.surfaces is None:
+            break
         with ledger.stage("inference"):
             found, inference, profile = infer_at(refined.problem, refined.found)
         refined = replace(refined, found=found)
@@ -155,6 +158,7 @@ def _sure(way: Refinement, refined: Refined, ledger: Ledger) -> tuple[Refined, I
         return refined, inference, profile
     with ledger.stage("inference"):
         problem = replace(refined.problem, likelihood=levels.fine())
-        found = climbed(problem, refined.found, inference)
-        found, inference, profile = infer_at(problem, found)
+        hyperparameters = problem.model.hyperparameters
+        known = infer(refined.problem.objective, refined.found.alpha, hyperparameters)
+        found, inference, profile = infer_at(problem, climbed(problem, refined.found, known))
     return replace(refined, problem=problem, found=found), inference, profile

@@ -38,7 +38,7 @@ WIDTHS = 6.0
 """Standard deviations that a region is wide, of laws that fill it."""
 KNOWN = 64
 """Grids that are remembered."""
-LINES, FEWEST_LINES = 128, 16
+LINES, FEWEST_LINES = 64, 16
 """Lines of an experiment in more than two parameters for an answer, of few and of very many."""
 STEP = 1e-4
 """Step of differences of the log-likelihood over the range of a hyperparameter."""
@@ -64,7 +64,7 @@ def on_a_grid(inputs: Inputs) -> bool:
 def searched(inputs: Inputs, conditions: int) -> int:
     """The same for a search."""
     answers = cells_of(inputs, conditions)
-    return answers // 2 if on_a_grid(inputs) else answers // 8
+    return answers // 2 if on_a_grid(inputs) else answers // 4
 
 
 def cells_of(inputs: Inputs, conditions: int) -> int:
