@@ -55,7 +55,7 @@ def typed(hint: Any, value: Any) -> Any:
         return value
     if hint is float:
         found = documents.plain(value)
-        return math.nan if found is None else found
+        return math.nan if found is None else float(found)
     if hint is Any:
         return documents.plain(value)
     if isinstance(hint, type) and is_dataclass(hint):
