@@ -11,13 +11,15 @@ from scipy import stats
 
 from aleator import Free, Inputs, Noise, Normal
 from aleator.errors import InputsError
-from aleator.inference.check import Check, Checked, checked, smoothed
+from aleator.inference.check import Check, Checked, checked, smoothed, unsmoothed
 from aleator.inference.diagnostics.check import check_refusals
 from aleator.inference.diagnostics.surfaces import worse_than_estimated
 from aleator.likelihood.individual import Direct, GaussHermite, IndividualLikelihood, Layout
+from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner, as_runner
+from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array, Indices
 
 COUNT, ALPHA = 100, np.array([1.0, 0.3, 0.5, 0.2])
@@ -126,6 +128,27 @@ def test_surfaces_that_are_all_off_to_one_side_change_the_log_likelihood() -> No
     exact = stats.norm.logpdf(y, MIDDLE, wide) - stats.norm.logpdf(y, MIDDLE + 0.1 * SCATTER, wide)
     assert found.total == pytest.approx(exact.sum(), abs=0.5)
     assert worse_than_estimated(found, 0.005 * SCATTER, [str(k) for k in range(COUNT)])
+
+
+@pytest.mark.parametrize("runs", [2, 12])
+def test_of_exact_outcomes_the_change_is_that_of_their_own_density(runs: int) -> None:
+    """The simulator is 1.03 times what surfaces say and 0.04 more: both normal, in closed form."""
+    runner, table = study(11)
+    y, settings = table.outcomes, Check()
+    surfaces = DirectResponse(lambda i, x: LOADS[i] * x[:, 0] + x[:, 1], COUNT, LAW.box)
+    levels = LevelLikelihood(LAW, surfaces, LAW.box, np.arange(COUNT), y, 128)
+    off_runner = as_runner(
+        lambda load, a, b: 1.03 * (load * a + b) + 0.04, table, LAW.names, True, None
+    )
+    likelihood = smoothed(
+        LAW, ALPHA, Surfaces(runner, np.zeros(COUNT)), layout(runner), y, settings.smooth
+    )
+    found = checked(likelihood, ALPHA, off_runner, runs, settings, y)
+    told = unsmoothed(found, levels, ALPHA)
+    after = stats.norm.logpdf(y, 1.03 * MIDDLE + 0.04, 1.03 * SCATTER)
+    exact = after - stats.norm.logpdf(y, MIDDLE, SCATTER)
+    np.testing.assert_allclose(told.change, exact, atol=0.01)
+    assert abs(told.total - exact.sum()) < 0.05 < abs(found.total - exact.sum())
 
 
 @pytest.mark.parametrize("samples", [1, -5])

@@ -7,7 +7,7 @@ had a small normal error, on surfaces and on the simulator alike, so that both e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,10 +25,12 @@ from aleator.likelihood.individual import (
 from aleator.likelihood.individual.importance import standard_points
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import mean_of
+from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.noise import Noise
 from aleator.observations.response_errors import ResponseErrors
 from aleator.simulators import Runner
+from aleator.status import Status
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.types import Array, Flags, Indices
 
@@ -83,7 +85,8 @@ class Checked:
 
     Of each observation (M,) `largest` is the largest difference of surface and simulator at the
     points of the check, `typical` its root mean square, and `scatter` the standard deviation of the
-    surface under the law.
+    surface under the law. `line` (M, 2) has the difference at what was measured, and how it changes
+    with the value of the surface, and `line_error` (M, 2) the errors of both.
     """
 
     change: Array
@@ -91,6 +94,8 @@ class Checked:
     largest: Array
     typical: Array
     scatter: Array
+    line: Array
+    line_error: Array
 
     @property
     def total(self) -> float:
@@ -114,6 +119,7 @@ def checked(
     runner: Runner,
     most: int,
     settings: Check | None = None,
+    measured: Array | None = None,
 ) -> Checked:
     """Compare surfaces and simulator where each experiment's own law of the parameters lies.
 
@@ -121,7 +127,8 @@ def checked(
     with l(x) = sum_k log p(y_k | eta_k(x)), at the same few nodes: what these nodes miss is missed
     by both. Of more than `most` nodes the likeliest are taken. A node whose run failed is left out,
     as surfaces do, unless all of an experiment are. The error is as if the ratios at the nodes were
-    a stratified sample: it is rough. Cost: `most` runs a unit, which are remembered and stored.
+    a stratified sample: it is rough. Of outcomes that are `measured` (M,) exactly the line is told
+    too. Cost: `most` runs a unit, which are remembered and stored.
     """
     inputs, settings = likelihood.inputs, settings or Check()
     few = likelihood
@@ -129,7 +136,9 @@ def checked(
         few = likelihood.by(_rule(inputs.scattering, settings), alpha)
     simulator = Direct(Remembered(runner), np.zeros(0, dtype=np.intp), inputs.box)
     change, error = np.zeros(likelihood.count), np.zeros(likelihood.count)
-    largest, typical = np.zeros((2, likelihood.layout.experiment.size))
+    count = likelihood.layout.experiment.size
+    largest, typical = np.zeros((2, count))
+    line, line_error = np.zeros((2, count, 2))
     for block in few.blocks:
         part = block.experiments
         x, log_weight = _likeliest(few, alpha, block, most)
@@ -146,11 +155,53 @@ def checked(
             ratio = np.exp(by_simulator - by_surface - change[part, None])
             off = np.where(lost, 0.0, share * (ratio - 1.0) ** 2)
             error[part] = np.sqrt(np.sum(off, axis=1)) / np.sum(~lost, axis=1)
-            away = np.where(np.isfinite(eta), np.abs(eta - on_surface), 0.0)
-            largest[block.rows] = away.max(axis=1)
+            away = np.where(np.isfinite(eta), eta - on_surface, 0.0)
+            largest[block.rows] = np.abs(away).max(axis=1)
             typical[block.rows] = np.sqrt(np.mean(away**2, axis=1))
+            if measured is not None:
+                weights = np.where(np.isfinite(eta), share[block.owner], 0.0)
+                off = on_surface - measured[block.rows, None]
+                line[block.rows], line_error[block.rows] = _line(off, away, weights)
     error = np.nan_to_num(error, nan=np.inf)
-    return Checked(change, error, largest, typical, scatter_of(likelihood, alpha))
+    scatter = scatter_of(likelihood, alpha)
+    return Checked(change, error, largest, typical, scatter, line, line_error)
+
+
+def unsmoothed(found: Checked, levels: LevelLikelihood, alpha: Array) -> Checked:
+    """The same with the changes of exact outcomes themselves, without the error of the check.
+
+    Where the simulator is off by e0 + e1 (eta - y) near an outcome y, its density there is
+    f(y - e0/(1 + e1))/(1 + e1). Where the surfaces have none there, the change stays as it was.
+    """
+    here, (e0, e1) = levels.evaluate(alpha).each, found.line.T
+    s0, s1 = found.line_error.T
+    least = np.maximum(s0, 1e-3 * found.scatter)
+    y = levels.outcomes - e0 / (1.0 + e1)
+    there, above, below = (
+        levels.given(y + by).evaluate(alpha) for by in (0.0 * least, least, -least)
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        change = there.each - here - np.log1p(e1)
+        slope = (above.each - below.each) / (2.0 * least)
+    solved = [one.status == Status.SOLVED for one in (there, above, below)]
+    fine = np.logical_and.reduce(solved) & np.isfinite(change) & np.isfinite(slope)
+    error = np.where(fine, np.hypot(slope * s0, s1 / (1.0 + e1)), found.error)
+    return replace(found, change=np.where(fine, change, found.change), error=error)
+
+
+def _line(off: Array, away: Array, weights: Array) -> tuple[Array, Array]:
+    """Weighted lines (m, 2) through differences `away` (m, P) by `off` (m, P), and their errors."""
+    weights = weights / np.maximum(weights.sum(axis=1, keepdims=True), SMALLEST)
+    middle, mean = (np.sum(weights * of, axis=1, keepdims=True) for of in (off, away))
+    wide = np.sum(weights * (off - middle) ** 2, axis=1)
+    safe = np.where(wide > 0.0, wide, np.inf)
+    slope = np.sum(weights * (off - middle) * (away - mean), axis=1) / safe
+    left = away - mean - slope[:, None] * (off - middle)
+    count = 1.0 / np.maximum(np.sum(weights**2, axis=1), SMALLEST)
+    spread = np.sqrt(np.sum(weights * left**2, axis=1) / np.maximum(count - 1.0, 1.0))
+    line = np.stack([mean[:, 0] - slope * middle[:, 0], slope], axis=1)
+    error = np.stack([spread * np.sqrt(1.0 + middle[:, 0] ** 2 / safe), spread / np.sqrt(safe)], 1)
+    return line, error
 
 
 def smoothed(

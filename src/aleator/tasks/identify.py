@@ -12,7 +12,7 @@ import pandas as pd
 
 from aleator.errors import InputsError
 from aleator.inference import diagnostics
-from aleator.inference.check import Check, Checked, checked, smoothed
+from aleator.inference.check import Check, Checked, checked, smoothed, unsmoothed
 from aleator.inference.diagnostics.individual import rival_warnings
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import Layout, OnSurfaces
@@ -222,7 +222,10 @@ def _checked(answer: Answer, runner: Runner, choice: Check, ledger: Ledger) -> C
     )
     with ledger.stage("verification"):
         likelihood = smoothed(inputs, law, predictor, layout, problem.outcomes, choice.smooth)
-        return checked(likelihood, law, runner, most or choice.runs(surfaces), choice)
+        runs = most or choice.runs(surfaces)
+        found = checked(likelihood, law, runner, runs, choice, problem.outcomes)
+        exact = problem.exactly
+        return found if exact is None else unsmoothed(found, exact, law)
 
 
 def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -> Experiments:
