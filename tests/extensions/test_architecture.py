@@ -23,7 +23,9 @@ PLUGINS = [
 ALL = (LAWS, DENSITIES, OBSERVATIONS, SIMULATORS, SEARCHES, PROPAGATIONS, RULES)
 
 
-@pytest.mark.parametrize("file", sorted({*re.findall(r"`([\w/]+\.(?:py|toml|md))`", PAGE + EXTENDING)}))
+@pytest.mark.parametrize(
+    "file", sorted({*re.findall(r"`([\w/]+\.(?:py|toml|md))`", PAGE + EXTENDING)})
+)
 def test_a_file_that_a_page_names_is_there(file: str) -> None:
     assert (ROOT / file).is_file() or (PACKAGE / file).is_file()
 

@@ -48,14 +48,14 @@ def plain_fields(kind: Any) -> Mapping[str, Any]:
 def typed(hint: Any, value: Any) -> Any:
     """A value as a field of this type has it, from a program or from a document.
 
-    >>> typed(tuple[float, ...], [1, None]), typed(float | None, np.inf), typed(Any, np.int64(3))
+    >>> typed(tuple[float, ...], [1.0, None]), typed(float | None, np.inf), typed(Any, np.int64(3))
     ((1.0, nan), None, 3)
     """
     if isinstance(value, Plain):
         return value
     if hint is float:
         found = documents.plain(value)
-        return math.nan if found is None else float(found)
+        return math.nan if found is None else found
     if hint is Any:
         return documents.plain(value)
     if isinstance(hint, type) and is_dataclass(hint):
