@@ -25,7 +25,7 @@ from aleator.errors import AleatorError
 from aleator.inference.check import Check
 from aleator.inference.information import infer
 from aleator.laws.region import law_region
-from aleator.likelihood.problem import prepare
+from aleator.likelihood.problem import Problem, prepare
 from aleator.moments.densities import MaximumEntropy
 from aleator.moments.likelihood import Continued, Likelihood
 from aleator.moments.propagation import Collocation
@@ -103,7 +103,13 @@ def reference_of(study: Study) -> Reference:
             for one in np.eye(alpha.size) for sign in (-1.0, 1.0)
         ]  # fmt: skip
         region = law_region(study.inputs, [alpha, *moved])
-    return Reference(problem.by_densities, alpha, error, runner.fresh / len(runner.ids))
+    return Reference(by_moments(problem), alpha, error, runner.fresh / len(runner.ids))
+
+
+def by_moments(problem: Problem) -> Likelihood:
+    """The likelihood of a problem with a density of moments."""
+    assert isinstance(problem.likelihood, Likelihood)
+    return problem.likelihood
 
 
 def by_surfaces(way: str, study: Study, choice: ResponseSurface) -> Point:
@@ -140,10 +146,8 @@ def by_runs(way: str, study: Study, choice: Collocation) -> list[Point]:
     runner = study.runner()
     model = replace(study.model, density=DENSITY, propagation=choice)
     problem = prepare(runner, study.experiments.outcomes, model, study.inputs.box)
-    followed, free = (
-        Followed(way, problem.by_densities.continued, runner, []),
-        model.hyperparameters,
-    )
+    followed = Followed(way, by_moments(problem).continued, runner, [])
+    free = model.hyperparameters
     search = GradientMultistart(1, EVALUATIONS)
     guess = linear_gaussian(
         problem.response, model, start_point(study.inputs), problem.condition,

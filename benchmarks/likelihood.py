@@ -12,6 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from aleator.likelihood.problem import Problem, prepare
+from aleator.moments.densities import MaximumEntropy
+from aleator.moments.likelihood import Likelihood
 from aleator.search import GradientMultistart
 from aleator.study import load_study
 from aleator.surrogates import ResponseSurface
@@ -29,7 +31,8 @@ TARGET_EVALUATIONS = 60
 def likelihood_rows() -> list[Row]:
     """One log-likelihood with its score, then searches from one start and from ten."""
     study = load_study(CLUTCH)
-    model = replace(study.model, propagation=ResponseSurface(tolerance=TOLERANCE))
+    surfaces, density = ResponseSurface(tolerance=TOLERANCE), MaximumEntropy(order=4)
+    model = replace(study.model, propagation=surfaces, density=density)
     problem = prepare(study.runner(), study.experiments.outcomes, model, study.inputs.box)
     alpha = np.array([TRUTH[h.name] for h in model.hyperparameters])
     return [*score_rows(problem, alpha), *search_rows(problem)]
@@ -38,6 +41,7 @@ def likelihood_rows() -> list[Row]:
 def score_rows(problem: Problem, alpha: Array) -> list[Row]:
     """One log-likelihood with its score, against the target and against differences of values."""
     likelihood = problem.likelihood
+    assert isinstance(likelihood, Likelihood)
     exact = median_seconds(lambda: likelihood(alpha), 30)
     value = median_seconds(lambda: likelihood.evaluate(alpha), 30)
     differences = (2 * alpha.size + 1) * value
@@ -46,16 +50,16 @@ def score_rows(problem: Problem, alpha: Array) -> list[Row]:
             exact / TARGET_SCORE),
         Row("exact score / central differences of the value", ms(exact),
             f"{2 * alpha.size + 1} values {ms(differences)}", exact / differences),
-        nearby_row(problem, alpha),
+        nearby_row(likelihood, alpha),
     ]  # fmt: skip
 
 
-def nearby_row(problem: Problem, alpha: Array) -> Row:
+def nearby_row(likelihood: Likelihood, alpha: Array) -> Row:
     """What a search pays an alpha, a hundredth away from the last one, over one on its own."""
-    last, y = problem.predictive.at(alpha), problem.outcomes
-    other = 1.01 * alpha
-    near = median_seconds(lambda: problem.predictive.at(other, last).scored(y), 30)
-    alone = median_seconds(lambda: problem.predictive.at(other).scored(y), 30)
+    predictive, y = likelihood.predictive, likelihood.outcomes
+    last, other = predictive.at(alpha), 1.01 * alpha
+    near = median_seconds(lambda: predictive.at(other, last).scored(y), 30)
+    alone = median_seconds(lambda: predictive.at(other).scored(y), 30)
     return Row("log-likelihood and score near the last alpha / on its own", ms(near), ms(alone),
                near / alone)  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""docs/architecture.md: the files that it names are there, and its code is that of the plug-ins."""
+"""docs/architecture.md and docs/extending.md: the files that they name are there, and the code."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ from aleator.study.simulators import SIMULATORS
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "src" / "aleator"
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+EXTENDING = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
 PLUGINS = [
     path.read_text(encoding="utf-8") for path in (ROOT / "tests/extensions/plugins").glob("*.py")
 ]
 ALL = (LAWS, DENSITIES, OBSERVATIONS, SIMULATORS, SEARCHES, PROPAGATIONS, RULES)
 
 
-@pytest.mark.parametrize("file", sorted({*re.findall(r"`([\w/]+\.(?:py|toml|md))`", PAGE)}))
-def test_a_file_that_the_page_names_is_there(file: str) -> None:
+@pytest.mark.parametrize(
+    "file", sorted({*re.findall(r"`([\w/]+\.(?:py|toml|md))`", PAGE + EXTENDING)})
+)
+def test_a_file_that_a_page_names_is_there(file: str) -> None:
     assert (ROOT / file).is_file() or (PACKAGE / file).is_file()
 
 
@@ -35,10 +38,10 @@ def test_the_rooms_of_the_page_are_those_of_the_package() -> None:
 
 
 def test_the_code_of_the_page_is_that_of_a_plugin() -> None:
-    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE, re.S | re.M)
+    blocks = re.findall(r"^```python\n(.*?)^```$", EXTENDING, re.S | re.M)
     assert len(blocks) == 5
     assert [block for block in blocks if not any(block in text for text in PLUGINS)] == []
 
 
 def test_every_group_of_entry_points_is_named() -> None:
-    assert [kinds.group for kinds in ALL if f"`{kinds.group}`" not in PAGE] == []
+    assert [kinds.group for kinds in ALL if f"`{kinds.group}`" not in EXTENDING] == []

@@ -23,7 +23,6 @@ from aleator import (
     GeneticAlgorithm,
     GradientMultistart,
     Inputs,
-    Noise,
     Normal,
 )
 from aleator.moments.likelihood import Continued
@@ -118,7 +117,6 @@ def test_an_answer_that_is_no_maximum_names_the_wide_limits() -> None:
         Inputs({"v": Normal(Free(0.0, 4.0), Free(0.01, 1.0)), "b": Constant(Free(1e3, 1e10))}),
         outcome="y",
         vectorized=True,
-        noise=Noise(0.05),
         propagation=Collocation(nodes=5),
         density=Gaussian(),
         search=GradientMultistart(2),

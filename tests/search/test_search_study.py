@@ -24,8 +24,6 @@ vectorized = true
 [parameters.stiffness]
 law = "truncated_normal"
 box = [0.5, 1.5]
-[noise]
-sd = 0.1
 [density]
 kind = "gaussian"
 [propagation]

@@ -19,7 +19,7 @@ class Propagation(Protocol):
 
 @runtime_checkable
 class NodePropagation(Propagation, Protocol):
-    """A propagation that knows the outcomes at nodes, as a `NodeDensity` needs them."""
+    """A propagation that knows the outcomes at nodes, which moments are computed from."""
 
     def outcomes(self, alpha: Array, *, gradient: bool) -> Outcomes:
         """Outcomes at the nodes of the law, with derivatives by alpha if asked for."""

@@ -22,7 +22,7 @@ from problems import (
 from aleator import Free, Gaussian, Inputs, MaximumEntropy, Normal
 from aleator.moments.densities import FAILED_SOLVE_PENALTY, Density
 from aleator.moments.likelihood import Continued, Likelihood
-from aleator.moments.predictive import predictive
+from aleator.moments.predictive import Predictive
 from aleator.moments.propagation import QuadraturePropagation
 from aleator.moments.quadrature import TensorGauss
 from aleator.search.value import LogLikelihood
@@ -245,7 +245,7 @@ def test_the_search_never_sees_more_than_the_honest_density(mean, sd, y, order) 
     assert np.isfinite(found.each).all()
     assert found.scores is not None
     assert np.isfinite(found.scores).all()
-    fitted = likelihood.predictive.fitted(alpha)
+    fitted = likelihood.predictive.under(alpha).fitted
     inside = np.clip(outcomes, *fitted.quantile([0.0, 1.0]).T)
     assert_never_above(found, honest, fitted.log_pdf(inside))
 
@@ -308,7 +308,7 @@ def test_a_failed_solve_costs_more_than_its_fallback_gains() -> None:
     inputs = Inputs({"x": Normal(mean=Free(-1.0, 1.0), sd=Free(0.1, 2.0))})
     response = DirectResponse(lambda _, x: np.sign(x[:, 0]), 1, inputs.box)
     zero = np.zeros(1, dtype=np.intp)
-    distribution = predictive(
+    distribution = Predictive(
         QuadraturePropagation(inputs, response, TensorGauss(8)), MaximumEntropy(4), zero,
         np.array([-1.0]), np.array([1.0]), inputs.hyperparameters,
     )  # fmt: skip

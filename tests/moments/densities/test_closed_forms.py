@@ -3,7 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
-from densities.targets import single
+from moments.densities.targets import single
 from scipy import stats
 
 from aleator.moments.densities import Gaussian, MaximumEntropy

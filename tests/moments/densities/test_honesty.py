@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from densities.targets import mixed
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from moments.densities.targets import mixed
 
 from aleator.errors import InputsError
 from aleator.moments.densities import FAILED_SOLVE_PENALTY, Gaussian, MaximumEntropy, Sensitivity

@@ -16,7 +16,6 @@ from aleator.study.sections import DENSITIES
         ({"kind": "maximum_entropy", "order": 6}, MaximumEntropy(6)),
         ({"kind": "gaussian"}, Gaussian()),
         ({"kind": "gaussian_mixture"}, GaussianMixture()),
-        ({"kind": "convolution", "points": 50}, Convolution(50)),
         ({"kind": "automatic"}, None),
         ({}, None),
     ],
@@ -29,8 +28,6 @@ def test_the_study_file_names_every_density(section: dict, choice: object) -> No
     ("kind", "key", "owner"),
     [
         ("gaussian", "order", "maximum_entropy"),
-        ("convolution", "order", "maximum_entropy"),
-        ("maximum_entropy", "points", "convolution"),
         ("gaussian_mixture", "order", "maximum_entropy"),
     ],
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from densities.targets import stacked, standardized_of
+from moments.densities.targets import stacked, standardized_of
 from problems import REGRESSION
 from scipy import stats
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from densities.targets import mixed
+from moments.densities.targets import mixed
 
 from aleator.moments.densities import Gaussian, MaximumEntropy, Sensitivity
 from aleator.moments.densities.moments import (

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from densities.targets import mixed, row, single
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from moments.densities.targets import mixed, row, single
 from scipy import stats
 from scipy.integrate import quad
 

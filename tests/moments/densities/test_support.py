@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from densities.targets import cubics, row, varied
+from moments.densities.targets import cubics, row, varied
 from scipy.integrate import quad_vec
 from scipy.linalg import eigh
 
