@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from aleator.densities import Status
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from identifications import Array, identified, unjudged
 from problems import SAMPLE
 
@@ -20,6 +18,8 @@ from aleator import (
     ResponseSurface,
 )
 from aleator.errors import SimulatorError
+from aleator.results.values import Diagnostic
+from aleator.status import Status
 
 
 def told(found: Identification, about: str) -> list[Diagnostic]:
