@@ -97,6 +97,11 @@ class Problem(Forward):
         return self.likelihood if isinstance(self.likelihood, LevelLikelihood) else None
 
     @property
+    def free(self) -> bool:
+        """Whether simulated values cost nothing: of surfaces, or where it is integrated itself."""
+        return self.surface is not None or self.levels is not None
+
+    @property
     def unreached(self) -> Flags:
         """(N,) whose outcome is none of the response in the region; none by moments."""
         return self._none if self.levels is None else self.levels.unreached

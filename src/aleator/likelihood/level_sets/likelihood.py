@@ -192,6 +192,12 @@ class LevelLikelihood:
         """
         return self._with(self.response, self.condition, self.outcomes, self._answers // times)
 
+    def coarsest(self) -> LevelLikelihood:
+        """The same on grids of the fewest cells, for replicates; lines stay as many."""
+        fewest = FEWEST[self.inputs.scattering] if self._on_a_grid else self.cells
+        cells = min(self.cells, fewest)
+        return self._with(self.response, self.condition, self.outcomes, cells)
+
     def fine(self) -> LevelLikelihood:
         """The same on the grids of an answer."""
         return self._with(self.response, self.condition, self.outcomes, self._answers)
