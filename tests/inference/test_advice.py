@@ -106,5 +106,6 @@ def found_with(density: Density, nodes: int, count: int = 12) -> Identification:
 
 def test_too_few_nodes_are_told_and_more_of_them_end_it() -> None:
     few = found_with(MaximumEntropy(4), 4, 60)
-    assert remedies(few, "quadrature") == ["raise propagation.nodes, to 6"]
+    (advice,) = remedies(few, "quadrature")
+    assert "propagation.nodes" in advice
     assert remedies(found_with(MaximumEntropy(4), 14, 60), "quadrature") == []

@@ -12,7 +12,6 @@ from problems import SAMPLE
 
 from aleator import (
     Check,
-    Collocation,
     Gaussian,
     Identification,
     ResponseSurface,
@@ -93,13 +92,6 @@ def test_a_simulator_that_draws_random_numbers_is_refused_at_once() -> None:
     with pytest.raises(SimulatorError, match="x="):
         unjudged(noisy, table, SAMPLE.inputs, outcome="y")
     assert len(runs) == 2
-
-
-def test_collocation_is_verified_without_a_control() -> None:
-    problem = replace(SAMPLE, z=np.zeros(20))
-    found = identified(problem, problem.draw(6), propagation=Collocation(nodes=5), samples=256)
-    assert found.log_likelihood.verified_standard_error is not None
-    assert found.sound
 
 
 @pytest.mark.parametrize("status", [s for s in Status if s is not Status.SOLVED], ids=str)

@@ -38,10 +38,10 @@ def crossed(
     """Whose sets (H,) go through cells: points on them there x (H, s), and weights (H,).
 
     Of experiments `rows` (B,) with outcomes y (B,), and `eta` (C, P) of conditions, theirs being
-    `condition` (B,), at the points of a grid with these `sides`. A weight is the length of the set over the slope of the outcome. A cell whose
-    slope differs by more than `alike` from the mean of those at its corners, or which may hide a
-    set between its corners, is halved: near an extreme, a saddle, a fold or a kink. That takes
-    outcomes `at` further points.
+    `condition` (B,), at the points of a grid with these `sides`. A weight is the length of the set
+    over the slope of the outcome. A cell whose slope differs by more than `alike` from the mean of
+    those at its corners, or which may hide a set between its corners, is halved: near an extreme, a
+    saddle, a fold or a kink. That takes outcomes `at` further points.
     """
     shape = tuple(side.size for side in sides)
     whose, cell, corners = _passed(y, eta[condition], shape)
