@@ -21,18 +21,21 @@ REMOVED = """
     from aleator import Free, Inputs, Noise, Normal, ResponseSurface, identify, load, predict
 
     rng = np.random.default_rng(1)
-    load_ = np.linspace(0.5, 2.0, 30)
-    a, b, c = (1.0 + 0.2 * rng.standard_normal(30) for _ in range(3))
+    load_ = np.linspace(0.5, 2.0, 12)
+    a, b, c = (1.0 + 0.2 * rng.standard_normal(12) for _ in range(3))
     table = pd.DataFrame({"load": load_, "y": load_ * a + b + c / load_})
     of = {name: Normal(Free(0.0, 2.0), Free(0.02, 1.0)) for name in ("a", "b", "c")}
 """
 STUDIES = {
     "three parameters by level sets": """
     model = lambda load, a, b, c: load * a + b + c / load
-    found = identify(model, table, Inputs(of), outcome="y", vectorized=True, best_law=False)
+    known = Normal(1.0, 0.2)
+    law = Inputs({"a": of["a"], "b": known, "c": known})
+    found = identify(model, table, law, outcome="y", vectorized=True, best_law=False)
     """,
     "one parameter on surfaces": """
     model = lambda load, a: load * a + 1.0 + 1.0 / load
+    table["y"] = model(load_, a)
     found = identify(model, table, Inputs({"a": of["a"]}), outcome="y")
     """,
     "noise": """

@@ -7,19 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from aleator.densities import Status
-from aleator.inference.diagnostics.diagnostic import Diagnostic
 from identifications import Array, identified, unjudged
 from problems import SAMPLE
 
 from aleator import (
     Check,
-    Collocation,
     Gaussian,
     Identification,
     ResponseSurface,
 )
 from aleator.errors import SimulatorError
+from aleator.results.values import Diagnostic
+from aleator.status import Status
 
 
 def told(found: Identification, about: str) -> list[Diagnostic]:
@@ -93,13 +92,6 @@ def test_a_simulator_that_draws_random_numbers_is_refused_at_once() -> None:
     with pytest.raises(SimulatorError, match="x="):
         unjudged(noisy, table, SAMPLE.inputs, outcome="y")
     assert len(runs) == 2
-
-
-def test_collocation_is_verified_without_a_control() -> None:
-    problem = replace(SAMPLE, z=np.zeros(20))
-    found = identified(problem, problem.draw(6), propagation=Collocation(nodes=5), samples=256)
-    assert found.log_likelihood.verified_standard_error is not None
-    assert found.sound
 
 
 @pytest.mark.parametrize("status", [s for s in Status if s is not Status.SOLVED], ids=str)

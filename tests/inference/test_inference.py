@@ -10,7 +10,6 @@ from problems import BINDING, REGRESSION, SAMPLE, Problem, raw_normal
 from scipy import optimize, stats
 
 from aleator import Constant, Free, Gaussian, GradientMultistart, Inputs, Normal
-from aleator.inference.diagnostics import score_steps
 from aleator.inference.diagnostics.directions import weak_directions
 from aleator.inference.information import Inference, infer, observed_information
 from aleator.inference.profile import profile_intervals
@@ -319,16 +318,6 @@ def test_a_nearly_flat_direction_is_named_with_its_combination() -> None:
     assert inference.correlation[0, 1] == pytest.approx(expected, abs=2e-4)
     (weak,) = weak_directions(inference, problem.hyperparameters)
     assert sorted(weak.concerns) == ["b0.mean", "b1.value"]
-
-
-def test_the_check_steps_within_the_errors_that_estimates_have_alone() -> None:
-    """Far from the origin intercept and slope are all but the same: their errors are far wider."""
-    problem = replace(LINE, z=10.0 + np.linspace(0.0, 1.0, 60))
-    _, found, inference = maximized(problem, problem.draw(14))
-    steps = score_steps(inference, found.alpha, problem.hyperparameters)
-    alone = found.alpha[2] / np.sqrt([np.sum(problem.z**2), 60.0, 120.0])
-    assert steps == pytest.approx(0.25 * alone, rel=1e-3)
-    assert np.all(inference.standard_error[:2] > 20.0 * alone[:2])
 
 
 def test_a_parameter_without_effect_is_named() -> None:

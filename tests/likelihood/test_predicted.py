@@ -49,7 +49,7 @@ def test_a_skew_outcome() -> None:
 
 
 def test_runs_that_fail_count_as_none() -> None:
-    found = PredictedOutcomes(np.array([[0.0, 1.0, np.nan, 2.0]]), np.full(4, 0.25))
+    found = PredictedOutcomes(np.array([[0.0, 1.0, np.nan, 2.0]]), np.full(4, 0.25), np.array([0]))
     assert found.mean.tolist() == [1.0]
     assert found.quantile(0.5).ravel().tolist() == [1.0]
     # beyond all values there is some probability, of which half is told

@@ -42,7 +42,7 @@ def found(simulator: object, off: float) -> Checked:
     predictor = OnSurfaces(surface, REGION, experiments.observations.row)
     likelihood = type(direct).of(PAIR, direct.errors, predictor, direct.layout, direct.rule)
     runner = Runner(simulator, experiments, PAIR.names, max_failed=1.0)
-    return checked(likelihood.adapted(ALPHA), ALPHA, runner)
+    return checked(likelihood.adapted(ALPHA), ALPHA, runner, 64)
 
 
 def test_right_surfaces_are_right_though_some_runs_fail() -> None:

@@ -17,7 +17,6 @@ from scipy import stats
 from aleator import (
     Check,
     Collocation,
-    Convolution,
     Free,
     GaussianMixture,
     Identification,
@@ -76,8 +75,6 @@ SMALL = {"noise": Noise(0.03)}
 WAYS = [
     (smooth, ONE, law(), {}, "level sets"),
     (jump, ONE, law(), {}, "level sets"),
-    (smooth, ONE, law(), {"density": Convolution()}, "convolution, 401 nodes"),
-    (smooth, ONE, law(), {"density": Convolution(points=501)}, "convolution, 501 nodes"),
     (smooth, ONE, law(), {"density": MaximumEntropy(4)}, "maximum entropy, 4 moments"),
     (smooth, ONE, law(), {"density": MaximumEntropy(6)}, "maximum entropy, 6 moments"),
     (smooth, ONE, law(), {"density": GaussianMixture()}, "gaussian mixture"),

@@ -138,12 +138,11 @@ def test_another_maximum_is_news_only_outside_the_intervals() -> None:
     "choice",
     [
         {"density": aleator.Gaussian()},
-        {"density": aleator.Convolution()},
         {"propagation": aleator.Collocation(nodes=5)},
         {"propagation": aleator.ResponseSurface(surfaces="shared")},
         {"propagation": aleator.ResponseSurface(nodes=20)},
     ],
-    ids=["gaussian", "convolution", "collocation", "shared", "nodes"],
+    ids=["gaussian", "collocation", "shared", "nodes"],
 )
 @pytest.mark.parametrize("frame", [FRAME, FRAME.groupby("id").head(1)], ids=["series", "single"])
 def test_what_is_of_exact_outcomes_is_refused_before_any_run(choice, frame) -> None:

@@ -62,7 +62,7 @@ def test_the_check_tells_what_wrong_surfaces_change():
     direct = likelihood_of(straight_line, frame)
     surfaces = OnSurfaces(wrong, REGION, row)
     on_wrong = type(direct).of(PAIR, direct.errors, surfaces, direct.layout, direct.rule)
-    found = checked(on_wrong.adapted(ALPHA), ALPHA, Runner(line, experiments, PAIR.names))
+    found = checked(on_wrong.adapted(ALPHA), ALPHA, Runner(line, experiments, PAIR.names), 64)
     wanted = direct.adapted(ALPHA)(ALPHA).total - on_wrong.adapted(ALPHA)(ALPHA).total
     assert abs(wanted) > 0.3
     assert found.total == pytest.approx(wanted, abs=0.02)

@@ -11,17 +11,13 @@ from scipy import optimize
 
 from aleator import (
     Check,
-    Convolution,
     Free,
     GradientMultistart,
     Identification,
     Inputs,
     LogNormal,
     Noise,
-    ResponseSurface,
-    SobolPoints,
 )
-from aleator.errors import InputsError
 from aleator.polynomials.gauss import gauss_hermite
 
 
@@ -65,15 +61,6 @@ def test_noise_of_a_thousandth_of_the_scatter_is_found_exactly() -> None:
     alpha = np.array([found.alpha["x.mean"].estimate, found.alpha["x.sd"].estimate, 1e-4])
     exact = float(problem.log_density(alpha, problem.z, y).sum())
     assert found.log_likelihood.estimated == pytest.approx(exact, abs=0.02)
-
-
-def test_a_convolution_without_noise_needs_a_lattice() -> None:
-    problem = replace(NOISY, noise=None)
-    with pytest.raises(InputsError, match="GermGrid"):
-        identified(
-            problem, problem.draw(0, np.array([0.8, 0.4])), density=Convolution(),
-            propagation=ResponseSurface(nodes=SobolPoints(256)),
-        )  # fmt: skip
 
 
 def log_saturation(alpha: np.ndarray, z: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from aleator.laws.image import FARTHEST, Tabulated
 from aleator.laws.law import Law
+from aleator.laws.normal import Normal
 from aleator.types import Array
 
 if TYPE_CHECKING:
@@ -31,9 +32,12 @@ def image_at(inputs: Inputs, i: int, values: Array, theta: Array, *, often: bool
     law can be told: a law whose quantile has kinks or runs off to infinity is asked itself. Beyond
     9.5, where there is no mass, x is that of 9.5. `often`, this law will be asked again and again.
     """
+    law = _law(inputs, i)
+    if isinstance(law, Normal):
+        return np.asarray(values[0] + values[1] * theta)
     table = _table(inputs, i, values.tobytes()) if often or theta.size >= MANY else None
     if table is None:
-        found = _law(inputs, i).standard(values, theta.ravel())
+        found = law.standard(values, theta.ravel())
         return np.asarray(found.x.reshape(theta.shape))
     return table(np.clip(theta, -FARTHEST, FARTHEST))
 

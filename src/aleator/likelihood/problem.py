@@ -101,7 +101,12 @@ class Problem(Forward):
         if self.levels is None:
             return self
         assert isinstance(self.predictor, PointPredictor)
-        return replace(self, predictor=self.predictor.coarse(), likelihood=self.levels.few())
+        return replace(self, predictor=self.predictor.coarse(), likelihood=self.levels.coarsest())
+
+    @property
+    def free(self) -> bool:
+        """Whether simulated values cost nothing: of surfaces, or where it is integrated itself."""
+        return self.surface is not None or self.levels is not None
 
     @property
     def unreached(self) -> Flags:

@@ -22,8 +22,6 @@ from aleator.search.value import LogLikelihood
 from aleator.surrogates.responses import DirectResponse, Predicted
 from aleator.types import Array
 
-MANY = 1000
-"""Experiments above which replicates are judged more coarsely."""
 FARTHEST = 6.0
 """Quantiles are tabulated to so many standard deviations of a normal law."""
 TABULATED = 81
@@ -146,14 +144,14 @@ class OutcomeFit:
         )
 
     def simulated(self, x: Array) -> Array | None:
-        """Values (N, J) of the surfaces at x (J, n)."""
-        if self.problem.surface is None:
+        """Values (N, J) of the surfaces, or of a simulator that takes arrays, at x (J, n)."""
+        if not self.problem.free:
             return None
         return self.problem.response.evaluate(x)[self.problem.condition]
 
     def nodes(self) -> tuple[Array, Array] | None:
         """Those of the law at alpha, whose runs the likelihood at alpha has made."""
-        if self.problem.surface is not None:
+        if self.problem.free:
             return None
         x = self.problem.nodes(self.alpha)
         return x, self.problem.response.evaluate(x)[self.problem.condition]

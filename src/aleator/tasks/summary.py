@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -135,10 +136,10 @@ def _log_likelihood(
     """
     found = honest.likelihood
     if checked is None:
-        parts = [found - exact.likelihood, cells]
-        return LogLikelihoodReport(found, None, None, error=float(np.linalg.norm(parts)) or None)
+        error = math.hypot(found - exact.likelihood, cells)
+        return LogLikelihoodReport(found, None, None, error=error or None)
     verified, of_check = exact.likelihood + checked.total, max(checked.standard_error, LEAST)
-    error = float(np.linalg.norm([found - verified, of_check, doubted.error, cells]))
+    error = math.hypot(found - verified, of_check, doubted.error, cells)
     known = error if np.isfinite(error) else None
     return LogLikelihoodReport(found, verified, of_check, error=known)
 

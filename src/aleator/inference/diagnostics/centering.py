@@ -28,11 +28,11 @@ def centering_warnings(
 ) -> list[Diagnostic]:
     """Advice for pairs of parameters of which one acts as the other times a condition.
 
-    `conditions` has a row for each of the N experiments. Slopes are those of the surfaces at the
-    middle of the law: no run is made, and nothing is said for collocation, whose slopes would cost
-    runs.
+    `conditions` has a row for each of the N experiments. Slopes are those of the surfaces, or of a
+    simulator that takes arrays, at the middle of the law. Nothing is said for collocation, whose
+    slopes would cost runs.
     """
-    if problem.surface is None:
+    if not problem.free:
         return []
     inputs = problem.model.inputs
     middle = inputs.marginal(alpha, np.full((1, len(inputs.names)), 0.5))

@@ -27,25 +27,32 @@ At = Callable[[Indices, Array], Array]
 
 
 def crossed(
-    rows: Indices, y: Array, eta: Array, sides: tuple[Array, ...], at: At, alike: float
+    rows: Indices,
+    y: Array,
+    condition: Indices,
+    eta: Array,
+    sides: tuple[Array, ...],
+    at: At,
+    alike: float,
 ) -> tuple[Indices, Array, Array]:
     """Whose sets (H,) go through cells: points on them there x (H, s), and weights (H,).
 
-    Of experiments `rows` (B,) with outcomes y (B,), and `eta` (B, P) at the points of a grid with
-    these `sides`. A weight is the length of the set over the slope of the outcome. A cell whose
-    slope differs by more than `alike` from the mean of those at its corners, or which may hide a
-    set between its corners, is halved: near an extreme, a saddle, a fold or a kink. That takes
-    outcomes `at` further points.
+    Of experiments `rows` (B,) with outcomes y (B,), and `eta` (C, P) of conditions, theirs being
+    `condition` (B,), at the points of a grid with these `sides`. A weight is the length of the set
+    over the slope of the outcome. A cell whose slope differs by more than `alike` from the mean of
+    those at its corners, or which may hide a set between its corners, is halved: near an extreme, a
+    saddle, a fold or a kink. That takes outcomes `at` further points.
     """
     shape = tuple(side.size for side in sides)
-    whose, cell, corners = _passed(y, eta, shape)
+    whose, cell, corners = _passed(y, eta[condition], shape)
     place = np.unravel_index(corners, shape)
     x = np.stack([side[i] for side, i in zip(sides, place, strict=True)], axis=-1)
-    slope = _slopes(eta, whose, corners, sides) * np.ptp(x, axis=1, keepdims=True)
-    v = eta[whose[:, None], corners]
+    of = condition[whose]
+    slope = _slopes(eta, of, corners, sides) * np.ptp(x, axis=1, keepdims=True)
+    v = eta[of[:, None], corners]
     slopes, smooth = _smooth(v, _unit(x), slope, alike)
     count = math.prod(size - 1 for size in shape)
-    through, bent = whose * count + cell, _hiding(y, eta, sides)
+    through, bent = whose * count + cell, _hiding(y, condition, eta, sides)
     bent = np.union1d(through[~smooth], bent)
     kept = ~np.isin(through, bent)
     whole = (rows[whose[kept]], *_pieces(y[whose[kept]], v[kept], x[kept], slopes[kept]))
@@ -54,7 +61,7 @@ def crossed(
     ends = [np.stack([side[i], side[i + 1]]) for side, i in zip(sides, low, strict=True)]
     first = np.ravel_multi_index(low, shape)
     far = np.array([0, 1, shape[-1], shape[-1] + 1])[: 2 ** len(shape)]
-    outcomes = eta[index[:, None], first[:, None] + far].reshape(-1, *[2] * len(shape))
+    outcomes = eta[condition[index][:, None], first[:, None] + far].reshape(-1, *[2] * len(shape))
     parts = _halved(rows[index], y[index], np.stack(ends, axis=-1), outcomes, at, alike)
     owner, on, weight = (
         np.concatenate(one) for one in zip(_flat(*whole), *(_flat(*p) for p in parts), strict=True)
@@ -171,12 +178,12 @@ def _passed(y: Array, eta: Array, shape: tuple[int, ...]) -> tuple[Indices, Indi
     return whose, where % math.prod(size - 1 for size in shape), simplices[where]
 
 
-def _hiding(y: Array, eta: Array, sides: tuple[Array, ...]) -> Indices:
+def _hiding(y: Array, condition: Indices, eta: Array, sides: tuple[Array, ...]) -> Indices:
     """Cells in which a set may lie between corners that are all to one side, one number for each.
 
     They have a corner beside which the outcome bends by as much as it is off.
     """
-    v = eta.reshape(len(y), *(side.size for side in sides))
+    v = eta.reshape(len(eta), *(side.size for side in sides))
     bend = np.zeros_like(v)
     for i, side in enumerate(sides, 1):
         width = np.diff(side).reshape(-1, *[1] * (len(sides) - i))
@@ -184,12 +191,13 @@ def _hiding(y: Array, eta: Array, sides: tuple[Array, ...]) -> Indices:
         inner *= np.maximum(width[:-1], width[1:])
         ends = [(1, 1) if k == i else (0, 0) for k in range(v.ndim)]
         bend += np.pad(inner, ends, mode="edge")
-    near = np.abs(v - y.reshape(-1, *[1] * len(sides))) < 0.5 * bend
+    bend *= 0.5
+    near = np.abs(v[condition] - y.reshape(-1, *[1] * len(sides))) < bend[condition]
     known = np.isfinite(v)
     for i in range(1, v.ndim):
         before, after = (*[np.s_[:]] * i, np.s_[:-1]), (*[np.s_[:]] * i, np.s_[1:])
         near, known = near[before] | near[after], known[before] & known[after]
-    return np.flatnonzero(near & known)
+    return np.flatnonzero(near & known[condition])
 
 
 @lru_cache

@@ -87,8 +87,8 @@ class Grid:
         """
         points = self._points
         found = [
-            crossed(rows, y[rows], eta, self.sides, self._at, self.alike)
-            for rows, eta in self._simulated(points)
+            crossed(rows, y[rows], condition, eta, self.sides, self._at, self.alike)
+            for rows, condition, eta in self._simulated(points)
         ]
         owner, on, weight = (np.concatenate(part) for part in zip(*found, strict=True))
         x = np.tile(self.x, (len(on), 1))
@@ -102,7 +102,8 @@ class Grid:
         The geometric mean over the experiments of the sums of all steps. Cost: all points.
         """
         shape = tuple(side.size for side in self.sides)
-        eta = np.concatenate([part for _, part in self._simulated(self._points)])
+        simulated = self._simulated(self._points)
+        eta = np.concatenate([part[condition] for _, condition, part in simulated])
         by_side = [
             np.nansum(np.abs(np.diff(eta.reshape(-1, *shape), axis=1 + i)).reshape(len(eta), -1), 1)
             for i in range(len(shape))
@@ -124,8 +125,11 @@ class Grid:
         points[:, [*self.scattered]] = np.stack([part.ravel() for part in corners], axis=1)
         return points
 
-    def _simulated(self, points: Array) -> Iterator[tuple[Indices, Array]]:
-        """Experiments (B,) with their outcomes (B, P) at the points, so many as fit together."""
+    def _simulated(self, points: Array) -> Iterator[tuple[Indices, Indices, Array]]:
+        """Experiments (B,), theirs (B,) of C conditions, and the outcomes (C, P) of these.
+
+        So many at a time as fit together.
+        """
         count = int(self.condition.max()) + 1
         block, known = max(1, MOST // len(points)), self.values.of(self.sides)
         made = list[Array]()
@@ -136,7 +140,7 @@ class Grid:
                 made.append(eta)
             rows = np.flatnonzero((first <= self.condition) & (self.condition < first + block))
             for part in np.array_split(rows, max(1, -(-rows.size // block))):
-                yield part, eta[self.condition[part] - first]
+                yield part, self.condition[part] - first, eta
         if made:
             self.values.keep(self.sides, np.concatenate(made))
 

@@ -190,16 +190,19 @@ class LevelLikelihood:
         """The same experiments with other outcomes (N,)."""
         return self._with(outcomes, self.cells)
 
-    def few(self) -> LevelLikelihood:
-        """The same as coarse as a search needs it."""
-        return self._with(self.outcomes, searched(self.inputs, int(self.condition.max()) + 1))
-
     def coarse(self, times: int = 2) -> LevelLikelihood:
         """The same on grids of half as many cells: for a search, and for drawn experiments.
 
         Or of so many `times` fewer cells a parameter, to tell what cells change.
         """
         return self._with(self.outcomes, max(self._answers // times, 1))
+
+    def coarsest(self) -> LevelLikelihood:
+        """The same as coarse as serves for many data sets in turn."""
+        few = searched(self.inputs, int(self.condition.max()) + 1)
+        if self._on_a_grid:
+            few = min(few, FEWEST[self.inputs.scattering])
+        return self._with(self.outcomes, few)
 
     def fine(self) -> LevelLikelihood:
         """The same on the grids of an answer."""

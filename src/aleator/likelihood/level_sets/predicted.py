@@ -16,8 +16,8 @@ from aleator.surrogates.responses import Response
 from aleator.types import Array, Flags, Indices
 
 POINTS, FEWEST, VALUES = 8192, 512, 8_000_000
-"""Points of the law, fewest of very many experiments, and values of all of these together."""
-FEW = {1: 161, 2: 1681}
+"""Points of the law, fewest of very many conditions, and values of all of these together."""
+FEW = {1: 401, 2: 1681}
 """Points that tell a probability to a thousandth, by scattering parameters; of more FEWEST."""
 REACH = 7.0
 """Standard normal variates to which a lattice goes."""
@@ -29,70 +29,76 @@ WIDE = 1.6
 
 @dataclass(frozen=True, eq=False)
 class PredictedOutcomes:
-    """The distributions of N outcomes: values (N, P) with weights (P,) of the points of a law.
+    """The distributions of N outcomes: values (U, P) with weights (P,) of the points of a law.
+
+    They are those of U distinct conditions; `condition` (N,) says which each experiment has.
 
     A lattice with the weights of the normal law for one variate or two, so that moments are exact
     to many digits; else points of a Sobol' sequence, half of the law and half farther out. Between
     neighbouring values probability is linear; beyond all of them it is half of what there is beyond
     the last. A value that is not finite counts as none.
 
-    >>> found = PredictedOutcomes(np.array([[0.0, 1.0, 2.0]]), np.full(3, 1 / 3))
+    >>> values = np.array([[0.0, 1.0, 2.0]])
+    >>> found = PredictedOutcomes(values, np.full(3, 1 / 3), np.array([0]))
     >>> found.cdf(np.array([1.0])).tolist(), found.quantile(np.array([0.5])).tolist()
     ([0.5], [[1.0]])
     """
 
     values: Array
     weights: Array
+    condition: Indices
 
-    @cached_property
+    @property
     def mean(self) -> Array:
         """(N,)."""
-        return np.asarray(np.sum(self._share * self._known, axis=1))
+        return self._mean[self.condition]
 
-    @cached_property
+    @property
     def sd(self) -> Array:
         """(N,)."""
-        return np.sqrt(self._central(2))
+        return self._sd[self.condition]
 
     @cached_property
     def standardized(self) -> Array:
         """Standardized moments (N, 5) of orders zero to four."""
-        sd = np.where(self.sd > 0.0, self.sd, 1.0)
+        sd = np.where(self._sd > 0.0, self._sd, 1.0)
         third, fourth = self._central(3) / sd**3, self._central(4) / sd**4
         none, one = np.zeros_like(sd), np.ones_like(sd)
-        return np.stack([one, none, one, third, fourth], axis=1)
+        return np.stack([one, none, one, third, fourth], axis=1)[self.condition]
 
     @property
     def status(self) -> NDArray[np.int64]:
         """(N,) `Status` codes: solved where there is any value."""
-        none = ~self._finite.any(axis=1)
-        return np.where(none, int(Status.DEGENERATE), int(Status.SOLVED))
+        known = self._finite.any(axis=1)
+        return np.where(known, int(Status.SOLVED), int(Status.DEGENERATE))[self.condition]
 
     def cdf(self, y: Array) -> Array:
         """P(outcome < y) at y (N,) or (N, G), of the same shape."""
-        value, level = self._sorted
-        if y.ndim > 1:
-            rows = zip(y, value, level, strict=True)
-            return np.array([np.interp(*row, left=0.0, right=1.0) for row in rows])
-        first, end = 0.5 * level[:, 0], 0.5 + 0.5 * level[:, -1]
-        place = np.sum(value < y[:, None], axis=1)
-        last = value.shape[1] - 1
-        low, high = np.clip(place - 1, 0, last), np.clip(place, 0, last)
-        ends = [np.take_along_axis(a, at[:, None], axis=1)[:, 0]
-                for a in (value, level) for at in (low, high)]  # fmt: skip
-        with np.errstate(invalid="ignore", divide="ignore"):
-            share = np.nan_to_num((y - ends[0]) / (ends[1] - ends[0]))
-        inside = ends[2] + np.clip(share, 0.0, 1.0) * (ends[3] - ends[2])
-        return np.where(place == 0, first, np.where(place > last, end, inside))
+        found, order = np.empty(y.shape), np.argsort(self.condition, kind="stable")
+        ends = np.cumsum(np.bincount(self.condition, minlength=len(self.values)))[:-1]
+        each = zip(np.split(order, ends), *self._sorted, strict=True)
+        for rows, value, level in each:
+            beyond = 0.5 * level[0], 0.5 + 0.5 * level[-1]
+            found[rows] = np.interp(y[rows], value, level, left=beyond[0], right=beyond[1])
+        return found
 
     def quantile(self, p: ArrayLike) -> Array:
         """Outcomes (N, Q) that are not exceeded with probabilities p (Q,)."""
         value, level = self._sorted
         pairs = zip(level, value, strict=True)
-        return np.array([np.interp(np.asarray(p, dtype=float), *pair) for pair in pairs])
+        each = np.array([np.interp(np.asarray(p, dtype=float), *pair) for pair in pairs])
+        return each[self.condition]
+
+    @cached_property
+    def _mean(self) -> Array:
+        return np.asarray(np.sum(self._share * self._known, axis=1))
+
+    @cached_property
+    def _sd(self) -> Array:
+        return np.sqrt(self._central(2))
 
     def _central(self, order: int) -> Array:
-        off = self._known - self.mean[:, None]
+        off = self._known - self._mean[:, None]
         return np.asarray(np.sum(self._share * off**order, axis=1))
 
     @cached_property
@@ -112,7 +118,7 @@ class PredictedOutcomes:
     @cached_property
     def _sorted(self) -> tuple[Array, Array]:
         """Values in order, and the probability below the middle of each."""
-        values = np.where(self._finite, self.values, self.mean[:, None])
+        values = np.where(self._finite, self.values, self._mean[:, None])
         order = np.argsort(values, axis=1)
         value = np.take_along_axis(values, order, axis=1)
         share = np.take_along_axis(self._share, order, axis=1)
@@ -143,13 +149,13 @@ class Predictor:
         xi, weights = self._points
         law = alpha[: self.inputs.size]
         x = parameters_at(self.inputs, law, xi[None], slice(0, 1), often=True)[0][0]
-        return PredictedOutcomes(self.response.evaluate(x)[self.condition], weights)
+        return PredictedOutcomes(self.response.evaluate(x), weights, self.condition)
 
     @cached_property
     def _points(self) -> tuple[Array, Array]:
         """Variates (P, s) and their weights (P,)."""
         s = self.inputs.scattering
-        count = min(self.points, max(VALUES // self.condition.size, FEWEST))
+        count = min(self.points, max(VALUES // (int(self.condition.max()) + 1), FEWEST))
         if not 1 <= s <= 2:
             xi = standard_points(count, s)
             xi[count // 2 :] *= WIDE
