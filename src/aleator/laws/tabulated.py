@@ -34,7 +34,7 @@ def image_at(inputs: Inputs, i: int, values: Array, theta: Array, *, often: bool
     """
     law = _law(inputs, i)
     if isinstance(law, Normal):
-        return np.asarray(values[0] + values[1] * theta)
+        return np.asarray(values[0] + values[1] * np.clip(theta, -FARTHEST, FARTHEST))
     table = _table(inputs, i, values.tobytes()) if often or theta.size >= MANY else None
     if table is None:
         found = law.standard(values, theta.ravel())
