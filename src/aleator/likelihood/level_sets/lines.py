@@ -45,7 +45,7 @@ class Crossings:
     wider: float = 1.2
     reach: float = 8.0
     steps: int = 24
-    alone: int = 512
+    alone: int = 128
     closer: int = 12
     halvings: int = 7
     difference: float = 3e-3
