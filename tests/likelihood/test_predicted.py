@@ -35,7 +35,7 @@ def test_a_normal_outcome(count: int, moment: float, level: float) -> None:
     np.testing.assert_allclose(found.cdf(y), stats.norm.cdf(y, mean, sd), atol=level)
     exact = mean[:, None] + sd[:, None] * stats.norm.ppf(LEVELS)
     np.testing.assert_allclose(found.quantile(LEVELS), exact, atol=max(20 * level, 0.02))
-    np.testing.assert_allclose(found.cdf(found.quantile(np.array([0.3]))[:, 0]), 0.3, atol=2e-3)
+    np.testing.assert_allclose(found.cdf(found.quantile(np.array([0.3]))[:, 0]), 0.3, atol=5e-3)
 
 
 def test_a_skew_outcome() -> None:

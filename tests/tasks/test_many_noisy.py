@@ -49,7 +49,7 @@ def study(many: int, count: int, bend: float, seed: int):
     ("many", "bend", "vectorized"),
     [
         pytest.param(5, 0.0, True, marks=pytest.mark.slow),
-        pytest.param(6, 0.03, False, marks=pytest.mark.slow),
+        pytest.param(6, 0.03, False, marks=pytest.mark.long),
         pytest.param(10, 0.03, True, marks=pytest.mark.long),
     ],
 )
