@@ -189,3 +189,17 @@ def test_a_pole_far_from_the_law_is_no_jump() -> None:
     fitted = np.log(a).std()
     mean = np.exp(np.log(a).mean() + 0.5 * fitted**2)
     assert found.alpha["a.mean"].estimate == pytest.approx(mean, rel=1e-3)
+
+
+@pytest.mark.parametrize("noise", [None, Noise(0.05)])
+def test_a_tolerance_asks_for_surfaces(noise: Noise | None) -> None:
+    """It says how exact these are to be, of a simulator that takes arrays too."""
+    rng = np.random.default_rng(4)
+    c = rng.uniform(0.5, 2.0, 12)
+    y = c * rng.normal(1.0, 0.2, 12) + (0.05 * rng.standard_normal(12) if noise else 0.0)
+    found = found_of(
+        pd.DataFrame({"c": c, "y": y}), lambda c, a: c * a, noise=noise, consistency=False,
+        propagation=ResponseSurface(tolerance=0.01),
+    )  # fmt: skip
+    assert found.propagation == "response_surface"
+    assert found.runs < 1000

@@ -38,9 +38,9 @@ class Way:
 def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> Way:
     """The way of a study: the simulator itself where it is vectorized, else surfaces.
 
-    The choice says otherwise by `surfaces`. A budget of runs is for surfaces, and so is a simulator
-    of which single runs fail between others that do not. `x` (n,) is a point of the `region` (n, 2)
-    where the laws may be. No time is measured, so that the same study goes the same way on every
+    The choice says otherwise by `surfaces`. A tolerance and a budget of runs are for surfaces, and
+    so is a simulator of which single runs fail between others that do not. `x` (n,) is a point of
+    the `region` (n, 2) where the laws may be. No time is measured, so that the same study goes the same way on every
     machine. Cost: 33 runs a unit and parameter of a vectorized simulator.
     """
     if choice.surfaces == "none":
@@ -48,6 +48,8 @@ def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> 
         return Way(True, 'surfaces = "none"')
     if choice.surfaces is not None:
         return Way(False, f'surfaces = "{choice.surfaces}"')
+    if choice.tolerance is not None:
+        return Way(False, "surfaces have a tolerance")
     if runner.account.budget.runs is not None:
         return Way(False, "runs have a budget")
     if not runner.vectorized:
