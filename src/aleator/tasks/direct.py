@@ -40,8 +40,8 @@ def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> 
 
     The choice says otherwise by `surfaces`. A tolerance and a budget of runs are for surfaces, and
     so is a simulator of which single runs fail between others that do not. `x` (n,) is a point of
-    the `region` (n, 2) where the laws may be. No time is measured, so that the same study goes the same way on every
-    machine. Cost: 33 runs a unit and parameter of a vectorized simulator.
+    the `region` (n, 2) where the laws may be. No time is measured, so that the same study goes the
+    same way on every machine. Cost: 33 runs a unit and parameter of a vectorized simulator.
     """
     if choice.surfaces == "none":
         runner.takes_arrays(region)
