@@ -22,9 +22,9 @@ from aleator.likelihood.individual import (
     Layout,
     Predictor,
 )
-from aleator.likelihood.individual.importance import standard_points
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import mean_of
+from aleator.likelihood.individual.moments import values_under_law
 from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.noise import Noise
@@ -177,9 +177,7 @@ def unsmoothed(found: Checked, levels: LevelLikelihood, alpha: Array) -> Checked
     s0, s1 = found.line_error.T
     least = np.maximum(s0, 1e-3 * found.scatter)
     y = levels.outcomes - e0 / (1.0 + e1)
-    there, above, below = (
-        levels.given(y + by).evaluate(alpha) for by in (0.0 * least, least, -least)
-    )
+    there, above, below = (levels.given(y + by * least).evaluate(alpha) for by in (0.0, 1.0, -1.0))
     with np.errstate(invalid="ignore", divide="ignore"):
         change = there.each - here - np.log1p(e1)
         slope = (above.each - below.each) / (2.0 * least)
@@ -224,19 +222,8 @@ def smoothed(
 
 def scatter_of(likelihood: IndividualLikelihood, alpha: Array, points: int = 128) -> Array:
     """The standard deviation (M,) of the simulated values under the law alpha (K,)."""
-    inputs, found = likelihood.inputs, np.zeros(likelihood.layout.experiment.size)
-    classes = len(inputs.classes)
-    theta = standard_points(points, inputs.scattering)
-    for block in likelihood.layout.blocks(points * classes):
-        xi = np.tile(theta, (len(block), classes, 1))
-        law = inputs.individual(alpha[: inputs.size], xi, block.experiments)
-        with np.errstate(all="ignore"):
-            eta = likelihood.predictor.values(block, law.x)
-        share = np.exp(np.broadcast_to(law.log_weight, law.x.shape[:2]))[block.owner]
-        share = np.where(np.isfinite(eta), share, 0.0)
-        eta = np.where(np.isfinite(eta), eta, 0.0)
-        with np.errstate(invalid="ignore"):
-            share = share / share.sum(axis=1, keepdims=True)
+    found = np.zeros(likelihood.layout.experiment.size)
+    for block, eta, share in values_under_law(likelihood, alpha, points):
         mean = np.sum(share * eta, axis=1, keepdims=True)
         found[block.rows] = np.sqrt(np.sum(share * (eta - mean) ** 2, axis=1))
     return np.nan_to_num(found)

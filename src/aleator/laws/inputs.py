@@ -325,6 +325,13 @@ class Inputs:
         alpha[: self.partials.start] = own if model is None else model.about(own)
         return alpha
 
+    def filling(self, region: Array, widths: float) -> Array:
+        """The alpha (K,) of laws in the middle of a region (n, 2), so many sds wide."""
+        alpha = np.array([h.start for h in self.hyperparameters])
+        for law, part, (low, high) in zip(self.laws.values(), self.slices, region, strict=True):
+            alpha[part] = law.filling(0.5 * (low + high), (high - low) / widths)
+        return alpha
+
     def individual(self, alpha: Array, xi: Array, experiments: slice) -> Individual:
         """Parameters of some experiments at standard normal variates xi (B, J, s) of their own."""
         return Individual.of(self, alpha, xi, experiments)

@@ -77,7 +77,7 @@ def _enough_nodes(
     twelfth of it with one standard deviation on either side: smooth surfaces need few nodes,
     fronts need many. Every node saved is saved in each of the search's evaluations.
     """
-    alphas = [_filling(best.inputs, region, share) for share in SHARES]
+    alphas = [best.inputs.filling(region, share) for share in SHARES]
     wanted = [_compared(best, a, order) for a in alphas]
     for nodes in range(4, most):
         way = replace(best, cubature=TensorGauss(nodes))
@@ -93,7 +93,7 @@ def _enough_degrees(sampled: QuadraturePropagation, region: Array, order: int) -
     bends more than its own degree tells is left to the samples.
     """
     inputs, response = sampled.inputs, sampled.response
-    alphas = [_filling(inputs, region, share) for share in SHARES]
+    alphas = [inputs.filling(region, share) for share in SHARES]
     ways = [
         ExpandedPropagation(
             inputs, response, Regression(TotalDegree(degree), adaptive=False), order
@@ -112,14 +112,6 @@ def _enough_degrees(sampled: QuadraturePropagation, region: Array, order: int) -
 def _alike(some: list[Array], others: list[Array]) -> bool:
     gaps = (one - other for one, other in zip(some, others, strict=True))
     return all(np.mean(np.max(np.abs(gap), axis=1) ** 2) < ALIKE**2 for gap in gaps)
-
-
-def _filling(inputs: Inputs, region: Array, share: float) -> Array:
-    """alpha of laws in the middle of the region whose sd is its width over `share`."""
-    alpha = np.array([h.start for h in inputs.hyperparameters])
-    for law, part, (low, high) in zip(inputs.laws.values(), inputs.slices, region, strict=True):
-        alpha[part] = law.filling(0.5 * (low + high), (high - low) / share)
-    return alpha
 
 
 def _compared(way: Propagation, alpha: Array, order: int) -> Array:

@@ -142,10 +142,9 @@ def _way(question: Question, model: Model, ledger: Ledger) -> Refinement:
 
 def _sure(way: Refinement, refined: Refined, ledger: Ledger) -> tuple[Refined, Inference, Profile]:
     """Inference on surfaces that hold the laws at the ends of the intervals, and on fine grids."""
-    levels = refined.problem.levels
-    for widened in range(WIDER + 1):
-        if levels is not None and refined.surfaces is None:
-            break
+    # level sets of the simulator itself have no region that could be too narrow
+    direct = refined.problem.levels is not None and refined.surfaces is None
+    for widened in range(0 if direct else WIDER + 1):
         with ledger.stage("inference"):
             found, inference, profile = infer_at(refined.problem, refined.found)
         refined = replace(refined, found=found)

@@ -111,10 +111,8 @@ class OutcomeFit:
     def span(self) -> tuple[Array, Array]:
         """Ends (N,): seven standard deviations about the mean, within what can be reached."""
         under, ends = self._under, self.problem.predictor
-        reach = SPAN * under.sd
-        return np.maximum(ends.lower, under.mean - reach), np.minimum(
-            ends.upper, under.mean + reach
-        )
+        low, high = under.mean - SPAN * under.sd, under.mean + SPAN * under.sd
+        return np.maximum(ends.lower, low), np.minimum(ends.upper, high)
 
     def quantiles(self, probabilities: Array) -> Array:
         """Those (N, P) of the densities."""

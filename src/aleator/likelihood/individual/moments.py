@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.likelihood.individual.importance import proposed
+from aleator.likelihood.individual.importance import proposed, standard_points
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import IndividualLikelihood, mean_of
 from aleator.types import Array
@@ -31,6 +31,27 @@ class IndividualParameters:
     predicted: Array
     shrinkage: Array
     components: Mapping[str, Array]
+
+
+def values_under_law(
+    likelihood: IndividualLikelihood, alpha: Array, points: int
+) -> Iterator[tuple[Block, Array, Array]]:
+    """Blocks with simulated values (m, P) under the law alpha (K,), and their shares (m, P).
+
+    At so many points of the law of each experiment, class by class; what failed has no share.
+    """
+    inputs = likelihood.inputs
+    classes, theta = len(inputs.classes), standard_points(points, inputs.scattering)
+    for block in likelihood.layout.blocks(points * classes):
+        xi = np.tile(theta, (len(block), classes, 1))
+        law = inputs.individual(alpha[: inputs.size], xi, block.experiments)
+        with np.errstate(all="ignore"):
+            eta = likelihood.predictor.values(block, law.x)
+        share = np.exp(np.broadcast_to(law.log_weight, law.x.shape[:2]))[block.owner]
+        share = np.where(np.isfinite(eta), share, 0.0)
+        with np.errstate(invalid="ignore"):
+            share = share / share.sum(axis=1, keepdims=True)
+        yield block, np.where(np.isfinite(eta), eta, 0.0), share
 
 
 def individual_parameters(likelihood: IndividualLikelihood, alpha: Array) -> IndividualParameters:

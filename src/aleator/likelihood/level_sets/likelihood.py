@@ -218,7 +218,7 @@ class LevelLikelihood:
         """The sets on the first grid, or on lines all over the region."""
         if self._on_a_grid:
             return self._traced(self._whole)
-        return self._laid(filling(self.inputs, self.region, WIDTHS))
+        return self._laid(self.inputs.filling(self.region, WIDTHS))
 
     @property
     def _on_a_grid(self) -> bool:
@@ -265,14 +265,6 @@ class LevelLikelihood:
 
     def _traced(self, grid: Grid) -> LevelSets:
         return LevelSets(self.inputs, *grid.traced(self.outcomes))
-
-
-def filling(inputs: Inputs, region: Array, widths: float) -> Array:
-    """alpha (K,) of laws in the middle of a region (n, 2), so many standard deviations wide."""
-    alpha = np.array([h.start for h in inputs.hyperparameters])
-    for law, part, (low, high) in zip(inputs.laws.values(), inputs.slices, region, strict=True):
-        alpha[part] = law.filling(0.5 * (low + high), (high - low) / widths)
-    return alpha
 
 
 def _shared(sides: Array, ratio: float) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Level sets of three or more parameters: points where lines through the variates cross them.
+"""Level sets where no grid serves: points where lines through the variates cross them.
 
 int phi(xi) delta(eta(x(xi)) - y) dxi is an integral over the lines along one direction and, on
 each, a sum over the points where the outcome is y. The lines are points of a Sobol' sequence in
@@ -8,6 +8,7 @@ the plane across that direction, about where the law explains the outcome.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import special
@@ -71,8 +72,7 @@ def traced(
     experiment at 25 points of every line.
     """
     settings, s = CROSSINGS, inputs.scattering
-    u = qmc.Sobol(s, rng=0).random_base2(int(np.log2(settings.points)))
-    law = special.ndtri(np.clip(u, SMALLEST, 1.0 - SMALLEST))
+    law = _scores(settings.points, s, 0)
     x = parameters_at(inputs, alpha, law[None], slice(0, 1), often=True)[0][0]
     found = []
     for rows in blocks(y.size, lines * (settings.steps + 1), LARGEST):
@@ -128,12 +128,12 @@ class _Block:
         dimensions = centre.shape[1]
         if not dimensions:
             found = self._roots(basis, centre[:, None])
-            return self._weighted(found.owner, found.xi, found.log_value)
+            return self._weighted(found.owner, found.xi, found.log_alone)
         u = centre[:, None] + CROSSINGS.wider * _scores(
             dimensions * (dimensions + 3) + 16, dimensions
         )
         first = self._roots(basis, u)
-        mean, factor = _fitted(u, first.of_lines(u, first.log_value - first.log_part))
+        mean, factor = _fitted(u, first.of_lines(u, first.log_alone))
         log_q = _gaussian(u, centre, np.eye(dimensions), CROSSINGS.wider) + np.log(u.shape[1])
         middle, square, left = first.moments(log_q, len(self.y))
         parts = []
@@ -143,7 +143,7 @@ class _Block:
             own = mean[plain][:, None] + np.einsum("bij,lj->bli", factor[plain], z)
             log_q = _gaussian(own, mean[plain], factor[plain]) - log_weight
             found = self._of(plain)._roots(basis[plain], own)
-            parts.append((plain, found.weighed(log_q, found.log_value - found.log_part)))
+            parts.append((plain, found.weighed(log_q, found.log_alone)))
         bent = np.flatnonzero(~(left < CROSSINGS.touching))
         if bent.size:
             block, many = self._of(bent), lines * CROSSINGS.bent
@@ -308,10 +308,13 @@ def _nodes(count: int, dimensions: int) -> tuple[Array, Array]:
     return z, np.full(len(z), -np.log(len(z)))
 
 
-def _scores(count: int, dimensions: int) -> Array:
+@lru_cache(maxsize=64)
+def _scores(count: int, dimensions: int, seed: int = 1) -> Array:
     """Normal scores (count, dimensions) of a scrambled Sobol' sequence, always the same."""
-    u = qmc.Sobol(dimensions, rng=1).random_base2(int(np.ceil(np.log2(count))))[:count]
-    return np.asarray(special.ndtri(np.clip(u, SMALLEST, 1.0 - SMALLEST)))
+    u = qmc.Sobol(dimensions, rng=seed).random_base2(int(np.ceil(np.log2(count))))[:count]
+    found: Array = special.ndtri(np.clip(u, SMALLEST, 1.0 - SMALLEST))
+    found.flags.writeable = False
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,7 +330,7 @@ class _Crossed:
     log_slope: Array
     log_others: Array
 
-    @property
+    @cached_property
     def log_part(self) -> Array:
         """The logarithm (H,) of the share that this direction has of all directions together.
 
@@ -341,9 +344,14 @@ class _Crossed:
         return np.asarray(np.nan_to_num(power * self.log_slope - whole, nan=-np.inf))
 
     @property
+    def log_alone(self) -> Array:
+        """The logarithm (H,) of phi/|g_1|, as if this direction were the only one."""
+        return _normal(self.xi) - self.log_slope
+
+    @property
     def log_value(self) -> Array:
-        """The logarithm (H,) of phi/|g_1| with that share."""
-        return _normal(self.xi) - self.log_slope + self.log_part
+        """The same with the share of this direction."""
+        return self.log_alone + self.log_part
 
     def of_lines(self, u: Array, log_value: Array) -> Array:
         """The logarithm (B, J) of the sum of values (H,) over the crossings of each line."""

@@ -27,7 +27,7 @@ from aleator.likelihood.individual import (
 )
 from aleator.likelihood.individual.importance import standard_points
 from aleator.likelihood.individual.layout import Block
-from aleator.likelihood.individual.moments import individual_variates
+from aleator.likelihood.individual.moments import individual_variates, values_under_law
 from aleator.likelihood.individual.rule import AsManyAsNeeded
 from aleator.observations.experiments import Experiments
 from aleator.search.value import LogLikelihood
@@ -153,20 +153,10 @@ class IndividualFit:
 
     def span(self) -> tuple[Array, Array]:
         """Ends (M,): seven standard deviations about the mean of what would be measured."""
-        likelihood, inputs = self.likelihood, self.likelihood.inputs
-        points = standard_points(POINTS, inputs.scattering)
+        likelihood, of_errors = self.likelihood, self.alpha[self.likelihood.inputs.size :]
         middle, reach = np.empty((2, len(self.table.observations)))
-        for block in likelihood.layout.blocks(POINTS * len(inputs.classes)):
-            xi = np.tile(points, (len(block), len(inputs.classes), 1))
-            law = inputs.individual(self.alpha[: inputs.size], xi, block.experiments)
-            with np.errstate(all="ignore"):
-                eta = likelihood.predictor.values(block, law.x)
-            share = np.exp(np.broadcast_to(law.log_weight, law.x.shape[:2]))[block.owner]
-            share = np.where(np.isfinite(eta), share, 0.0)
-            eta = np.where(np.isfinite(eta), eta, 0.0)
-            scale = likelihood.errors.scale(self.alpha[inputs.size :], eta, block.rows)
-            with np.errstate(invalid="ignore"):
-                share = share / share.sum(axis=1, keepdims=True)
+        for block, eta, share in values_under_law(likelihood, self.alpha, POINTS):
+            scale = likelihood.errors.scale(of_errors, eta, block.rows)
             mean = np.sum(share * eta, axis=1)
             second = np.sum(share * ((eta - mean[:, None]) ** 2 + scale**2), axis=1)
             middle[block.rows], reach[block.rows] = mean, SPAN * np.sqrt(second)
