@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from aleator.errors import AleatorError
+from aleator.fit.search import by_tangent
 from aleator.inference.check import Check
 from aleator.inference.information import infer
 from aleator.laws.region import law_region
@@ -35,7 +36,6 @@ from aleator.search.value import LogLikelihood
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.baselines import linear_gaussian, start_point
 from aleator.tasks.identify import identify
 from aleator.types import Array
 from benchmarks.identifications import CLUTCH
@@ -95,8 +95,8 @@ def reference_of(study: Study) -> Reference:
             runner, study.experiments.outcomes, replace(model, propagation=choice), region
         )
         free = problem.likelihood.hyperparameters
-        alpha = search.maximize(problem.objective, free, seed=0, guesses=[alpha]).alpha
-        error = infer(problem.objective, alpha, free).standard_error
+        alpha = search.maximize(problem.continued, free, seed=0, guesses=[alpha]).alpha
+        error = infer(problem.continued, alpha, free).standard_error
         moved = [
             np.clip(alpha + sign * 3.0 * np.nan_to_num(error) * one,
                     [h.lower for h in free], [h.upper for h in free])
@@ -149,10 +149,7 @@ def by_runs(way: str, study: Study, choice: Collocation) -> list[Point]:
     followed = Followed(way, by_moments(problem).continued, runner, [])
     free = model.hyperparameters
     search = GradientMultistart(1, EVALUATIONS)
-    guess = linear_gaussian(
-        problem.response, model, start_point(study.inputs), problem.condition,
-        study.experiments.outcomes, search, seed=0,
-    )  # fmt: skip
+    guess = by_tangent(problem, search, seed=0)
     begun = [replace(h, start=float(value)) for h, value in zip(free, guess.alpha, strict=True)]
     search.maximize(followed, begun, seed=0)
     rows: list[Point] = []

@@ -43,7 +43,7 @@ def trials(study: Path) -> tuple[Trial, ...]:
     value = load_study(study)
     problem = prepare(value.runner(), value.experiments.outcomes, value.model, value.inputs.box)
     free = value.model.hyperparameters
-    return compare(list(SEARCHES.values()), problem.objective, free, seed=1)
+    return compare(list(SEARCHES.values()), problem.continued, free, seed=1)
 
 
 def search_table(name: str, found: Sequence[Trial]) -> Table:

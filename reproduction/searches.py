@@ -109,7 +109,7 @@ def _trials(study: ClutchStudy, seed: int, progress: Progress) -> dict[str, Tria
     free = problem.likelihood.hyperparameters
     for name, search in _choices().items():
         progress.update(name)
-        (found[name],) = compare([search], problem.objective, free, seed=seed)
+        (found[name],) = compare([search], problem.continued, free, seed=seed)
     return found
 
 

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from aleator.fit.search import fitted
 from aleator.plot.style import BLUE, VERMILION
 from aleator.surrogates.responses import DirectResponse
-from aleator.tasks.baselines import least_squares
+from aleator.types import Array
 from reproduction.canvas import LIGHT, explain
 from reproduction.clutch.response import grid
 from reproduction.context import Context
@@ -29,7 +30,12 @@ def measured(context: Context) -> Reproduction:
     coarse = grid(study.box, COARSE)
     squares = np.sum((direct.evaluate(coarse) - study.outcomes[:, None]) ** 2, axis=0)
     start = coarse[int(np.argmin(squares))]
-    fit = least_squares(direct, np.arange(count), study.outcomes, study.box, start)
+
+    def simulated_at(x: Array) -> tuple[Array, Array]:
+        value, slopes = direct.evaluate_with_gradient(x[None])
+        return value[:, 0], slopes[:, 0]
+
+    fit = fitted(simulated_at, study.outcomes, study.box, start)
     simulated = direct.evaluate(fit.x[None])[:, 0]
     table = pd.DataFrame(
         {

@@ -12,8 +12,7 @@ from scipy import stats
 from aleator import Free, Inputs, Noise, Normal
 from aleator.errors import InputsError
 from aleator.inference.check import Check, Checked, checked, smoothed, unsmoothed
-from aleator.inference.diagnostics.check import check_refusals
-from aleator.inference.diagnostics.surfaces import worse_than_estimated
+from aleator.inference.diagnostics.surfaces import check_refusals, worse_than_estimated
 from aleator.likelihood.individual import Direct, GaussHermite, IndividualLikelihood, Layout
 from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.observations.errors import MeasurementErrors

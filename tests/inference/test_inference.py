@@ -10,7 +10,7 @@ from problems import BINDING, REGRESSION, SAMPLE, Problem, raw_normal
 from scipy import optimize, stats
 
 from aleator import Constant, Free, Gaussian, GradientMultistart, Inputs, Normal
-from aleator.inference.diagnostics.directions import weak_directions
+from aleator.inference.diagnostics.estimates import weak_directions
 from aleator.inference.information import Inference, infer, observed_information
 from aleator.inference.profile import profile_intervals
 from aleator.moments.likelihood import Likelihood

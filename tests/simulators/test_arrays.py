@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aleator.inference.diagnostics.failures import failure_report
+from aleator.inference.diagnostics.experiments import failure_report
 from aleator.observations.experiments import Conditions
 from aleator.observations.responses import Response
 from aleator.simulators import FunctionSimulator, Runner

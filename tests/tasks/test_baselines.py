@@ -12,27 +12,30 @@ from scipy import optimize, stats
 from aleator import (
     Constant,
     Free,
-    Gaussian,
     GradientMultistart,
     Inputs,
-    ResponseSurface,
 )
-from aleator.likelihood.model import Model
-from aleator.tasks.baselines import LinearGaussian, least_squares, linear_gaussian
+from aleator.fit.search import LinearGaussian, fitted, linear_gaussian
 from aleator.types import Array
 
 LINE = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 40))
 
 
 def circe(problem: Problem, y: Array, x0: Array) -> LinearGaussian:
-    model = Model(problem.inputs, ResponseSurface(), Gaussian())
-    return linear_gaussian(
-        Exact(problem), model, x0, np.arange(y.size), y, GradientMultistart(4), seed=0
-    )
+    value, slope = at_point(problem, np.arange(y.size))(x0)
+    return linear_gaussian(problem.inputs, x0, value, slope, y, GradientMultistart(4), seed=0)
+
+
+def at_point(problem: Problem, condition: Array):
+    def at(x: Array):
+        value, slopes = Exact(problem).evaluate_with_gradient(x[None])
+        return value[condition, 0], slopes[condition, 0]
+
+    return at
 
 
 def fit(problem: Problem, y: Array, start: Array):
-    return least_squares(Exact(problem), np.arange(y.size), y, problem.inputs.box, start)
+    return fitted(at_point(problem, np.arange(y.size)), y, problem.inputs.box, start)
 
 
 # ------------------------------------------------------------------------------ least squares
@@ -81,7 +84,7 @@ def test_repeated_conditions_are_fitted_once_each() -> None:
     few = replace(LINE, z=np.array([0.0, 1.0]))
     condition = np.array([0, 0, 1, 1, 1])
     y = np.array([1.0, 1.2, 3.0, 3.3, 2.7])
-    found = least_squares(Exact(few), condition, y, few.inputs.box, np.zeros(2))
+    found = fitted(at_point(few, condition), y, few.inputs.box, np.zeros(2))
     np.testing.assert_allclose(found.x, [1.1, 1.9], atol=1e-6)
 
 

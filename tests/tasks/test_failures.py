@@ -12,6 +12,7 @@ from identifications import unjudged
 
 from aleator import cli
 from aleator.errors import SimulatorError
+from aleator.fit.way import fails_here_and_there
 from aleator.inference.check import Check
 from aleator.laws import Free, Normal, TruncatedNormal
 from aleator.laws.inputs import Inputs
@@ -19,7 +20,6 @@ from aleator.observations.experiments import Conditions
 from aleator.observations.noise import Noise
 from aleator.simulators import as_runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.direct import fails_here_and_there
 from aleator.tasks.identification import Identification
 from aleator.tasks.identify import identify
 from aleator.types import Array

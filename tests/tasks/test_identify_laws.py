@@ -25,10 +25,10 @@ from aleator import (
     ScipyLaw,
     Uniform,
 )
+from aleator.fit.question import start_point
+from aleator.fit.search import linear_gaussian
 from aleator.laws import Law
-from aleator.likelihood.model import Model
 from aleator.search import GradientMultistart
-from aleator.tasks.baselines import linear_gaussian, start_point
 from aleator.types import Array
 
 COUNT, NOISE = 60, 0.5
@@ -148,10 +148,9 @@ def test_the_linear_gaussian_law_takes_any_law(law: Law) -> None:
     """Its log-likelihood is that of Normal(z m + b, z^2 s^2) with the law's m and s."""
     inputs = Inputs({"x": law, "b": Constant(Free(-5.0, 5.0))})
     y = 1.0 + Z * WEIBULL.rvs(size=COUNT, random_state=np.random.default_rng(1))
-    found = linear_gaussian(
-        Line(), Model.of(inputs), start_point(inputs), np.arange(COUNT), y,
-        GradientMultistart(3), seed=0,
-    )  # fmt: skip
+    x0 = start_point(inputs)
+    value, slope = (part[:, 0] for part in Line().evaluate_with_gradient(x0[None]))
+    found = linear_gaussian(inputs, x0, value, slope, y, GradientMultistart(3), seed=0)
     *own, b = found.alpha
     moments = law.mean_and_sd(np.array(own))
     truth = stats.norm.logpdf(y, Z * moments.mean + b, Z * moments.sd).sum()

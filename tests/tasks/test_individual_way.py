@@ -8,11 +8,11 @@ from identifications import unjudged
 from individual_cases import ALPHA, PAIR, decay, likelihood_of, straight_line, table
 
 from aleator import Experiments, Free, Noise, ResponseSurface
+from aleator.fit.settle import climbed, settled
 from aleator.inference.check import checked
 from aleator.likelihood.individual import OnSurfaces
 from aleator.simulators import Runner
 from aleator.surrogates import build_surface
-from aleator.tasks.individual.settle import climbed, settled
 
 REGION = np.array([[-12.0, 14.0], [-6.0, 6.0]])
 

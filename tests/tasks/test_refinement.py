@@ -14,11 +14,11 @@ from aleator import (
     ResponseSurface,
     TruncatedNormal,
 )
+from aleator.fit.regions import likely_alphas
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.simulators import FunctionSimulator, Runner, Store
 from aleator.tasks.identification import Identification
-from aleator.tasks.likely import likely_alphas
 from aleator.types import Array
 
 Z = np.linspace(0.5, 2.0, 20)

@@ -17,6 +17,7 @@ import numpy as np
 
 from aleator.cli.showing import say
 from aleator.errors import AleatorError
+from aleator.fit.question import start_point
 from aleator.observations.experiments import Conditions
 from aleator.progress import Progress
 from aleator.results import documents
@@ -25,7 +26,6 @@ from aleator.simulators import Budget, ProcessPool, Runner, Store, notified
 from aleator.simulators.workers.dask_cluster import dask_executor
 from aleator.simulators.workers.mpi_job import mpi_executor
 from aleator.study import Study
-from aleator.tasks.baselines import start_point
 from aleator.tasks.identification import Identification
 from aleator.tasks.identify import UNLIMITED, identify
 

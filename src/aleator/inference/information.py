@@ -102,6 +102,15 @@ class Inference:
         scale = np.sqrt(np.diag(self.covariance))
         return np.asarray(self.covariance / np.outer(scale, scale))
 
+    def differences(self, alpha: Array, other: Array) -> Array:
+        """How far apart two alphas are in standard errors (K,); NaN where there is none."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray((alpha - other) / self.standard_error)
+
+    def apart(self, alpha: Array, other: Array) -> float:
+        """The largest difference of two alphas in standard errors, as far as they are known."""
+        return float(np.nanmax(np.abs(self.differences(alpha, other)), initial=0.0))
+
 
 def infer(
     objective: Objective,

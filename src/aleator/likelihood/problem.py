@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import LevelLikelihood, searched, traceable
 from aleator.likelihood.level_sets.predicted import Predictor as PointPredictor
 from aleator.likelihood.model import Model
 from aleator.progress import Progress
 from aleator.search import Objective
+from aleator.search.value import LogLikelihood
 from aleator.simulators import NoOutcome, Runner
 from aleator.surrogates import ResponseSurface, Surface, build_surface
 from aleator.surrogates.responses import (
@@ -92,6 +95,46 @@ class Problem(Forward):
     likelihood: Likelihood | LevelLikelihood
 
     @property
+    def inputs(self) -> Inputs:
+        """The laws of the parameters."""
+        return self.model.inputs
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """All of alpha."""
+        return self.model.hyperparameters
+
+    @property
+    def count(self) -> int:
+        """N."""
+        return self.outcomes.size
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        """Value and score (N, K) at alpha (K,), continued where there is no density."""
+        return self.continued(alpha)
+
+    def evaluate(self, alpha: Array) -> LogLikelihood:
+        """The same."""
+        return self.continued(alpha)
+
+    def adapted(self, alpha: Array) -> Problem:  # noqa: ARG002  one interface
+        """The same: its nodes serve at every alpha."""
+        return self
+
+    def at_point(self, x: Array) -> tuple[Array, Array]:
+        """Simulated outcomes (N,) at one point x (n,), with slopes (N, n)."""
+        value, slope = self.response.evaluate_with_gradient(x[None, :])
+        return value[self.condition, 0], slope[self.condition, 0]
+
+    def sampled(self, size: int) -> Likelihood | LevelLikelihood:
+        """The likelihood of so many experiments, spread evenly."""
+        return self.likelihood.take(np.linspace(0, self.count - 1, size).astype(np.intp))
+
+    def fine(self) -> Problem:
+        """The same by level sets as fine as an answer needs."""
+        return self if self.levels is None else replace(self, likelihood=self.levels.fine())
+
+    @property
     def levels(self) -> LevelLikelihood | None:
         """The likelihood by level sets; None where a density was chosen."""
         return self.likelihood if isinstance(self.likelihood, LevelLikelihood) else None
@@ -143,9 +186,14 @@ class Problem(Forward):
         return level_sets(self, self.outcomes).fine() if known else None
 
     @property
-    def objective(self) -> Objective:
+    def continued(self) -> Objective:
         """What a search climbs: the likelihood, continued where there is none."""
         return self.likelihood.continued
+
+    @property
+    def followed(self) -> Objective:
+        """What derivatives by alpha are taken of: the same."""
+        return self.continued
 
     def given(self, outcomes: Array) -> Problem:
         """The same with other outcomes (N,)."""

@@ -20,6 +20,7 @@ from aleator.errors import (
     nearest,
     require_filled,
 )
+from aleator.fit.question import Choices
 from aleator.inference.check import Check
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
@@ -41,7 +42,6 @@ from aleator.study.sections import StudyFile, pairs
 from aleator.study.simulators import RunsSection
 from aleator.study.units import units_of
 from aleator.surrogates import ResponseSurface
-from aleator.tasks import individual
 from aleator.tasks.individual.observed import varying_conditions
 
 if TYPE_CHECKING:
@@ -87,13 +87,9 @@ class Study:
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """All that the study identifies or knows, in the order of alpha."""
-        table, inputs, noise = self.experiments, self.inputs, self.noise
-        if individual.wanted(table, inputs, noise):
-            asked = individual.asked(
-                table, inputs, noise, self.propagation, self.density, self.search
-            )
-            return asked.hyperparameters
-        return self.model.hyperparameters
+        return Choices.of(
+            self.experiments, self.inputs, self.noise, self.propagation, self.density, self.search
+        ).hyperparameters
 
     def overridden(
         self, seed: int | None = None, starts: int | None = None, verified: bool = True

@@ -7,7 +7,7 @@ draws of that law.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -33,8 +33,8 @@ EXACT = 0.005
 """The tolerance of surfaces without a law to follow, where none is chosen."""
 ROUGH = 0.05
 """Estimated error of a surface under the law, over the outcome's scatter, that asks for runs."""
-ROUGH_SHARED = 0.1
-"""The same of a shared surface: its estimate is more cautious."""
+SHARED = 2.0
+"""The same of a shared surface, over that: its estimate is more cautious."""
 GROWTH = 0.3
 """Share by which a round increases the runs of the experiments that need more."""
 PATIENCE = 6
@@ -101,7 +101,12 @@ class AdaptiveSurfaces:
         """Estimated error over the scatter that makes a surface one that is exact enough."""
         if self.choice.tolerance:
             return self.choice.tolerance
-        return ROUGH_SHARED if isinstance(self.emulator, SharedSurface) else ROUGH
+        return ROUGH * self.caution
+
+    @property
+    def caution(self) -> float:
+        """By how much the estimated errors are larger than those of a surface for each."""
+        return SHARED if isinstance(self.emulator, SharedSurface) else 1.0
 
     @property
     def good(self) -> Flags:
@@ -155,6 +160,15 @@ class AdaptiveSurfaces:
         self.past[:, members] = np.roll(self.past[:, members], -1, axis=0)
         self.past[-1, members] = self.relative[members]
         self._run(members, draws)
+
+    def sharpen_each(self, draws: Mapping[int, Array]) -> None:
+        """A round of runs for some surfaces, each where its own draws (D, n) lie."""
+        members = np.isin(np.arange(self.good.size), [*draws])
+        self.past[:, members] = np.roll(self.past[:, members], -1, axis=0)
+        self.past[-1, members] = self.relative[members]
+        for surface, own in draws.items():
+            self.emulator.sharpen(np.array([surface]), own, GROWTH, self.choice.max_runs)
+        self._judge_again()
 
     def refine(self, draws: Array | None, level: float, tell: Progress | None = None) -> None:
         """Rounds of runs until no experiment wants more, judged where they were judged last."""

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from aleator.fit.question import Choices
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.asked import DEFAULT_SEARCH, require_enough
-from aleator.tasks.replicates import job_of
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -28,5 +27,4 @@ def require_askable(
 
     Nothing that scatters, several observations without noise, fewer values than hyperparameters.
     """
-    job = job_of(table, inputs, noise, propagation, density, DEFAULT_SEARCH)
-    require_enough(table, job.hyperparameters)
+    Choices.of(table, inputs, noise, propagation, density).require_enough()

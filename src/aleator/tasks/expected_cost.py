@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from aleator.fit.question import is_exact, start_point
+from aleator.fit.way import grids_each, runs_each, way_of, way_of_outcomes
 from aleator.inference.check import Check
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
@@ -14,10 +16,7 @@ from aleator.observations.noise import Noise
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import few_runs, first_runs
-from aleator.tasks.baselines import start_point
-from aleator.tasks.direct import grids_each, runs_each, way_of, way_of_outcomes
 from aleator.tasks.first_look import Plan
-from aleator.tasks.individual.identify import wanted
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -28,8 +27,6 @@ GROWTH = (1.0, 5.0)
 and two parameters: the wet clutch 4.1, an outcome that wiggles against a small noise 4.7."""
 CHECK = 0, 12
 """Runs of each unit that the check on the simulator takes."""
-PROBED = 70
-"""Runs an experiment that finding a region takes where a law has no box and there is no noise."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +59,7 @@ def expected_cost(
     """
     if not isinstance(propagation, ResponseSurface):
         return None
-    alone = wanted(table, inputs, noise)
+    alone = not is_exact(table, inputs, noise)
     at = plan.x[0]
     if alone and not inputs.regressed:
         at = start_point(inputs).clip(*inputs.box.T)
@@ -77,9 +74,8 @@ def expected_cost(
     begun = few, first_runs(moving, propagation)
     given = verification.samples
     check = CHECK if given is None else (0, given)
-    found = 0 if alone or inputs.bounded else PROBED
     least, most = (
-        plan.count * (min(int(growth * first), propagation.max_runs) + found) + runs * runner.units
+        plan.count * min(int(growth * first), propagation.max_runs) + runs * runner.units
         for growth, first, runs in zip(GROWTH, begun, check, strict=True)
     )
     return Cost(least, most, False)

@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from aleator.fit.regions import first_region
 from aleator.laws.inputs import Inputs
 from aleator.observations.covariates import covariates
 from aleator.observations.errors import MeasurementErrors
@@ -16,7 +17,6 @@ from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
 from aleator.surrogates.responses import moving_parameters
-from aleator.tasks.individual.population import first_region
 from aleator.tasks.single import of_values
 from aleator.types import Array, Flags, Indices
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol
@@ -77,6 +77,12 @@ class Identification(Result):
     """
 
     session: Session = field(default=NO_SESSION, compare=False)
+
+    @classmethod
+    def of(cls, result: Result, session: Session) -> Identification:
+        """A result, with what it was made with."""
+        own = {each.name: getattr(result, each.name) for each in fields(Result)}
+        return cls(**own, session=session)
 
     @property
     def law(self) -> JointLaw:

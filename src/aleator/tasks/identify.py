@@ -7,16 +7,16 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
 from aleator.errors import InputsError
-from aleator.inference import diagnostics
-from aleator.inference.check import Check, Checked, checked, smoothed, unsmoothed
-from aleator.inference.diagnostics.individual import rival_warnings
+from aleator.fit.flow import Answer, identified
+from aleator.fit.ledger import Ledger, spend
+from aleator.fit.question import DEFAULT_PROPAGATION, DEFAULT_SEARCH, Choices
+from aleator.fit.result import result_of
+from aleator.inference.check import Check
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.individual import Layout, OnSurfaces
-from aleator.likelihood.model import Model
+from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
@@ -24,18 +24,13 @@ from aleator.results.units import checked_units
 from aleator.search import Search
 from aleator.simulators import Budget, Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks import individual, summary
-from aleator.tasks.answer import Answer, Question, answered
-from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH, require_enough
-from aleator.tasks.baselines import baselines_of, start_point
-from aleator.tasks.budget import affordable, spend
 from aleator.tasks.ceiling.quick import best_possible
 from aleator.tasks.consistency import consistency_of
 from aleator.tasks.identification import Identification
-from aleator.tasks.individual.rivals import as_good
-from aleator.tasks.ledger import Ledger
-from aleator.tasks.near_outcomes import doubt_of, nearer
-from aleator.types import Flags
+from aleator.tasks.individual.fit import IndividualFit
+from aleator.tasks.individual.session import IndividualSession, runners
+from aleator.tasks.outcome_fit import OutcomeFit
+from aleator.tasks.session import OutcomeSession, Session
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -107,76 +102,12 @@ def identify(
     runner.repeat_some()
     spend(budget, runner, inputs, propagation)
     ledger = Ledger(runner, progress or Silent())
-    taken = (*runner.asked, *inputs.covariates)
-    if individual.wanted(table, inputs, noise):
-        found = individual.identified(
-            runner,
-            table,
-            inputs,
-            noise,
-            propagation,
-            density,
-            search,
-            verification,
-            seed,
-            ledger,
-        )
-        return _judged(replace(found, units=shown), taken, consistency, best_law, ledger)
-    model = Model.of(inputs, propagation, density)
-    require_enough(table, model.hyperparameters)
-    question = Question(runner, table.outcomes, table.ids, model, search, seed)
-    with diagnostics.boxes_proposed(runner, inputs):
-        with ledger.stage("repeated run"):
-            runner.require_repeatable(np.clip(start_point(inputs), *inputs.box.T))
-        found = _found(question, table, verification, ledger)
-    return _judged(replace(found, units=shown), taken, consistency, best_law, ledger)
-
-
-def _found(
-    question: Question, table: Experiments, verification: Check, ledger: Ledger
-) -> Identification:
-    """The answer to a question, checked on the simulator where it rests on something else."""
-    runner, seed = question.runner, question.seed
-    answer = answered(question, ledger)
-    check = _checked(answer, runner, verification, ledger)
-    doubted = doubt_of(answer, check)
-    for _ in range(diagnostics.ACCURACY.rounds):
-        better = nearer(question, answer, _doubtful(answer, doubted), ledger)
-        if better is None:
-            break
-        again = _checked(better, runner, verification, ledger)
-        if again is None:
-            break
-        answer, check, doubted = better, again, doubt_of(better, again)
-    with ledger.stage("baselines"):
-        baselines = baselines_of(answer.problem, question.search, seed)
-    with ledger.stage("inference"):
-        rivals = as_good(answer.problem, answer.found, answer.inference)
-    notes = [
-        *rival_warnings(rivals, question.model.hyperparameters, answer.profile.intervals),
-        *diagnostics.budget_warnings(runner.account, answer.surfaces),
-    ]
-    if check is None and answer.surfaces is not None and verification.wanted:
-        notes.append(diagnostics.UNCHECKED)
-    found = summary.assemble(
-        table, answer.problem, answer.found, answer.inference, answer.profile, check,
-        baselines, runner.simulator, doubted=doubted, seconds=ledger.seconds,
-        runs_by_stage=ledger.runs, seed=seed, failures=diagnostics.failure_report(runner),
-        notes=notes,
-    )  # fmt: skip
-    found = replace(found, propagation_reason=answer.reason)
-    if found.sound and not (answer.surfaces and answer.surfaces.broken):
-        return found
-    jumps = diagnostics.step_warnings(answer.surfaces, question.model.inputs)
-    return replace(found, warnings=(*found.warnings, *jumps))
-
-
-def _doubtful(answer: Answer, doubted: diagnostics.Doubt) -> Flags:
-    """Experiments (N,) whose surfaces are to be more exact near the measured outcomes.
-
-    Without noise also those whose outcome lies at an extreme of the surface.
-    """
-    return doubted.wanting | answer.problem.unreached_at(answer.found.alpha)
+    choices = Choices.of(table, inputs, noise, propagation, density, search)
+    choices.require_enough()
+    answer = identified(choices.question(runner, table.observations, seed), verification, ledger)
+    result = result_of(answer, table, verification, ledger)
+    found = Identification.of(replace(result, units=shown), session_of(answer, table))
+    return _judged(found, (*runner.asked, *inputs.covariates), consistency, best_law, ledger)
 
 
 def _judged(
@@ -206,27 +137,6 @@ def _judged(
     )
 
 
-def _checked(answer: Answer, runner: Runner, choice: Check, ledger: Ledger) -> Checked | None:
-    """The check on the simulator; None where nothing rests on surfaces, or no run is left."""
-    surfaces, problem = answer.surfaces, answer.problem
-    if surfaces is None or problem.surface is None or not choice.wanted:
-        return None
-    most = affordable(runner, choice.runs(surfaces))
-    if most == 0:
-        return None
-    inputs, law = problem.model.inputs, answer.found.alpha[: problem.model.inputs.size]
-    predictor = OnSurfaces(problem.surface, problem.region, problem.condition)
-    layout = Layout(
-        len(problem.outcomes), np.arange(len(problem.outcomes)), runner.unit, runner.column
-    )
-    with ledger.stage("verification"):
-        likelihood = smoothed(inputs, law, predictor, layout, problem.outcomes, choice.smooth)
-        runs = most or choice.runs(surfaces)
-        found = checked(likelihood, law, runner, runs, choice, problem.outcomes)
-        exact = problem.exactly
-        return found if exact is None else unsmoothed(found, exact, law)
-
-
 def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -> Experiments:
     if isinstance(experiments, Experiments):
         return experiments
@@ -241,3 +151,25 @@ def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -
             'say which column holds the measured outcome: identify(..., outcome="...")',
         )
     return Experiments.from_frame(experiments, outcome=outcome)
+
+
+def session_of(answer: Answer, table: Experiments) -> Session:
+    certain = answer.certain
+    end, question = certain.settled, certain.refined.question
+    likelihood = end.likelihood
+    if isinstance(likelihood, Problem):
+        return OutcomeSession(
+            likelihood.model,
+            question.runner.simulator,
+            OutcomeFit(likelihood, end.alpha, certain.inference, table),
+        )
+    return IndividualSession(
+        likelihood.inputs,
+        question.choices.noise,
+        table.observations.responses,
+        table,
+        runners(question.runner, table),
+        IndividualFit(likelihood, end.alpha, certain.inference, question.table, end.coarse.rule),
+        certain.refined.surfaces is None,
+        question.choices.surfaces,
+    )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from aleator.errors import AleatorError, InputsError
+from aleator.fit.question import DEFAULT_PROPAGATION
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.observations.experiments import Experiments
@@ -18,7 +19,6 @@ from aleator.results.schema import read_answer
 from aleator.results.values import in_order
 from aleator.simulators import Runner, Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.asked import DEFAULT_PROPAGATION
 from aleator.tasks.identification import Identification
 from aleator.tasks.individual.session import IndividualSession, Runners, runners, session_of
 from aleator.tasks.session import OutcomeSession, Session

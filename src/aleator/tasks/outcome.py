@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aleator.fit.refine import under_law
 from aleator.likelihood.model import Model
 from aleator.progress import Progress
 from aleator.results.values import QUANTILES
 from aleator.simulators import Runner
 from aleator.status import Status
-from aleator.tasks.refinement.choice import under_law
 from aleator.types import Array
 
 

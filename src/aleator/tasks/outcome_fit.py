@@ -63,7 +63,7 @@ class OutcomeFit:
 
     def objective(self) -> Callable[[Array], LogLikelihood]:
         """The continued log-likelihood."""
-        return self.problem.objective
+        return self.problem.continued
 
     def honest(self) -> Callable[[Array], LogLikelihood]:
         """The log-likelihood itself."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from aleator.fit.question import DEFAULT_PROPAGATION, is_exact
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions
@@ -15,8 +16,8 @@ from aleator.observations.responses import responses_of
 from aleator.progress import Progress
 from aleator.results.values import QUANTILES, Estimate, in_order
 from aleator.surrogates import ResponseSurface
-from aleator.tasks import individual
-from aleator.tasks.asked import DEFAULT_PROPAGATION, AnySimulator, runner_on
+from aleator.tasks.asked import AnySimulator, runner_on
+from aleator.tasks.individual import given
 from aleator.tasks.outcome import predicted
 
 if TYPE_CHECKING:
@@ -58,8 +59,8 @@ def predict(
         named = responses_of([*noise]) if isinstance(noise, Mapping) else ()
         conditions = Conditions.from_frame(conditions, responses=named)
     runner = runner_on(simulator, conditions, inputs.names, vectorized)
-    if individual.wanted(conditions, inputs, noise):
-        return individual.predicted(
+    if not is_exact(conditions, inputs, noise):
+        return given.predicted(
             runner, conditions, inputs, noise, propagation, density, alpha, quantiles, progress
         )
     model = Model.of(inputs, propagation, density)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from aleator.errors import InputsError, SurroundingsError
+from aleator.fit.question import DEFAULT_PROPAGATION, DEFAULT_SEARCH
 from aleator.inference.information import LEVEL
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
@@ -29,8 +30,6 @@ from aleator.simulators.store import Store
 from aleator.simulators.workers.parcel import packed
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import (
-    DEFAULT_PROPAGATION,
-    DEFAULT_SEARCH,
     AnySimulator,
     AnyTable,
     runner_on,

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
+from aleator.fit.flow import answered
+from aleator.fit.ledger import Ledger
+from aleator.fit.question import Choices
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
 from aleator.observations.responses import Observations, responses_of
@@ -20,10 +22,8 @@ from aleator.progress import Silent
 from aleator.search import Search
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks import individual
-from aleator.tasks.answer import Question, answered
 from aleator.tasks.asked import AnyTable
-from aleator.tasks.ledger import Ledger
+from aleator.tasks.individual.virtual import virtual_observations
 from aleator.types import Array
 
 if TYPE_CHECKING:
@@ -45,95 +45,47 @@ class Replicate:
     converged: bool
 
 
-class Job(Protocol):
-    """One kind of study: how its virtual data sets are drawn, and identified."""
+@dataclass(frozen=True)
+class Job:
+    """A study whose virtual data sets are drawn, and identified as `identify` does it."""
+
+    choices: Choices
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """All of alpha."""
-
-    @property
-    def table(self) -> Experiments | Conditions | None:
-        """What another process makes runs for; None: the conditions of the runner."""
-
-    def draw(
-        self, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
-    ) -> Sequence[Any]:
-        """A data set for each replicate."""
-
-    def identify(self, runner: Runner, data: Any, seed: int) -> Replicate:
-        """One data set identified, as `identify` does it."""
-
-
-@dataclass(frozen=True)
-class IndividualJob:
-    """Experiments with several observations each."""
-
-    asked: individual.Asked
-
-    @property
-    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of the laws, then those of the errors."""
-        return self.asked.hyperparameters
+        return self.choices.hyperparameters
 
     @property
     def table(self) -> Experiments:
-        """The table of the study."""
-        return self.asked.table
+        """What another process makes runs for."""
+        return self.choices.table
 
     def draw(
         self, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
     ) -> Sequence[Observations]:
-        """Observations at the conditions of the table, with bounds like its own."""
-        asked = self.asked
-        return [
-            individual.virtual_observations(
-                runner, asked.table, asked.inputs, asked.errors, alpha, rng
-            )
-            for _ in range(replicates)
-        ]
-
-    def identify(self, runner: Runner, data: Observations, seed: int) -> Replicate:
-        """By the integral over individual parameters."""
-        question = self.asked.question(runner, data, seed)
-        answer = individual.answered(question, Ledger(runner, Silent()))
-        found = answer.found
-        return Replicate(
-            answer.settled.alpha, answer.profile.intervals, _errors(answer.inference),
-            found.log_likelihood, found.converged,
-        )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class OutcomesJob:
-    """Experiments with one outcome each."""
-
-    model: Model
-    search: Search
-    table: None = None
-
-    @property
-    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of the model."""
-        return self.model.hyperparameters
-
-    def draw(
-        self, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
-    ) -> Sequence[Array]:
-        """Outcomes (replicates, N) of independent parameters."""
-        inputs, count = self.model.inputs, len(runner.ids)
+        """Observations for each replicate, at the conditions of the table and bounded as there."""
+        choices = self.choices
+        if not choices.exact:
+            return [
+                virtual_observations(
+                    runner, choices.table, choices.inputs, choices.errors, alpha, rng
+                )
+                for _ in range(replicates)
+            ]
+        inputs, count = choices.inputs, len(runner.ids)
         uniform = rng.random((replicates * count, len(inputs.names)))
         x = inputs.sample(alpha[: inputs.size], uniform)
-        return [*runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)]
+        y = runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)
+        (response,) = choices.table.observations.responses
+        return [Observations.exact(one, response.name, response.transform) for one in y]
 
-    def identify(self, runner: Runner, data: Array, seed: int) -> Replicate:
-        """By the density of the outcomes."""
-        question = Question(runner, data, runner.ids, self.model, self.search, seed)
-        answer = answered(question, Ledger(runner, Silent()))
-        found = answer.found
+    def identify(self, runner: Runner, data: Observations, seed: int) -> Replicate:
+        """One data set identified."""
+        answer = answered(self.choices.question(runner, data, seed), Ledger(runner, Silent()))
         return Replicate(
-            found.alpha, answer.profile.intervals, _errors(answer.inference),
-            found.log_likelihood, found.converged,
+            answer.settled.alpha, answer.profile.intervals, _errors(answer.inference),
+            answer.found.log_likelihood, answer.found.converged,
         )  # fmt: skip
 
 
@@ -149,14 +101,10 @@ def job_of(
     density: Density | None,
     search: Search,
 ) -> Job:
-    """The kind of study that this is. Raises InputsError for choices that do not go together."""
+    """The study that this is. Raises InputsError for choices that do not go together."""
     if not isinstance(experiments, Experiments):
         experiments = _unmeasured(experiments, noise)
-    if individual.wanted(experiments, inputs, noise):
-        return IndividualJob(
-            individual.asked(experiments, inputs, noise, propagation, density, search)
-        )
-    return OutcomesJob(Model.of(inputs, propagation, density), search)
+    return Job(Choices.of(experiments, inputs, noise, propagation, density, search))
 
 
 def _unmeasured(

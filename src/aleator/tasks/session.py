@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from aleator.errors import AleatorError, InputsError
+from aleator.fit.refine import under_law
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.inference.fit import AnyFit, Fit
 from aleator.laws import Hyperparameter
@@ -26,7 +27,6 @@ from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.table import tabled, tails
 from aleator.tasks.outcome import predicted
 from aleator.tasks.outcome_fit import OutcomeFit
-from aleator.tasks.refinement.choice import under_law
 from aleator.types import Array
 
 

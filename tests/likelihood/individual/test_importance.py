@@ -6,10 +6,10 @@ from individual_cases import ALPHA, decay, likelihood_of, straight_line, table
 from scipy import integrate, stats
 
 from aleator import Free, Inputs, Noise, Normal
+from aleator.fit.settle import settled, several_modes
 from aleator.likelihood.individual import GaussHermite, ImportancePoints, PlanePanels
 from aleator.likelihood.individual.importance import proposed
 from aleator.likelihood.individual.modes import highest
-from aleator.tasks.individual.settle import settled, several_modes
 
 SQUARE = Inputs(
     {

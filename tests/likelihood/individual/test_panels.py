@@ -7,8 +7,8 @@ from individual_cases import likelihood_of
 from scipy import stats
 
 from aleator import Free, Inputs, Normal
+from aleator.fit.settle import settled
 from aleator.likelihood.individual import GaussHermite, Panels
-from aleator.tasks.individual.settle import settled
 
 ONE = Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 3.0))})
 ALPHA = np.array([0.3, 0.7, 0.05])

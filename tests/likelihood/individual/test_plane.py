@@ -7,12 +7,11 @@ from individual_cases import likelihood_of
 from scipy import stats
 
 from aleator import Experiments, Free, Inputs, Normal
+from aleator.fit.certain import UNKNOWN, inferred
+from aleator.fit.settle import Settled, climbed, settled
 from aleator.likelihood.individual import GaussHermite, LawPoints, PlanePanels
 from aleator.search import Optimum, SearchResult
 from aleator.tasks.individual.fit import IndividualFit
-from aleator.tasks.individual.infer import inferred
-from aleator.tasks.individual.profiled import UNKNOWN
-from aleator.tasks.individual.settle import Settled, climbed, settled
 
 TWO = Inputs(
     {

@@ -1,14 +1,20 @@
-"""What the maximum itself tells: too few experiments, a search that did not arrive, limits met."""
+"""What the estimates tell of themselves: too few experiments, limits, directions left open."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
 
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
 from aleator.results.values import Diagnostic
 from aleator.search import SearchResult, wide_limits
+from aleator.types import Array
 
 LARGEST_EDM = 5e-3
 """Distance to the maximum, in log-likelihood, that still counts as arrived: 0.1 standard errors."""
@@ -121,4 +127,182 @@ def _on_limit(h: Hyperparameter, side: str) -> Diagnostic:
         "widen the limit if it is not physical, or fix the hyperparameter"
         + (constant if scatter else ""),
         (h.name,),
+    )
+
+
+FLAT = 0.02
+"""A curvature below this share of that of each hyperparameter alone marks a weak direction."""
+REMEDY = "fix a hyperparameter, or measure under more varied conditions"
+
+
+def weak_directions(
+    inference: Inference, hyperparameters: Sequence[Hyperparameter]
+) -> list[Diagnostic]:
+    """What the experiments hardly determine: pairs, groups, and directions without any effect.
+
+    Pairs and groups are those whose estimates are correlated beyond 0.98. That a single standard
+    deviation is uncertain its interval says.
+    """
+    named = _correlated if inference.positive else _flat
+    return [*named(inference, [hyperparameters[k] for k in inference.free])]
+
+
+def _weakest(correlation: Array) -> Array:
+    """Of these correlations the eigenvectors, as rows, of eigenvalues near zero."""
+    values, vectors = np.linalg.eigh(correlation)
+    return np.asarray(vectors.T[values <= FLAT])
+
+
+def _correlated(inference: Inference, free: Sequence[Hyperparameter]) -> Iterator[Diagnostic]:
+    if inference.free.size < 2:
+        return
+    names = [h.name for h in free]
+    for vector in _weakest(inference.correlation):
+        # the small eigenvalue is well determined; what moves along its large parts is not apart
+        parts = _large(vector)
+        which = [names[i] for i in parts]
+        yield _weak(
+            f"{', '.join(which)} can hardly be told apart: if they change together, the "
+            "likelihood hardly changes; well determined is only "
+            f"{_combination(vector, parts, names)} (se: standard error)",
+            *which,
+            remedy=_remedy([free[i] for i in parts]),
+        )
+
+
+def _remedy(which: Sequence[Hyperparameter]) -> str:
+    """An intercept far from all experiments is another matter than what they do not tell."""
+    terms = [name for h in which if h.beside for name, _ in h.beside.terms]
+    if not terms:
+        return REMEDY
+    covariate = terms[0].partition("[")[2].removesuffix("]")
+    return (
+        f"write center({covariate}) for {covariate} in the formula: the other coefficient is then "
+        "the value at the mean of the covariate, not at zero; nothing else changes"
+    )
+
+
+def _flat(inference: Inference, free: Sequence[Hyperparameter]) -> Iterator[Diagnostic]:
+    """Directions along which the log-likelihood is flat: there is no covariance."""
+    names = [h.name for h in free]
+    inside = np.isin(inference.identified, inference.free)
+    information = inference.information[np.ix_(inside, inside)]
+    scale = np.sqrt(np.abs(np.diag(information)))
+    if not np.all(np.isfinite(information)):
+        return
+    acts = scale > 0.0
+    for name, act in zip(names, acts, strict=True):
+        if not act:
+            yield _weak(f"{name} has no effect", name)
+    known = [name for name, act in zip(names, acts, strict=True) if act]
+    values, vectors = np.linalg.eigh(
+        information[np.ix_(acts, acts)] / np.outer(scale[acts], scale[acts])
+    )
+    for vector in vectors.T[np.abs(values) < FLAT]:
+        parts = _large(vector)
+        which = [known[i] for i in parts]
+        yield _weak(
+            f"{', '.join(which)} can change together without effect, along "
+            f"{_combination(vector, parts, known)} (se: standard error of each by itself)",
+            *which,
+        )
+
+
+def _weak(message: str, *names: str, remedy: str = REMEDY) -> Diagnostic:
+    return Diagnostic("identifiability", message, remedy, names)
+
+
+def _large(vector: Array) -> list[int]:
+    return [int(i) for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.3]
+
+
+def _combination(vector: Array, parts: Sequence[int], names: Sequence[str]) -> str:
+    return " ".join(
+        f"{'+' if vector[i] >= 0 else '-'} {abs(vector[i]):.2f} {names[i]}/se" for i in parts
+    )
+
+
+CLOSE = 0.95
+"""Correlation of two estimates from where on the advice is worth a warning."""
+FAR = 3.0
+"""Mean of a condition over its standard deviation from where on it lies far from zero."""
+PROPORTIONAL = 0.01
+"""Relative deviation of the ratio of two effects from a condition that still counts as one."""
+
+
+def centering_advice(
+    slope: Array,
+    inputs: Inputs,
+    hyperparameters: Sequence[Hyperparameter],
+    inference: Inference,
+    conditions: pd.DataFrame,
+) -> list[Diagnostic]:
+    """Advice for pairs of parameters of which one acts as the other times a condition.
+
+    By slopes (M, n) of M simulated values by the parameters; a row of conditions for each.
+
+    In y = a + b T with T far from zero, a and b take each other's place; in a' + b (T - T0) with
+    T0 in the middle they do not. None where laws follow covariates: their values are not in alpha.
+    """
+    if inputs.regressed:
+        return []
+    far = {
+        str(name): column.to_numpy()
+        for name, column in conditions.items()
+        if pd.api.types.is_float_dtype(column) and _far(column.to_numpy())
+    }
+    found = []
+    for i, j in _close(inputs, hyperparameters, inference):
+        for a, b in ((i, j), (j, i)):
+            for name, values in far.items():
+                if _times(slope[:, b], slope[:, a], values):
+                    found.append(_advice(inputs.names[a], inputs.names[b], name, values))
+    return found
+
+
+def _far(values: Array) -> bool:
+    spread = float(values.std())
+    return bool(np.all(np.isfinite(values)) and 0.0 < FAR * spread < abs(values.mean()))
+
+
+def _times(effect: Array, other: Array, condition: Array) -> bool:
+    """Whether one effect is the other times the condition and a constant, over all experiments."""
+    wanted = other * condition
+    size = float(wanted @ wanted)
+    if size == 0.0:
+        return False
+    off = effect - (effect @ wanted) / size * wanted
+    # as close as to the other alone would be no sign of the condition
+    spread = float(condition.std() / abs(condition.mean()))
+    closeness = min(PROPORTIONAL, 0.2 * spread)
+    return bool(np.linalg.norm(off) < closeness * np.linalg.norm(effect))
+
+
+def _close(
+    inputs: Inputs, hyperparameters: Sequence[Hyperparameter], inference: Inference
+) -> Iterator[tuple[int, int]]:
+    """Pairs of parameters whose means or values are free, and hardly told apart."""
+    where = {
+        int(k): i
+        for i, part in enumerate(inputs.slices)
+        for k in inference.free
+        if part.start <= k < part.stop and not hyperparameters[k].log
+    }
+    rows = [row for row, k in enumerate(inference.free) if int(k) in where]
+    for p, q in combinations(rows, 2):
+        i, j = where[int(inference.free[p])], where[int(inference.free[q])]
+        if not inference.positive or abs(inference.correlation[p, q]) > CLOSE:
+            yield i, j
+
+
+def _advice(a: str, b: str, name: str, values: Array) -> Diagnostic:
+    low, high = values.min(), values.max()
+    middle = float(f"{0.5 * (low + high):.3g}")
+    return Diagnostic(
+        "identifiability",
+        f"{b} acts as {a} times {name} does, and {name} ({low:.6g} to {high:.6g}) lies far from "
+        f"zero, so that the experiments hardly tell {a} from {b}",
+        f"count {name} from its middle: write ({name} - {middle:.6g}) for {name} in the simulator, "
+        f"and set the limits of {a} anew, which then belongs to {name} = {middle:.6g}",
+        (a, b, name),
     )

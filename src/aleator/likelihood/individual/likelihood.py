@@ -24,6 +24,7 @@ from aleator.likelihood.individual.modes import (
     modes,
 )
 from aleator.likelihood.individual.nodes import Nodes, joined
+from aleator.likelihood.individual.on_surfaces import OnSurfaces
 from aleator.likelihood.individual.parameters import Parameters, holds, scattered_density
 from aleator.likelihood.individual.predictor import Predictor
 from aleator.likelihood.individual.rule import AsManyAsNeeded, Rule
@@ -86,6 +87,12 @@ class IndividualLikelihood:
     def count(self) -> int:
         """N, the number of experiments."""
         return self.layout.count
+
+    @property
+    def region(self) -> Array:
+        """Where simulated values are known, (n, 2): that of the surfaces, or the box."""
+        predictor = self.predictor
+        return predictor.region if isinstance(predictor, OnSurfaces) else self.inputs.box
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -203,6 +210,14 @@ class IndividualLikelihood:
     def sums_of(self, alpha: Array, block: Block, eta: Array) -> Array:
         """sum_k log p(y_k | eta_k) (B, J) of simulated values eta (m, J) that are known."""
         return block.summed(self._terms(alpha, block, eta).value)
+
+    def at_point(self, x: Array) -> tuple[Array, Array]:
+        """Simulated values (M,) at one point x (n,) for all experiments, with slopes (M, n)."""
+        eta, slopes = np.empty(self.layout.size), np.empty((self.layout.size, x.size))
+        for block in self.blocks:
+            value, slope = self.predictor.with_slopes(block, np.tile(x, (len(block), 1, 1)))
+            eta[block.rows], slopes[block.rows] = value[:, 0], slope[:, :, 0].T
+        return eta, slopes
 
     def log_density(self, alpha: Array, block: Block, z: Array) -> Array:
         """The log-density (B, P) of variates z (B, P, s) given the observations."""

@@ -10,10 +10,9 @@ from scipy import special
 from scipy.stats import qmc
 
 from aleator.errors import InputsError
+from aleator.fit.regions import FAR, padded, region_of, within
 from aleator.inference.fit import Fit
 from aleator.laws.inputs import Inputs
-from aleator.tasks.individual.population import FAR, around, held_region
-from aleator.tasks.region import within
 from aleator.types import Array
 
 POINTS = (256, 1024, 2048)
@@ -59,7 +58,7 @@ class Sought:
         inputs = fit.inputs
         require_one_law(inputs)
         moving = [*inputs.scattered]
-        mass = around(held_region(inputs, [fit.alpha], 1, FAR), inputs.box)
+        mass = padded(region_of(inputs, [fit.alpha], 1, FAR), inputs.box)
         laws = [*inputs.laws.values()]
         bounded = np.array([law.bounded for law in laws])[:, None]
         region = within(fit.region, np.where(bounded, fit.region, mass))

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from aleator.blocks import blocks
+from aleator.fit.regions import hull, padded
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.likelihood.individual import Direct, Layout, OnSurfaces, Predictor
 from aleator.likelihood.individual.layout import Block
@@ -30,8 +31,7 @@ from aleator.tasks.decide.points import (
     parameters,
     simulated,
 )
-from aleator.tasks.decide.predictors import LEAST, LEVEL, MOST, PAD, ends_of
-from aleator.tasks.region import hull, padded
+from aleator.tasks.decide.predictors import LEVEL, MOST, ends_of
 from aleator.types import Array, Indices
 
 REACH = 6.5
@@ -107,7 +107,7 @@ class OneSurface:
         self.box, self.progress = ground.inputs.box, progress
         self._trend: OnSurfaces | None = None
         self._kriged: Kriged | None = None
-        self.region = padded(ends, self.box, PAD, LEAST)
+        self.region = padded(ends, self.box)
         where = slice(place, place + 1)
         self.sites = Sites.seen(runner, runner.unit[where], runner.column[where])
         moving = moving_parameters(self.region)
@@ -134,7 +134,7 @@ class OneSurface:
 
     def _reach(self, x: Array) -> None:
         self._trend = self._kriged = None
-        wanted = hull(self.region, padded(ends_of(x), self.box, PAD, LEAST))
+        wanted = hull(self.region, padded(ends_of(x), self.box))
         if np.any(wanted != self.region):
             self.region = wanted
             self.surfaces.move(wanted[moving_parameters(wanted)])

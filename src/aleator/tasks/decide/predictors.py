@@ -6,20 +6,16 @@ from collections.abc import Callable
 
 import numpy as np
 
+from aleator.fit.regions import padded
 from aleator.likelihood.individual import Direct, OnSurfaces, Predictor
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
 from aleator.surrogates.responses import moving_parameters
 from aleator.surrogates.sites import Sites
-from aleator.tasks.region import padded
 from aleator.types import Array
 
 LEVEL = 0.02
 """Estimated error of a surface over the scatter of its outcome."""
-PAD = 0.05
-"""Share of its width by which a region is widened on either side."""
-LEAST = 1e-3
-"""Width of a region over that of the box, at least."""
 MOST = 512
 """Points of a law by which runs are placed and errors judged."""
 
@@ -39,7 +35,7 @@ def about(
     tell: Callable[[int, int, int], None] | None = None,
 ) -> Predictor:
     """Surfaces that are exact where points x (D, n) of the law lie, and reach to `ends` (n, 2)."""
-    region = padded(ends_of(x) if ends is None else ends, box, PAD, LEAST)
+    region = padded(ends_of(x) if ends is None else ends, box)
     moving, sites = moving_parameters(region), Sites.seen(runner, runner.unit, runner.column)
     if not moving.size:
         return direct(runner, box, region)

@@ -9,6 +9,9 @@ import numpy as np
 import pandas as pd
 
 from aleator.errors import InputsError
+from aleator.fit.question import surfaces_alone
+from aleator.fit.regions import FAR, region_of
+from aleator.fit.way import Way, way_of
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
 from aleator.observations.errors import noise_hyperparameters
@@ -18,9 +21,6 @@ from aleator.progress import Progress
 from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.asked import surfaces_alone
-from aleator.tasks.direct import Way, way_of
-from aleator.tasks.individual.population import FAR, held_region
 from aleator.tasks.individual.session import IndividualSession
 from aleator.types import Array
 
@@ -71,4 +71,4 @@ def _way(
 ) -> Way:
     middle = np.zeros((experiments, len(inputs.classes), inputs.scattering))
     x = inputs.individual(alpha, middle, slice(0, experiments)).x[0, 0]
-    return way_of(runner, choice, x, held_region(inputs, [alpha], experiments, FAR))
+    return way_of(runner, choice, x, region_of(inputs, [alpha], experiments, FAR))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from aleator.fit.regions import draws, likely_alphas
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import IndividualLikelihood, Layout, Predictor
 from aleator.likelihood.individual.gauss_hermite import GaussHermite
@@ -15,8 +16,6 @@ from aleator.observations.limits import limited_alike
 from aleator.observations.noise import Noise
 from aleator.simulators import Runner
 from aleator.tasks.individual.fit import IndividualFit
-from aleator.tasks.individual.population import draws
-from aleator.tasks.likely import likely_alphas
 from aleator.types import Array
 
 

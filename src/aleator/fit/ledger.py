@@ -1,11 +1,15 @@
-"""Whether a budget suffices for an answer at all: asked before the first run."""
+"""What an identification takes by stage, and what of it a budget has."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
+from aleator.progress import Progress
 from aleator.simulators import Budget, Runner
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import first_runs
@@ -14,6 +18,34 @@ from aleator.surrogates.responses import moving_parameters
 
 if TYPE_CHECKING:
     from aleator.moments.propagation import Collocation
+
+SURFACE, SEARCH = "response surface", "search"
+"""What the rounds and searches are called in the account of runs and seconds."""
+
+
+class Ledger:
+    """Seconds and simulator runs by stage, noted while a progress is told of them."""
+
+    def __init__(self, runner: Runner, progress: Progress) -> None:
+        self.seconds: dict[str, float] = {}
+        self.runs: dict[str, int] = {}
+        self.progress = progress
+        self._runner = runner
+        self._last = ""
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Announce a stage, and note what it takes; a stage may come again, or go on."""
+        if name != self._last:
+            self.progress.stage(name)
+        self._last = name
+        began, before = time.perf_counter(), self._runner.runs
+        try:
+            yield
+        finally:
+            seconds, runs = time.perf_counter() - began, self._runner.runs - before
+            self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+            self.runs[name] = self.runs.get(name, 0) + runs
 
 
 def spend(

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import qmc
 
 from aleator.errors import InputsError
+from aleator.fit.question import start_point
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import on_a_grid, searched
 from aleator.likelihood.level_sets.lines import CROSSINGS
@@ -14,8 +16,7 @@ from aleator.likelihood.model import Model
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.responses import moving_parameters
-from aleator.tasks.baselines import start_point
-from aleator.types import Array
+from aleator.types import Array, Flags, Indices
 
 EVALUATIONS = 400
 """Evaluations of the likelihood that an identification takes, about."""
@@ -25,6 +26,8 @@ GRIDS = 100, 5000
 """Grids of level sets in an identification: fewest and most of the studies of `make judges`."""
 LINE = 33
 """Points of a line on which failures are looked for that lie alone."""
+TRIED = 128
+"""Points at which a run must give no value of an observation for that to be lost."""
 
 
 @dataclass(frozen=True)
@@ -110,3 +113,20 @@ def fails_here_and_there(runner: Runner, x: Array, region: Array) -> bool:
         if np.any(failed[:, 1:-1] & ~failed[:, :-2] & ~failed[:, 2:]):
             return True
     return False
+
+
+def failing_observations(runner: Runner, region: Array, unit: Indices, column: Indices) -> Flags:
+    """Which observations (M,) a simulator gives no value of at 128 points of a region (n, 2).
+
+    None where that is so of all: the simulator may work in a small part of the region only.
+    """
+    u = qmc.Sobol(len(region), rng=3).random_base2(int(np.log2(TRIED)))
+    lost = np.ones(len(unit), dtype=np.bool_)
+    for x in region[:, 0] + u * (region[:, 1] - region[:, 0]):
+        left = np.flatnonzero(lost)
+        if not left.size:
+            break
+        units, place = np.unique(unit[left], return_inverse=True)
+        found = runner.straight(units, np.tile(x, (units.size, 1)))
+        lost[left] = np.isnan(found[place, column[left]])
+    return lost & (not np.all(lost))

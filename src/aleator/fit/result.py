@@ -1,10 +1,10 @@
-"""From arrays to the Identification: every number of the report is put in its place here."""
+"""From an answer to its result: every number of the report is put in its place here."""
 
 from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib import metadata
 from itertools import combinations
@@ -12,118 +12,146 @@ from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
+from aleator.fit.flow import Answer
+from aleator.fit.ledger import Ledger
+from aleator.fit.search import HUGE, LeastSquares, LinearGaussian, by_tangent, least_squares
+from aleator.fit.soundness import Reviewed
 from aleator.inference import diagnostics
-from aleator.inference.check import Checked
+from aleator.inference.check import Check, Checked
+from aleator.inference.diagnostics.surfaces import judged
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.laws.prior import has_prior
+from aleator.likelihood.individual import (
+    IndividualLikelihood,
+    IndividualParameters,
+    individual_parameters,
+)
 from aleator.likelihood.level_sets.predicted import Predictor as PointPredictor
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
+from aleator.results.result import Result
 from aleator.results.values import (
     QUANTILES,
     DensityDistance,
-    Diagnostic,
     Estimate,
     ExperimentReport,
-    FailureReport,
+    IndividualReport,
     LogLikelihoodReport,
     ParameterCorrelation,
 )
 from aleator.search import SearchResult
 from aleator.search.value import LogLikelihood
-from aleator.simulators import Simulator
 from aleator.status import Status
-from aleator.tasks.baselines import LeastSquares, LinearGaussian
-from aleator.tasks.identification import Identification
-from aleator.tasks.outcome_fit import OutcomeFit
-from aleator.tasks.session import OutcomeSession
+from aleator.tasks.individual.calibration import sequential_pit
+from aleator.tasks.individual.curves import law_curves
+from aleator.tasks.individual.observed import observation_reports
 from aleator.types import Array
 
+DIRECT = "direct"
+"""How an answer calls its propagation where the simulator itself was integrated over."""
 LEAST = 5e-4
 """An error is told to be no less than this: half of the last digit that is shown."""
 CUT = {(True, True): "both", (True, False): "lower", (False, True): "upper", (False, False): None}
 """Which ends of an interval are limits, by whether the lower one and the upper one is."""
 
 
-def assemble(
-    table: Experiments,
-    problem: Problem,
-    found: SearchResult,
-    inference: Inference,
-    profile: Profile,
-    checked: Checked | None,
-    baselines: tuple[LeastSquares, LinearGaussian],
-    simulator: Simulator,
-    *,
-    doubted: diagnostics.Doubt,
-    seconds: Mapping[str, float],
-    runs_by_stage: Mapping[str, int],
-    seed: int,
-    failures: FailureReport | None = None,
-    notes: Sequence[Diagnostic] = (),
-) -> Identification:
-    """The Identification of a finished search of a table's experiments."""
-    ids = table.ids
-    alpha, hyperparameters = found.alpha, problem.model.hyperparameters
-    honest = problem.likelihood.evaluate(alpha)
-    surface_error = diagnostics.surface_errors(problem, checked)
-    changed = diagnostics.by_finer_cells(problem, alpha)
-    exact = diagnostics.exact_density(problem, alpha)
-    warnings, sound = diagnostics.review(
-        problem,
-        found,
-        inference,
-        profile,
-        honest,
-        checked,
-        exact,
-        surface_error,
-        doubted,
-        ids,
-        table.conditions,
-        changed,
-    )
-    return Identification(
+def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) -> Result:
+    """The result of an answer to the experiments of a table, as plain data."""
+    certain = answer.certain
+    end, inference, profile = certain.settled, certain.inference, certain.profile
+    likelihood, alpha, question = end.likelihood, end.alpha, certain.refined.question
+    hyperparameters, surfaces = likelihood.hyperparameters, certain.refined.surfaces
+    with ledger.stage("baselines"):
+        fit = least_squares(likelihood, question.measured)
+        baselines = _baselines(fit, likelihood.inputs)
+        if isinstance(likelihood, Problem):
+            linear = by_tangent(likelihood, question.choices.search, question.seed)
+            baselines["circe"] = _of_tangent(linear, hyperparameters)
+    reviewed = Reviewed(answer, table)
+    notes = []
+    if answer.checked is None and surfaces is not None and check.wanted:
+        notes.append(diagnostics.UNCHECKED)
+    if isinstance(likelihood, Problem):
+        own = _of_outcomes(likelihood, reviewed)
+    else:
+        with ledger.stage("individual parameters"):
+            own = _of_individuals(likelihood, reviewed)
+    log_likelihood: LogLikelihoodReport = own.pop("log_likelihood")
+    failing = surfaces is not None or isinstance(likelihood, Problem)
+    return Result(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
-        log_likelihood=replace(
-            _log_likelihood(
-                honest, exact or honest, checked, diagnostics.cells_error(problem, changed), doubted
-            ),
-            log_prior=prior_of(honest, hyperparameters),
-        ),
-        density=problem.likelihood.name,
-        propagation=problem.name,
-        sound=sound,
-        warnings=(*warnings, *diagnostics.failure_warnings(failures), *notes),
-        experiments=experiment_reports(problem, alpha, honest, ids, surface_error),
+        log_likelihood=replace(log_likelihood, log_prior=prior_of(reviewed.at, hyperparameters)),
+        propagation_reason=certain.refined.reason,
+        sound=reviewed.sound,
+        warnings=(*reviewed.warnings, *notes),
+        failures=diagnostics.failure_report(question.runner) if failing else None,
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
-        search=search_of(found, inference, hyperparameters),
-        surface=diagnostics.surface_report(problem),
-        baselines=_baselines(*baselines, problem.model.inputs.names, hyperparameters),
-        runs=sum(runs_by_stage.values()),
-        runs_by_stage=runs_by_stage,
-        failures=failures,
-        seconds={**seconds, "total": sum(seconds.values())},
-        seed=seed,
+        search=search_of(certain.found, inference, hyperparameters),
+        baselines=baselines,
+        runs=sum(ledger.runs.values()),
+        runs_by_stage=ledger.runs,
+        seconds={**ledger.seconds, "total": sum(ledger.seconds.values())},
+        seed=question.seed,
         versions=versions(),
-        density_distances=_distances(problem, alpha, exact),
-        outcome=table.outcome_name,
         transform=table.transform,
-        session=OutcomeSession(
-            problem.model, simulator, OutcomeFit(problem, alpha, inference, table)
-        ),
         parameter_correlations=parameter_correlations_of(
-            problem.model.inputs, alpha, hyperparameters, inference
+            likelihood.inputs, alpha, hyperparameters, inference
         ),
+        **own,
     )
 
 
-def _log_likelihood(
+def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
+    """What a result says of exact outcomes."""
+    answer, table, at = reviewed.answer, reviewed.table, reviewed.at
+    alpha, surface_error = answer.certain.settled.alpha, reviewed.surface_error
+    where = "under the law" if problem.model.follows else "on the box"
+    return {
+        "log_likelihood": _verified(
+            at, reviewed.exact or at, answer.checked,
+            diagnostics.cells_error(problem, reviewed.by_cells), answer.doubt,
+        ),
+        "density": problem.likelihood.name,
+        "propagation": problem.name,
+        "experiments": experiment_reports(problem, alpha, at, table.ids, surface_error),
+        "surface": None if problem.surface is None else judged(problem.surface, where),
+        "density_distances": _distances(problem, alpha, reviewed.exact),
+        "outcome": table.outcome_name,
+    }  # fmt: skip
+
+
+def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dict[str, Any]:
+    """What a result says of experiments with parameters of their own."""
+    certain, checked = reviewed.answer.certain, reviewed.answer.checked
+    alpha, gap, surfaces = certain.settled.alpha, certain.settled.gap, certain.refined.surfaces
+    question, inputs, at = certain.refined.question, likelihood.inputs, reviewed.at
+    table, names = question.table, likelihood.inputs.names
+    found = individual_parameters(likelihood, alpha)
+    pit = sequential_pit(likelihood, alpha, table.observations)
+    columns = tuple(question.runner.cases.columns)
+    shrinkage = zip(names, found.shrinkage, strict=True)
+    return {
+        "log_likelihood": _with_nodes(at.likelihood, gap, checked),
+        "density": likelihood.name,
+        "propagation": DIRECT if surfaces is None else "response_surface",
+        "experiments": _individuals(table, at.each, at.status, found, names),
+        "surface": None if surfaces is None else judged(surfaces.surface(), against="the noise"),
+        "outcome": ", ".join(response.name for response in table.observations.responses),
+        "observations": observation_reports(table, likelihood, alpha, found, columns, pit),
+        "shrinkage": {name: float(value) for name, value in shrinkage if np.isfinite(value)},
+        "quadrature": {"nodes": likelihood.nodes.xi.shape[1], "gap": gap},
+        "responses": {r.name: str(r.transform) for r in table.observations.responses},
+        "law_curves": law_curves(inputs, alpha, len(table.ids)),
+    }
+
+
+def _verified(
     honest: LogLikelihood,
     exact: LogLikelihood,
     checked: Checked | None,
@@ -142,6 +170,15 @@ def _log_likelihood(
     error = math.hypot(found - verified, of_check, doubted.error, cells)
     known = error if np.isfinite(error) else None
     return LogLikelihoodReport(found, verified, of_check, error=known)
+
+
+def _with_nodes(total: float, gap: float, check: Checked | None) -> LogLikelihoodReport:
+    """Its error is that of the check and what more nodes change, which the check does not see."""
+    if check is None:
+        return LogLikelihoodReport(total, None, None)
+    error = max(float(np.hypot(check.standard_error, gap)), LEAST)
+    off = float(np.hypot(check.total, error))
+    return LogLikelihoodReport(total, total + check.total, error, error=off)
 
 
 def _distances(
@@ -273,22 +310,49 @@ def search_of(
     }
 
 
-def _baselines(
-    fit: LeastSquares,
-    linear: LinearGaussian,
-    names: Sequence[str],
-    hyperparameters: Sequence[Hyperparameter],
-) -> dict[str, Any]:
+def _individuals(
+    table: Experiments,
+    each: Array,
+    status: NDArray[np.int64],
+    found: IndividualParameters,
+    names: tuple[str, ...],
+) -> tuple[IndividualReport, ...]:
+    ids, of = table.ids, table.observations.experiment
+    observations = np.bincount(of, minlength=len(ids))
+    return tuple(
+        IndividualReport(
+            id=ids[l],
+            observations=int(observations[l]),
+            log_density=float(each[l]),
+            mode=dict(zip(names, found.mode[l].tolist(), strict=True)),
+            mean=dict(zip(names, found.mean[l].tolist(), strict=True)),
+            sd=dict(zip(names, found.sd[l].tolist(), strict=True)),
+            status=Status(int(status[l])).name.lower(),
+            components={name: tuple(p[l].tolist()) for name, p in found.components.items()} or None,
+        )
+        for l in range(len(ids))
+    )
+
+
+def _baselines(fit: LeastSquares, inputs: Inputs) -> dict[str, Any]:
+    if fit.rmse > 1e-3 * HUGE:
+        # at every point that was tried some observation has no simulated value
+        return {}
     return {
         "least_squares": {
-            "parameters": dict(zip(names, fit.x.tolist(), strict=True)),
+            "parameters": dict(zip(inputs.names, fit.x.tolist(), strict=True)),
             "rmse": fit.rmse,
             "log_likelihood": fit.log_likelihood,
-        },
-        "circe": {
-            "alpha": _named(linear.alpha, hyperparameters),
-            "log_likelihood": linear.log_likelihood,
-        },
+        }
+    }
+
+
+def _of_tangent(
+    linear: LinearGaussian, hyperparameters: Sequence[Hyperparameter]
+) -> dict[str, Any]:
+    return {
+        "alpha": _named(linear.alpha, hyperparameters),
+        "log_likelihood": linear.log_likelihood,
     }
 
 

@@ -1,4 +1,4 @@
-"""Outcomes that surfaces do not reach: whether the simulator itself does, and where.
+"""The density of exact outcomes on a response that reaches them, or is known not to.
 
 An outcome is out of reach only if the simulator, sought by a maximizer from several starts all over
 the laws' support, does not come to it. Surfaces that miss one by their own error get runs there.
@@ -12,13 +12,17 @@ import numpy as np
 from scipy import optimize
 from scipy.stats import qmc
 
+from aleator.fit.question import Question
+from aleator.fit.regions import hull, within
+from aleator.inference import diagnostics
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs
 from aleator.laws.region import law_region
+from aleator.likelihood.problem import Problem, prepare
+from aleator.progress import Progress
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.surrogates.axes import Axes, logarithms
-from aleator.surrogates.responses import Run, moving_parameters
-from aleator.tasks.region import hull, within
+from aleator.surrogates.responses import Run, attempts, by_calls, moving_parameters, straight
 from aleator.types import Array, Indices
 
 
@@ -49,14 +53,92 @@ class Reach:
 REACH = Reach()
 
 
-def support(inputs: Inputs) -> Array:
+def on_surfaces(
+    question: Question, surfaces: AdaptiveSurfaces, region: Array, progress: Progress
+) -> Problem:
+    """The density of exact outcomes on surfaces, whose region holds all that is reached.
+
+    Outcomes that a surface still misses by its own error are left to later rounds, and all where a
+    budget does not have the runs by which one is sought. Raises ExperimentsError for an outcome
+    that the simulator itself does not reach.
+    """
+    runner, inputs = question.runner, question.inputs
+    model, outcomes = question.choices.model, question.measured
+    for _ in range(REACH.rounds):
+        problem = prepare(runner, outcomes, model, region, progress, surfaces.surface())
+        short = diagnostics.shortfalls(problem)
+        lost = np.flatnonzero(short)
+        most = REACH.most(len(moving_parameters(region)))
+        if not lost.size or runner.account.given(most) < most:
+            return problem
+        farthest = int(lost[np.argmax(np.abs(short[lost]))])
+        condition, side = int(problem.condition[farthest]), float(np.sign(short[farthest]))
+        points, values = _by_surface(surfaces, condition)
+        x = _reached(
+            attempts(runner, region), points[np.argmax(side * values)], condition,
+            float(outcomes[farthest]), side, _support(inputs)[moving_parameters(region)],
+        )  # fmt: skip
+        if x is None:
+            raise diagnostics.unreachable(problem, question.ids)
+        wider = _holding(region, x, inputs.box)
+        if not np.array_equal(wider, region):
+            region = wider
+            surfaces.move(region[moving_parameters(region)])
+        elif not _sharpened(surfaces, problem.condition[lost], outcomes[lost]):
+            return problem
+    return prepare(runner, outcomes, model, region, progress, surfaces.surface())
+
+
+def on_simulator(question: Question, progress: Progress) -> Problem:
+    """The density of exact outcomes by the simulator itself.
+
+    Raises ExperimentsError for an outcome without level set that the simulator misses. It is sought
+    there as with surfaces. One between the outcomes that the simulator has, in the gap of a jump,
+    is left to the diagnostics. Raises NoOutcome for an experiment of which no run has a value.
+    """
+    runner, inputs, y = question.runner, question.inputs, question.measured
+    model = question.choices.model
+    if model.surfaces is not None:
+        model = model.directly()
+    problem = prepare(runner, y, model, inputs.box, progress)
+    moves, straightly = moving_parameters(inputs.box), straight(runner)
+    whole = _support(inputs)[moves]
+    points = _spread(whole)
+
+    def full(x: Array) -> Array:
+        every = np.tile(inputs.box[:, 0], (len(x), 1))
+        every[:, moves] = x
+        return every
+
+    def run(index: Indices, x: Array) -> Array:
+        return straightly(index, full(x))
+
+    low, high, missed = np.full(y.size, -np.inf), np.full(y.size, np.inf), list[int]()
+    for row in np.flatnonzero(problem.unreached).tolist():
+        condition = int(problem.condition[row])
+        values = run(np.full(len(points), condition), points)
+        if np.isnan(values).all():
+            by_calls(runner)(np.array([condition]), full(points[:1]))
+        low[row], high[row] = np.nanmin(values), np.nanmax(values)
+        if low[row] <= y[row] <= high[row]:
+            continue
+        side = 1.0 if y[row] > high[row] else -1.0
+        start = points[np.nanargmax(side * values)]
+        if _reached(run, start, condition, y[row], side, whole) is None:
+            missed.append(row)
+    if missed:
+        raise diagnostics.out_of_reach(np.array(missed), y, (low, high), question.ids)
+    return problem
+
+
+def _support(inputs: Inputs) -> Array:
     """Where the laws of the admissible alphas have their mass, (n, 2): within the box."""
     lower, upper = (end[: inputs.size] for end in limits_of(inputs.hyperparameters))
     u = qmc.Sobol(max(inputs.size, 1), rng=0).random(REACH.looks)[:, : inputs.size]
     return within(inputs.box, law_region(inputs, [*(lower + u * (upper - lower)), lower, upper]))
 
 
-def reached(
+def _reached(
     run: Run, start: Array, condition: int, outcome: float, side: float, whole: Array
 ) -> Array | None:
     """A point (n,) where the simulator of a condition is at the outcome or beyond; None without.
@@ -103,12 +185,12 @@ def reached(
     return None if missed else np.asarray(axes.outward(best[None])[0])
 
 
-def sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> bool:
+def _sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> bool:
     """Whether conditions `lost` have more runs now, each where its surface is near its outcome."""
     members = np.isin(np.arange(surfaces.good.size), lost)
     granted = np.flatnonzero(surfaces.granted(members))
     for condition in granted.tolist():
-        points, values = by_surface(surfaces, condition)
+        points, values = _by_surface(surfaces, condition)
         away = np.abs(values - outcomes[lost == condition][:, None]).min(axis=0)
         surfaces.sharpen(
             np.arange(members.size) == condition, points[np.argsort(away)[: REACH.draws]]
@@ -116,7 +198,7 @@ def sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> boo
     return bool(granted.size)
 
 
-def holding(region: Array, x: Array, box: Array) -> Array:
+def _holding(region: Array, x: Array, box: Array) -> Array:
     """The region (n, 2), wider where a point x (moving,) lies outside: by half as much again."""
     moving = moving_parameters(region)
     wide = region.copy()
@@ -125,13 +207,13 @@ def holding(region: Array, x: Array, box: Array) -> Array:
     return within(box, wide)
 
 
-def spread(box: Array) -> Array:
+def _spread(box: Array) -> Array:
     """Points (4096, n) all over a box (n, 2)."""
     axes = Axes(box, logarithms(box))
     return np.asarray(axes.outward(2.0 * qmc.Sobol(len(box), rng=0).random(REACH.candidates) - 1.0))
 
 
-def by_surface(surfaces: AdaptiveSurfaces, condition: int) -> tuple[Array, Array]:
+def _by_surface(surfaces: AdaptiveSurfaces, condition: int) -> tuple[Array, Array]:
     """Points (4096, n) all over the region, and what the surface of a condition says there."""
-    points = spread(surfaces.box)
+    points = _spread(surfaces.box)
     return points, surfaces.surface().take(np.array([condition])).evaluate(points)[0]

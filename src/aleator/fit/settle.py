@@ -1,15 +1,20 @@
-"""From a maximum that a search found to one that neither nodes nor further steps move."""
+"""From a maximum that a search found to one that neither nodes nor further steps move.
+
+Without noise the nodes are those of the level sets, or of the law: they serve at every alpha, and
+an answer has finer ones than a search.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aleator.inference.diagnostics.individual import NOTED_GAP
+from aleator.inference.diagnostics.experiments import NOTED_GAP
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.likelihood.individual import (
+    Following,
     GaussHermite,
     ImportancePoints,
     IndividualLikelihood,
@@ -18,7 +23,10 @@ from aleator.likelihood.individual import (
     Rule,
 )
 from aleator.likelihood.individual.importance import MOST
-from aleator.search.newton import ascended
+from aleator.likelihood.problem import Problem
+from aleator.search import Ascent, Objective, Optimum, SearchResult
+from aleator.search.interface import RULED_OUT, one_hill
+from aleator.search.newton import ascended, outer
 from aleator.types import Array, Indices
 
 ROUNDS = 30
@@ -60,6 +68,15 @@ CERTAIN = 3.0
 """Errors of these that are more than chance."""
 FEW = 16
 """Importance points where only the modes are of interest."""
+OTHERS = 3
+"""Optima besides the best that are looked at with the nodes of the answer."""
+HIGHER = 2e-3
+"""A log-likelihood that is higher by so much is that of a better maximum."""
+SAME = 0.3
+"""Standard errors, by the outer product of the scores, within which two maxima are one."""
+
+AnyLikelihood = IndividualLikelihood | Problem
+"""The integral over individual parameters, or the density of exact outcomes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +84,13 @@ class Settled:
     """A maximum alpha (K,), the likelihood with nodes adapted there, and what more nodes change.
 
     `coarse` is the likelihood with the fewest nodes of which more hardly change it, or change it
-    little.
+    little; None where the nodes serve at every alpha.
     """
 
-    likelihood: IndividualLikelihood
+    likelihood: AnyLikelihood
     alpha: Array
     gap: float
-    coarse: IndividualLikelihood
+    coarse: IndividualLikelihood | None
 
     @property
     def value(self) -> float:
@@ -81,7 +98,24 @@ class Settled:
         return self.likelihood.evaluate(self.alpha).total
 
 
-def settled(likelihood: IndividualLikelihood, alpha: Array, enough: float = ENOUGH) -> Settled:
+@dataclass(frozen=True, eq=False)
+class _End(Settled):
+    """That of an integral over individual parameters."""
+
+    likelihood: IndividualLikelihood
+    coarse: IndividualLikelihood
+
+
+def settled(likelihood: AnyLikelihood, alpha: Array, enough: float = ENOUGH) -> Settled:
+    """The nearest maximum, with as many nodes as are `enough` for it."""
+    if isinstance(likelihood, Problem):
+        fine = likelihood.fine() if enough < ROUGHLY else likelihood
+        end, alpha = climbed(fine, alpha)
+        return Settled(end, alpha, fine.gap(alpha) if enough < ROUGHLY else 0.0, None)
+    return _integral_settled(likelihood, alpha, enough)
+
+
+def _integral_settled(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> Settled:
     """Climb with nodes held, adapt them, take more where they are too few, until nothing moves.
 
     Nodes are enough where more change the log-likelihood by less than `enough`. Of more than four
@@ -116,7 +150,7 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     return likelihood.ruled(likelihood.rule.at_least(SCORING))
 
 
-def _told_by_panels(end: Settled, most: float) -> bool:
+def _told_by_panels(end: _End, most: float) -> bool:
     """Whether nodes about one mode of two variates tell what panels do, who leave nothing out.
 
     They do where the two differ by less than `most`.
@@ -130,7 +164,7 @@ def _told_by_panels(end: Settled, most: float) -> bool:
     return abs(_change(tried, PlanePanels.coarse(), end.alpha, large=False)) < most
 
 
-def _smooth(end: Settled) -> bool:
+def _smooth(end: _End) -> bool:
     """Whether ever more nodes about one mode change as little as they do not at a kink.
 
     A hundred of them cost a hundredth of what panels do.
@@ -146,7 +180,7 @@ def _smooth(end: Settled) -> bool:
     return True
 
 
-def _misses_modes(end: Settled) -> bool:
+def _misses_modes(end: _End) -> bool:
     """Whether nodes about one mode of each experiment leave a part of the likelihood out."""
     likelihood, alpha = end.likelihood, end.alpha
     if not several_modes(likelihood, alpha):
@@ -160,7 +194,7 @@ def _misses_modes(end: Settled) -> bool:
     return float(np.sum(fine - known)) > HARDLY + CERTAIN * error
 
 
-def _points_tell_less(end: Settled) -> bool:
+def _points_tell_less(end: _End) -> bool:
     """Whether the most importance points would be off by more than the nodes of an answer are.
 
     That is, if their error falls as that of random points.
@@ -181,12 +215,12 @@ def _some(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     return likelihood.sampled(SAMPLE) if likelihood.count > 2 * SAMPLE else likelihood
 
 
-def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> Settled:
+def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _End:
     """Settled with one kind of rule."""
     tried = list[tuple[float, IndividualLikelihood]]()
     variates = likelihood.inputs.scattering
     while True:
-        held, alpha = climbed(likelihood, alpha)
+        held, alpha = integral_climbed(likelihood, alpha)
         gaps = _gaps(held, alpha)
         gap = held.rule.told(gaps, variates)
         before = tried[-1][0] if tried else np.inf
@@ -196,11 +230,11 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> S
         slow = held.nodes.xi.shape[1] > large and abs(gap) > slowly * before
         if held.rule.centers == 1 and slow and abs(gap) > HARDLY:
             # what is not smooth converges slowly about one centre
-            return Settled(held, alpha, gap, _fewest(tried))
+            return _End(held, alpha, gap, _fewest(tried))
         none = max(enough, min(1e-5 * held.count, NOTED_GAP))
         finer = held.rule.refined(gaps, none, variates)
         if finer is None:
-            return Settled(held, alpha, gap, _fewest(tried))
+            return _End(held, alpha, gap, _fewest(tried))
         likelihood = held.ruled(finer)
 
 
@@ -246,8 +280,23 @@ def _change_of_points(finer: IndividualLikelihood, alpha: Array, each: Array) ->
     return max(abs(float(change.sum())), float(np.sqrt(np.sum(change**2))), left)
 
 
-def climbed(likelihood: IndividualLikelihood, alpha: Array) -> tuple[IndividualLikelihood, Array]:
-    """The nearest maximum: with nodes that follow alpha until it is near, then with nodes held."""
+def climbed(likelihood: AnyLikelihood, alpha: Array) -> tuple[AnyLikelihood, Array]:
+    """The nearest maximum, and the likelihood with nodes that serve there."""
+    if not isinstance(likelihood, Problem):
+        return integral_climbed(likelihood, alpha)
+    hyperparameters = likelihood.hyperparameters
+    free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
+    if not free.size:
+        return likelihood, alpha
+    objective = likelihood.continued
+    information = _outer(objective(alpha).scores, free, hyperparameters)
+    return likelihood, ascended(objective, alpha, hyperparameters, free, information).alpha
+
+
+def integral_climbed(
+    likelihood: IndividualLikelihood, alpha: Array
+) -> tuple[IndividualLikelihood, Array]:
+    """The same: with nodes that follow alpha until it is near, then with nodes held."""
     hyperparameters = likelihood.hyperparameters
     free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
     held = likelihood if likelihood.distance(alpha) < CLOSE else likelihood.adapted(alpha)
@@ -304,3 +353,99 @@ def _outer(scores: Array | None, free: Indices, hyperparameters: Sequence[Hyperp
     own = scores[:, free]
     lower, upper = limits_of(hyperparameters, free)
     return np.asarray(own.T @ own + np.diag((upper - lower) ** -2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Highest:
+    """An answer, and other optima (K,) that a drop of 1.92 does not rule out, by the same nodes.
+
+    `found` is the search with the answer as its first optimum, and the others after it.
+    """
+
+    settled: Settled
+    found: SearchResult
+    others: tuple[Array, ...]
+
+    @classmethod
+    def of(
+        cls, end: Settled, found: SearchResult, looked: Sequence[Optimum], rest: Sequence[Optimum]
+    ) -> Highest:
+        """With the optima that were looked at, and the `rest` that were not."""
+        lower = [replace(o, log_likelihood=min(o.log_likelihood, end.value)) for o in looked]
+        lower.sort(key=lambda optimum: -optimum.log_likelihood)
+        optima = (Optimum(end.alpha, end.value, found.optima[0].starts), *lower, *rest)
+        moved = replace(found, alpha=end.alpha, log_likelihood=end.value, optima=optima)
+        return cls(end, moved, tuple(o.alpha for o in lower if _possible(o, end)))
+
+
+def compared(end: Settled, found: SearchResult) -> Highest:
+    """An answer as it is, and what the next optima are by its nodes."""
+    looked = _looked_at(end.likelihood.continued, found)
+    return Highest.of(end, found, looked, found.optima[1 + OTHERS :])
+
+
+def highest(end: Settled, found: SearchResult) -> Highest:
+    """Climb from the next optima of the search too, and take the highest end.
+
+    A search has few nodes: with those of the answer another optimum than its best may be the
+    highest. One that is ruled out by these is not climbed from.
+    """
+    looked, climbs, ascents = [], list[Optimum](), found.ascents
+    objective = end.likelihood.continued
+    for optimum in _looked_at(objective, found):
+        if not _possible(optimum, end):
+            looked.append(optimum)
+            continue
+        near = objective.nearest(optimum.alpha) if isinstance(objective, Following) else None
+        climbs.append(_climbed(near or end.likelihood, optimum))
+        ascents = tuple(_moved(ascent, optimum, climbs[-1]) for ascent in ascents)
+    best = max(climbs, key=lambda one: one.log_likelihood, default=None)
+    if best is not None and best.log_likelihood > end.value + HIGHER:
+        climbs.append(Optimum(end.alpha, end.value, found.optima[0].starts))
+        end = max(settled(end.likelihood, best.alpha), end, key=lambda one: one.value)
+        found = replace(found, once=_reached(end, ascents) < 2)
+    known = [end.alpha]
+    for climb in sorted(climbs, key=lambda one: -one.log_likelihood):
+        if not any(_same(climb.alpha, alpha, end) for alpha in known):
+            known.append(climb.alpha)
+            looked.append(climb)
+    return Highest.of(end, replace(found, ascents=ascents), looked, found.optima[1 + OTHERS :])
+
+
+def _looked_at(objective: Objective, found: SearchResult) -> list[Optimum]:
+    """The next optima of a search with log-likelihoods by other nodes."""
+    return [
+        replace(optimum, log_likelihood=objective(optimum.alpha).total)
+        for optimum in found.optima[1 : 1 + OTHERS]
+    ]
+
+
+def _possible(optimum: Optimum, end: Settled) -> bool:
+    return end.value - optimum.log_likelihood < RULED_OUT
+
+
+def _climbed(likelihood: AnyLikelihood, optimum: Optimum) -> Optimum:
+    held, alpha = climbed(likelihood, optimum.alpha)
+    return replace(optimum, alpha=alpha, log_likelihood=held.evaluate(alpha).total)
+
+
+def _moved(ascent: Ascent, optimum: Optimum, climb: Optimum) -> Ascent:
+    """An ascent that ended at an optimum, ended where a climb from there did."""
+    if not np.array_equal(ascent.alpha, optimum.alpha):
+        return ascent
+    return replace(ascent, alpha=climb.alpha, log_likelihood=climb.log_likelihood)
+
+
+def _reached(end: Settled, ascents: Sequence[Ascent]) -> int:
+    """How many starts ended on the hill of the answer."""
+    scores = end.likelihood(end.alpha).scores
+    assert scores is not None
+    free = np.flatnonzero([h.free for h in end.likelihood.hyperparameters])
+    return sum(one_hill(a.alpha - end.alpha, scores, free) for a in ascents)
+
+
+def _same(alpha: Array, other: Array, end: Settled) -> bool:
+    scores = end.likelihood(end.alpha).scores
+    assert scores is not None
+    step = alpha - other
+    return float(step @ outer(scores) @ step) < SAME**2

@@ -1,0 +1,377 @@
+"""How sure an answer is: information, profile intervals, and other maxima.
+
+A search on a flat top has not learned the information, a saddle has a maximum beside it, a profile
+may meet a better one: each leads the answer on. The laws at the ends of the intervals are others
+than at the answer, and get runs and nodes of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aleator.fit.ledger import Ledger
+from aleator.fit.refine import EXACT, WITH_NOISE, Refined, Refinement
+from aleator.fit.search import in_order
+from aleator.fit.settle import CLOSE, AnyLikelihood, Settled, climbed, settled
+from aleator.inference.diagnostics.estimates import LARGEST_EDM
+from aleator.inference.diagnostics.experiments import Rival
+from aleator.inference.information import Inference, infer
+from aleator.inference.profile import Profile, profile_intervals
+from aleator.inference.profile_end import BETTER, LEFT
+from aleator.laws.hyperparameter import limits_of
+from aleator.likelihood.individual import (
+    Following,
+    GaussHermite,
+    IndividualLikelihood,
+    PlanePanels,
+)
+from aleator.search import SearchResult
+from aleator.search.newton import ascend, ascended, outer
+from aleator.types import Array, Flags, Indices
+
+WIDER = 3
+"""Times that surfaces may be made to serve the ends of the intervals."""
+ENOUGH = 1e-3
+"""What may be left to climb, in log-likelihood, by the information at the end."""
+CLIMBS = 3
+"""Times that a profile may meet a better maximum."""
+LOOKS = (-1.0, -0.5, 0.5, 1.0)
+"""Standard errors from an answer at which it is seen whether it is a saddle."""
+HIGHER = 0.01
+"""A log-likelihood there that is higher by so much than at the answer: it is."""
+DETERMINED = 1e-2
+"""Share of the information about each hyperparameter that there is about all directions, at least,
+where it is told by scores, which have errors of their own."""
+DIFFERS = 0.04
+"""A drop of the profile by other nodes that is another one: twice what an end is found to."""
+DEAR = 400
+"""Nodes of an experiment beyond which a profile by them costs minutes."""
+UNKNOWN = 0.2
+"""A drop that more nodes change by so much is not known."""
+ADAPTED = 4
+"""Times that an interval is sought with nodes that were adapted to its ends."""
+NODES = 5
+"""Gauss-Hermite nodes a variate that a second maximum is looked at with."""
+TRIED = 2
+"""Optima of the search that are looked at, besides the best."""
+
+
+@dataclass(frozen=True, eq=False)
+class Certain:
+    """A refined answer with its information, its profile intervals, and other maxima."""
+
+    refined: Refined
+    inference: Inference
+    profile: Profile
+    rivals: tuple[Rival, ...]
+
+    @property
+    def settled(self) -> Settled:
+        """The maximum."""
+        return self.refined.settled
+
+    @property
+    def found(self) -> SearchResult:
+        """The search that led there."""
+        return self.refined.found
+
+
+def certain(answer: Refined, ledger: Ledger) -> Certain:
+    """How sure an answer is, on surfaces that serve the laws at the ends of its intervals too."""
+    question = answer.question
+    refinement = Refinement(question, ledger, EXACT if question.exact else WITH_NOISE)
+    for widened in range(WIDER + 1):
+        with ledger.stage("inference"):
+            end, found, inference, profile = inferred(answer.settled, answer.found, answer.possible)
+            answer = replace(answer, settled=end, found=found)
+        if answer.surfaces is None or widened == WIDER:
+            break
+        spread = refinement.spread(answer, inference, profile.intervals)
+        if spread is None:
+            break
+        answer = spread
+    with ledger.stage("inference"):
+        rivals = _rivals(answer, inference) or _followed_rivals(answer, inference)
+    return Certain(answer, inference, profile, rivals)
+
+
+def inferred(
+    end: Settled, found: SearchResult, others: Sequence[Array] = ()
+) -> tuple[Settled, SearchResult, Inference, Profile]:
+    """The information, and profiles with as few nodes as serve at each end.
+
+    `others` (K,) are lower optima, whose hills the profiles may go over.
+    """
+    for _ in range(CLIMBS):
+        before = end
+        end, inference = _informed(end)
+        likelihood, alpha = end.likelihood, end.alpha
+        if inference.positive and inference.edm > ENOUGH:
+            # with the information itself, which a search on a flat top has not learned
+            alpha = ascend(
+                likelihood.followed, alpha, likelihood.hyperparameters, inference.identified,
+                inference.information,
+            )[0]  # fmt: skip
+            inference = infer(likelihood.followed, alpha, likelihood.hyperparameters)
+            end = replace(end, alpha=alpha, likelihood=likelihood.adapted(alpha))
+        if end is not before:
+            found = found.moved(alpha, end.value)
+        profile = _profiled(end, alpha, inference, others)
+        if profile.better is None:
+            break
+        others = (alpha, *others)
+        end = settled(likelihood, profile.better)
+        found = found.improved(end.alpha, end.likelihood(end.alpha), inference.identified)
+    return end, found, inference, profile
+
+
+def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
+    """Other optima of the search that are maxima indeed: arrived at, inside, and bent down.
+
+    Those that only a limit holds are none. With panels of two variates, where a climb costs most,
+    only those that were climbed to with them. Cost: some tens of evaluations for each, with no more
+    nodes than a search takes.
+    """
+    if not inference.positive:
+        return ()
+    end, found = answer.settled, answer.found
+    likelihood = end.likelihood
+    arrived = list(answer.possible)
+    if isinstance(likelihood, IndividualLikelihood):
+        rule = likelihood.rule
+        if not isinstance(rule, PlanePanels):
+            arrived += [a.alpha for a in found.ascents if a.converged]
+        if isinstance(rule, GaussHermite):
+            likelihood = likelihood.by(GaussHermite(min(rule.first, NODES)), end.alpha)
+    else:
+        arrived += [a.alpha for a in found.ascents if a.converged]
+    known, kept = [end.alpha], list[Rival]()
+    for optimum in found.optima[1:]:
+        if len(known) > TRIED:
+            break
+        if not any(np.array_equal(optimum.alpha, other) for other in arrived):
+            continue
+        if _among(optimum.alpha, known, inference):
+            continue
+        held, alpha = climbed(likelihood, optimum.alpha)
+        alpha = in_order(alpha, end.likelihood.inputs)
+        if _among(alpha, known, inference):
+            continue
+        known.append(alpha)
+        value = end.likelihood.adapted(alpha).evaluate(alpha).total
+        kept += _maximum(held, alpha, end.value - value, end.alpha, inference)
+    return tuple(sorted(kept, key=lambda rival: rival.drop))
+
+
+def _followed_rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
+    """Those of maxima that were followed to their own ends which are maxima indeed."""
+    end, kept = answer.settled, list[Rival]()
+    for other in answer.others:
+        if not _among(other.alpha, [end.alpha], inference):
+            drop = end.value - other.value
+            kept += _maximum(other.likelihood, other.alpha, drop, end.alpha, inference)
+    return tuple(sorted(kept, key=lambda rival: rival.drop))
+
+
+def _maximum(
+    likelihood: AnyLikelihood, alpha: Array, drop: float, here: Array, inference: Inference
+) -> list[Rival]:
+    """What lies lower than `here` (K,) by `drop`, if it is a maximum."""
+    about = infer(likelihood.followed, alpha, likelihood.hyperparameters)
+    stuck = [a for a, b in zip(about.at_bound, inference.at_bound, strict=True) if a and a != b]
+    if stuck or not about.positive or not about.edm < LARGEST_EDM or not np.isfinite(drop):
+        return []
+    sizes = np.abs(inference.differences(alpha, here))
+    moved = tuple(int(k) for k in np.flatnonzero(np.nan_to_num(sizes) > 1.0))
+    return [Rival(alpha, here, drop, moved)]
+
+
+def _among(alpha: Array, known: Sequence[Array], inference: Inference) -> bool:
+    """Whether no hyperparameter differs by two standard errors, as far as they are known."""
+    return any(inference.apart(alpha, other) < WITH_NOISE.apart for other in known)
+
+
+def _informed(end: Settled) -> tuple[Settled, Inference]:
+    """The information at an answer, and the answer: where it is a saddle, a maximum beside it.
+
+    Where the top is as flat as the errors of the quadrature, differences of the score may tell
+    that it bends upward. It does not where the likelihood is no higher a standard error away, and
+    then the scores of the experiments tell the information, if they determine all of it.
+    """
+    likelihood, alpha = end.likelihood, end.alpha
+    objective, hyperparameters = likelihood.followed, likelihood.hyperparameters
+    inference = infer(objective, alpha, hyperparameters)
+    if inference.positive or not np.all(np.isfinite(inference.information)):
+        return end, inference
+    told = infer(objective, alpha, hyperparameters, by_scores=True)
+    if not told.positive or np.linalg.eigvalsh(np.linalg.inv(told.correlation))[0] < DETERMINED:
+        return end, inference
+    higher = _beside_a_saddle(likelihood, alpha, inference, told)
+    if higher is None:
+        return end, told
+    end = settled(likelihood, higher)
+    return end, infer(end.likelihood.followed, end.alpha, hyperparameters)
+
+
+def _beside_a_saddle(
+    likelihood: AnyLikelihood, alpha: Array, inference: Inference, told: Inference
+) -> Array | None:
+    """The highest point where the information tells that the likelihood bends upward, if higher."""
+    inside = np.isin(inference.identified, told.free)
+    errors = told.standard_error[told.free]
+    bends = inference.information[np.ix_(inside, inside)] * np.outer(errors, errors)
+    steepest = errors * np.linalg.eigh(bends)[1][:, 0]
+    points = np.tile(alpha, (len(LOOKS), 1))
+    points[:, told.free] += np.outer(LOOKS, steepest)
+    points = np.clip(points, *limits_of(likelihood.hyperparameters))
+    *values, here = likelihood.continued.values(np.vstack([points, alpha]))
+    best = int(np.nanargmax(values))
+    return points[best] if values[best] > here + HIGHER else None
+
+
+def _profiled(end: Settled, alpha: Array, inference: Inference, rivals: Sequence[Array]) -> Profile:
+    """By few nodes that follow alpha; by those of the answer, or finer, where these tell more.
+
+    The laws of experiments at an end are others than at the answer, and may need more nodes. What
+    the finest change at an end is what cannot be known.
+    """
+    likelihood = end.likelihood
+    if end.coarse is None or not isinstance(likelihood, IndividualLikelihood):
+        return profile_intervals(
+            likelihood.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals
+        )
+    if likelihood.parameters is not None:
+        same = end.coarse.rule == likelihood.rule
+        few = likelihood if same else likelihood.by(end.coarse.rule, alpha)
+        return _by_held(few, alpha, inference, rivals)
+    many = likelihood.nodes.xi.shape[1] > DEAR
+    found = profile_intervals(
+        end.coarse.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals
+    )
+    if found.better is not None:
+        return found
+    found = _anew(likelihood, alpha, found, UNKNOWN if many else DIFFERS, inference, rivals)
+    if many:
+        return found
+    finer = _finer(likelihood, alpha)
+    if finer is None or found.better is not None:
+        return found
+    if finer.nodes.xi.shape[1] > DEAR:
+        return found.only_known(_off(finer, alpha, found, UNKNOWN))
+    again = _anew(finer, alpha, found, UNKNOWN, inference, rivals)
+    finest = _finer(finer, alpha)
+    if again is found or again.better is not None or finest is None:
+        return again
+    return again.only_known(_off(finest, alpha, again, UNKNOWN))
+
+
+def _anew(
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    found: Profile,
+    least: float,
+    inference: Inference,
+    rivals: Sequence[Array],
+) -> Profile:
+    """The same, with the ends sought anew whose drop by these nodes is another one by so much."""
+    higher = _climbed_on(likelihood, found, inference)
+    rows = np.flatnonzero(np.any(_off(likelihood, alpha, higher, least), axis=1))
+    if not rows.size:
+        return found
+    objective, hyperparameters = likelihood.continued, likelihood.hyperparameters
+    again = profile_intervals(
+        objective, alpha, hyperparameters, inference, rows, rivals, higher.points
+    )
+    return found.joined(again, rows)
+
+
+def _climbed_on(likelihood: IndividualLikelihood, found: Profile, inference: Inference) -> Profile:
+    """The same with the conditional maxima at its ends by the nodes of this likelihood."""
+    objective, points = likelihood.continued, found.points.copy()
+    for k, side in np.argwhere(found.drops > 0.0):
+        moving, point = inference.identified[inference.identified != k], points[k, side]
+        scores = objective(point).scores
+        assert scores is not None
+        points[k, side] = ascended(
+            objective, point, likelihood.hyperparameters, moving, outer(scores[:, moving]), LEFT,
+            bent=True,
+        ).alpha  # fmt: skip
+    return replace(found, points=points)
+
+
+def _finer(likelihood: IndividualLikelihood, alpha: Array) -> IndividualLikelihood | None:
+    """The likelihood by more nodes about one mode, or by finer panels; None where there is none."""
+    if likelihood.rule.centers > 1:
+        return None
+    rules = likelihood.rule.finer(likelihood.inputs.scattering)
+    return likelihood.by(rules[0], alpha) if rules else None
+
+
+def _off(likelihood: IndividualLikelihood, alpha: Array, profile: Profile, least: float) -> Flags:
+    """Ends (K, 2) whose drop is another one with the nodes of this likelihood, by so much."""
+    top = likelihood.adapted(alpha).evaluate(alpha).total
+    wrong = np.zeros(profile.drops.shape, dtype=np.bool_)
+    for k, side in np.argwhere(profile.drops > 0.0):
+        point = profile.points[k, side]
+        drop = top - likelihood.adapted(point).evaluate(point).total
+        wrong[k, side] = not abs(drop - profile.drops[k, side]) < least
+    return wrong
+
+
+def _by_held(
+    likelihood: IndividualLikelihood, alpha: Array, inference: Inference, rivals: Sequence[Array]
+) -> Profile:
+    """By nodes that are held as parameters, which take longer to find than a profile by them.
+
+    Those that are nearest in law serve. Nodes that are adapted to an end tell whether its drop is
+    right; where it is not, it is sought again with these too.
+    """
+    objective, nothing = likelihood.continued, np.full((alpha.size, 2), np.nan)
+    found = Profile(nothing, nothing, np.full((alpha.size, 2, alpha.size), np.nan), None)
+    for k in inference.identified:
+        row = _row_by_held(objective, likelihood, alpha, inference, rivals, np.array([k]))
+        found = found.joined(row, np.array([k]))
+        if found.better is not None:
+            break
+    return found
+
+
+def _row_by_held(
+    objective: Following,
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    inference: Inference,
+    rivals: Sequence[Array],
+    only: Indices,
+) -> Profile:
+    """The interval of one hyperparameter; a better maximum is one if nodes adapted to it say so."""
+    hyperparameters, top = likelihood.hyperparameters, likelihood.evaluate(alpha).total
+    off, about = np.full((alpha.size, 2), np.inf), None
+    for _ in range(ADAPTED):
+        found = profile_intervals(objective, alpha, hyperparameters, inference, only, rivals, about)
+        if found.better is not None:
+            if top - _with_own(objective, likelihood, found.better) < -BETTER:
+                return found
+            continue
+        off, about = np.zeros((alpha.size, 2)), found.points
+        for k, side in np.argwhere(found.drops > 0.0):
+            drop = top - _with_own(objective, likelihood, found.points[k, side])
+            off[k, side] = abs(drop - found.drops[k, side])
+        if np.max(off) < DIFFERS:
+            break
+    return replace(found, better=None).only_known(off > UNKNOWN)
+
+
+def _with_own(objective: Following, likelihood: IndividualLikelihood, point: Array) -> float:
+    """The log-likelihood at a point (K,) with nodes of its own, which the objective remembers.
+
+    Or with some that were adapted as near to it as that.
+    """
+    own = objective.nearest(point)
+    if own.distance(point) > CLOSE:
+        own = likelihood.adapted(point)
+        objective.remember(own)
+    return own.evaluate(point).total

@@ -1,0 +1,258 @@
+"""What is asked: experiments, laws, noise and a simulator, and the choices by which to answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from aleator.errors import InputsError
+from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual import (
+    GaussHermite,
+    IndividualLikelihood,
+    Layout,
+    Predictor,
+)
+from aleator.likelihood.model import Model
+from aleator.observations.covariates import covariates
+from aleator.observations.errors import MeasurementErrors
+from aleator.observations.experiments import Conditions, Experiments
+from aleator.observations.noise import Noise
+from aleator.observations.responses import Observations
+from aleator.search import GradientMultistart, Search
+from aleator.simulators import Runner
+from aleator.surrogates import ResponseSurface
+from aleator.types import Array, Flags, Indices
+
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
+
+Noises = Noise | Mapping[str, Noise]
+"""The noise of the only response, or of each by name."""
+DEFAULT_PROPAGATION = ResponseSurface()
+DEFAULT_SEARCH = GradientMultistart()
+
+FIRST = (GaussHermite(1), GaussHermite(5), GaussHermite(3), GaussHermite(3))
+"""The nodes that a search begins with, by the number of variates."""
+FEWEST = GaussHermite(3, 1)
+"""... for more variates than that."""
+
+
+def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | None) -> bool:
+    """Whether outcomes have a density of their own: the one choice between the two likelihoods.
+
+    It is so for one exact outcome an experiment, under one law for all experiments that is no
+    mixture. Everything else is integrated over the parameters of each experiment.
+    """
+    return noise is None and table.simple and not inputs.regressed and len(inputs.classes) == 1
+
+
+@dataclass(frozen=True, eq=False)
+class Choices:
+    """A study without its runs: the table, the laws, the noise, and how to compute and search."""
+
+    table: Experiments
+    inputs: Inputs
+    noise: Noises | None
+    propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION
+    density: Density | None = None
+    search: Search = DEFAULT_SEARCH
+
+    @classmethod
+    def of(
+        cls,
+        table: Experiments,
+        inputs: Inputs,
+        noise: Noises | None,
+        propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
+        density: Density | None = None,
+        search: Search = DEFAULT_SEARCH,
+    ) -> Choices:
+        """The choices checked, and laws that follow covariates resolved by the table.
+
+        Raises InputsError for what does not go together: a density, collocation or nodes of the
+        law with noise, several observations without it, and nothing that scatters.
+        """
+        made = cls(table, inputs, noise, propagation, density, search)
+        if not is_exact(table, inputs, noise):
+            surfaces_alone(propagation, density)
+            _require_noise(table, inputs, noise)
+        if inputs.regressed:
+            return replace(made, inputs=inputs.resolved(covariates(table, inputs.covariates)))
+        if made.exact:
+            Model.of(inputs, propagation, density)
+        return made
+
+    @property
+    def exact(self) -> bool:
+        """See `is_exact`."""
+        return is_exact(self.table, self.inputs, self.noise)
+
+    @cached_property
+    def model(self) -> Model:
+        """How the density of an exact outcome is computed."""
+        return Model.of(self.inputs, self.propagation, self.density)
+
+    @cached_property
+    def errors(self) -> MeasurementErrors:
+        """The measurement errors of the table's observations."""
+        assert self.noise is not None
+        return MeasurementErrors.of(self.noise, self.table)
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of the laws, then those of the errors."""
+        if self.exact:
+            return self.model.hyperparameters
+        return (*self.inputs.hyperparameters, *self.errors.hyperparameters)
+
+    @property
+    def surfaces(self) -> ResponseSurface | None:
+        """The choice of response surfaces; None with collocation."""
+        own = isinstance(self.propagation, ResponseSurface)
+        return self.propagation if own else None  # type: ignore[return-value]
+
+    def require_enough(self) -> None:
+        """Raise InputsError where there are fewer observations than hyperparameters to identify."""
+        free, count = sum(h.free for h in self.hyperparameters), len(self.table.observations)
+        if count < free:
+            raise InputsError(
+                f"{count} observations of {len(self.table.ids)} experiments cannot identify {free} "
+                "hyperparameters",
+                "fix some hyperparameters, or add experiments (ten for each is a start)",
+            )
+
+    def question(self, runner: Runner, seen: Observations, seed: int) -> Question:
+        """What to answer where this was observed, at the places of the table; NaN is nothing."""
+        kept = ~np.isnan(seen.lower)
+        table = self.table.with_observations(seen.only(kept))
+        return Question(replace(self, table=table), runner, seed, kept)
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """The choices of a study, and what makes its runs.
+
+    Of the observations that the runner gives values of the table has those that are `kept`.
+    """
+
+    choices: Choices
+    runner: Runner
+    seed: int
+    kept: Flags
+
+    def without(self, lost: Flags) -> Question:
+        """The same without some of the observations (M,): no run gives their values."""
+        kept = self.kept.copy()
+        kept[kept] = ~lost
+        table = self.choices.table.only(~lost)
+        return replace(self, choices=replace(self.choices, table=table), kept=kept)
+
+    @property
+    def table(self) -> Experiments:
+        """The experiments."""
+        return self.choices.table
+
+    @property
+    def inputs(self) -> Inputs:
+        """The laws of the parameters."""
+        return self.choices.inputs
+
+    @property
+    def exact(self) -> bool:
+        """See `is_exact`."""
+        return self.choices.exact
+
+    @property
+    def ids(self) -> Sequence[str]:
+        """The names of the experiments."""
+        return self.table.ids
+
+    @property
+    def unit(self) -> Indices:
+        """(M,) the unit whose run gives each observation."""
+        return self.runner.unit[self.kept]
+
+    @property
+    def column(self) -> Indices:
+        """(M,) which of the values of that run each observation is."""
+        return self.runner.column[self.kept]
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Which run gives the value of which observation."""
+        experiment = self.table.observations.experiment
+        return Layout(len(self.ids), experiment, self.unit, self.column)
+
+    @cached_property
+    def measured(self) -> Array:
+        """The observations (M,) as numbers: of one that is censored, the bound that is known."""
+        seen = self.table.observations
+        return np.where(np.isfinite(seen.lower), seen.lower, seen.upper)
+
+    def integral(self, predictor: Predictor) -> IndividualLikelihood:
+        """The integral over individual parameters, with few nodes, for a search."""
+        variates = self.inputs.scattering
+        rule = FIRST[variates] if variates < len(FIRST) else FEWEST
+        errors = self.choices.errors
+        return IndividualLikelihood.of(self.inputs, errors, predictor, self.layout, rule)
+
+
+def start_point(inputs: Inputs) -> Array:
+    """The mean (n,) of every law as the search starts it.
+
+    >>> from aleator.laws import Constant, Free, Normal
+    >>> start_point(Inputs({"v": Normal(Free(0.0, 4.0), 1.0), "b": Constant(3.0)})).tolist()
+    [2.0, 3.0]
+    """
+    starts = [np.array([h.start for h in law.hyperparameters]) for law in inputs.laws.values()]
+    laws = zip(inputs.laws.values(), starts, strict=True)
+    return np.array([law.mean_and_sd(values).mean for law, values in laws])
+
+
+def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> None:
+    if noise is not None:
+        return
+    if table.simple and not inputs.regressed:
+        raise InputsError(
+            "the likelihood of a mixture is known with measurement noise only",
+            "add noise: [noise] sd, or noise=Noise(...), which may be small",
+        )
+    raise InputsError(
+        "several observations an experiment, censored ones and covariates need measurement "
+        "noise: without it no parameters explain all observations exactly",
+        "add noise: [noise] sd, or noise=Noise(...)",
+    )
+
+
+def surfaces_alone(
+    propagation: ResponseSurface | Collocation, density: Density | None
+) -> ResponseSurface:
+    """The choice of surfaces of a likelihood over individual parameters.
+
+    Raises InputsError for what only the density of an exact outcome has: the density itself,
+    collocation, a surface of all experiments, and nodes of the law.
+    """
+    if density is not None:
+        raise _of_exact_outcomes(f"the density ({density.name})", "[density]")
+    if not isinstance(propagation, ResponseSurface):
+        raise _of_exact_outcomes('method = "collocation"', "[propagation] method")
+    if propagation.surfaces == "shared":
+        raise _of_exact_outcomes('surfaces = "shared"', "[propagation] surfaces")
+    if propagation.nodes is not None:
+        raise _of_exact_outcomes("`nodes` of the law", "[propagation] nodes")
+    return propagation
+
+
+def _of_exact_outcomes(what: str, key: str) -> InputsError:
+    return InputsError(
+        f"{what} is for one exact outcome an experiment, without measurement noise",
+        f"leave {key} out: with noise the likelihood is an integral over each experiment's own "
+        "parameters",
+    )

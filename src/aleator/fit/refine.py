@@ -1,0 +1,455 @@
+"""From a question to a maximum that neither more nodes nor more runs of the simulator move.
+
+Search on the simulator itself, or on coarse surfaces of it; look where the laws are; run there,
+climb, and so on until alpha stays. No run is lost on the way. Only the runs that this
+identification asked for decide where the next one is, so that a store does not change the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aleator.fit import reach
+from aleator.fit.ledger import SEARCH, SURFACE, Ledger
+from aleator.fit.question import Question, start_point
+from aleator.fit.regions import (
+    FAR,
+    LIKELY,
+    draws,
+    first_region,
+    hull,
+    interval_alphas,
+    likely_alphas,
+    padded,
+    reaching_out,
+    region_of,
+)
+from aleator.fit.search import searched
+from aleator.fit.settle import ROUGHLY, AnyLikelihood, Settled, compared, highest, settled
+from aleator.fit.way import failing_observations, way_of, way_of_outcomes
+from aleator.inference.information import Inference, infer
+from aleator.likelihood.individual import Direct, IndividualLikelihood, OnSurfaces
+from aleator.likelihood.model import Model
+from aleator.likelihood.problem import Forward, forward, told
+from aleator.progress import Progress
+from aleator.search import SearchResult
+from aleator.simulators import Runner
+from aleator.surrogates import AdaptiveSurfaces, surfaces_of
+from aleator.surrogates.afforded import within
+from aleator.surrogates.conditions import features
+from aleator.surrogates.responses import moving_parameters
+from aleator.surrogates.sites import Sites
+from aleator.types import Array, Flags
+
+SHRINK = 0.8
+"""A region is narrowed only if that makes it smaller than this share of itself."""
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """When surfaces are exact enough for an answer; chosen by `make judges`.
+
+    Errors of surfaces are compared with the noise; without noise with the scatter of the outcome
+    under the law. The first surfaces are exact to `begin` all over their region. A round makes them
+    exact to a level where the laws lie, with up to `together` rounds of runs; the level begins at
+    `first` and is halved from round to round, to `finest` at least. An answer has come to rest at a
+    level of `last` or less where alpha moves by less than `still`, in the metric of the
+    information, and the log-likelihood by less than `change`, or `each` for each experiment. Runs
+    lie `wide` times as far out as the laws say. At the ends of the intervals an error of `ends` is
+    admitted. Up to `others` optima of the first surfaces are followed besides the best: those that
+    lie `apart` standard errors. At most `most` rounds are made.
+    """
+
+    begin: float
+    first: float
+    last: float
+    together: int
+    change: float
+    each: float
+    still: float = 0.1
+    finest: float = 1e-3
+    wide: float = 1.2
+    ends: float = 0.1
+    others: int = 2
+    apart: float = 2.0
+    most: int = 24
+
+
+WITH_NOISE = Rounds(begin=0.1, first=0.2, last=0.0125, together=16, change=0.01, each=1e-4)
+EXACT = Rounds(begin=np.inf, first=0.05, last=0.0125, together=1, change=0.2, each=1e-3)
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A maximum and the search that led to it, with what it rests on.
+
+    `question` is what was answered: without observations of which no run gives a value. `surfaces`
+    are None where the simulator itself was integrated over, and `sites` their distinct values on
+    the `region` (n, 2). `others` are lower maxima with surfaces of their own, `possible` other
+    optima (K,) of the search that a drop of 1.92 does not rule out. A `spread` region holds the
+    laws at the ends of the intervals, and is not narrowed. `reason` says why there are surfaces, or
+    none.
+    """
+
+    question: Question
+    settled: Settled
+    found: SearchResult
+    region: Array
+    reason: str
+    surfaces: AdaptiveSurfaces | None = None
+    sites: Sites | None = None
+    others: tuple[Settled, ...] = ()
+    possible: tuple[Array, ...] = ()
+    spread: bool = False
+
+
+def refined(question: Question, ledger: Ledger) -> Refined:
+    """The maximum that further runs do not move."""
+    choices, runner, inputs = question.choices, question.runner, question.inputs
+    region = first_region(inputs, choices.hyperparameters, len(question.ids))
+    if question.exact:
+        way = way_of_outcomes(runner, choices.model)
+        direct = way.direct or choices.model.surfaces is None
+    else:
+        assert choices.surfaces is not None
+        way = way_of(runner, choices.surfaces, start_point(inputs), region)
+        direct = way.direct
+    if direct:
+        return _on_simulator(question, region, way.reason, ledger)
+    rounds = EXACT if question.exact else WITH_NOISE
+    return Refinement(question, ledger, rounds).answer(region, way.reason)
+
+
+def _on_simulator(question: Question, region: Array, reason: str, ledger: Ledger) -> Refined:
+    """The maximum by the simulator itself: there is nothing to refine but nodes."""
+    runner, inputs = question.runner, question.inputs
+    likelihood: AnyLikelihood
+    if question.exact:
+        with ledger.stage("preparation"):
+            likelihood = reach.on_simulator(question, ledger.progress)
+    else:
+        lost = failing_observations(runner, region, question.unit, question.column)
+        question = question.without(lost)
+        likelihood = question.integral(Direct(runner, moving_parameters(inputs.box), inputs.box))
+    found = searched(question, likelihood, [], ledger)
+    with ledger.stage(SEARCH):
+        top = highest(settled(likelihood, found.alpha), found)
+    return Refined(question, top.settled, top.found, likelihood.region, reason, possible=top.others)
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """How an answer on surfaces goes on to a better one."""
+
+    question: Question
+    ledger: Ledger
+    rounds: Rounds
+
+    def answer(self, region: Array, reason: str) -> Refined:
+        """The answer that further runs do not move.
+
+        The first surfaces are too coarse to tell which optimum is the highest: each of the best is
+        followed to its own end. Runs are made anew for each, where they are not the same.
+        """
+        first = self._first(region, reason)
+        others = self._elsewhere(first)
+        again = [deepcopy(first.surfaces) for _ in others]
+        ends = [self._finished(self._ended(first))]
+        for alpha, surfaces in zip(others, again, strict=True):
+            with self.ledger.stage(SEARCH):
+                start = settled(self._likelihood(first), alpha, ROUGHLY)
+            known = [end.settled.alpha for end in ends]
+            follow = self._refined(replace(first, settled=start, surfaces=surfaces), known)
+            if not self._among(follow.settled, _infer(follow.settled), known):
+                ends.append(self._finished(self._ended(follow)))
+        best, *lower = sorted(ends, key=lambda end: -end.settled.value)
+        return replace(best, others=tuple(end.settled for end in lower))
+
+    def spread(self, answer: Refined, inference: Inference, intervals: Array) -> Refined | None:
+        """The answer on surfaces that serve the laws at the ends of intervals (K, 2) too.
+
+        None where the present ones do.
+        """
+        surfaces, likelihood, alpha = (
+            answer.surfaces,
+            answer.settled.likelihood,
+            answer.settled.alpha,
+        )
+        assert surfaces is not None
+        inputs, hyperparameters = likelihood.inputs, likelihood.hyperparameters
+        ends = interval_alphas(alpha, inference, intervals, hyperparameters)
+        if not ends:
+            return None
+        wanted = region_of(inputs, ends, likelihood.count, LIKELY)
+        wider = bool(reaching_out(answer.region, inputs.box, wanted).any())
+        region = hull(answer.region, padded(wanted, inputs.box)) if wider else answer.region
+        points = np.concatenate([self._draws(likelihood, [one], region) for one in (alpha, *ends)])
+        with self.ledger.stage(SURFACE):
+            if wider:
+                surfaces.move(region[moving_parameters(region)])
+            surfaces.judge(points)
+            members = self._together(answer, surfaces.wanting(self.rounds.ends))
+            if members.any():
+                surfaces.sharpen(members, points)
+            surfaces.judge(self._draws(likelihood, [alpha], region))
+            if not wider and not members.any():
+                return None
+            moved = self._on(replace(answer, region=region, spread=answer.spread or wider))
+        return self._finished(self._ended(moved))
+
+    def sharpened(self, answer: Refined, draws_of: dict[int, Array]) -> Refined:
+        """The answer with a round of runs for some sites, each where its own draws lie."""
+        surfaces = answer.surfaces
+        assert surfaces is not None
+        with self.ledger.stage(SURFACE):
+            surfaces.sharpen_each(draws_of)
+            moved = self._on(answer)
+        found = searched(
+            self.question, moved.settled.likelihood, [answer.settled.alpha], self.ledger
+        )
+        start = settled(moved.settled.likelihood, found.alpha, ROUGHLY)
+        found = replace(found, once=answer.found.once)
+        return self._finished(replace(moved, settled=start, found=found))
+
+    def _first(self, region: Array, reason: str) -> Refined:
+        """Surfaces of all observations, exact to the user's tolerance or coarse, and a search."""
+        question, runner = self.question, self.question.runner
+        choice = question.choices.surfaces
+        assert choice is not None
+        with self.ledger.stage(SURFACE):
+            sites = Sites.seen(runner, question.unit, question.column)
+            shared = choice.surfaces == "shared"
+            surfaces = AdaptiveSurfaces(
+                sites.run(runner, region), region[moving_parameters(region)], len(sites), choice,
+                features(runner.cases.columns) if shared else None,
+                within(runner.account, sites.unit),
+            )  # fmt: skip
+            if choice.tolerance is None and np.isfinite(self.rounds.begin):
+                tell = told(self.ledger.progress)
+                surfaces.refine(surfaces.everywhere(), self.rounds.begin, tell)
+            if not question.exact:
+                lost = np.isinf(surfaces.emulator.error)[sites.of]
+                question, sites = question.without(lost), replace(sites, of=sites.of[~lost])
+            likelihood, region = self._made(question, surfaces, region, sites)
+        found = searched(question, likelihood, [], self.ledger)
+        with self.ledger.stage(SEARCH):
+            start = settled(likelihood, found.alpha, ROUGHLY)
+        return Refined(question, start, found, region, reason, surfaces, sites)
+
+    def _made(
+        self, question: Question, surfaces: AdaptiveSurfaces, region: Array, sites: Sites
+    ) -> tuple[AnyLikelihood, Array]:
+        """The likelihood on surfaces as they are, and the region where it is known."""
+        progress = self.ledger.progress
+        if surfaces.choice.tolerance is not None:
+            surfaces.judge(None)
+            surfaces.refine(None, surfaces.level, told(progress))
+        if question.exact:
+            problem = reach.on_surfaces(question, surfaces, region, progress)
+            return problem, problem.region
+        return question.integral(OnSurfaces(surfaces.surface(), region, sites.of)), region
+
+    def _on(self, answer: Refined) -> Refined:
+        """The answer with the likelihood on its surfaces as they are now."""
+        assert answer.surfaces is not None
+        assert answer.sites is not None
+        made, region = self._made(answer.question, answer.surfaces, answer.region, answer.sites)
+        before = answer.settled.likelihood
+        if isinstance(made, IndividualLikelihood) and isinstance(before, IndividualLikelihood):
+            # the nodes of the last round will do again
+            made = replace(made, rule=before.rule)
+        return replace(answer, settled=replace(answer.settled, likelihood=made), region=region)
+
+    def _likelihood(self, answer: Refined) -> AnyLikelihood:
+        """With few nodes, on the surfaces of an answer."""
+        likelihood = answer.settled.likelihood
+        if isinstance(likelihood, IndividualLikelihood):
+            return answer.question.integral(likelihood.predictor)
+        return likelihood
+
+    def _ended(self, answer: Refined) -> Refined:
+        """Run and climb from an answer until neither moves it, and no search finds a higher one."""
+        while True:
+            answer = self._refined(answer)
+            before, likelihood = answer.settled, self._likelihood(answer)
+            found = searched(answer.question, likelihood, [before.alpha], self.ledger)
+            found = replace(found, once=answer.found.once)
+            with self.ledger.stage(SEARCH):
+                again = settled(likelihood, found.alpha, ROUGHLY)
+            if again.value < before.value + WITH_NOISE.change:
+                return replace(answer, found=found)
+            answer = replace(answer, settled=again, found=found)
+
+    def _finished(self, answer: Refined) -> Refined:
+        """With the nodes of an answer; surfaces are exact near it: it is as far as they know."""
+        with self.ledger.stage(SEARCH):
+            end = settled(self._likelihood(answer), answer.settled.alpha)
+            top = compared(end, answer.found)
+        return replace(answer, settled=top.settled, found=top.found, possible=top.others)
+
+    def _refined(self, answer: Refined, known: Sequence[Array] = ()) -> Refined:
+        """Run where the laws are, and climb, until nothing moves, or one comes to what is known."""
+        rounds, surfaces = self.rounds, answer.surfaces
+        assert surfaces is not None
+        level, calm = rounds.first * surfaces.caution, False
+        for _ in range(rounds.most):
+            inference = _infer(answer.settled)
+            if self._among(answer.settled, inference, known):
+                break
+            with self.ledger.stage(SURFACE):
+                moved, done = self._sharpened(answer, inference, level)
+            with self.ledger.stage(SEARCH):
+                after = settled(moved.settled.likelihood, answer.settled.alpha, ROUGHLY)
+            calm = self._calm(answer.settled, after, inference)
+            answer = replace(moved, settled=after)
+            if calm and level <= rounds.last * surfaces.caution:
+                break
+            if calm or done:
+                level = max(0.5 * level, rounds.finest)
+        return answer
+
+    def _sharpened(
+        self, answer: Refined, inference: Inference, level: float
+    ) -> tuple[Refined, bool]:
+        """Runs for all sites whose error is above a level where the laws lie; whether none is."""
+        likelihood, alpha, surfaces = (
+            answer.settled.likelihood,
+            answer.settled.alpha,
+            answer.surfaces,
+        )
+        assert surfaces is not None
+        likely = likely_alphas(alpha, inference, likelihood.hyperparameters)
+        region = answer.region
+        if isinstance(likelihood, IndividualLikelihood):
+            assert answer.sites is not None
+            surfaces.against(_noise(likelihood, alpha, answer.sites))
+        surfaces.judge(self._draws(likelihood, [alpha], region))
+        if not (answer.spread or self.question.runner.account.refused):
+            narrower = bool(surfaces.wanting(level).any())
+            region = _next_region(answer, likely, narrower=narrower)
+        if region is not answer.region:
+            surfaces.move(region[moving_parameters(region)])
+            surfaces.judge(self._draws(likelihood, [alpha], region))
+        fresh = self._draws(likelihood, [*likely], region, self.rounds.wide)
+        for _ in range(self.rounds.together):
+            members = self._together(answer, surfaces.wanting(level))
+            if not members.any():
+                break
+            surfaces.sharpen(members, fresh)
+        done = not surfaces.wanting(level).any()
+        if tell := told(self.ledger.progress):
+            tell(surfaces.total_runs, int(surfaces.good.sum()), surfaces.good.size)
+        return self._on(replace(answer, region=region)), done
+
+    def _draws(
+        self, likelihood: AnyLikelihood, alphas: Sequence[Array], region: Array, wide: float = 1.0
+    ) -> Array:
+        """Parameters (D, moving) of the laws, moved into a region (n, 2)."""
+        x = np.clip(draws(likelihood.inputs, alphas, likelihood.count, wide), *region.T)
+        return x[:, moving_parameters(region)]
+
+    def _together(self, answer: Refined, members: Flags) -> Flags:
+        """With all sites of the same runs."""
+        assert answer.sites is not None
+        return answer.sites.together(members)
+
+    def _elsewhere(self, first: Refined) -> list[Array]:
+        """Optima (K,) of a search on coarse surfaces that exact ones may prefer to its best.
+
+        They lie apart, no mean is on a limit, and the noise that they need is at most e times
+        larger.
+        """
+        found, likelihood = first.found, first.settled.likelihood
+        inference = _infer(first.settled)
+        limits = np.array(
+            [(h.lower, h.upper) if h.free and not h.log else (-np.inf, np.inf)
+             for h in likelihood.hyperparameters]
+        )  # fmt: skip
+        known, size = [found.alpha], first.question.measured.size
+        for optimum in found.optima[1:]:
+            alpha = optimum.alpha
+            if (
+                len(known) <= self.rounds.others
+                and np.all((limits[:, 0] < alpha) & (alpha < limits[:, 1]))
+                and found.log_likelihood - optimum.log_likelihood < size
+                and not any(self._near(alpha, other, inference) for other in known)
+            ):
+                known.append(alpha)
+        return known[1:]
+
+    def _among(self, answer: Settled, inference: Inference, known: Sequence[Array]) -> bool:
+        return any(self._near(answer.alpha, alpha, inference) for alpha in known)
+
+    def _near(self, alpha: Array, other: Array, inference: Inference) -> bool:
+        return inference.apart(alpha, other) < self.rounds.apart
+
+    def _calm(self, before: Settled, after: Settled, inference: Inference) -> bool:
+        """Whether neither alpha nor the log-likelihood has moved."""
+        step = (after.alpha - before.alpha)[inference.identified]
+        length = float(step @ inference.information @ step)
+        change = abs(after.value - before.value)
+        none = max(self.rounds.change, self.rounds.each * after.likelihood.count)
+        return length < self.rounds.still**2 and change < none
+
+
+def under_law(
+    runner: Runner, model: Model, alpha: Array, progress: Progress | None = None
+) -> Forward:
+    """The forward problem for a law alpha (K,) that is known: no search moves it.
+
+    With a tolerance the surfaces are exact all over the region of the law. Without one they are as
+    exact under the law as an identification makes them at first.
+    """
+    inputs, choice = model.inputs, model.surfaces
+    region = padded(region_of(inputs, [alpha], 1, FAR), inputs.box)
+    if choice is None:
+        return forward(runner, model, region, progress)
+    surfaces = surfaces_of(runner, region, choice)
+    if choice.tolerance is not None:
+        surfaces.refine(None, surfaces.level, told(progress))
+    else:
+        moving = moving_parameters(region)
+        surfaces.judge(np.clip(draws(inputs, [alpha], 1), *region.T)[:, moving])
+        wide = np.clip(draws(inputs, [alpha], 1, EXACT.wide), *region.T)[:, moving]
+        surfaces.refine(wide, 0.5 * surfaces.level, told(progress))
+    return forward(runner, model, region, progress, surfaces.surface())
+
+
+def _next_region(answer: Refined, likely: Array, *, narrower: bool) -> Array:
+    """One that holds the laws of all that alpha may be, if that is better than the present one.
+
+    A narrower one only where surfaces would be better there.
+    """
+    likelihood, alpha, region = answer.settled.likelihood, answer.settled.alpha, answer.region
+    inputs = likelihood.inputs
+    certain = region_of(inputs, [alpha], likelihood.count, FAR)
+    possible = region_of(inputs, [*likely], likelihood.count, LIKELY)
+    wanted = padded(hull(certain, possible), inputs.box)
+    if reaching_out(region, inputs.box, certain).any():
+        way = np.diff(region, axis=1) * np.array([-1.0, 1.0])
+        return np.clip(wanted, region[:, :1] + way[:, :1], region[:, 1:] + way[:, 1:])
+    moving = moving_parameters(region)
+    width = np.diff(region, axis=1)[moving, 0]
+    share = np.prod(np.diff(wanted, axis=1)[moving, 0] / width)
+    return wanted if narrower and share < SHRINK else region
+
+
+def _noise(likelihood: IndividualLikelihood, alpha: Array, sites: Sites) -> Array:
+    """The smallest scale (U,) of the measurement error at each site."""
+    least = np.full(len(sites), np.inf)
+    of_errors = alpha[likelihood.inputs.size :]
+    for block in likelihood.blocks:
+        eta = likelihood.at(alpha, block, likelihood.nodes.mode[block.experiments]).eta
+        scale = likelihood.errors.scale(of_errors, eta, block.rows).min(axis=1)
+        np.minimum.at(least, sites.of[block.rows], scale)
+    # a site of observations that are left out is compared with nothing
+    return np.where(np.isfinite(least), least, 1.0)
+
+
+def _infer(answer: Settled) -> Inference:
+    likelihood = answer.likelihood
+    return infer(likelihood.followed, answer.alpha, likelihood.hyperparameters)

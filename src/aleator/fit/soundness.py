@@ -1,0 +1,211 @@
+"""The first verdict: whether an answer was computed soundly, and what a reader must know of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from aleator.fit.flow import Answer
+from aleator.inference import diagnostics
+from aleator.inference.diagnostics import estimates, experiments, surfaces
+from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
+from aleator.likelihood.individual.importance import standard_points
+from aleator.likelihood.problem import Problem
+from aleator.observations.experiments import Experiments
+from aleator.results.values import Diagnostic
+from aleator.search.value import LogLikelihood
+from aleator.types import Array, Flags
+
+POINTS = 64
+"""Points of each law at which it is looked at whether runs fail."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reviewed:
+    """An answer to the experiments of a `table` as its reader sees it."""
+
+    answer: Answer
+    table: Experiments
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing refuses the answer."""
+        return not self._refusals
+
+    @cached_property
+    def warnings(self) -> tuple[Diagnostic, ...]:
+        """What refuses the answer first, then what else is to be known."""
+        return (*self._refusals, *self._notes)
+
+    @cached_property
+    def at(self) -> LogLikelihood:
+        """The likelihood itself at the estimate, minus infinity where there is no density."""
+        end = self.answer.certain.settled
+        likelihood = end.likelihood
+        honest = likelihood.likelihood if isinstance(likelihood, Problem) else likelihood
+        return honest.evaluate(end.alpha)
+
+    @cached_property
+    def exact(self) -> LogLikelihood | None:
+        """By the level sets of the same surfaces, where a density of moments was chosen."""
+        end = self.answer.certain.settled
+        if not isinstance(end.likelihood, Problem):
+            return None
+        return diagnostics.exact_density(end.likelihood, end.alpha)
+
+    @cached_property
+    def by_cells(self) -> Array:
+        """What halving the cells of level sets changed, the last time and before, (2, N)."""
+        end = self.answer.certain.settled
+        if not isinstance(end.likelihood, Problem):
+            return np.zeros((2, end.likelihood.count))
+        return diagnostics.by_finer_cells(end.likelihood, end.alpha)
+
+    @property
+    def surface_error(self) -> Array:
+        """Of surfaces near the observations (M,) by the runs of the check; NaN if unknown."""
+        checked = self.answer.checked
+        unknown = np.full(len(self._seen.observations), np.nan)
+        return unknown if checked is None else checked.relative
+
+    @property
+    def _seen(self) -> Experiments:
+        """The experiments without observations that no run gives a value of."""
+        return self.answer.certain.refined.question.table
+
+    @cached_property
+    def _refusals(self) -> list[Diagnostic]:
+        answer, ids = self.answer, self._seen.ids
+        end, checked = answer.certain.settled, answer.checked
+        likelihood, inference = end.likelihood, answer.certain.inference
+        found = [
+            *diagnostics.density_refusals(self.at, ids),
+            *estimates.search_refusals(inference, likelihood.hyperparameters),
+            *experiments.too_few_nodes(end.gap, experiments.LARGEST_GAP),
+        ]
+        if checked is not None:
+            found += surfaces.check_refusals(checked.total, checked.standard_error)
+        if isinstance(likelihood, Problem):
+            found += surfaces.useless(likelihood, checked, self.surface_error, ids)
+        else:
+            found += experiments.without_surfaces(
+                self._lost, self._seen.observations.experiment, ids
+            )
+        if checked is not None and not any(one.about == "response surface" for one in found):
+            of = self._seen.observations.experiment
+            found += surfaces.worse_than_estimated(
+                checked, self._estimated, [ids[l] for l in of.tolist()]
+            )
+        found += surfaces.doubt_refusals(answer.doubt, ids)
+        found += experiments.level_refusals(self.by_cells, ids)
+        if isinstance(likelihood, Problem):
+            found += experiments.unreached_refusals(likelihood, end.alpha, ids)
+        return found
+
+    @cached_property
+    def _notes(self) -> list[Diagnostic]:
+        certain, ids = self.answer.certain, self._seen.ids
+        likelihood, inference, profile = (
+            certain.settled.likelihood,
+            certain.inference,
+            certain.profile,
+        )
+        hyperparameters, runner = likelihood.hyperparameters, certain.refined.question.runner
+        made = certain.refined.surfaces
+        against = "the outcome's scatter" if isinstance(likelihood, Problem) else "the noise"
+        notes = [
+            *estimates.count_warnings(len(ids), inference),
+            *estimates.once_warnings(certain.found),
+            *estimates.bound_warnings(hyperparameters, inference, profile),
+            *estimates.weak_directions(inference, hyperparameters),
+            *self._centering,
+            *experiments.rival_warnings(certain.rivals, hyperparameters, profile.intervals),
+            *experiments.level_warnings(self.by_cells),
+        ]
+        if isinstance(likelihood, Problem):
+            notes += surfaces.surface_warnings(likelihood, self.surface_error, ids)
+            if not self._refusals:
+                notes += surfaces.density_notes(self.exact, inference, likelihood)
+        else:
+            notes += self._of_individuals(likelihood)
+            if not self._refusals:
+                notes += experiments.too_few_nodes(certain.settled.gap, experiments.NOTED_GAP)
+        notes += diagnostics.failure_warnings(
+            None if made is None and not isinstance(likelihood, Problem)
+            else diagnostics.failure_report(runner)
+        )  # fmt: skip
+        notes += diagnostics.budget_warnings(runner.account, made, against)
+        if made is not None and (self._refusals or made.broken):
+            notes += diagnostics.step_warnings(made, likelihood.inputs)
+        return notes
+
+    def _of_individuals(self, likelihood: IndividualLikelihood) -> list[Diagnostic]:
+        """What is missing, and experiments whose laws are held at their limits."""
+        alpha, model = self.answer.certain.settled.alpha, likelihood.inputs.covariate_model
+        ids = self._seen.ids
+        return [
+            *experiments.held_warnings({} if model is None else model.held(alpha), ids),
+            *experiments.review_data(
+                self.table.observations, self._seen.observations,
+                failing_share(likelihood, alpha), ids,
+            ),
+        ]  # fmt: skip
+
+    @property
+    def _centering(self) -> list[Diagnostic]:
+        """Advice to count conditions from their middle, by the slopes at the middle of the laws."""
+        certain, seen = self.answer.certain, self._seen.observations
+        likelihood, alpha = certain.settled.likelihood, certain.settled.alpha
+        inputs = likelihood.inputs
+        conditions = self._seen.conditions.iloc[seen.row]
+        if isinstance(likelihood, Problem):
+            if not likelihood.free:
+                # with collocation slopes would cost runs
+                return []
+            middle = inputs.marginal(alpha, np.full((1, len(inputs.names)), 0.5))[0]
+            slopes = likelihood.at_point(middle)[1]
+        elif len(inputs.classes) > 1:
+            return []
+        else:
+            slopes = np.empty((len(seen), len(inputs.names)))
+            for block in likelihood.blocks:
+                at = likelihood.at(alpha, block, np.zeros((len(block), 1, inputs.scattering)))
+                slopes[block.rows] = at.slopes[:, :, 0].T
+        return estimates.centering_advice(
+            slopes, inputs, likelihood.hyperparameters, certain.inference, conditions
+        )
+
+    @property
+    def _estimated(self) -> Array:
+        """The estimated errors (M,) of the surfaces."""
+        likelihood = self.answer.certain.settled.likelihood
+        if isinstance(likelihood, Problem):
+            assert likelihood.surface is not None
+            return likelihood.surface.error[likelihood.condition]
+        predictor = likelihood.predictor
+        assert isinstance(predictor, OnSurfaces)
+        return predictor.surface.error[predictor.of]
+
+    @property
+    def _lost(self) -> Flags:
+        """Which observations (M,) have no surface: too few runs worked."""
+        if self.answer.certain.refined.surfaces is None:
+            return np.zeros(len(self._seen.observations), dtype=np.bool_)
+        return np.asarray(np.isinf(self._estimated))
+
+
+def failing_share(likelihood: IndividualLikelihood, alpha: Array) -> Array:
+    """The share (N,) of each experiment's law at whose parameters a run of it has no value."""
+    inputs, found = likelihood.inputs, np.zeros(likelihood.count)
+    points = standard_points(POINTS, inputs.scattering)
+    for block in likelihood.layout.blocks(POINTS):
+        xi = np.tile(points, (len(block), len(inputs.classes), 1))
+        with np.errstate(all="ignore"):
+            law = inputs.individual(alpha[: inputs.size], xi, block.experiments)
+            none = np.isnan(likelihood.predictor.values(block, law.x))
+        failed = block.summed(none.astype(float)) > 0.0
+        weights = np.exp(law.log_weight) / len(points)
+        found[block.experiments] = np.sum(failed * weights, axis=1)
+    return found

@@ -1,1 +1,0 @@
-"""Adaptive surrogate refinement: search, refine the surfaces, search again until nothing moves."""
