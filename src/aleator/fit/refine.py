@@ -80,7 +80,7 @@ class Rounds:
 
 
 WITH_NOISE = Rounds(begin=0.1, first=0.2, last=0.0125, together=16, change=0.01, each=1e-4)
-EXACT = Rounds(begin=np.inf, first=0.05, last=0.0125, together=1, change=0.2, each=1e-3)
+EXACT = Rounds(begin=np.inf, first=0.05, last=0.025, together=1, change=0.2, each=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,15 +191,18 @@ class Refinement:
         with self.ledger.stage(SURFACE):
             if wider:
                 surfaces.move(region[moving_parameters(region)])
-            surfaces.judge(points)
-            members = self._together(answer, surfaces.wanting(self.rounds.ends))
-            if members.any():
+            before = surfaces.total_runs
+            for _ in range(self.rounds.most):
+                surfaces.judge(points)
+                members = self._together(answer, surfaces.wanting(self.rounds.ends))
+                if not members.any():
+                    break
                 surfaces.sharpen(members, points)
             surfaces.judge(self._draws(likelihood, [alpha], region))
-            if not wider and not members.any():
+            if not wider and surfaces.total_runs == before:
                 return None
             moved = self._on(replace(answer, region=region, spread=answer.spread or wider))
-        return self._finished(self._ended(moved))
+        return self._finished(moved)
 
     def sharpened(self, answer: Refined, draws_of: dict[int, Array]) -> Refined:
         """The answer with a round of runs for some sites, each where its own draws lie."""
