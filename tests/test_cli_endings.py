@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator.cli import main
-from aleator.simulators.trial import ending
+from aleator.simulators.surroundings import ending
 
 STUDY = """\
 [experiments]

@@ -29,9 +29,9 @@ from aleator.simulators.command import (
     OutputFile,
     RegexOutput,
     Template,
-    janitor,
+    process,
 )
-from aleator.simulators.command.placeholders import Text
+from aleator.simulators.command.inputs import Text
 
 DIVIDE = ["awk", 'BEGIN {{printf "%.17g", {load} / {stiffness}}}']
 
@@ -317,5 +317,5 @@ def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     once(CommandSimulator(DIVIDE))
     (home,) = tmp_path.iterdir()  # of this process, as long as it lives
     assert os.listdir(home) == []
-    janitor.close()
+    process.close()
     assert os.listdir(tmp_path) == []

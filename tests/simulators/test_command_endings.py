@@ -13,7 +13,7 @@ from programs import failing, gone, script
 
 from aleator.simulators import RunFailed
 from aleator.simulators.command import CommandSimulator, Keep
-from aleator.simulators.command.janitor import watched
+from aleator.simulators.command.process import watched
 
 
 def test_a_program_that_hangs_is_stopped_with_all_its_children(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_a_program_hears_the_signals_that_its_caller_holds(tmp_path: Path) -> No
 def test_a_passing_folder_is_gone_with_its_process(tmp_path: Path) -> None:
     code = (
         "import time\n"
-        "from aleator.simulators.command.janitor import passing\n"
+        "from aleator.simulators.command.process import passing\n"
         "with passing() as folder:\n"
         "    (folder / 'large').write_text('1')\n"
         "    print(folder, flush=True)\n"

@@ -6,8 +6,7 @@ import pytest
 
 from aleator.errors import SimulatorError, SurroundingsError
 from aleator.simulators.command import CommandSimulator, Keep
-from aleator.simulators.command.placeholders import Text
-from aleator.simulators.command.shell import filled
+from aleator.simulators.command.inputs import Text, filled
 
 HERE_DOCUMENT = """cat <<END
 {label}

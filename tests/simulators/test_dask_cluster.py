@@ -12,8 +12,8 @@ import pytest
 from aleator.errors import ClusterError, SimulatorError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner
-from aleator.simulators.workers import dask_cluster as tested
-from aleator.simulators.workers.dask_cluster import dask_executor
+from aleator.simulators import clusters as tested
+from aleator.simulators.clusters import dask_executor
 from hardening.dask_processes import DaskProcesses, until
 
 MODEL = """\

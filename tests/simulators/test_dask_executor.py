@@ -11,8 +11,8 @@ import cloudpickle
 import pytest
 
 from aleator.errors import ClusterError, SimulatorError
-from aleator.simulators.failure import WorkerLost
-from aleator.simulators.workers.dask_executor import LIVES, DaskExecutor
+from aleator.simulators.clusters import LIVES, DaskExecutor
+from aleator.simulators.protocol import WorkerLost
 
 
 class Killed(Exception):

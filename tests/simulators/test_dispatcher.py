@@ -21,9 +21,9 @@ from aleator.laws import Free, Normal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner, Runs, Store
-from aleator.simulators.failure import WorkerLost
+from aleator.simulators.pool import ProcessPool
+from aleator.simulators.protocol import WorkerLost
 from aleator.simulators.records import stored_runs
-from aleator.simulators.workers.pool import ProcessPool
 
 TABLE = Conditions(("A", "B"), pd.DataFrame({"load": [1.0, 2.0]}))
 INDEX, X = np.repeat([0, 1], 20), np.tile(np.linspace(0.0, 1.0, 20), 2)[:, None]

@@ -13,7 +13,7 @@ from fmus.build import compiled, rewritten
 from aleator.errors import AleatorError, SimulatorError, StudyError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import RunFailed, Runner
-from aleator.simulators.expression import parse
+from aleator.simulators.derived import parse
 from aleator.simulators.fmu import (
     Course,
     Crossing,

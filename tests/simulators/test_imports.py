@@ -8,7 +8,7 @@ import pytest
 
 from aleator.errors import StoreError
 from aleator.observations.experiments import Conditions
-from aleator.simulators import FunctionSimulator, Runner, Store, exchange, imports
+from aleator.simulators import FunctionSimulator, Runner, Store, records
 from aleator.simulators.records import stored_runs
 
 TABLE = Conditions(("A", "B"), pd.DataFrame({"load": [2.0, 3.0], "bench": ["7", "b"]}))
@@ -26,7 +26,7 @@ def brought(folder: Path, text: str, simulator: FunctionSimulator | None = None)
     (folder / "runs.csv").write_text(text)
     with Store(folder / "runs.sqlite") as store:
         own = simulator or FunctionSimulator(length)
-        return imports.read(store, folder / "runs.csv", own).added
+        return records.read(store, folder / "runs.csv", own).added
 
 
 HEAD = "condition.load,condition.bench,parameter.x,outcome"
@@ -115,10 +115,10 @@ def test_whatever_was_kept_travels(tmp_path: Path) -> None:
         series = FunctionSimulator(every, series=True)
         Runner(series, two, ["x"], store=store).values([0], [[1.0]])
         before = [*stored_runs(store)]
-        assert exchange.write(before, tmp_path / "a.csv") == 3
+        assert records.write(before, tmp_path / "a.csv") == 3
     with Store(tmp_path / "copy.sqlite") as copy:
-        assert imports.read(copy, tmp_path / "a.csv").added == 3
-        exchange.write(stored_runs(copy), tmp_path / "b.csv")
+        assert records.read(copy, tmp_path / "a.csv").added == 3
+        records.write(stored_runs(copy), tmp_path / "b.csv")
     assert max(len(run.failure or "") for run in before) > 131_072
     first, again = (pd.read_csv(tmp_path / f"{name}.csv", dtype=str) for name in "ab")
     order = ["fingerprint", "condition.load"]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from aleator.errors import SimulatorError
-from aleator.simulators import FunctionSimulator, loading
+from aleator.simulators import FunctionSimulator, function
 
 X = {"x": np.array([2.0])}
 
@@ -21,7 +21,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "model.py").write_text("import rates_of_this_test as r\n\ndef f(x): return r.k * x")
     (tmp_path / "rates_of_this_test.py").write_text("k = 3")
     monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(loading, "_loaded", {})
+    monkeypatch.setattr(function, "_loaded", {})
     yield tmp_path
     sys.modules.pop("rates_of_this_test", None)
 

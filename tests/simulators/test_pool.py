@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from aleator.simulators.workers.pool import ProcessPool
+from aleator.simulators.pool import ProcessPool
 
 PARENT = """\
 import sys, time

@@ -205,7 +205,7 @@ def test_ctrl_c_while_the_runs_are_written_loses_none(
 
 def test_slow_runs_are_committed_one_by_one(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
-    monkeypatch.setattr("aleator.simulators.workers.batch.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("aleator.simulators.dispatch.time.perf_counter", lambda: now[0])
     seen = []
 
     def slow(load: float, x: float) -> float:

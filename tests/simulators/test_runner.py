@@ -83,7 +83,7 @@ def test_text_conditions_reach_a_simulator_that_asks_for_them() -> None:
 def test_a_run_that_raises_is_named_and_the_others_are_kept(
     vectorized: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("aleator.simulators.workers.dispatcher.HERE", np.inf)  # one batch
+    monkeypatch.setattr("aleator.simulators.dispatch.HERE", np.inf)  # one batch
 
     def brittle(load: Any, x: Any) -> Any:
         if np.any((load == 2.0) & (x > 0.5)):
@@ -260,9 +260,9 @@ def test_slow_runs_tell_their_progress(monkeypatch: pytest.MonkeyPatch) -> None:
         def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
             self.texts.append(f"{text} {done} {total}")
 
-    monkeypatch.setattr("aleator.simulators.workers.dispatcher.HERE", 0.0)
+    monkeypatch.setattr("aleator.simulators.dispatch.HERE", 0.0)
     clock = iter(np.arange(0.0, 100.0, 2.0))
-    monkeypatch.setattr("aleator.simulators.run_progress.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("aleator.simulators.workshop.time.monotonic", lambda: next(clock))
     listener = Listener()
     run = runner(lambda load, x: x, vectorized=True, progress=listener)
     run.simulator.block = 16
@@ -297,7 +297,7 @@ def test_where_a_batch_ends_does_not_decide_whether_too_many_runs_failed(
     monkeypatch: pytest.MonkeyPatch, seconds: float
 ) -> None:
     """The first unit fails everywhere; a batch ends after each run, or never."""
-    monkeypatch.setattr("aleator.simulators.workers.dispatcher.HERE", seconds)
+    monkeypatch.setattr("aleator.simulators.dispatch.HERE", seconds)
     table = Conditions([*"abcdefgh"], pd.DataFrame({"load": np.arange(8.0)}))
     asked, x = np.repeat(np.arange(8), 20), np.tile(points(20), (8, 1))
     eighth = Counted(lambda load, x: load == 0.0)

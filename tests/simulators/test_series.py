@@ -17,7 +17,7 @@ from aleator.errors import SimulatorError
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Observations, responses_of
 from aleator.report import runs as report
-from aleator.simulators import FunctionSimulator, ProcessPool, Runner, Store, exchange, imports
+from aleator.simulators import FunctionSimulator, ProcessPool, Runner, Store, records
 from aleator.simulators.records import stored_runs
 
 # Rows of two experiments that are not adjacent, with a row less in the second.
@@ -153,11 +153,11 @@ def test_vectors_travel_by_a_table_and_back(tmp_path: Path, kind: Any, several: 
         run = Runner(simulator, asked, ["x"], store=store)
         units, x = np.arange(run.units), np.ones((run.units, 1))
         first = run.values(units, x)
-        assert exchange.write(stored_runs(store), tmp_path / "runs.csv") == run.units
+        assert records.write(stored_runs(store), tmp_path / "runs.csv") == run.units
         before = [replace(kept, number=0, time=0.0) for kept in stored_runs(store)]
     with Store(tmp_path / "b.sqlite") as store:
-        assert imports.read(store, tmp_path / "runs.csv").added == run.units
-        again = imports.read(store, tmp_path / "runs.csv")
+        assert records.read(store, tmp_path / "runs.csv").added == run.units
+        again = records.read(store, tmp_path / "runs.csv")
         assert (again.added, again.present) == (0, run.units)
         after = [replace(kept, number=0, time=0.0) for kept in stored_runs(store)]
         resumed = Runner(simulator, asked, ["x"], store=store)
@@ -252,10 +252,10 @@ def test_a_long_series_is_shown_and_travels(tmp_path: Path) -> None:
     with Store(tmp_path / "a.sqlite") as store:
         run = Runner(FunctionSimulator(course, series=True), asked, ["x"], store=store)
         run.values([0], [[1.0 / 3.0]])
-        exchange.write(stored_runs(store), tmp_path / "runs.csv")
+        records.write(stored_runs(store), tmp_path / "runs.csv")
         (kept,) = stored_runs(store)
     with Store(tmp_path / "b.sqlite") as store:
-        assert imports.read(store, tmp_path / "runs.csv").added == 1
+        assert records.read(store, tmp_path / "runs.csv").added == 1
     console = Console(width=100, record=True, file=io.StringIO())
     console.print(report.runs([kept], 0))
     shown = " ".join(console.export_text().split())

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from aleator.simulators.identity import Case, Identity
-from aleator.simulators.store import Store
+from aleator.simulators.store import Case, Identity, Store
 
 MODEL = Identity("f" * 64, "spring", "model:spring")
 CASE = Case.of({"load": 2.0}, ["k"])

@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from aleator import cli
-from aleator.simulators.repeats import MOST
+from aleator.simulators.runs import MOST
 
 STUDY = """\
 [experiments]
@@ -107,7 +107,7 @@ def test_a_study_killed_again_and_again_ends_with_the_same_answer(
 
 WRITER = """\
 import struct, sys
-from aleator.simulators.identity import Case, Identity
+from aleator.simulators.store import Case, Identity
 from aleator.simulators.store import Store
 path, name, start = sys.argv[1], sys.argv[2], int(sys.argv[3])
 case = Case.of({"load": 1.0}, ["x"])

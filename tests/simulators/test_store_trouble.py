@@ -11,7 +11,7 @@ import pytest
 
 from aleator.errors import StoreError
 from aleator.observations.experiments import Conditions
-from aleator.simulators import FunctionSimulator, Runner, Store, exchange, notified
+from aleator.simulators import FunctionSimulator, Runner, Store, notified, records
 from aleator.simulators.records import holdings, stored_runs
 
 TABLE = Conditions(("A",), pd.DataFrame({"load": [2.0]}))
@@ -36,7 +36,7 @@ def without_rights(monkeypatch: pytest.MonkeyPatch) -> None:
         return Path(path).exists() and (Path(path).stat().st_mode >> 6) & mode == mode
 
     if os.geteuid() == 0:
-        monkeypatch.setattr("aleator.simulators.store_file.os.access", allowed)
+        monkeypatch.setattr("aleator.simulators.store.os.access", allowed)
 
 
 @pytest.fixture
@@ -118,7 +118,7 @@ def test_what_the_file_does_not_notice_is_told_too(tmp_path: Path, statement: st
         store.connection.execute(statement)
     with Store(path) as store:
         with pytest.raises(StoreError, match=r"runs\.sqlite: .*damaged|decode"):
-            exchange.write(stored_runs(store), tmp_path / "runs.csv")
+            records.write(stored_runs(store), tmp_path / "runs.csv")
         if "outcome" in statement:
             with pytest.raises(StoreError, match="a run of 'double' is damaged"):
                 runner(store)([0], [[1.0]])
@@ -198,7 +198,7 @@ def test_an_empty_file_becomes_a_store(tmp_path: Path) -> None:
 def test_a_store_that_another_process_holds_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("aleator.simulators.store_file._PATIENCE", 0.1)
+    monkeypatch.setattr("aleator.simulators.store._PATIENCE", 0.1)
     path = tmp_path / "runs.sqlite"
     with Store(path) as first, Store(path) as second:
         first.connection.execute("BEGIN IMMEDIATE")

@@ -1,20 +1,20 @@
-"""What a user is told about runs without an outcome: which, why, and what to narrow."""
+"""What a user is told about runs without an outcome, and about the store of runs."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from aleator.errors import SimulatorError
-from aleator.simulators.cases import Cases
-from aleator.simulators.failure import NoOutcome, with_log
-from aleator.simulators.protocol import Simulator
+from aleator.errors import SimulatorError, short
+from aleator.simulators.protocol import NoOutcome, Simulator, with_log
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
-from aleator.simulators.units import Units
+from aleator.simulators.units import Cases, Units
+from aleator.simulators.workshop import RunCache
 from aleator.types import Array, Flags
 
 
@@ -166,3 +166,41 @@ def _shown(value: Any) -> str:
         first, *_, last = (_shown(one) for one in (value[0], *value.tolist()))
         return f"{first}...{last}"
     return f"{value:.6g}" if isinstance(value, float) else repr(value)
+
+
+@contextmanager
+def notified(
+    cache: RunCache | None, study: str, say: Callable[[str], None] | None = None
+) -> Iterator[None]:
+    """Tell what a store has for a runner, and what it holds of the runs when something stops them.
+
+    `study` is the file that the commands `aleator runs ...` are given.
+    """
+    if cache is None or say is None:
+        yield
+        return
+    _tell_at_start(cache, study, say)
+    try:
+        yield
+    except BaseException:
+        if cache.added:
+            say(
+                f"{cache.added:,} new runs are kept in {short(cache.store.path)}: the same command "
+                "goes on from there"
+            )
+        raise
+
+
+def _tell_at_start(cache: RunCache, study: str, say: Callable[[str], None]) -> None:
+    path, identity = short(cache.store.path), cache.identity
+    stored = cache.at_start
+    if stored.runs:
+        failed = f", {stored.failures:,} of them failures" if stored.failures else ""
+        say(f"{path} has {stored.runs:,} runs of this simulator{failed}; none is repeated")
+    if stored.other:
+        say(
+            f"{path} has {stored.other:,} runs of '{identity.name}' with other files or settings; "
+            f"they are not used (aleator runs list {study})"
+        )
+    if not cache.store.writable:
+        say(f"{path} is read-only: its runs are used, new ones are not kept")

@@ -1,15 +1,16 @@
-"""Runs of a simulator: what is asked for, and what came of it."""
+"""Runs of a simulator: what is asked for, what came of it, what is remembered and repeated."""
 
 from __future__ import annotations
 
+import math
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 
-from aleator.simulators.failure import RunFailed, describe, readable
+from aleator.simulators.protocol import RunFailed, describe, readable
 from aleator.types import Array, Flags, Indices
 
 NOT_FINITE = "NotFinite"
@@ -122,3 +123,120 @@ class Runs:
     def region(self) -> Array:
         """The smallest box (n, 2) that holds the parameters of all runs; there must be one."""
         return np.stack([self.x.min(axis=0), self.x.max(axis=0)], axis=1)
+
+
+_FIRST = 64
+
+
+class Memory:
+    """Runs by their keys: W values of each that has an outcome, a failure of each that has none.
+
+    `parameters` is the number of columns of x. Cost: some 150 bytes a run and 8 a value.
+
+    >>> memory = Memory(parameters=1, width=1)
+    >>> made = Runs(np.array([0]), np.array([[0.5]]), np.array([[2.0]]), np.zeros(1))
+    >>> memory.keep(made.keys(), made)
+    >>> memory.values(made.keys() + [b"another"])
+    array([[ 2.],
+           [nan]])
+    """
+
+    def __init__(self, parameters: int, width: int) -> None:
+        self._parameters = parameters
+        self.places: dict[bytes, int] = {}
+        self.failures: dict[bytes, Failure] = {}
+        self._values = np.full((_FIRST, width), np.nan)
+
+    def __len__(self) -> int:
+        return len(self.places) + len(self.failures)
+
+    def __contains__(self, key: bytes) -> bool:
+        return key in self.places or key in self.failures
+
+    def values(self, keys: Sequence[bytes]) -> Array:
+        """Values (R, W), NaN where there are none."""
+        places = np.array([self.places.get(key, -1) for key in keys], dtype=np.intp)
+        values = self._values[places]
+        values[places < 0] = np.nan
+        return values
+
+    def asked(self, keys: Sequence[bytes]) -> Runs:
+        """Runs that are to be made."""
+        return Runs.of_keys(keys, self._parameters, self._values.shape[1])
+
+    def known(self, keys: Sequence[bytes]) -> Runs:
+        """What is known of some runs."""
+        failures = {k: self.failures[key] for k, key in enumerate(keys) if key in self.failures}
+        return replace(self.asked(keys), outcome=self.values(keys), failures=failures)
+
+    def keep(self, keys: Sequence[bytes], runs: Runs) -> None:
+        """Remember runs that are made; those that have neither values nor a failure are not."""
+        self.failures |= {keys[k]: failure for k, failure in runs.failures.items()}
+        good = np.flatnonzero(~runs.empty).tolist()
+        own = keys if len(good) == len(keys) else [keys[k] for k in good]
+        for key in self.failures.keys() & own:
+            del self.failures[key]
+        for key in own:
+            self.places.setdefault(key, len(self.places))
+        self._grow()
+        self._values[[self.places[key] for key in own]] = runs.outcome[good]
+
+    def _grow(self) -> None:
+        size = len(self._values)
+        if len(self.places) > size:
+            more = np.full((max(size, len(self.places) - size), self._values.shape[1]), np.nan)
+            self._values = np.concatenate([self._values, more])
+
+
+REPEATABLE = 1e-6
+"""Relative difference of two outcomes of the same run that is no cause for concern."""
+MOST = 24
+"""Runs that are made again: of those of which one in ten is random, one is found in 99 of 100."""
+
+
+class Repeats:
+    """Which runs are made again, once that has begun: of R that were made the root of R, up to 24.
+
+    >>> repeats = Repeats()
+    >>> repeats.begin()
+    >>> [repeats.chosen(new).tolist() for new in (1, 3, 5, 100_000)]
+    [[0], [0], [0], [0, 4999, 9999, 14999, 19999, 24999, 29999, 34999, ...]]
+    """
+
+    def __init__(self) -> None:
+        self._begun = False
+        self._made = self._again = 0
+
+    def begin(self) -> None:
+        """Choose from now on."""
+        self._begun = True
+
+    def chosen(self, new: int) -> Indices:
+        """Positions among so many runs that were just made, far apart: conditions may matter."""
+        if not self._begun:
+            return np.empty(0, np.intp)
+        self._made += new
+        due = min(MOST, math.isqrt(self._made)) - self._again
+        if due <= 0:
+            return np.empty(0, np.intp)
+        chosen = np.unique(np.linspace(0, new - 1, min(due, new)).astype(np.intp))
+        self._again += len(chosen)
+        return chosen
+
+
+def differing(first: Array, again: Array) -> tuple[int, int] | None:
+    """The first run and value in which (R, W) outcomes differ from those of the same runs again.
+
+    Beyond a millionth of the value, or of what values are like. A run that has none in one of the
+    two has failed: that is another matter.
+
+    >>> differing(np.array([[1.0], [2.0]]), np.array([[1.0], [2.1]]))
+    (1, 0)
+    """
+    size = np.abs(first[np.isfinite(first)])
+    usual = REPEATABLE * float(np.median(size)) if size.size else 0.0
+    same = np.isclose(first, again, rtol=REPEATABLE, atol=usual, equal_nan=True)
+    same |= np.all(np.isnan(first), axis=1, keepdims=True)
+    same |= np.all(np.isnan(again), axis=1, keepdims=True)
+    found = np.argwhere(~same)
+    return (int(found[0, 0]), int(found[0, 1])) if len(found) else None

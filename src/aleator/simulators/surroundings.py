@@ -1,15 +1,26 @@
-"""What the machine did, and no parameter: a run that ends by it has not failed, it was not made."""
+"""What ends a run from outside: the machine, a time limit, or the end of its process."""
 
 from __future__ import annotations
 
 import errno
+import faulthandler
+import math
+import multiprocessing
 import os
 import re
+import signal
+import subprocess
+import sys
 import tempfile
-from collections.abc import Iterator
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from aleator.errors import SimulatorError, SurroundingsError
+from aleator.simulators.protocol import RunFailed
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -38,8 +49,8 @@ NEARLY_FULL = 2**20
 """Bytes that are free on a disk where a failed run is not believed to be its own."""
 
 _NOT_MADE = "a run could not be made"
-_AGAIN = "every run that was made is kept, and this one is not taken for a failure"
-_REMEDY = f"mend that, and give the same command again: {_AGAIN}"
+_GO_ON = "every run that was made is kept, and this one is not taken for a failure"
+_REMEDY = f"mend that, and give the same command again: {_GO_ON}"
 
 
 def cause(error: BaseException, what: str = _NOT_MADE) -> SurroundingsError | None:
@@ -118,7 +129,7 @@ def full_disk(folder: Path, most: int) -> SurroundingsError | None:
     return SurroundingsError(
         f"the disk of {tempfile.gettempdir()} is full ({free:,} bytes are free): what a run writes "
         "there may be cut off",
-        f"free some space, or name another folder by TMPDIR, and go on: {_AGAIN}",
+        f"free some space, or name another folder by TMPDIR, and go on: {_GO_ON}",
     )
 
 
@@ -138,3 +149,141 @@ def _is_ours(error: MemoryError) -> bool:
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     return trace is not None and _PACKAGE in Path(trace.tb_frame.f_code.co_filename).parents
+
+
+GRACE = 3.0
+"""Time limits after which a worker whose function does not even hear the first one is ended."""
+
+
+def checked_limit(seconds: float | None) -> float | None:
+    """A time limit that can be one. Raises SimulatorError for others."""
+    if seconds is not None and not 0.0 < seconds < math.inf:
+        raise SimulatorError(
+            f"timeout = {seconds:g} is no time", "give seconds, or leave it out: no limit"
+        )
+    return seconds
+
+
+@contextmanager
+def limited(seconds: float | None) -> Iterator[None]:
+    """Raise RunFailed in what takes longer than so many seconds; None is no limit.
+
+    Python code is stopped where it is, as by Ctrl-C, and again if it goes on. Compiled code that
+    does not return ends its worker after three times the limit and a second; nothing can end it in
+    this process. Needs the main thread, and a system with SIGALRM: elsewhere there is no limit.
+    Cost: some microseconds.
+
+    >>> with limited(0.01):
+    ...     while True:
+    ...         pass
+    Traceback (most recent call last):
+        ...
+    aleator.simulators.protocol.RunFailed: it was stopped after its 0.01 s
+    """
+    main = threading.current_thread() is threading.main_thread()
+    if seconds is None or not main or not hasattr(signal, "setitimer"):
+        yield
+        return
+    at_work = True
+
+    def expire(_signum: int, _frame: object) -> None:
+        if at_work:
+            raise RunFailed(f"it was stopped after its {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, expire)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+        with _ended_worker(GRACE * seconds + 1.0):
+            yield
+    finally:
+        at_work = False
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@contextmanager
+def _ended_worker(seconds: float) -> Iterator[None]:
+    """End this process after so many seconds, whatever it does, if it is a worker."""
+    if multiprocessing.parent_process() is None:
+        yield
+        return
+    with open(os.devnull, "w") as nowhere:
+        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+
+
+APART = 10.0
+"""Seconds after which the trial of a slower run is broken off: how that ends is not known then."""
+_PAUSE = 0.001
+_RETURNED = 77
+_WATCH = 'read -r _ || printf "%s\\n" "$1" >&2'
+"""A line comes when all is well; the end of the pipe without one is that of its writer."""
+
+
+def ending(call: Callable[[], object]) -> str | None:
+    """How a call ends its process, tried in a copy of this one; None where it does not.
+
+    A call that returns or raises ends nothing. What it prints is not shown, and what it changes in
+    memory is lost. None as well where it takes longer than `APART`, and on systems without the
+    cheap copies of Linux: nobody knows there.
+
+    >>> ending(lambda: 1.0)
+    >>> ending(lambda: os._exit(3)) if sys.platform == "linux" else "exit code 3"
+    'exit code 3'
+    """
+    if sys.platform != "linux":
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # threads: a copy that waits is ended
+        copy = os.fork()
+    if not copy:
+        _end_with(call)
+    try:
+        until = time.monotonic() + APART
+        while time.monotonic() < until:
+            if os.waitid(os.P_PID, copy, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None:
+                break
+            time.sleep(_PAUSE)
+        else:
+            return None
+    finally:
+        os.kill(copy, signal.SIGKILL)  # to one that has ended it does nothing
+        status = os.waitpid(copy, 0)[1]
+    if os.WIFSIGNALED(status):
+        return f"signal {os.WTERMSIG(status)}, {signal.strsignal(os.WTERMSIG(status))}"
+    code = os.waitstatus_to_exitcode(status)
+    return None if code == _RETURNED else f"exit code {code}"
+
+
+@contextmanager
+def watched(words: str) -> Iterator[None]:
+    """Have `words` written to the standard error if this process ends before the block does.
+
+    By a shell that waits for a line of this process; the exit code stays what ended the process.
+    On systems without a POSIX shell nothing is written.
+    """
+    if os.name != "posix":
+        yield
+        return
+    watcher = subprocess.Popen(
+        ["/bin/sh", "-c", _WATCH, "sh", words], stdin=subprocess.PIPE, start_new_session=True
+    )
+    try:
+        yield
+    finally:
+        watcher.communicate(b"\n")
+
+
+def _end_with(call: Callable[[], object]) -> None:
+    try:
+        faulthandler.disable()
+        with open(os.devnull, "w") as nowhere:
+            sys.stdout = sys.stderr = nowhere
+            for shown in (1, 2):
+                os.dup2(nowhere.fileno(), shown)
+            call()
+    finally:
+        os._exit(_RETURNED)

@@ -13,7 +13,7 @@ from aleator.search import Search, SearchResult
 from aleator.search.interface import Objective
 from aleator.search.written import read, written
 from aleator.simulators import Runner
-from aleator.simulators.searches import keep, kept
+from aleator.simulators.store import keep, kept
 from aleator.types import Array
 
 FORMAT = 2

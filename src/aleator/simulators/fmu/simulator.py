@@ -11,16 +11,33 @@ from typing import Any
 import numpy as np
 
 from aleator.errors import SimulatorError, nearest
-from aleator.simulators.failure import RunFailed
-from aleator.simulators.fmu.binding import Binding, Value, settable, start_value
-from aleator.simulators.fmu.description import read_description
+from aleator.simulators.fmu.description import (
+    Binding,
+    Value,
+    read_description,
+    settable,
+    start_value,
+)
 from aleator.simulators.fmu.engine import Engine
-from aleator.simulators.fmu.reduction import Crossing, Extreme, Final, Reduction
-from aleator.simulators.fmu.sampling import require_constant, require_times, sampled
+from aleator.simulators.fmu.reduction import (
+    Crossing,
+    Extreme,
+    Final,
+    Reduction,
+    require_constant,
+    require_times,
+    sampled,
+)
 from aleator.simulators.fmu.session import Job, Trajectory
-from aleator.simulators.fmu.settings import Course, Operation, Span
-from aleator.simulators.fmu.signals import Signal, assembled, checked_input
-from aleator.simulators.protocol import SINGLE_BLOCK, Columns, Returned, one_by_one
+from aleator.simulators.fmu.settings import (
+    Course,
+    Operation,
+    Signal,
+    Span,
+    assembled,
+    checked_input,
+)
+from aleator.simulators.protocol import SINGLE_BLOCK, Columns, Returned, RunFailed, one_by_one
 from aleator.simulators.surroundings import printed
 from aleator.types import Array
 
