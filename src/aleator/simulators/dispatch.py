@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from aleator.errors import AleatorError, SimulatorError, SurroundingsError
-from aleator.simulators.pool import Orphaned
 from aleator.simulators.protocol import (
     Columns,
     Returned,
@@ -132,8 +131,6 @@ def _attempted(
     try:
         returned = simulator(conditions, parameters)
         values = form.shaped(simulator, returned, count)
-    except Orphaned:
-        raise
     except SurroundingsError as stop:
         return replace(asked.some(slice(0)), stopped=stop)
     except AleatorError:
@@ -155,7 +152,7 @@ def _before(simulator: Simulator, stop: RunStopped, form: Form, asked: Runs, too
     """What a simulator that runs one at a time did until it stopped."""
     done, error = len(stop.completed), stop.__cause__ or stop
     stopping = error if isinstance(error, KeyboardInterrupt) else cause(error)
-    if isinstance(error, (AleatorError, Orphaned)) and not stopping:
+    if isinstance(error, AleatorError) and not stopping:
         raise error
     form = form.some(slice(done))
     values = form.shaped(simulator, stop.completed, done)

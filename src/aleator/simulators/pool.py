@@ -7,7 +7,6 @@ import os
 import pickle
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -22,61 +21,6 @@ from aleator.simulators.surroundings import prevented
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-GRACE = 2.0
-"""Seconds in which a call may tidy up: end the program that it runs, and remove its folder."""
-
-_SIGNAL = getattr(signal, "SIGUSR1", None)  # Windows has none: nothing is tidied up there
-_orphaned = threading.Event()
-_working = threading.Event()
-
-
-class Orphaned(BaseException):
-    """Nobody waits for this run any more: the process that wanted it has ended."""
-
-
-def end_with_parent() -> None:
-    """Let this worker end soon after the process that started it; for its main thread.
-
-    A call at work finds an Orphaned raised in it, and has GRACE seconds; an idle worker ends at
-    once. It takes a thread that sleeps, and SIGUSR1.
-    """
-    if _SIGNAL is not None:
-        signal.signal(_SIGNAL, _interrupt)
-    threading.Thread(target=_watch, daemon=True).start()
-
-
-def at_work(call: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
-    """What a call returns; a worker that became an orphan meanwhile ends after it.
-
-    >>> at_work(divmod, 7, 2)
-    (3, 1)
-    """
-    _working.set()
-    try:
-        return call(*args, **kwargs)
-    finally:
-        _working.clear()
-        if _orphaned.is_set():
-            os._exit(1)
-
-
-def _watch() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        return
-    parent.join()
-    _orphaned.set()
-    if _working.is_set() and _SIGNAL is not None:
-        # to the main thread, as nothing else ends its waiting for a program
-        signal.pthread_kill(threading.main_thread().ident or 0, _SIGNAL)
-        time.sleep(GRACE)
-    os._exit(1)
-
-
-def _interrupt(_signum: int, _frame: object) -> None:
-    if _orphaned.is_set() and _working.is_set():
-        raise Orphaned
 
 
 class ProcessPool(Executor):
@@ -104,11 +48,11 @@ class ProcessPool(Executor):
         with _no_interruption():
             try:
                 try:
-                    return self._inner.submit(at_work, fn, *args, **kwargs)
+                    return self._inner.submit(fn, *args, **kwargs)
                 except BrokenProcessPool:
                     self._inner.shutdown(wait=False)
                     self._inner = self._started()
-                    return self._inner.submit(at_work, fn, *args, **kwargs)
+                    return self._inner.submit(fn, *args, **kwargs)
             except OSError as error:
                 raise prevented(error, "a worker process could not be started") from error
 
@@ -142,11 +86,21 @@ def _no_interruption() -> Iterator[None]:
 _limits: list[Any] = []
 
 
+def _end_with_parent() -> None:
+    """End this worker, whatever it does, when the process that started it has ended.
+
+    Programs and folders of its runs go then, too (see `command.process`).
+    """
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
+
+
 def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    end_with_parent()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     _limits.append(threadpool_limits(1))
 
 
