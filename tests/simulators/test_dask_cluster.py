@@ -13,7 +13,7 @@ from aleator.errors import ClusterError, SimulatorError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner
 from aleator.simulators import clusters as tested
-from aleator.simulators.clusters import dask_executor
+from aleator.simulators.clusters import ClusterSettings, dask_executor
 from hardening.dask_processes import DaskProcesses, until
 
 MODEL = """\
@@ -51,7 +51,8 @@ def runner(name: str, cluster: DaskProcesses) -> Iterator[Runner]:
 
 
 def refused(address: str | Path, message: str) -> None:
-    with pytest.raises(ClusterError, match=message), dask_executor(address):
+    soon = ClusterSettings(connect=2.0)
+    with pytest.raises(ClusterError, match=message), dask_executor(address, settings=soon):
         pass
 
 
@@ -100,8 +101,7 @@ def test_an_address_that_is_none_is_told(address: str) -> None:
     refused(address, f"no Dask scheduler answers at {address}")
 
 
-def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tested, "CONNECT", 0.2)
+def test_a_scheduler_that_does_not_answer_is_told() -> None:
     refused("tcp://127.0.0.1:1", r"answers at tcp://127.0.0.1:1 \(")
 
 

@@ -11,8 +11,10 @@ import cloudpickle
 import pytest
 
 from aleator.errors import ClusterError, SimulatorError
-from aleator.simulators.clusters import LIVES, DaskExecutor
+from aleator.simulators.clusters import SETTINGS, DaskExecutor
 from aleator.simulators.protocol import WorkerLost
+
+LIVES = SETTINGS.lives
 
 
 class Killed(Exception):

@@ -25,6 +25,7 @@ from aleator.simulators import (
     as_simulator,
     working_box,
 )
+from aleator.simulators.dispatch import Batching
 from aleator.surrogates import ResponseSurface
 
 TABLE = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 4.0], "site": [*"xyz"]}))
@@ -80,17 +81,13 @@ def test_text_conditions_reach_a_simulator_that_asks_for_them() -> None:
 
 
 @pytest.mark.parametrize("vectorized", [False, True])
-def test_a_run_that_raises_is_named_and_the_others_are_kept(
-    vectorized: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("aleator.simulators.dispatch.HERE", np.inf)  # one batch
-
+def test_a_run_that_raises_is_named_and_the_others_are_kept(vectorized: bool) -> None:
     def brittle(load: Any, x: Any) -> Any:
         if np.any((load == 2.0) & (x > 0.5)):
             raise ValueError("too\nhot")
         return load * x
 
-    run = runner(brittle, vectorized)
+    run = runner(brittle, vectorized, batching=Batching(here=np.inf))
     index, x = np.repeat([0, 1, 2], 10), np.tile(points(10), (3, 1))
     with pytest.raises(SimulatorError) as caught:
         run(index, x)
@@ -260,11 +257,10 @@ def test_slow_runs_tell_their_progress(monkeypatch: pytest.MonkeyPatch) -> None:
         def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
             self.texts.append(f"{text} {done} {total}")
 
-    monkeypatch.setattr("aleator.simulators.dispatch.HERE", 0.0)
     clock = iter(np.arange(0.0, 100.0, 2.0))
     monkeypatch.setattr("aleator.simulators.workshop.time.monotonic", lambda: next(clock))
     listener = Listener()
-    run = runner(lambda load, x: x, vectorized=True, progress=listener)
+    run = runner(lambda load, x: x, vectorized=True, progress=listener, batching=Batching(here=0.0))
     run.simulator.block = 16
     run(np.zeros(40, int), points(40))
     assert listener.texts == [
@@ -293,19 +289,17 @@ def test_any_class_that_fills_the_protocol_is_a_simulator() -> None:
 
 
 @pytest.mark.parametrize("seconds", [0.0, np.inf])
-def test_where_a_batch_ends_does_not_decide_whether_too_many_runs_failed(
-    monkeypatch: pytest.MonkeyPatch, seconds: float
-) -> None:
+def test_where_a_batch_ends_does_not_decide_whether_too_many_runs_failed(seconds: float) -> None:
     """The first unit fails everywhere; a batch ends after each run, or never."""
-    monkeypatch.setattr("aleator.simulators.dispatch.HERE", seconds)
+    batching = Batching(here=seconds)
     table = Conditions([*"abcdefgh"], pd.DataFrame({"load": np.arange(8.0)}))
     asked, x = np.repeat(np.arange(8), 20), np.tile(points(20), (8, 1))
     eighth = Counted(lambda load, x: load == 0.0)
-    outcome = Runner(FunctionSimulator(eighth), table, ["x"]).attempt(asked, x)
+    outcome = Runner(FunctionSimulator(eighth), table, ["x"], batching=batching).attempt(asked, x)
     np.testing.assert_array_equal(np.isnan(outcome), asked == 0)
-    quarter = Runner(FunctionSimulator(Counted(lambda load, x: load < 2.0)), table, ["x"])
+    quarter = FunctionSimulator(Counted(lambda load, x: load < 2.0))
     with pytest.raises(NoOutcome, match="too many to go on"):
-        quarter.attempt(asked, x)
+        Runner(quarter, table, ["x"], batching=batching).attempt(asked, x)
 
 
 def test_a_simulator_that_works_nowhere_is_given_up_after_a_few_runs() -> None:

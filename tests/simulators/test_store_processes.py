@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from aleator import cli
-from aleator.simulators.runs import MOST
+from aleator.simulators.runs import REPEATABILITY
 
 STUDY = """\
 [experiments]
@@ -97,12 +97,12 @@ def test_a_study_killed_again_and_again_ends_with_the_same_answer(
         # All is there but what was being computed; the repeated runs of each start add none.
         kept = stored(store)
         assert kept >= before
-        assert kept >= count(log) - (number + 1) * (PART + 1 + MOST)
+        assert kept >= count(log) - (number + 1) * (PART + 1 + REPEATABILITY.most)
     done = subprocess.run([*COMMAND, *arguments, "result"], check=False)
     assert done.returncode == 0
     assert document(tmp_path / "result") == document(tmp_path / "whole")
     assert stored(store) == distinct
-    assert count(log) <= distinct + kills * PART + (kills + 1) * (1 + MOST)
+    assert count(log) <= distinct + kills * PART + (kills + 1) * (1 + REPEATABILITY.most)
 
 
 WRITER = """\

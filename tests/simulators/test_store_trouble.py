@@ -13,6 +13,7 @@ from aleator.errors import StoreError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner, Store, notified, records
 from aleator.simulators.records import holdings, stored_runs
+from aleator.simulators.store import StoreSettings
 
 TABLE = Conditions(("A",), pd.DataFrame({"load": [2.0]}))
 
@@ -195,12 +196,9 @@ def test_an_empty_file_becomes_a_store(tmp_path: Path) -> None:
         assert runner(store)([0], [[1.0]]).tolist() == [2.0]
 
 
-def test_a_store_that_another_process_holds_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("aleator.simulators.store._PATIENCE", 0.1)
+def test_a_store_that_another_process_holds_is_told(tmp_path: Path) -> None:
     path = tmp_path / "runs.sqlite"
-    with Store(path) as first, Store(path) as second:
+    with Store(path) as first, Store(path, StoreSettings(patience=0.1)) as second:
         first.connection.execute("BEGIN IMMEDIATE")
         with pytest.raises(StoreError, match="another process has been writing"):
             runner(second)([0], [[1.0]])

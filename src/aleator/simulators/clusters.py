@@ -33,13 +33,31 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 T = TypeVar("T")
 
-LIVES = 3
-"""Workers that may be lost with one call before the call is held to be at fault."""
-LOOK = 0.5
-"""Seconds between two looks at which workers there are."""
-PATIENCE = 10.0
-"""Seconds in which workers have to say what they are, or else are used when they do."""
 _SAME = "install there the same Python and the same Aleator as here"
+
+
+@dataclass(frozen=True)
+class ClusterSettings:
+    """How long a cluster is waited for (s), all by judgement, and the port of its scheduler.
+
+    - `lives`: workers that may be lost with one call before the call is held to be at fault.
+    - `look`: between two looks at which workers there are.
+    - `introduction`: in which workers have to say what they are, or else are used when they do.
+    - `connect`: in which a scheduler has to answer at first; `answer`: later, when it may be busy.
+    - `leave`: that taking leave may take.
+    - `port`: where a scheduler listens if nothing else is said, which is Dask's own default.
+    """
+
+    lives: int = 3
+    look: float = 0.5
+    introduction: float = 10.0
+    connect: float = 10.0
+    answer: float = 60.0
+    leave: float = 2.0
+    port: int = 8786
+
+
+SETTINGS = ClusterSettings()
 
 
 class Cluster(Protocol):
@@ -85,7 +103,7 @@ class DaskExecutor(Executor):
 
     Each worker process has one call at a time, so that no simulator meets another thread, and if a
     worker is lost it is known which call it was running. That call goes to another worker, before
-    all that wait; where LIVES workers are lost with it, its future raises WorkerLost. Calls wait
+    all that wait; where `lives` workers are lost with it, its future raises WorkerLost. Calls wait
     where there is no worker. Where the scheduler is lost all futures and `submit` raise
     ClusterError.
 
@@ -93,8 +111,10 @@ class DaskExecutor(Executor):
     Raises ClusterError if there are workers and none can be used.
     """
 
-    def __init__(self, cluster: Cluster, say: Callable[[str], None]) -> None:
-        self._cluster, self._say = cluster, say
+    def __init__(
+        self, cluster: Cluster, say: Callable[[str], None], settings: ClusterSettings = SETTINGS
+    ) -> None:
+        self._cluster, self._say, self._settings = cluster, say, settings
         # What only the one thread `_serve` touches.
         self._waiting: deque[_Call] = deque()
         self._running: dict[str, tuple[_Call, Future[Any]]] = {}
@@ -150,10 +170,10 @@ class DaskExecutor(Executor):
 
     def _meet(self) -> None:
         """Wait for what the workers that are there at first say of themselves, but not for long."""
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + self._settings.introduction
         self._look()
         while self._silent and time.monotonic() < end:
-            time.sleep(0.01)
+            time.sleep(self._settings.look / 10)
             self._look()
 
     def _serve(self) -> None:
@@ -161,13 +181,13 @@ class DaskExecutor(Executor):
         due = 0.0
         while not self._stopped:
             with suppress(Empty):
-                self._events.get(timeout=LOOK)()
+                self._events.get(timeout=self._settings.look)()
             try:
                 if not self._cluster.alive():
                     raise self._cluster.lost()
                 if time.monotonic() >= due:
                     self._look()
-                    due = time.monotonic() + LOOK
+                    due = time.monotonic() + self._settings.look
                 self._hand_out()
             except Exception as error:
                 lost = error if isinstance(error, ClusterError) else self._cluster.lost()
@@ -212,11 +232,12 @@ class DaskExecutor(Executor):
 
     def _bury(self, call: _Call, worker: str) -> None:
         call.deaths += 1
-        if call.deaths < LIVES:
+        lives = self._settings.lives
+        if call.deaths < lives:
             self._say(f"worker {worker} was lost; its runs go to another")
             self._waiting.appendleft(call)
         else:
-            call.future.set_exception(WorkerLost(f"{LIVES} workers were lost while they ran it"))
+            call.future.set_exception(WorkerLost(f"{lives} workers were lost while they ran it"))
 
     def _hand_out(self) -> None:
         for worker in self._workers - self._running.keys() if self._waiting else ():
@@ -257,20 +278,14 @@ class DaskExecutor(Executor):
             call.future.set_exception(error)
 
 
-CONNECT = 10.0
-"""Seconds in which a scheduler has to answer at first."""
-SCHEDULER = 8786
-"""The port where a scheduler listens if nothing else is said."""
-_ANSWER = 60.0
-"""Seconds in which it has to answer later, when it may be busy."""
-_LEAVE = 2.0
-"""Seconds that taking leave may take."""
 _LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
 
 
 @contextmanager
 def dask_executor(
-    address: str | Path | Client, say: Callable[[str], None] = lambda _: None
+    address: str | Path | Client,
+    say: Callable[[str], None] = lambda _: None,
+    settings: ClusterSettings = SETTINGS,
 ) -> Iterator[DaskExecutor]:
     """The workers of the Dask cluster at `address`, as an executor for a Runner.
 
@@ -278,7 +293,7 @@ def dask_executor(
     connected, such as one of dask-jobqueue. `say` is told of workers that are lost or cannot be
     used. In the end the cluster is left as it was; after an exception calls that run are given up.
 
-    Raises ClusterError within some CONNECT seconds if nobody answers there, at once if there are
+    Raises ClusterError within some `connect` seconds if nobody answers there, at once if there are
     workers but none has this Python (major and minor version) and this Aleator.
 
     >>> with dask_executor("tcp://127.0.0.1:1") as executor:
@@ -292,9 +307,9 @@ def dask_executor(
             "a Dask cluster needs the package distributed", "pip install distributed"
         )
     with _quiet():
-        cluster = _DaskCluster(address)
+        cluster = _DaskCluster(address, settings)
         try:
-            executor = DaskExecutor(cluster, say)
+            executor = DaskExecutor(cluster, say, settings)
         except BaseException:
             cluster.close()
             raise
@@ -309,10 +324,11 @@ def dask_executor(
 class _DaskCluster:
     """A connected client, in the words of DaskExecutor."""
 
-    def __init__(self, address: str | Path | Client) -> None:
+    def __init__(self, address: str | Path | Client, settings: ClusterSettings) -> None:
+        self._settings = settings
         self._client: Any
         self._own = isinstance(address, (str, Path))
-        self._client = _connected(str(address)) if self._own else address
+        self._client = _connected(str(address), settings) if self._own else address
         self._at = str(getattr(self._client.scheduler, "address", address))
         self._loop = self._client.loop.asyncio_loop
         self._call = _caller()
@@ -323,7 +339,7 @@ class _DaskCluster:
         return bool(self._client.status == "running")
 
     def workers(self) -> Set[str]:
-        return frozenset(self._client.nthreads(callback_timeout=_ANSWER))
+        return frozenset(self._client.nthreads(callback_timeout=self._settings.answer))
 
     def faults(self, workers: Iterable[str]) -> Mapping[str, str]:
         found = {}
@@ -370,7 +386,7 @@ class _DaskCluster:
             answer.cancel()
         if self._own:
             with suppress(TimeoutError, OSError):  # of a scheduler that does not answer
-                self._client.close(timeout=_LEAVE)
+                self._client.close(timeout=self._settings.leave)
 
 
 def _caller() -> Callable[[bytes], Any]:
@@ -384,7 +400,7 @@ def _caller() -> Callable[[bytes], Any]:
     return call
 
 
-def _connected(address: str) -> Any:
+def _connected(address: str, settings: ClusterSettings) -> Any:
     import dask
     import distributed
 
@@ -399,11 +415,11 @@ def _connected(address: str) -> Any:
     client: Any = distributed.Client
     try:
         # A client that finds nobody complains once more, and late, when it is collected.
-        _knock(json.loads(Path(file).read_text())["address"] if file else address)
+        _knock(json.loads(Path(file).read_text())["address"] if file else address, settings)
         return client(
             None if file else address,
             scheduler_file=file,
-            timeout=CONNECT,
+            timeout=settings.connect,
             name="aleator",
             set_as_default=False,
         )
@@ -415,10 +431,11 @@ def _connected(address: str) -> Any:
         ) from error
 
 
-def _knock(address: str) -> None:
+def _knock(address: str, settings: ClusterSettings) -> None:
     """Raises an OSError or a ValueError where nobody listens."""
     parts = urlsplit(address if "://" in address else f"tcp://{address}")
-    with socket.create_connection((parts.hostname or "", parts.port or SCHEDULER), CONNECT):
+    place = parts.hostname or "", parts.port or settings.port
+    with socket.create_connection(place, settings.connect):
         return
 
 

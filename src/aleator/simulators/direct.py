@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,15 +14,29 @@ from aleator.errors import AleatorError, SurroundingsError
 from aleator.observations.numbers import real_numbers
 from aleator.simulators.dispatch import make
 from aleator.simulators.function import FunctionSimulator
-from aleator.simulators.protocol import ARRAY_BLOCK, RunStopped
+from aleator.simulators.protocol import BLOCKS, RunStopped
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.simulators.units import Bound
 from aleator.types import Array, Indices
 
-CHECKED = 16
-"""Runs at which calls with numbers and one call with arrays are compared, at most."""
-_DIGITS = 16 * np.finfo(np.float64).eps
-# Last digits may differ: powers and exponentials of arrays are computed by other code.
+
+@dataclass(frozen=True)
+class DirectSettings:
+    """How runs are made that are not remembered.
+
+    - `checked`: runs at which calls with numbers and one call with arrays are compared, at most. By
+      judgement: they differ in the case and in every parameter.
+    - `digits`: units of the last place that may differ, as powers and exponentials of arrays are
+      computed by other code. By judgement: the last four bits.
+    - `remembered`: runs without an outcome whose reasons are kept. By judgement: they are read.
+    """
+
+    checked: int = 16
+    digits: float = 16.0
+    remembered: int = 1000
+
+
+SETTINGS = DirectSettings()
 
 
 class Together:
@@ -86,11 +100,11 @@ class Together:
         return [_values(part, len(rows)) for part in parts]
 
 
-def elementwise(bound: Bound, case: Indices, x: Array) -> bool:
+def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings = SETTINGS) -> bool:
     """Whether a function gives the same values for runs of `case` (R,) at x (R, n) in one call.
 
-    The runs, of which CHECKED are looked at, should differ in both. The same is: to the last four
-    bits. A function that raises either way is not elementwise. Cost: at most CHECKED + 1 calls.
+    The runs, of which `checked` are looked at, should differ in both. The same is: but for the last
+    `digits`. A function that raises either way is not elementwise. Cost: at most checked + 1 calls.
 
     >>> from aleator.simulators.units import Cases
     >>> from aleator.simulators.function import FunctionSimulator
@@ -100,7 +114,7 @@ def elementwise(bound: Bound, case: Indices, x: Array) -> bool:
     >>> is_so(lambda x: 2.0 * x), is_so(lambda x: 2.0 if x > 1.5 else x)
     (True, False)
     """
-    case, x = case[:CHECKED], x[:CHECKED]
+    case, x = case[: settings.checked], x[: settings.checked]
     try:
         together = Together(bound)(case, x)
         returned = bound.simulator(*bound.columns(case, x))
@@ -109,7 +123,8 @@ def elementwise(bound: Bound, case: Indices, x: Array) -> bool:
         raise
     except BaseException:
         return False
-    return bool(np.allclose(together, each, rtol=_DIGITS, atol=0.0, equal_nan=True))
+    rtol = settings.digits * float(np.finfo(np.float64).eps)
+    return bool(np.allclose(together, each, rtol=rtol, atol=0.0, equal_nan=True))
 
 
 def _flat(column: NDArray[Any], rows: Indices) -> NDArray[Any]:
@@ -127,15 +142,9 @@ def _values(part: Any, rows: int) -> Array:
 
 
 Failures = Mapping[int, Failure]
-# Kronecker's sequence by square roots of primes: points of a box that differ in every coordinate.
-_PRIMES = np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0, 23.0, 29.0])
 
 
-TOLD = 1000
-"""Runs without an outcome that are remembered, to be told."""
-
-
-class Direct:
+class DirectRuns:
     """Runs of cases, as they are asked for: `count` is how many were made.
 
     `lost` counts those that lack a value which is measured; `failures` are the first of them.
@@ -144,13 +153,14 @@ class Direct:
 
     >>> inverse = FunctionSimulator(lambda x: 1.0 / x, vectorized=True)
     >>> from aleator.simulators.units import Cases
-    >>> direct = Direct(Bound(inverse, Cases.of({}, 1), ("x",)))
+    >>> direct = DirectRuns(Bound(inverse, Cases.of({}, 1), ("x",)))
     >>> direct(np.array([0, 0]), np.array([[2.0], [0.0]])).tolist()
     [[0.5], [inf]]
     """
 
-    def __init__(self, bound: Bound) -> None:
+    def __init__(self, bound: Bound, settings: DirectSettings = SETTINGS) -> None:
         self._bound, self._simulator, self._form = bound, bound.simulator, bound.form
+        self._settings = settings
         self._together: Together | None = None
         self.count = self.lost = 0
         self.failures = Runs.asked(np.empty(0, np.intp), np.empty((0, len(bound.parameters))))
@@ -176,23 +186,23 @@ class Direct:
 
     @property
     def _size(self) -> int:
-        together = max(ARRAY_BLOCK // self._form.width, 1)
+        together = max(BLOCKS.arrays // self._form.width, 1)
         return together if self._together else self._simulator.block
 
     def find_arrays(self, region: Array) -> bool:
         """Whether the simulator takes arrays: it is vectorized, or a function found `elementwise`.
 
-        It is tried at up to 16 points of the region (n, 2), under as many cases.
+        It is tried at some points of the region (n, 2), under as many cases.
         """
         simulator = self._simulator
         if not isinstance(simulator, FunctionSimulator) or simulator.vectorized:
             return getattr(simulator, "vectorized", False) is True
-        case = np.linspace(0, len(self._bound.cases) - 1, CHECKED).astype(np.intp)
-        steps = np.sqrt(np.resize(_PRIMES, len(region)))
-        share = np.outer(np.arange(1, CHECKED + 1), steps) % 1.0
+        count = self._settings.checked
+        case = np.linspace(0, len(self._bound.cases) - 1, count).astype(np.intp)
+        share = np.random.default_rng(0).random((count, len(region)))
         points = region[:, 0] + share * (region[:, 1] - region[:, 0])
-        self.count += CHECKED
-        found = elementwise(self._bound, case, points)
+        self.count += count
+        found = elementwise(self._bound, case, points, self._settings)
         self._together = Together(self._bound) if found else None
         return found
 
@@ -204,14 +214,16 @@ class Direct:
             return
         runs = np.unique(np.nonzero(gone)[0])
         self.lost += len(runs)
-        told = runs[: TOLD - len(self.failures)]
-        if len(told):
-            columns = np.argmax(gone[told], axis=1)
+        first = runs[: self._settings.remembered - len(self.failures)]
+        if len(first):
+            columns = np.argmax(gone[first], axis=1)
             noted = {
                 k: failures.get(run) or Failure(form.fault(run, column, np.nan), kind=NOT_FINITE)
-                for k, (run, column) in enumerate(zip(told.tolist(), columns.tolist(), strict=True))
+                for k, (run, column) in enumerate(
+                    zip(first.tolist(), columns.tolist(), strict=True)
+                )
             }
-            asked = replace(Runs.asked(case[told], x[told]), failures=noted)
+            asked = replace(Runs.asked(case[first], x[first]), failures=noted)
             self.failures = Runs.joined([self.failures, asked])
 
     def _block(self, case: Indices, x: Array) -> tuple[Array, Failures]:

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -31,8 +31,32 @@ from aleator.simulators.surroundings import cause
 from aleator.simulators.units import Bound, Form, is_named
 from aleator.types import Array
 
-_ALONE = 0.02
-"""Seconds of a run that is timed by itself; shorter ones are called and timed some at a time."""
+
+@dataclass(frozen=True)
+class Batching:
+    """How runs are cut into batches, and what of them is underway at once.
+
+    - `here`: seconds of runs in this process after which those that completed are handed over, and
+      of a run that is timed by itself; shorter ones are called some at a time. By judgement: it is
+      what an interruption loses of cheap runs.
+    - `workers`: seconds of runs that a worker is given at once. A batch costs about a millisecond
+      to send: "Cost of workers" in `python -m benchmarks runs`.
+    - `most_here`, `most`: runs of one batch, however cheap, in this process and of a worker. By
+      judgement, for the memory of their columns.
+    - `waiting`: batches for each worker that are submitted: one runs, one waits.
+    - `listening`: seconds after which a note of Ctrl-C is looked for. By judgement.
+    """
+
+    here: float = 0.02
+    workers: float = 0.5
+    most_here: int = 8192
+    most: int = 65_536
+    waiting: int = 2
+    listening: float = 0.2
+
+
+BATCHING = Batching()
+_INSTANT = float(np.finfo(np.float64).tiny)  # seconds: what nobody divides by
 
 
 def make(
@@ -42,8 +66,11 @@ def make(
     form: Form,
     asked: Runs,
     budget: float,
+    timed: float = BATCHING.here,
 ) -> Runs:
     """Make a batch of runs (the first of them), and begin nothing more once it took `budget` s.
+
+    Runs that take less than `timed` s are called some at a time.
 
     `conditions` are those of the runs asked for, columns (R,) by name; `parameters` names the
     columns of x; `form` is what the runs are to return. An exception is the failure of one run,
@@ -74,7 +101,7 @@ def make(
             break
         if alone:
             each = float(part.seconds.mean())
-            size = int(np.clip(_ALONE / max(each, 1e-9), 1, min(2 * size, simulator.block)))
+            size = int(np.clip(timed / max(each, _INSTANT), 1, min(2 * size, simulator.block)))
     return Runs.joined(parts)
 
 
@@ -214,19 +241,7 @@ def _cut(columns: tuple[Columns, Columns], rows: slice) -> tuple[Columns, Column
     return first, second
 
 
-HERE = 0.02
-"""Seconds of runs, in this process, after which those that completed are handed over."""
-BATCH = 0.5
-"""Seconds of runs that a worker is given at once: a batch costs about a millisecond to send."""
-MOST_HERE, MOST = 8192, 65_536
-"""Runs of one batch, however cheap: in this process, and of a worker."""
-WAITING = 2
-"""Batches for each worker that are submitted: one runs, one waits. Memory holds no more."""
-LISTENING = 0.2
-"""Seconds after which a note of Ctrl-C is looked for."""
-
-
-def made_here(bound: Bound, asked: Runs) -> Iterator[Runs]:
+def made_here(bound: Bound, asked: Runs, batching: Batching = BATCHING) -> Iterator[Runs]:
     """Make runs in this process; they are yielded as they are done, in their order.
 
     >>> import numpy as np
@@ -238,11 +253,11 @@ def made_here(bound: Bound, asked: Runs) -> Iterator[Runs]:
     >>> [made.outcome.tolist() for made in made_here(bound, asked)]
     [[[0.5], [2.0]]]
     """
-    most, done = max(bound.simulator.block, MOST_HERE), 0
+    most, done = max(bound.simulator.block, batching.most_here), 0
     while done < len(asked):
         batch = asked.some(slice(done, done + most))
         some = bound.cases.at(batch.case), bound.parameters, bound.form.some(batch.case)
-        made = make(bound.simulator, *some, batch, HERE)
+        made = make(bound.simulator, *some, batch, batching.here)
         yield made
         if made.stopped:
             raise made.stopped
@@ -263,9 +278,9 @@ class Dispatcher:
     cannot be sent to another process, or be unpacked there.
     """
 
-    def __init__(self, bound: Bound, executor: Executor) -> None:
+    def __init__(self, bound: Bound, executor: Executor, batching: Batching = BATCHING) -> None:
         self._bound, self._simulator = bound, bound.simulator
-        self._executor = executor
+        self._executor, self._batching = executor, batching
         self._parcel = _packed(bound.simulator)
         self._running: dict[Future[Runs], Runs] = {}
         self._waiting: deque[Runs] = deque()
@@ -273,7 +288,7 @@ class Dispatcher:
         self._stopped: BaseException | None = None
         self._ending: Callable[[], bool] = lambda: False
         self._each = 0.0
-        self._most = MOST
+        self._most = batching.most
 
     @property
     def slots(self) -> int:
@@ -317,17 +332,18 @@ class Dispatcher:
             self._suspect.clear()
 
     def _has_room(self) -> bool:
-        return len(self._running) < WAITING * self.slots
+        return len(self._running) < self._batching.waiting * self.slots
 
     def _next(self) -> Runs:
-        """The next batch: BATCH seconds of runs, fewer at the end, so that all workers end alike.
+        """The next batch: half a second of runs, fewer at the end, so that all workers end alike.
 
         Of a simulator that takes arrays whole blocks, because their last digits may depend on
         their length: so outcomes do not depend on the time that anything took.
         """
         runs, block = self._waiting.popleft(), self._simulator.block
         left = len(runs) + sum(map(len, self._waiting))
-        size = max(1.0, min(BATCH / self._each, left / (WAITING * self.slots))) if self._each else 1
+        share = left / (self._batching.waiting * self.slots)
+        size = max(1.0, min(self._batching.workers / self._each, share)) if self._each else 1
         size = min(int(size), self._most)
         if getattr(self._simulator, "vectorized", False):
             size = max(size // block, 1) * block
@@ -338,11 +354,13 @@ class Dispatcher:
     def _submit(self, batch: Runs) -> None:
         bound = self._bound
         some = bound.cases.at(batch.case), bound.parameters, bound.form.some(batch.case)
-        future = self._executor.submit(make_packed, self._parcel, *some, batch, 2.0 * BATCH)
+        future = self._executor.submit(
+            make_packed, self._parcel, *some, batch, 2.0 * self._batching.workers
+        )
         self._running[future] = batch
 
     def _completed(self) -> Iterator[Runs]:
-        ready, _ = wait(self._running, LISTENING, return_when=FIRST_COMPLETED)
+        ready, _ = wait(self._running, self._batching.listening, return_when=FIRST_COMPLETED)
         # those with outcomes first: an executor that is lost must not take them along
         for future in sorted(ready, key=lambda future: future.exception() is not None):
             batch = self._running.pop(future)
@@ -377,8 +395,8 @@ class Dispatcher:
                     "let the workers have the same Python, packages and files as this process",
                 ) from error
             if len(made):
-                self._each = float(made.seconds.mean()) + 1e-9
-            self._most = min(2 * self._most, MOST)
+                self._each = float(made.seconds.mean()) + _INSTANT
+            self._most = min(2 * self._most, self._batching.most)
             self._stopped = self._stopped or made.stopped
             if len(made) < len(batch):
                 self._waiting.appendleft(batch.some(slice(len(made), None)))

@@ -18,8 +18,7 @@ import numpy as np
 from aleator.errors import SimulatorError, nearest
 from aleator.observations.numbers import real_numbers
 from aleator.simulators.protocol import (
-    ARRAY_BLOCK,
-    SINGLE_BLOCK,
+    BLOCKS,
     Columns,
     Returned,
     Simulator,
@@ -241,7 +240,7 @@ class FunctionSimulator:
         self.series = series
         self.version = version
         self.timeout = checked_limit(timeout)
-        self.block = block or (ARRAY_BLOCK if vectorized else SINGLE_BLOCK)
+        self.block = block or (BLOCKS.arrays if vectorized else BLOCKS.single)
         self._reference: tuple[str, str] | None = None
         self._digests: dict[str, str] | None = None
         self.name = str(getattr(function, "__qualname__", type(function).__name__))

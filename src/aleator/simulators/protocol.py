@@ -5,6 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,11 +15,22 @@ from numpy.typing import NDArray
 from aleator.errors import SimulatorError
 from aleator.types import Array, Indices
 
-# Large enough that arrays pay, small enough that an interruption loses little. Fixed, because the
-# last digits of an array operation may depend on its length.
-ARRAY_BLOCK = 8192
-# One at a time loses nothing; a block is what is timed together at most.
-SINGLE_BLOCK = 256
+
+@dataclass(frozen=True)
+class Blocks:
+    """The most runs that one call of a function is given where it does not say itself.
+
+    - `arrays`: of arrays. Large enough that arrays pay, small enough that an interruption loses
+      little ("Cost of storing runs" in `python -m benchmarks runs`). Fixed, because the last digits
+      of an array operation may depend on its length.
+    - `single`: of runs that are made one by one, which is what is timed together. By judgement.
+    """
+
+    arrays: int = 8192
+    single: int = 256
+
+
+BLOCKS = Blocks()
 
 Columns = Mapping[str, NDArray[Any]]
 Returned = NDArray[np.float64] | Mapping[str, NDArray[np.float64]] | list[Any]

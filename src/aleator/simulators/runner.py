@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from datetime import timedelta
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -15,11 +16,12 @@ from numpy.typing import ArrayLike
 
 from aleator.errors import SimulatorError
 from aleator.progress import Progress, Silent
-from aleator.simulators.direct import Direct
+from aleator.simulators.direct import DirectRuns
+from aleator.simulators.dispatch import BATCHING, Batching
 from aleator.simulators.function import FunctionSimulator, as_simulator
 from aleator.simulators.messages import Messages
 from aleator.simulators.protocol import Simulator
-from aleator.simulators.runs import REPEATABLE, Repeats, Runs, differing
+from aleator.simulators.runs import REPEATABILITY, Repeats, Runs, differing
 from aleator.simulators.store import Store
 from aleator.simulators.surroundings import ending, watched
 from aleator.simulators.units import Bound, Cases, Form, Units
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
     from aleator.observations.transform import Transform
 
 
-HOUR = 3600.0  # s
+HOUR = timedelta(hours=1).total_seconds()
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class Budget:
         return " and ".join(runs + hours)
 
 
-class Counted(Protocol):
+class RunCounter(Protocol):
     """What makes runs and counts them: all that it `tried`, and the seconds that were `waited`."""
 
     tried: int
@@ -81,7 +83,7 @@ class Account:
     (190, True)
     """
 
-    def __init__(self, budget: Budget, by: Counted) -> None:
+    def __init__(self, budget: Budget, by: RunCounter) -> None:
         self.budget, self.refused = budget, False
         self._by, self._before = by, by.tried
         self._began = time.monotonic()
@@ -100,17 +102,15 @@ class Account:
     def _left(self) -> float:
         """Runs that are left; before the first one nobody knows what one takes."""
         left = math.inf if self.budget.runs is None else self.budget.runs - self.made
-        if self.budget.hours is None or not self._by.tried:
+        if self.budget.hours is None or not self._by.waited:
             return left
         seconds = self.budget.hours * HOUR - (time.monotonic() - self._began)
-        return min(left, seconds * self._by.tried / max(self._by.waited, 1e-9))
+        return min(left, seconds * self._by.tried / self._by.waited)
 
 
 MAX_FAILED = 0.2
 """Share of failed runs at which a study stops."""
 _APART = "with --workers 1 such a run is one that failed"
-FEW = 10
-"""Failures of which no share is too large yet."""
 
 
 def as_runner(
@@ -152,7 +152,8 @@ class Runner:
     Runs are made here, one batch after the other, or by the workers of an `executor` (any
     concurrent.futures.Executor); outcomes do not depend on it. One that fails is tried again
     `retries` times. Where more than the share `max_failed` of the runs of this runner failed, and
-    at least ten, `attempt` stops.
+    at least `few_failed` (by judgement), `attempt` stops. `batching` says how many runs travel at
+    once.
 
     `runs` counts the different runs that were needed, those of the store included, so that an
     identification resumed tells the same number as one that was not interrupted. `fresh` counts
@@ -183,13 +184,16 @@ class Runner:
         executor: Executor | None = None,
         retries: int = 0,
         max_failed: float = MAX_FAILED,
+        few_failed: int = 10,
         varying: Collection[str] = (),
+        batching: Batching = BATCHING,
     ) -> None:
         _check(retries, max_failed)
         self.simulator = as_simulator(simulator)
         self.ids, self.parameters = experiments.ids, tuple(parameters)
         self.progress = progress or Silent()
-        self.executor, self.retries, self.max_failed = executor, retries, max_failed
+        self.executor, self.retries = executor, retries
+        self.max_failed, self.few_failed, self._batching = max_failed, few_failed, batching
         table = experiments.conditions
         self.asked = self.simulator.asks([*map(str, table.columns)], self.parameters)
         self._served = served = Units.of(experiments, getattr(self.simulator, "series", False))
@@ -198,16 +202,16 @@ class Runner:
         form = Form.of(served, self.cases, self.ids)
         self._bound = bound = Bound(self.simulator, self.cases, self.parameters, form)
         self.cache = None if store is None else RunCache(store, bound, served)
-        self._workshop = Workshop(bound, served, self.cache, executor, retries)
+        self._workshop = Workshop(bound, served, self.cache, executor, retries, batching)
         self._memory = self._workshop.memory
-        self._direct = Direct(bound)
+        self._direct = DirectRuns(bound)
         self._repeats = Repeats()
         self._messages = Messages(self.simulator, self.ids, self.parameters, self.cases, served)
         self.account = Account(Budget(), self._workshop)
 
     def __getstate__(self) -> dict[str, Any]:
         """What travels to another process: without the store, the workers, and who listens."""
-        alone = Workshop(self._bound, self._served, None, None, self.retries)
+        alone = Workshop(self._bound, self._served, None, None, self.retries, self._batching)
         here = {"cache": None, "executor": None, "progress": Silent()}
         made = {"_workshop": alone, "_memory": alone.memory, "account": Account(Budget(), alone)}
         return {**vars(self), **here, **made}
@@ -386,7 +390,9 @@ class Runner:
             again = self._served.transformed(self._workshop.again(known))
             if not np.all(np.isnan(again)) and differing(first[None], again) is None:
                 return
-        column = int(np.argmin(np.isclose(first, again[0], rtol=REPEATABLE, equal_nan=True)))
+        column = int(
+            np.argmin(np.isclose(first, again[0], rtol=REPEATABILITY.relative, equal_nan=True))
+        )
         raise self._messages.not_repeatable(known, 0, float(first[column]), float(again[0, column]))
 
     @contextmanager
@@ -455,13 +461,13 @@ class Runner:
         Of all runs, also those that are not made yet: where a batch ends then decides nothing.
         """
         failed = len(self._memory.failures)
-        return failed > before and failed >= FEW and failed > most * whole
+        return failed > before and failed >= self.few_failed and failed > most * whole
 
     def _works_nowhere(self) -> bool:
         """Whether no run worked, of ten units or more."""
-        if self._memory.places or len(self._memory.failures) < FEW:
+        if self._memory.places or len(self._memory.failures) < self.few_failed:
             return False
-        return bool(np.unique(self.failures.case).size >= min(FEW, len(self.cases)))
+        return bool(np.unique(self.failures.case).size >= min(self.few_failed, len(self.cases)))
 
     def _each_unit_first(self, keys: list[bytes]) -> list[bytes]:
         """The same runs, but one of each case before all others: is there one that works?"""

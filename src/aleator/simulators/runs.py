@@ -125,9 +125,6 @@ class Runs:
         return np.stack([self.x.min(axis=0), self.x.max(axis=0)], axis=1)
 
 
-_FIRST = 64
-
-
 class Memory:
     """Runs by their keys: W values of each that has an outcome, a failure of each that has none.
 
@@ -145,7 +142,7 @@ class Memory:
         self._parameters = parameters
         self.places: dict[bytes, int] = {}
         self.failures: dict[bytes, Failure] = {}
-        self._values = np.full((_FIRST, width), np.nan)
+        self._values = np.full((1, width), np.nan)
 
     def __len__(self) -> int:
         return len(self.places) + len(self.failures)
@@ -188,10 +185,21 @@ class Memory:
             self._values = np.concatenate([self._values, more])
 
 
-REPEATABLE = 1e-6
-"""Relative difference of two outcomes of the same run that is no cause for concern."""
-MOST = 24
-"""Runs that are made again: of those of which one in ten is random, one is found in 99 of 100."""
+@dataclass(frozen=True)
+class Repeatability:
+    """What is asked of a simulator's runs that are made again.
+
+    - `relative`: difference of two outcomes of the same run that is no cause for concern, of the
+      outcome or of the median of all. By judgement: far above rounding, far below any measurement.
+    - `most`: runs that are made again. Where one in ten is random, it is found in 92 of 100 studies
+      (1 - 0.9^24).
+    """
+
+    relative: float = 1e-6
+    most: int = 24
+
+
+REPEATABILITY = Repeatability()
 
 
 class Repeats:
@@ -203,8 +211,8 @@ class Repeats:
     [[0], [0], [0], [0, 4999, 9999, 14999, 19999, 24999, 29999, 34999, ...]]
     """
 
-    def __init__(self) -> None:
-        self._begun = False
+    def __init__(self, settings: Repeatability = REPEATABILITY) -> None:
+        self._settings, self._begun = settings, False
         self._made = self._again = 0
 
     def begin(self) -> None:
@@ -216,7 +224,7 @@ class Repeats:
         if not self._begun:
             return np.empty(0, np.intp)
         self._made += new
-        due = min(MOST, math.isqrt(self._made)) - self._again
+        due = min(self._settings.most, math.isqrt(self._made)) - self._again
         if due <= 0:
             return np.empty(0, np.intp)
         chosen = np.unique(np.linspace(0, new - 1, min(due, new)).astype(np.intp))
@@ -224,7 +232,9 @@ class Repeats:
         return chosen
 
 
-def differing(first: Array, again: Array) -> tuple[int, int] | None:
+def differing(
+    first: Array, again: Array, settings: Repeatability = REPEATABILITY
+) -> tuple[int, int] | None:
     """The first run and value in which (R, W) outcomes differ from those of the same runs again.
 
     Beyond a millionth of the value, or of what values are like. A run that has none in one of the
@@ -234,8 +244,8 @@ def differing(first: Array, again: Array) -> tuple[int, int] | None:
     (1, 0)
     """
     size = np.abs(first[np.isfinite(first)])
-    usual = REPEATABLE * float(np.median(size)) if size.size else 0.0
-    same = np.isclose(first, again, rtol=REPEATABLE, atol=usual, equal_nan=True)
+    usual = settings.relative * float(np.median(size)) if size.size else 0.0
+    same = np.isclose(first, again, rtol=settings.relative, atol=usual, equal_nan=True)
     same |= np.all(np.isnan(first), axis=1, keepdims=True)
     same |= np.all(np.isnan(again), axis=1, keepdims=True)
     found = np.argwhere(~same)

@@ -109,11 +109,26 @@ FORMAT = 1
 """The version of the tables below; a store of a higher one is left alone."""
 
 _MARK = 0x414C4541  # "ALEA": a database without it is not ours to write to
-# How long a process waits for another that is writing; one transaction takes milliseconds.
-_PATIENCE = 60.0
-# Kibibytes of the file that are held in memory: without them a store of a million runs is written
-# three times as often, because new runs belong all over its index.
-_CACHE = 65536
+
+
+@dataclass(frozen=True)
+class StoreSettings:
+    """How a store uses its file.
+
+    - `patience`: seconds that a process waits for another that is writing; one transaction takes
+      milliseconds. By judgement.
+    - `cache`: kibibytes of the file that are held in memory. Without them a store of a million runs
+      is written three times as often ("Cost of storing runs" in `python -m benchmarks runs`).
+    - `unsynced`: seconds of the simulator's work after which a commit waits for the disk: so much a
+      power cut may cost. By judgement.
+    """
+
+    patience: float = 60.0
+    cache: int = 65_536
+    unsynced: float = 1.0
+
+
+SETTINGS = StoreSettings()
 
 _TABLES = """
 CREATE TABLE simulators (
@@ -169,7 +184,7 @@ CREATE TEMP TABLE sought_runs (place INTEGER PRIMARY KEY, "case" INTEGER, x BLOB
 """
 
 
-def connected(path: Path) -> tuple[sqlite3.Connection, bool]:
+def connected(path: Path, settings: StoreSettings = SETTINGS) -> tuple[sqlite3.Connection, bool]:
     """A connection to the store at `path`, made if it is not there, and whether it can be written.
 
     Raises StoreError for what is not a store, is damaged, is of a newer format, or can be neither
@@ -188,11 +203,11 @@ def connected(path: Path) -> tuple[sqlite3.Connection, bool]:
         )
     with sqlite_errors(path):
         if not writable:
-            return _read_only(path), False
-        connection = _opened(path, "rwc")
+            return _read_only(path, settings), False
+        connection = _opened(path, "rwc", settings)
         try:
             _check(connection, path)
-            _write_ahead(connection)
+            _write_ahead(connection, settings.patience)
             _make_tables(connection)
             connection.executescript(_SOUGHT)
         except BaseException:
@@ -201,25 +216,25 @@ def connected(path: Path) -> tuple[sqlite3.Connection, bool]:
     return connection, True
 
 
-def _opened(path: Path, mode: str) -> sqlite3.Connection:
+def _opened(path: Path, mode: str, settings: StoreSettings) -> sqlite3.Connection:
     connection = sqlite3.connect(
         f"{path.resolve().as_uri()}?mode={mode}",
         uri=True,
-        timeout=_PATIENCE,
+        timeout=settings.patience,
         isolation_level=None,  # transactions begin and end where they are written
     )
     # Who adds a run has the number of its case from the same transaction: to ask again at every
     # run takes a third of the time.
     connection.execute("PRAGMA foreign_keys = OFF")
-    connection.execute(f"PRAGMA cache_size = -{_CACHE}")
+    connection.execute(f"PRAGMA cache_size = -{settings.cache}")
     return connection
 
 
-def _read_only(path: Path) -> sqlite3.Connection:
+def _read_only(path: Path, settings: StoreSettings) -> sqlite3.Connection:
     """A store that cannot be written; where nobody has, no file beside it is needed either."""
     log = path.with_name(f"{path.name}-wal")
     unwritten = not log.exists() or log.stat().st_size == 0
-    connection = _opened(path, "ro&immutable=1" if unwritten else "ro")
+    connection = _opened(path, "ro&immutable=1" if unwritten else "ro", settings)
     try:
         _check(connection, path)
         if _number(connection, "user_version") == 0:
@@ -252,17 +267,17 @@ def _number(connection: sqlite3.Connection, pragma: str) -> int:
     return int(connection.execute(f"PRAGMA {pragma}").fetchone()[0])
 
 
-def _write_ahead(connection: sqlite3.Connection) -> None:
+def _write_ahead(connection: sqlite3.Connection, patience: float) -> None:
     """Let readers read while one process writes; SQLite does not wait by itself here."""
-    give_up = time.monotonic() + _PATIENCE
+    give_up = time.monotonic() + patience
     while True:
         try:
             connection.execute("PRAGMA journal_mode = WAL")
             return
         except sqlite3.OperationalError as error:
-            if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() > give_up:
+            if _code(error) != sqlite3.SQLITE_BUSY or time.monotonic() > give_up:
                 raise
-            time.sleep(0.01)
+            time.sleep(patience / 10_000)
 
 
 def _make_tables(connection: sqlite3.Connection) -> None:
@@ -295,11 +310,16 @@ def sqlite_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
-        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-        problem, remedy = _TROUBLES.get(code, (f"{error}", "see that the file can be written"))
+        usual = f"{error}", "see that the file can be written"
+        problem, remedy = _TROUBLES.get(_code(error), usual)
         raise StoreError(f"{short(path)}: {problem}", remedy) from error
     except UnicodeDecodeError as error:  # SQLite quotes the damaged bytes
         raise StoreError(f"{short(path)}: the store of runs is damaged", MOVE_ASIDE) from error
+
+
+def _code(error: sqlite3.Error) -> int:
+    """The kind of an error, in the lowest byte of its code."""
+    return getattr(error, "sqlite_errorcode", 0) % 256
 
 
 MOVE_ASIDE = (
@@ -318,7 +338,7 @@ _TROUBLES = {
     sqlite3.SQLITE_NOTADB: ("this is not a store of runs, or it is damaged", MOVE_ASIDE),
     sqlite3.SQLITE_CORRUPT: ("the store of runs is damaged", MOVE_ASIDE),
     sqlite3.SQLITE_BUSY: (
-        f"another process has been writing to it for {_PATIENCE:.0f} s",
+        "another process has been writing to it for too long",
         "end that process, or name another file with --store",
     ),
     sqlite3.SQLITE_READONLY: (
@@ -331,9 +351,6 @@ _TROUBLES = {
     ),
 }
 
-
-SYNCED_AFTER = 1.0
-"""Seconds of the simulator's work after which a commit waits for the disk."""
 
 # A cross join is done in the order in which it is written.
 _NUMBERED = (
@@ -372,8 +389,9 @@ class Store:
     """The runs of any number of simulators in the file `path`, made if it is not there.
 
     A process that is killed loses nothing that was added. A power cut loses at most the last
-    SYNCED_AFTER seconds of the simulator's work: so much is handed to the system without waiting
-    for the disk, because the wait takes milliseconds. Any number of processes may use it at once.
+    second of the simulator's work (`settings.unsynced`): so much is handed to the system without
+    waiting for the disk, because the wait takes milliseconds. Any number of processes may use it at
+    once.
 
     `writable` is false where file or folder cannot be written: runs are then found, not added.
 
@@ -390,14 +408,15 @@ class Store:
     (1, [(0, 0.5, None, 1)])
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, settings: StoreSettings = SETTINGS) -> None:
         self.path = Path(path).absolute()  # a simulator may change the current folder
-        self.connection, self.writable = connected(self.path)
+        self.settings = settings
+        self.connection, self.writable = connected(self.path, settings)
         self._unsynced = 0.0
 
-    def __reduce__(self) -> tuple[type[Store], tuple[str]]:
+    def __reduce__(self) -> tuple[type[Store], tuple[str, StoreSettings]]:
         """Another process gets a connection of its own."""
-        return Store, (str(self.path),)
+        return Store, (str(self.path), self.settings)
 
     def __enter__(self) -> Self:
         return self
@@ -448,7 +467,7 @@ class Store:
         """
         conflict = _AGAIN if again else "DO NOTHING"
         self._unsynced += sum(row[5] or 0.0 for row in rows)
-        wait = self._unsynced >= SYNCED_AFTER
+        wait = self._unsynced >= self.settings.unsynced
         with sqlite_errors(self.path):
             self.connection.execute(f"PRAGMA synchronous = {'FULL' if wait else 'NORMAL'}")
             with transaction(self.connection):

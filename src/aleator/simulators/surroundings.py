@@ -13,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -44,9 +43,6 @@ STOP_ON = (
     r"| \bno\ (?:\w+\ ){0,3} licen[cs]es?\b"
 )
 """What a program prints where a disk is full, processes run out, or a license is refused."""
-
-NEARLY_FULL = 2**20
-"""Bytes that are free on a disk where a failed run is not believed to be its own."""
 
 _NOT_MADE = "a run could not be made"
 _GO_ON = "every run that was made is kept, and this one is not taken for a failure"
@@ -116,8 +112,11 @@ def require_space(folder: Path) -> None:
         raise full
 
 
-def full_disk(folder: Path, most: int) -> SurroundingsError | None:
-    """The error for a disk on which no more than `most` bytes are free, None for others."""
+def full_disk(folder: Path, most: int = 2**20) -> SurroundingsError | None:
+    """The error for a disk on which no more than `most` bytes are free, None for others.
+
+    With a MiB left (by judgement) a failed run is not believed to be its own.
+    """
     try:
         disk = os.statvfs(folder)
     except (OSError, AttributeError):  # Windows has no such function
@@ -151,10 +150,6 @@ def _is_ours(error: MemoryError) -> bool:
     return trace is not None and _PACKAGE in Path(trace.tb_frame.f_code.co_filename).parents
 
 
-GRACE = 3.0
-"""Time limits after which a worker whose function does not even hear the first one is ended."""
-
-
 def checked_limit(seconds: float | None) -> float | None:
     """A time limit that can be one. Raises SimulatorError for others."""
     if seconds is not None and not 0.0 < seconds < math.inf:
@@ -165,13 +160,13 @@ def checked_limit(seconds: float | None) -> float | None:
 
 
 @contextmanager
-def limited(seconds: float | None) -> Iterator[None]:
+def limited(seconds: float | None, patience: float = 3.0) -> Iterator[None]:
     """Raise RunFailed in what takes longer than so many seconds; None is no limit.
 
     Python code is stopped where it is, as by Ctrl-C, and again if it goes on. Compiled code that
-    does not return ends its worker after three times the limit and a second; nothing can end it in
-    this process. Needs the main thread, and a system with SIGALRM: elsewhere there is no limit.
-    Cost: some microseconds.
+    does not return ends its worker after `patience` times the limit and a second (by judgement);
+    nothing can end it in this process. Needs the main thread, and a system with SIGALRM: elsewhere
+    there is no limit. Cost: some microseconds.
 
     >>> with limited(0.01):
     ...     while True:
@@ -193,7 +188,7 @@ def limited(seconds: float | None) -> Iterator[None]:
     before = signal.signal(signal.SIGALRM, expire)
     try:
         signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
-        with _ended_worker(GRACE * seconds + 1.0):
+        with _ended_worker(patience * seconds + 1.0):
             yield
     finally:
         at_work = False
@@ -215,20 +210,17 @@ def _ended_worker(seconds: float) -> Iterator[None]:
             faulthandler.cancel_dump_traceback_later()
 
 
-APART = 10.0
-"""Seconds after which the trial of a slower run is broken off: how that ends is not known then."""
-_PAUSE = 0.001
-_RETURNED = 77
+_RETURNED = 77  # the exit code of a copy in which the call ended nothing
 _WATCH = 'read -r _ || printf "%s\\n" "$1" >&2'
 """A line comes when all is well; the end of the pipe without one is that of its writer."""
 
 
-def ending(call: Callable[[], object]) -> str | None:
+def ending(call: Callable[[], object], patience: float = 10.0) -> str | None:
     """How a call ends its process, tried in a copy of this one; None where it does not.
 
     A call that returns or raises ends nothing. What it prints is not shown, and what it changes in
-    memory is lost. None as well where it takes longer than `APART`, and on systems without the
-    cheap copies of Linux: nobody knows there.
+    memory is lost. None as well where it takes longer than `patience` s (by judgement), and on
+    systems without the cheap copies of Linux: nobody knows there.
 
     >>> ending(lambda: 1.0)
     >>> ending(lambda: os._exit(3)) if sys.platform == "linux" else "exit code 3"
@@ -236,26 +228,19 @@ def ending(call: Callable[[], object]) -> str | None:
     """
     if sys.platform != "linux":
         return None
+    copy = multiprocessing.get_context("fork").Process(target=_end_with, args=(call,))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # threads: a copy that waits is ended
-        copy = os.fork()
-    if not copy:
-        _end_with(call)
+        copy.start()
     try:
-        until = time.monotonic() + APART
-        while time.monotonic() < until:
-            if os.waitid(os.P_PID, copy, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None:
-                break
-            time.sleep(_PAUSE)
-        else:
-            return None
+        copy.join(patience)
+        code = copy.exitcode
     finally:
-        os.kill(copy, signal.SIGKILL)  # to one that has ended it does nothing
-        status = os.waitpid(copy, 0)[1]
-    if os.WIFSIGNALED(status):
-        return f"signal {os.WTERMSIG(status)}, {signal.strsignal(os.WTERMSIG(status))}"
-    code = os.waitstatus_to_exitcode(status)
-    return None if code == _RETURNED else f"exit code {code}"
+        copy.kill()
+        copy.join()
+    if code is None or code == _RETURNED:
+        return None
+    return f"exit code {code}" if code >= 0 else f"signal {-code}, {signal.strsignal(-code)}"
 
 
 @contextmanager

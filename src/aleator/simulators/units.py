@@ -176,7 +176,7 @@ def _cut(column: NDArray[Any], starts: Indices, ends: Indices) -> NDArray[Any]:
     return cells
 
 
-Answer = float | Array | Mapping[str, Any]
+RunValue = float | Array | Mapping[str, Any]
 """What one run returned: a number, an array (m,) of a series, or one of them for each response."""
 
 
@@ -256,7 +256,7 @@ class Form:
             raise self._unnamed(simulator, "one number a run")
         return _numbers(simulator, returned, count)[:, None]
 
-    def _listed(self, simulator: Simulator, answers: Sequence[Answer]) -> Array:
+    def _listed(self, simulator: Simulator, answers: Sequence[RunValue]) -> Array:
         values = np.full((len(answers), self.width), np.nan)
         for k, answer in enumerate(answers):
             if isinstance(answer, Mapping):

@@ -7,30 +7,29 @@ from collections.abc import Generator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import replace
+from datetime import timedelta
 from typing import Any
 
 import numpy as np
 
 from aleator.errors import StoreError
 from aleator.progress import Progress
-from aleator.simulators.dispatch import Dispatcher, made_here
+from aleator.simulators.dispatch import BATCHING, Batching, Dispatcher, made_here
 from aleator.simulators.runs import NOT_FINITE, Failure, Memory, Runs
 from aleator.simulators.store import MOVE_ASIDE, Case, Identity, Store
 from aleator.simulators.units import Bound, Units
 from aleator.types import Array
 
-_PATIENCE = 1.0
-"""Seconds after which progress is told."""
-
 
 class RunProgress:
-    """Tells `progress` how `total` runs come along, `known` of which need not be run.
+    """Says to `progress`, after `patience` s, how `total` runs come along beside `known` ones.
 
     >>> RunProgress.text(30, 100, known=10, failed=2, retried=0, rate=4.0)
     '30 of 100 runs, 10 of them known, 2 failed, 4 runs/s, about 18 s left'
     """
 
-    def __init__(self, progress: Progress, total: int, known: int) -> None:
+    def __init__(self, progress: Progress, total: int, known: int, patience: float = 1.0) -> None:
+        self._patience = patience
         self._progress, self._total, self._known = progress, total + known, known
         self._done = self._failed = self._retried = 0
         self._began = time.monotonic()
@@ -39,7 +38,7 @@ class RunProgress:
         """So many runs more are done; `failed` of these have no outcome."""
         self._done, self._failed = self._done + done, self._failed + failed
         seconds = time.monotonic() - self._began
-        if seconds > _PATIENCE and self._done + self._known < self._total:
+        if seconds > self._patience and self._done + self._known < self._total:
             text = self.text(
                 self._done + self._known, self._total, self._known, self._failed, self._retried,
                 self._done / seconds,
@@ -71,13 +70,10 @@ class RunProgress:
 
 
 def _duration(seconds: float) -> str:
-    if seconds < 90.0:
+    minute, hour = (timedelta(**{unit: 1}).total_seconds() for unit in ("minutes", "hours"))
+    if seconds < 1.5 * minute:
         return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400.0 else f"{seconds / 3600:.1f} h"
-
-
-_TOGETHER = 8192
-"""Runs that are sought in one query: what it takes in memory stays small."""
+    return f"{seconds / minute:.0f} min" if seconds < 1.5 * hour else f"{seconds / hour:.1f} h"
 
 
 class RunCache:
@@ -87,10 +83,12 @@ class RunCache:
     counts the runs that were new to it.
 
     What came with the names of its responses is kept under a case that has these names, so that a
-    study of another response does not take it for its own.
+    study of another response does not take it for its own. `together` runs are sought in one query
+    (by judgement: what it takes in memory stays small).
     """
 
-    def __init__(self, store: Store, bound: Bound, units: Units) -> None:
+    def __init__(self, store: Store, bound: Bound, units: Units, together: int = 8192) -> None:
+        self._together = together
         self.store, self.identity = store, Identity.of(bound.simulator)
         self._bound, names = bound, bound.parameters
         self._order = sorted(range(len(names)), key=lambda k: names[k])
@@ -108,8 +106,8 @@ class RunCache:
         """The same runs with outcomes and failures where the store has them."""
         outcome, failures = asked.outcome.copy(), dict[int, Failure]()
         for named in self._ways:
-            for start in range(0, len(asked), _TOGETHER):
-                rows = slice(start, start + _TOGETHER)
+            for start in range(0, len(asked), self._together):
+                rows = slice(start, start + self._together)
                 cases, keys = self._keys(asked.some(rows), named)
                 for place, value, message, attempts in self.store.find(
                     self.identity.fingerprint, cases, keys
@@ -142,13 +140,13 @@ class RunCache:
         named = made.named or False not in self._ways
         cases, keys = self._keys(made, named)
         rows: list[tuple[Any, ...]] = [
-            (case, x, value, None, None, seconds, made.host, now, 1)
-            for (case, x), value, seconds in zip(
-                keys, self._values(made), made.seconds.tolist(), strict=True
+            (case, x, None, fault.message, fault.log, seconds, made.host, now, 1)
+            if (fault := made.failures.get(k))
+            else (case, x, value, None, None, seconds, made.host, now, 1)
+            for k, ((case, x), value, seconds) in enumerate(
+                zip(keys, self._values(made), made.seconds.tolist(), strict=True)
             )
         ]
-        for k, failure in made.failures.items():
-            rows[k] = (*rows[k][:2], None, failure.message, failure.log, *rows[k][5:])
         try:
             self.added += self.store.add(self.identity, cases, rows)
         except KeyboardInterrupt:
@@ -167,9 +165,7 @@ class RunCache:
     def _keys(self, runs: Runs, named: bool) -> tuple[list[Case], list[tuple[int, bytes]]]:
         """The different cases of some runs; of each run the position of its case there, and x."""
         chosen, position = np.unique(runs.case, return_inverse=True)
-        size = 8 * len(self._order)
-        whole = np.ascontiguousarray(runs.x[:, self._order], dtype="<f8").tobytes()
-        x = [whole[k * size : (k + 1) * size] for k in range(len(runs))]
+        x = [row.tobytes() for row in np.ascontiguousarray(runs.x[:, self._order], dtype="<f8")]
         cases = [self._case(named, k) for k in chosen.tolist()]
         return cases, [*zip(position.tolist(), x, strict=True)]
 
@@ -201,7 +197,9 @@ class Workshop:
         cache: RunCache | None,
         executor: Executor | None,
         retries: int,
+        batching: Batching = BATCHING,
     ) -> None:
+        self._batching = batching
         self._bound, self._units, self._cache = bound, units, cache
         self._executor, self._retries = executor, retries
         self.memory = Memory(len(bound.parameters), units.width)
@@ -244,9 +242,9 @@ class Workshop:
     def made(self, asked: Runs, progress: RunProgress | None = None) -> Generator[Runs, None, None]:
         """The runs as they are made; after Ctrl-C those that were at work are waited for."""
         if self._executor is None:
-            yield from made_here(self._bound, asked)
+            yield from made_here(self._bound, asked, self._batching)
             return
-        workers = Dispatcher(self._bound, self._executor)
+        workers = Dispatcher(self._bound, self._executor, self._batching)
         try:
             yield from workers.make(asked, progress.stopping if progress else lambda _: None)
         except GeneratorExit:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import errno
 import json
-import math
 import os
 import secrets
 import shutil
@@ -23,8 +22,8 @@ from aleator.errors import SimulatorError, SurroundingsError, nearest
 from aleator.simulators.command.inputs import Columns
 from aleator.simulators.protocol import RunFailed
 from aleator.simulators.surroundings import (
-    NEARLY_FULL,
     STOP_ON,
+    checked_limit,
     full_disk,
     prevented,
     printed,
@@ -155,17 +154,14 @@ def close() -> None:
 
 
 STDIN, STDOUT, STDERR = "aleator.stdin", "aleator.stdout", "aleator.stderr"
-# What a message or a log keeps of a text without end.
-_TAIL = 4000
-# What a program gets to tidy up after SIGTERM, seconds.
-_GRACE = 1.0
 
 
 @dataclass(frozen=True)
 class Limits:
     """When a run has ended well: its exit code, within `timeout` seconds (None: no limit).
 
-    One that has not is not a run where it printed `stop_on`, or where the disk is full.
+    One that has not is not a run where it printed `stop_on`, or where the disk is full. After its
+    time limit a program has `grace` seconds to tidy up (by judgement).
 
     Raises SimulatorError for what cannot be these.
     """
@@ -173,12 +169,10 @@ class Limits:
     success_codes: tuple[int, ...] = (0,)
     timeout: float | None = None
     stop_on: str = STOP_ON
+    grace: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.timeout is not None and not 0 < self.timeout < math.inf:
-            raise SimulatorError(
-                f"timeout = {self.timeout:g} is no time", "give seconds, or leave it out: no limit"
-            )
+        checked_limit(self.timeout)
         if not self.success_codes:
             raise SimulatorError("success_codes is empty: every run would fail", "write [0]")
         require_pattern(self.stop_on)
@@ -186,7 +180,7 @@ class Limits:
     def judged(self, failure: RunFailed, folder: Path) -> RunFailed | SurroundingsError:
         """A failure in `folder` with what was printed there; or what the machine did."""
         said = failure.log or log(folder)
-        fault = printed(said, self.stop_on) or full_disk(folder, NEARLY_FULL)
+        fault = printed(said, self.stop_on) or full_disk(folder)
         return fault or RunFailed(failure.message, said)
 
 
@@ -227,7 +221,9 @@ def run(
         try:
             code = process.wait(limits.timeout)
         except subprocess.TimeoutExpired:
-            _ask_to_end(process)
+            os.killpg(process.pid, signal.SIGTERM)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(limits.grace)
             raise RunFailed(f"it was stopped after its {limits.timeout:g} s", log(folder)) from None
     if code not in limits.success_codes:
         raise RunFailed(f"it {_how(code)}", log(folder))
@@ -239,14 +235,6 @@ def _not_started(program: str, error: OSError | ValueError) -> RunFailed | Surro
         reason = getattr(error, "strerror", None) or str(error)
         return RunFailed(f"'{program}' cannot be started: {reason}")
     return prevented(error, f"'{program}' cannot be started")
-
-
-def _ask_to_end(process: subprocess.Popen[bytes]) -> None:
-    os.killpg(process.pid, signal.SIGTERM)
-    try:
-        process.wait(_GRACE)
-    except subprocess.TimeoutExpired:
-        return
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -265,20 +253,20 @@ def _how(code: int) -> str:
         return f"was ended by signal {-code}"
 
 
-def log(folder: Path) -> str:
-    """The last of what a run printed, errors last.
+def log(folder: Path, most: int = 4000) -> str:
+    """The last of what a run printed, errors last: `most` bytes of each (by judgement).
 
     >>> log(Path("nowhere"))
     ''
     """
-    texts = [_tail(folder / name) for name in (STDOUT, STDERR)]
+    texts = [_tail(folder / name, most) for name in (STDOUT, STDERR)]
     return "\n".join(filter(None, texts))
 
 
-def _tail(path: Path) -> str:
+def _tail(path: Path, most: int) -> str:
     try:
         with path.open("rb") as file:
-            file.seek(max(path.stat().st_size - _TAIL, 0))
+            file.seek(max(path.stat().st_size - most, 0))
             return file.read().decode("utf-8", "replace").strip()
     except OSError:
         return ""
@@ -290,8 +278,6 @@ def read_text(path: Path) -> str:
 
 
 FAILED, COMPLETED, TOLD = "failed_runs", "completed_runs", "aleator.run.json"
-# A box half of which fails must not fill the disk.
-_MOST_FAILED = 100
 
 
 class Keep(Enum):
@@ -307,7 +293,9 @@ class Folder:
     """How a run's folder is made: `files` of the study copied (or linked), then thrown or kept.
 
     `base` is the study's folder. Of a folder among the files everything in it comes along, under
-    its name. A link costs no time, but a program that writes to it writes to the original.
+    its name. A link costs no time, but a program that writes to it writes to the original. No more
+    than `most_failed` folders are kept (by judgement): a box half of which fails must not fill the
+    disk.
 
     Raises SimulatorError for a file that does not exist, and for two of one name.
     """
@@ -316,6 +304,7 @@ class Folder:
     files: tuple[str, ...] = ()
     link: bool = False
     keep: Keep = Keep.FAILED
+    most_failed: int = 100
 
     def __post_init__(self) -> None:
         names = [path.name for path in self.sources]
@@ -369,8 +358,8 @@ class Folder:
     def _move(self, folder: Path, kind: str, values: Columns, failure: RunFailed | None) -> str:
         """Keep the folder beside the study, with what it was run with: where, for a message."""
         home = self.base / kind
-        if failure is not None and _crowded(home):
-            return f"not kept: {home} holds {_MOST_FAILED} runs"
+        if failure is not None and home.is_dir() and len([*home.iterdir()]) >= self.most_failed:
+            return f"not kept: {home} holds {self.most_failed} runs"
         told = {"values": dict(values), "failure": failure and failure.message}
         target = home / folder.name
         try:
@@ -380,10 +369,6 @@ class Folder:
         except OSError as error:
             return f"not kept in {home}: {error.strerror}"
         return f"kept in {target}"
-
-
-def _crowded(home: Path) -> bool:
-    return home.is_dir() and sum(1 for _ in home.iterdir()) >= _MOST_FAILED
 
 
 def contents(paths: Sequence[Path]) -> Iterator[Path]:

@@ -17,11 +17,10 @@ Kind = Literal["co_simulation", "model_exchange"]
 
 REALS = frozenset({"Real", "Float64", "Float32"})
 INTEGERS = frozenset(
-    {"Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))}
+    ["Integer", "Int8", "Int16", "Int32", "Int64", "UInt8", "UInt16", "UInt32", "UInt64"]
 )
 NUMBERS = REALS | INTEGERS | {"Boolean", "Enumeration"}
 INTERFACES: dict[Kind, str] = {"co_simulation": "CoSimulation", "model_exchange": "ModelExchange"}
-DEFAULT_POINTS = 500  #: communication points where neither the user nor the FMU gives a step
 
 
 @dataclass(frozen=True)

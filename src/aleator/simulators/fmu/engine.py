@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from aleator.errors import AleatorError, SimulatorError, SurroundingsError
 from aleator.simulators.fmu import session
 from aleator.simulators.fmu.description import INTERFACES
-from aleator.simulators.fmu.session import Failed, Job, Session, Setup, Trajectory
+from aleator.simulators.fmu.session import Failed, FMURun, FMUSession, Setup, Trajectory
 from aleator.simulators.fmu.settings import Operation, Settled
 from aleator.simulators.protocol import RunFailed
 
@@ -34,13 +34,13 @@ class Inside:
         self.alive = True
         self._fmu = setup["fmu"]
         try:
-            self._session = Session(setup)
+            self._session = FMUSession(setup)
         except Exception as error:
             shutil.rmtree(setup["folder"], ignore_errors=True)
             log = getattr(error, "log", "")
             raise unusable(setup["fmu"], getattr(error, "message", str(error)), log) from None
 
-    def run(self, job: Job, timeout: float | None, logging: bool = False) -> Trajectory:
+    def run(self, job: FMURun, timeout: float | None, logging: bool = False) -> Trajectory:
         """The trajectory of a run; raises RunFailed. There is no time limit."""
         assert timeout is None
         self.runs += 1
@@ -69,10 +69,6 @@ def unusable(fmu: str, message: str, log: str, begun: bool = False) -> AleatorEr
     )
 
 
-START_LIMIT = 300.0  #: s that an FMU may take to be instantiated, as some ask for a license first
-LOG_TAIL = 4000  #: bytes of what the FMU printed that a failure shows
-
-
 class Hung(RunFailed):
     """A run that was killed by its time limit."""
 
@@ -81,12 +77,17 @@ class Child:
     """A session in a child process; it ends when this is closed, or when this process ends.
 
     A program of its own rather than `multiprocessing`, so that neither a script without a main
-    guard nor a daemonic worker is in its way.
+    guard nor a daemonic worker is in its way. An FMU may take `start` s to be instantiated, as some
+    ask for a license first, and `end` s to be freed; a failure shows `log` bytes of what it printed
+    (all by judgement).
 
     Raises SimulatorError if the FMU cannot be instantiated.
     """
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(
+        self, setup: Setup, start: float = 300.0, end: float = 5.0, log: int = 4000
+    ) -> None:
+        self._end, self._most = end, log
         self.runs = 0
         self.note = ""
         self._fmu, self._folder = setup["fmu"], setup["folder"]
@@ -98,14 +99,14 @@ class Child:
             stderr=self._printed,
         )
         try:
-            answer = self._ask(setup, START_LIMIT)
+            answer = self._ask(setup, start)
         except (Failed, TimeoutError) as error:
             self.kill()
-            log = getattr(error, "log", "")
-            raise unusable(setup["fmu"], getattr(error, "message", str(error)), log) from None
+            said = getattr(error, "log", "")
+            raise unusable(setup["fmu"], getattr(error, "message", str(error)), said) from None
         assert answer == ("ready",)
 
-    def run(self, job: Job, timeout: float | None, logging: bool = False) -> Trajectory:
+    def run(self, job: FMURun, timeout: float | None, logging: bool = False) -> Trajectory:
         """The trajectory of a run; raises RunFailed, or Hung.
 
         Afterwards `alive` is false if the process had to be killed, ended by itself, or must not be
@@ -139,7 +140,7 @@ class Child:
         if self.alive and self._process.stdin is not None:
             try:
                 self._process.stdin.close()
-                self._process.wait(timeout=5.0)
+                self._process.wait(timeout=self._end)
             except (OSError, subprocess.TimeoutExpired):
                 pass
         self.kill()
@@ -191,7 +192,7 @@ class Child:
 
     def _tail(self, start: int) -> str:
         end = self._printed.seek(0, 2)
-        self._printed.seek(max(start, end - LOG_TAIL))
+        self._printed.seek(max(start, end - self._most))
         return self._printed.read().decode(errors="replace").strip()
 
 
@@ -241,7 +242,7 @@ class Engine:
         """What a user should know of how the runs went: a reset that was given up."""
         return tuple(self._notes)
 
-    def run(self, job: Job) -> Trajectory:
+    def run(self, job: FMURun) -> Trajectory:
         """The trajectory of a run. Raises RunFailed, with what the FMU logged."""
         with self._lock:
             try:
@@ -270,14 +271,14 @@ class Engine:
         self._finalizer: Any = lambda: None
         self._pid = os.getpid()
 
-    def _run(self, job: Job, logging: bool = False) -> Trajectory:
+    def _run(self, job: FMURun, logging: bool = False) -> Trajectory:
         process = self._opened()
         trajectory = process.run(job, self._operation.timeout, logging)
         if process.note:
             self._notes[process.note] = None
         return trajectory
 
-    def _logged(self, job: Job) -> str:
+    def _logged(self, job: FMURun) -> str:
         """What the FMU logs in a run that failed silently: it is repeated with its log on."""
         try:
             self._run(job, logging=True)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from aleator.errors import SimulatorError
 from aleator.simulators.derived import Expression, parse
 from aleator.simulators.fmu.description import Description
+from aleator.simulators.fmu.session import SETTINGS
 from aleator.simulators.fmu.settings import Settled
 from aleator.simulators.function import FunctionSimulator, load_function
 from aleator.simulators.protocol import Columns, RunFailed
@@ -153,7 +154,7 @@ def _root(time: Array, offset: Array, k: int, cubic: bool) -> float:
     for order in range(1, 4):
         table[order:] = (table[order:] - table[order - 1 : -1]) / (x[order:] - x[:-order])
     low, high = 0.0, 1.0
-    for _ in range(52):
+    for _ in range(np.finfo(np.float64).nmant):
         middle = 0.5 * (low + high)
         value = table[3]
         for coefficient, node in zip(table[2::-1], x[2::-1], strict=True):
@@ -234,7 +235,7 @@ def sampled(reductions: Sequence[Reduction], trajectory: Trajectory, times: Arra
     return values
 
 
-def until(trajectory: Trajectory, time: float) -> Trajectory:
+def until(trajectory: Trajectory, time: float, close: float = SETTINGS.close) -> Trajectory:
     """The trajectory until a time, where it has a sample there; else with one interpolated.
 
     >>> run = {"time": np.array([0.0, 1.0]), "h": np.array([4.0, 8.0]), "n": np.array([1, 2])}
@@ -242,12 +243,11 @@ def until(trajectory: Trajectory, time: float) -> Trajectory:
     {'time': [0.0, 0.25], 'h': [4.0, 5.0], 'n': [1, 1]}
     """
     instants = trajectory["time"]
-    count = int(np.searchsorted(instants, time + 2e-9 * abs(time), side="right"))
+    count = int(np.searchsorted(instants, time + close * abs(time), side="right"))
     if count == len(instants):
         return trajectory
     past = {name: values[:count] for name, values in trajectory.items()}
-    # FMPy takes times for equal that differ by less than a billionth.
-    if math.isclose(instants[count - 1], time, rel_tol=2e-9):
+    if math.isclose(instants[count - 1], time, rel_tol=close):
         return past
     share = (time - instants[count - 1]) / (instants[count] - instants[count - 1])
     return {

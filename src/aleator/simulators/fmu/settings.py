@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError, nearest
 from aleator.simulators.fmu.description import (
-    DEFAULT_POINTS,
     INTEGERS,
     NUMBERS,
     REALS,
@@ -28,8 +27,23 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-CLOSE = 1e-9  #: relative difference of times that FMPy takes for equal
-SHORTEST = 1e-3  #: s of a run that is asked for its start alone: an FMU wants to stop after that
+@dataclass(frozen=True)
+class TimeSettings:
+    """How the times of a run are placed.
+
+    - `steps`: of a run where neither the user nor the FMU gives a step. By judgement: what other
+      tools take.
+    - `close`: relative difference of times that FMPy takes for equal.
+    - `shortest`: s of a run that is asked for its start alone, as an FMU wants to stop after that.
+      By judgement.
+    """
+
+    steps: int = 500
+    close: float = 1e-9
+    shortest: float = 1e-3
+
+
+TIMES = TimeSettings()
 
 
 @dataclass(frozen=True)
@@ -71,7 +85,7 @@ class Course:
                     f"the stop time {stop:g} s is not after the start time {start:g} s",
                     "correct stop_time or start_time",
                 )
-            step = step if step is not None else (stop - start) / DEFAULT_POINTS
+            step = step if step is not None else (stop - start) / TIMES.steps
         tolerance = self.tolerance if self.tolerance is not None else fmu.tolerance
         inside = kind == "co_simulation"
         whole, internal = inside and fmu.fixed_step, fmu.internal_step if inside else None
@@ -112,7 +126,7 @@ class Settled:
             repr(time) if isinstance(time, str) else f"{time:g}"
             for time in (self.start_time, self.stop_time)
         )
-        step = f"{DEFAULT_POINTS} steps" if self.step is None else f"steps of {self.step:g} s"
+        step = f"{TIMES.steps} steps" if self.step is None else f"steps of {self.step:g} s"
         return f"from {start} to {stop} s in {step}"
 
     def check(self, fmu: Description) -> None:
@@ -133,7 +147,7 @@ class Settled:
                 "correct step",
             )
         steps = length / self.step
-        if self.whole and not math.isclose(steps, round(steps), rel_tol=CLOSE):
+        if self.whole and not math.isclose(steps, round(steps), rel_tol=TIMES.close):
             raise SimulatorError(
                 f"the FMU {fmu.file.name} takes steps of one length only, and {length:g} s are "
                 f"{steps:g} steps of {self.step:g} s",
@@ -159,8 +173,8 @@ class Settled:
             )
         stop = float(np.max(times))
         if stop == start:
-            stop += self.step or SHORTEST
-        step = self.step or (stop - start) / DEFAULT_POINTS
+            stop += self.step or TIMES.shortest
+        step = self.step or (stop - start) / TIMES.steps
         if self.whole:
             return Span(start, _whole_steps(start, stop, step), step, times)
         placed = times
@@ -188,12 +202,12 @@ class Span:
 def _points(start: float, stop: float, step: float, times: Array) -> Array:
     """Communication points after every step, at every time, and at the end; none if steps do."""
     regular = start + step * np.round((times - start) / step)
-    between = times[~np.isclose(regular, times, rtol=CLOSE, atol=0.0)]
+    between = times[~np.isclose(regular, times, rtol=TIMES.close, atol=0.0)]
     if np.all(between == stop):
         return np.empty(0)
     steps = start + step * np.arange(1, math.ceil((stop - start) / step))
     points = np.unique(np.concatenate([between, steps, [stop]]))
-    apart = np.append(~np.isclose(points[1:], points[:-1], rtol=CLOSE, atol=0.0), True)
+    apart = np.append(~np.isclose(points[1:], points[:-1], rtol=TIMES.close, atol=0.0), True)
     return points[apart & (points > start)]
 
 
@@ -203,14 +217,14 @@ def _neighbours(start: float, step: float, times: Array) -> Array:
     Between them an FMU may answer with what was at the last one, an error of first order.
     """
     steps = (times - start) / step
-    near = np.where(np.isclose(steps, np.round(steps), rtol=CLOSE), np.round(steps), steps)
+    near = np.where(np.isclose(steps, np.round(steps), rtol=TIMES.close), np.round(steps), steps)
     return start + step * np.concatenate([np.floor(near), np.ceil(near)])
 
 
 def _whole_steps(start: float, stop: float, step: float) -> float:
     """The end of the last whole step that is needed to reach `stop`."""
     steps = (stop - start) / step
-    if math.isclose(steps, round(steps), rel_tol=CLOSE):
+    if math.isclose(steps, round(steps), rel_tol=TIMES.close):
         return stop
     return start + step * math.ceil(steps)
 

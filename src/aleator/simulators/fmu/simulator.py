@@ -28,7 +28,7 @@ from aleator.simulators.fmu.reduction import (
     require_times,
     sampled,
 )
-from aleator.simulators.fmu.session import Job, Trajectory
+from aleator.simulators.fmu.session import FMURun, Trajectory
 from aleator.simulators.fmu.settings import (
     Course,
     Operation,
@@ -37,7 +37,7 @@ from aleator.simulators.fmu.settings import (
     assembled,
     checked_input,
 )
-from aleator.simulators.protocol import SINGLE_BLOCK, Columns, Returned, RunFailed, one_by_one
+from aleator.simulators.protocol import BLOCKS, Columns, Returned, RunFailed, one_by_one
 from aleator.simulators.surroundings import printed
 from aleator.types import Array
 
@@ -68,7 +68,7 @@ class FMUSimulator:
     0.3 ms for a run of 20 steps beyond what the FMU itself takes.
     """
 
-    block = SINGLE_BLOCK
+    block = BLOCKS.single
     vectorized = False  # slow runs are then kept one by one
 
     def __init__(
@@ -263,7 +263,7 @@ class FMUSimulator:
         return dict(zip(self.responses, parts, strict=True)) if self.responses else parts[0]
 
     def _trajectory(self, cells: Mapping[str, Any], span: Span) -> Trajectory:
-        job = Job(
+        job = FMURun(
             values={**self.constants, **self._binding.values(cells)},
             start_time=span.start,
             stop_time=span.stop,
