@@ -258,7 +258,7 @@ def test_slow_runs_tell_their_progress(monkeypatch: pytest.MonkeyPatch) -> None:
             self.texts.append(f"{text} {done} {total}")
 
     clock = iter(np.arange(0.0, 100.0, 2.0))
-    monkeypatch.setattr("aleator.simulators.workshop.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("aleator.simulators.execution.time.monotonic", lambda: next(clock))
     listener = Listener()
     run = runner(lambda load, x: x, vectorized=True, progress=listener, batching=Batching(here=0.0))
     run.simulator.block = 16

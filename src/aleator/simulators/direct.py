@@ -39,14 +39,14 @@ class DirectSettings:
 SETTINGS = DirectSettings()
 
 
-class Together:
+class ArrayCalls:
     """Runs of an `elementwise` function in one call, which gets the rows of all one below another.
 
     >>> import pandas as pd
     >>> from aleator.simulators.units import Cases
     >>> from aleator.simulators.function import FunctionSimulator
     >>> cases = Cases.of({"load": np.array([1.0, 2.0])}, 2)
-    >>> together = Together(Bound(FunctionSimulator(lambda load, x: load * x), cases, ("x",)))
+    >>> together = ArrayCalls(Bound(FunctionSimulator(lambda load, x: load * x), cases, ("x",)))
     >>> together(np.array([0, 1, 1]), np.array([[1.0], [1.0], [3.0]])).tolist()
     [[1.0], [2.0], [6.0]]
     """
@@ -116,7 +116,7 @@ def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings 
     """
     case, x = case[: settings.checked], x[: settings.checked]
     try:
-        together = Together(bound)(case, x)
+        together = ArrayCalls(bound)(case, x)
         returned = bound.simulator(*bound.columns(case, x))
         each = bound.form.some(case).shaped(bound.simulator, returned, len(case))
     except (KeyboardInterrupt, SurroundingsError):
@@ -161,9 +161,9 @@ class DirectRuns:
     def __init__(self, bound: Bound, settings: DirectSettings = SETTINGS) -> None:
         self._bound, self._simulator, self._form = bound, bound.simulator, bound.form
         self._settings = settings
-        self._together: Together | None = None
+        self._together: ArrayCalls | None = None
         self.count = self.lost = 0
-        self.failures = Runs.asked(np.empty(0, np.intp), np.empty((0, len(bound.parameters))))
+        self.failures = Runs.planned(np.empty(0, np.intp), np.empty((0, len(bound.parameters))))
 
     def __call__(self, case: Indices, x: Array) -> Array:
         """Values (R, W) of runs of `case` (R,) with parameters `x` (R, n), as they were returned.
@@ -203,7 +203,7 @@ class DirectRuns:
         points = region[:, 0] + share * (region[:, 1] - region[:, 0])
         self.count += count
         found = elementwise(self._bound, case, points, self._settings)
-        self._together = Together(self._bound) if found else None
+        self._together = ArrayCalls(self._bound) if found else None
         return found
 
     def _note(self, case: Indices, x: Array, values: Array, failures: Failures) -> None:
@@ -223,7 +223,7 @@ class DirectRuns:
                     zip(first.tolist(), columns.tolist(), strict=True)
                 )
             }
-            asked = replace(Runs.asked(case[first], x[first]), failures=noted)
+            asked = replace(Runs.planned(case[first], x[first]), failures=noted)
             self.failures = Runs.joined([self.failures, asked])
 
     def _block(self, case: Indices, x: Array) -> tuple[Array, Failures]:
@@ -247,7 +247,7 @@ class DirectRuns:
         done, failures = 0, dict[int, Failure]()
         while done < len(case):
             left = slice(done, None)
-            asked = Runs.asked(case[left], x[left], form.width)
+            asked = Runs.planned(case[left], x[left], form.width)
             conditions = self._bound.cases.at(case[left])
             made = make(self._simulator, conditions, names, anything.some(left), asked, np.inf)
             if made.stopped:

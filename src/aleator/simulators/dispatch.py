@@ -82,7 +82,7 @@ def make(
     >>> from aleator.simulators.function import FunctionSimulator
     >>> def inverse(x):
     ...     return 1.0 / x
-    >>> asked = Runs.asked(np.zeros(3, int), np.array([[2.0], [0.0], [4.0]]))
+    >>> asked = Runs.planned(np.zeros(3, int), np.array([[2.0], [0.0], [4.0]]))
     >>> made = make(FunctionSimulator(inverse), {}, ["x"], Form(), asked, 1.0)
     >>> made.outcome.tolist(), [*made.failures]
     ([[0.5], [nan], [0.25]], [1])
@@ -247,7 +247,7 @@ def made_here(bound: Bound, asked: Runs, batching: Batching = BATCHING) -> Itera
     >>> import numpy as np
     >>> from aleator.simulators.function import FunctionSimulator
     >>> half = FunctionSimulator(lambda x: x / 2, vectorized=True)
-    >>> asked = Runs.asked(np.zeros(2, int), np.array([[1.0], [4.0]]))
+    >>> asked = Runs.planned(np.zeros(2, int), np.array([[1.0], [4.0]]))
     >>> from aleator.simulators.units import Cases
     >>> bound = Bound(half, Cases.of({}, 1), ("x",))
     >>> [made.outcome.tolist() for made in made_here(bound, asked)]

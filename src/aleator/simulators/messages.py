@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from aleator.errors import SimulatorError, short
+from aleator.simulators.execution import RunCache
 from aleator.simulators.protocol import NoOutcome, Simulator, with_log
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.simulators.units import Cases, Units
-from aleator.simulators.workshop import RunCache
 from aleator.types import Array, Flags
 
 

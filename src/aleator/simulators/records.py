@@ -9,11 +9,12 @@ import json
 import math
 import os
 import sqlite3
+import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-LAST_MOMENT = 253_370_764_800.0
-"""Seconds from 1970 to the year 9999, the last that a date can tell everywhere."""
+LAST_MOMENT = (datetime.max - timedelta(days=1)).replace(tzinfo=UTC).timestamp()
+"""The last moment, in seconds since 1970, that a date can tell in every time zone."""
 
 
 @dataclass(frozen=True)
@@ -235,7 +236,7 @@ def _cells(run: StoredRun) -> dict[str, Any]:
         "version": run.simulator.version,
         **{f"{CONDITION}{name}": as_cell(value) for name, value in run.conditions.items()},
         **{f"{PARAMETER}{name}": value for name, value in run.parameters.items()},
-        **_form(run),
+        **({} if run.rows is None else {"rows": run.rows, "responses": _json(run.responses)}),
         "outcome": json.dumps(run.outcome) if isinstance(run.outcome, tuple) else run.outcome,
         "failure": run.failure,
         "log": run.log,
@@ -244,12 +245,6 @@ def _cells(run: StoredRun) -> dict[str, Any]:
         "time": datetime.fromtimestamp(run.time, UTC).isoformat(),
         "attempt": run.attempt,
     }
-
-
-def _form(run: StoredRun) -> dict[str, Any]:
-    if run.rows is None:
-        return {}
-    return {"rows": run.rows, "responses": json.dumps(run.responses, ensure_ascii=False)}
 
 
 def as_cell(value: Any) -> Any:
@@ -261,7 +256,7 @@ def as_cell(value: Any) -> Any:
     if isinstance(value, float) and math.isfinite(value):
         return value
     plain = isinstance(value, str) and value and not _is_json(value)
-    return value if plain else json.dumps(value, ensure_ascii=False)
+    return value if plain else _json(value)
 
 
 def from_cell(text: str) -> Any:
@@ -270,22 +265,20 @@ def from_cell(text: str) -> Any:
     >>> from_cell("2"), from_cell("bench"), from_cell('"7"')
     (2.0, 'bench', '7')
     """
-    return _json(text) if _is_json(text) else text
+    return json.loads(text, parse_int=float) if _is_json(text) else text
 
 
 def _is_json(text: str) -> bool:
+    """Whether a text is JSON without half a character, which no file can hold."""
     try:
-        _json(text)
+        _json(json.loads(text)).encode()
     except (ValueError, RecursionError):
         return False
     return True
 
 
-def _json(text: str) -> Any:
-    """Raises ValueError for what is no JSON, or has half a character, which no file can hold."""
-    value = json.loads(text, parse_int=float)
-    json.dumps(value, ensure_ascii=False).encode()
-    return value
+def _json(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)
 
 
 def write(runs: Iterable[StoredRun], path: Path) -> int:
@@ -318,9 +311,6 @@ def write(runs: Iterable[StoredRun], path: Path) -> int:
             f"{path}: the file cannot be written: {error.strerror}", "name another file"
         ) from None
     return len(frame)
-
-
-_MOST = 2**31
 
 
 @dataclass(frozen=True)
@@ -441,83 +431,47 @@ def _run(cells: Mapping[str | None, str | None], simulator: Identity | None) -> 
     """One row, with the number 0; raises ValueError for what is not a run."""
     if None in cells or None in cells.values():
         raise ValueError("it has another number of cells than the header")
-    given = {str(name): value or "" for name, value in cells.items()}
-    conditions = {
-        name.removeprefix(CONDITION): from_cell(cell)
-        for name, cell in given.items()
-        if name.startswith(CONDITION) and cell
-    }
-    parameters = {
-        name.removeprefix(PARAMETER): _number(name, cell)
-        for name, cell in given.items()
-        if name.startswith(PARAMETER) and cell
-    }
-    rows = _whole("rows", given["rows"]) if given.get("rows") else None
-    responses = _names(given["responses"]) if given.get("responses") else ()
-    outcome, failure = _made(given, (rows or 1) * max(1, len(responses)))
-    seconds = _number("seconds", given["seconds"]) if given.get("seconds") else None
-    if seconds is not None and seconds < 0.0:
-        raise ValueError(f"column 'seconds': {seconds:g} is negative")
-    return StoredRun(
-        number=0,
-        simulator=_simulator_of(given, simulator),
-        conditions=conditions,
-        parameters=parameters,
-        outcome=outcome,
-        failure=failure,
-        log=given.get("log") or None,
-        seconds=seconds,
-        host=given.get("host", ""),
-        time=_moment(given["time"]) if given.get("time") else time.time(),
-        attempt=_whole("attempt", given.get("attempt") or "1"),
-        rows=rows,
-        responses=responses,
-    )
-
-
-def _simulator_of(given: Mapping[str, str], simulator: Identity | None) -> Identity:
-    fingerprint = given.get("fingerprint")
-    if not fingerprint:
-        if simulator is None:
-            raise ValueError("its fingerprint is blank")
-        return simulator
-    return Identity(fingerprint, *(given.get(name, "") for name in OWN[1:]))
-
-
-def _made(
-    given: Mapping[str, str], size: int
-) -> tuple[float | tuple[float, ...] | None, str | None]:
-    """The outcome of so many values, or else the failure."""
-    cell, failure = given.get("outcome"), given.get("failure")
-    if not cell:
-        if not failure:
-            raise ValueError("it has neither an outcome nor a failure")
-        return None, failure
-    if failure:
+    given = {str(name): cell for name, cell in cells.items() if cell}
+    found = {name: read(name, given[name]) for name, read in _CELLS.items() if name in given}
+    outcome: Any = found.get("outcome")
+    failure = given.get("failure")
+    if outcome is None and failure is None:
+        raise ValueError("it has neither an outcome nor a failure")
+    if outcome is not None and failure is not None:
         raise ValueError("it has an outcome and a failure")
-    values = _listed(cell) if cell.startswith("[") else _number("outcome", cell)
-    count = len(values) if isinstance(values, tuple) else 1
-    if count != size:
+    rows, responses = found.get("rows"), found.get("responses", ())
+    count, size = len(np.atleast_1d(outcome)), (rows or 1) * max(1, len(responses))
+    if outcome is not None and count != size:
         raise ValueError(
             f"column 'outcome': {count} values, and by its rows and responses there are {size}"
         )
-    return values, None
-
-
-def _listed(cell: str) -> tuple[float, ...]:
-    """The values of a series: those that nobody measured need not be finite."""
-    values = json.loads(cell)
-    if not all(type(value) in (int, float) for value in values):
-        raise ValueError("column 'outcome': the list is not one of numbers")
-    return tuple(map(float, values))
-
-
-def _names(cell: str) -> tuple[str, ...]:
-    names: Any = from_cell(cell)
-    texts = isinstance(names, list) and all(isinstance(name, str) and name for name in names)
-    if not texts or len({*names}) < len(names):
-        raise ValueError(f"column 'responses': {cell[:40]} is not a list of names")
-    return tuple(names)
+    if "fingerprint" in given:
+        simulator = Identity(given["fingerprint"], *(given.get(name, "") for name in OWN[1:]))
+    if simulator is None:
+        raise ValueError("its fingerprint is blank")
+    return StoredRun(
+        number=0,
+        simulator=simulator,
+        conditions={
+            name.removeprefix(CONDITION): from_cell(cell)
+            for name, cell in given.items()
+            if name.startswith(CONDITION)
+        },
+        parameters={
+            name.removeprefix(PARAMETER): _number(name, cell)
+            for name, cell in given.items()
+            if name.startswith(PARAMETER)
+        },
+        outcome=outcome,
+        failure=failure,
+        log=given.get("log"),
+        seconds=found.get("seconds"),
+        host=given.get("host", ""),
+        time=found.get("time", time.time()),
+        attempt=found.get("attempt", 1),
+        rows=rows,
+        responses=responses,
+    )
 
 
 def _number(name: str, cell: str) -> float:
@@ -526,23 +480,57 @@ def _number(name: str, cell: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"column '{name}': '{cell[:40]}' is not a finite number")
+        raise _odd(name, cell, "is not a finite number")
     return value
 
 
 def _whole(name: str, cell: str) -> int:
     value = _number(name, cell)
-    if not (value.is_integer() and 1 <= value < _MOST):
-        raise ValueError(f"column '{name}': '{cell[:40]}' is not a whole number from 1")
+    if not (value.is_integer() and 1 <= value < sys.maxsize):
+        raise _odd(name, cell, "is not a whole number from 1")
     return int(value)
 
 
-def _moment(cell: str) -> float:
+def _outcome(name: str, cell: str) -> float | tuple[float, ...]:
+    """A number, or the values of a series: those that nobody measured need not be finite."""
+    if not cell.startswith("["):
+        return _number(name, cell)
+    values = json.loads(cell)
+    if not all(type(value) in (int, float) for value in values):
+        raise _odd(name, cell, "is not a list of numbers")
+    return tuple(map(float, values))
+
+
+def _names(name: str, cell: str) -> tuple[str, ...]:
+    names: Any = from_cell(cell)
+    texts = isinstance(names, list) and all(isinstance(one, str) and one for one in names)
+    if not texts or len({*names}) < len(names):
+        raise _odd(name, cell, "is not a list of names")
+    return tuple(names)
+
+
+def _seconds(name: str, cell: str) -> float:
+    if (value := _number(name, cell)) < 0.0:
+        raise _odd(name, cell, "is negative")
+    return value
+
+
+def _moment(name: str, cell: str) -> float:
     """Seconds since 1970 of a date with a time."""
     try:
         value = datetime.fromisoformat(cell).timestamp()
     except (ValueError, OverflowError, OSError):
         value = math.nan
-    if not 0.0 <= value <= LAST_MOMENT:
-        raise ValueError(f"column 'time': '{cell[:40]}' is no time such as 2026-01-31T12:00+00:00")
+    if not _is_moment(value):
+        raise _odd(name, cell, "is no time such as 2026-01-31T12:00+00:00")
     return value
+
+
+_CELLS: Mapping[str, Callable[[str, str], Any]] = {
+    "rows": _whole, "responses": _names, "outcome": _outcome, "seconds": _seconds,
+    "time": _moment, "attempt": _whole,
+}  # fmt: skip
+
+
+def _odd(name: str, cell: str, what: str, most: int = 40) -> ValueError:
+    return ValueError(f"column '{name}': '{cell[:most]}' {what}")

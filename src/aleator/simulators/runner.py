@@ -18,6 +18,7 @@ from aleator.errors import SimulatorError
 from aleator.progress import Progress, Silent
 from aleator.simulators.direct import DirectRuns
 from aleator.simulators.dispatch import BATCHING, Batching
+from aleator.simulators.execution import Execution, RunCache, RunProgress
 from aleator.simulators.function import FunctionSimulator, as_simulator
 from aleator.simulators.messages import Messages
 from aleator.simulators.protocol import Simulator
@@ -25,7 +26,6 @@ from aleator.simulators.runs import REPEATABILITY, Repeats, Runs, differing
 from aleator.simulators.store import Store
 from aleator.simulators.surroundings import ending, watched
 from aleator.simulators.units import Bound, Cases, Form, Units
-from aleator.simulators.workshop import RunCache, RunProgress, Workshop
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
@@ -202,18 +202,18 @@ class Runner:
         form = Form.of(served, self.cases, self.ids)
         self._bound = bound = Bound(self.simulator, self.cases, self.parameters, form)
         self.cache = None if store is None else RunCache(store, bound, served)
-        self._workshop = Workshop(bound, served, self.cache, executor, retries, batching)
-        self._memory = self._workshop.memory
+        self._execution = Execution(bound, served, self.cache, executor, retries, batching)
+        self._memory = self._execution.memory
         self._direct = DirectRuns(bound)
         self._repeats = Repeats()
         self._messages = Messages(self.simulator, self.ids, self.parameters, self.cases, served)
-        self.account = Account(Budget(), self._workshop)
+        self.account = Account(Budget(), self._execution)
 
     def __getstate__(self) -> dict[str, Any]:
         """What travels to another process: without the store, the workers, and who listens."""
-        alone = Workshop(self._bound, self._served, None, None, self.retries, self._batching)
+        alone = Execution(self._bound, self._served, None, None, self.retries, self._batching)
         here = {"cache": None, "executor": None, "progress": Silent()}
-        made = {"_workshop": alone, "_memory": alone.memory, "account": Account(Budget(), alone)}
+        made = {"_execution": alone, "_memory": alone.memory, "account": Account(Budget(), alone)}
         return {**vars(self), **here, **made}
 
     @property
@@ -256,11 +256,11 @@ class Runner:
     @property
     def fresh(self) -> int:
         """The number of runs that were made here and have an outcome."""
-        return self._workshop.fresh
+        return self._execution.fresh
 
     def allow(self, budget: Budget) -> None:
         """Count new runs, and hours from now on, against a budget; see `account`."""
-        self.account = Account(budget, self._workshop)
+        self.account = Account(budget, self._execution)
 
     @property
     def seconds(self) -> float:
@@ -268,7 +268,7 @@ class Runner:
 
         Of runs that a function makes in one call it is their share.
         """
-        tried, took = self._workshop.tried, self._workshop.seconds
+        tried, took = self._execution.tried, self._execution.seconds
         if not tried and self.cache is not None:
             stored = self.cache.store.counts(self.cache.identity)
             tried, took = stored.runs, stored.seconds
@@ -277,12 +277,12 @@ class Runner:
     @property
     def completed(self) -> Runs:
         """Every run that has an outcome, in the order in which they became known."""
-        return self._memory.known([*self._memory.places])
+        return self._memory.remembered([*self._memory.places])
 
     @property
     def failures(self) -> Runs:
         """Every run that was needed and has no outcome."""
-        return self._memory.known([*self._memory.failures])
+        return self._memory.remembered([*self._memory.failures])
 
     @property
     def lost(self) -> tuple[int, Runs]:
@@ -292,13 +292,13 @@ class Runner:
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Array:
         """Run unit `index` (R,) with parameters `x` (R, n): outcomes (R,), transformed."""
         keys, distinct = self._keys(index, x)
-        self._workshop.recall(distinct, failures=False)
+        self._execution.recall(distinct, failures=False)
         missing = [key for key in distinct if key not in self._memory.places]
         with self._making(missing, len(distinct)) as batches:
             for made in batches:
                 if made.failures:
                     break
-        tried = self._memory.known([key for key in missing if key in self._memory])
+        tried = self._memory.remembered([key for key in missing if key in self._memory])
         if tried.failures:
             raise self._messages.first(tried)
         self._repeat(missing)
@@ -329,7 +329,7 @@ class Runner:
         case, x = self.cases.condition[np.asarray(unit, dtype=np.intp)], np.asarray(x, np.float64)
         values = self._direct(case, x)
         if len(again := self._repeats.chosen(len(case))):
-            first = replace(Runs.asked(case[again], x[again]), outcome=values[again])
+            first = replace(Runs.planned(case[again], x[again]), outcome=values[again])
             self._compare(first, self._direct.again(first.case, first.x))
         return self._served.transformed(values)
 
@@ -350,7 +350,7 @@ class Runner:
         keys, distinct = self._keys(index, x)
         memory = self._memory
         before, share = len(memory.failures), self.max_failed if most is None else most
-        self._workshop.recall(distinct, failures=True)
+        self._execution.recall(distinct, failures=True)
         missing = self._each_unit_first([key for key in distinct if key not in memory])
         whole = len(memory) + len(missing)
         with self._making(missing, len(distinct)) as batches:
@@ -358,7 +358,7 @@ class Runner:
                 if self._too_many(before, share, whole) or (share < 1.0 and self._works_nowhere()):
                     break
         if self._too_many(before, share, len(memory)):
-            tried = memory.known([key for key in distinct if key in memory])
+            tried = memory.remembered([key for key in distinct if key in memory])
             raise self._messages.too_many(tried, len(memory.failures), len(memory))
         self._repeat(missing)
         return memory.values(keys)
@@ -385,9 +385,9 @@ class Runner:
         first = self.values(at, point)[0]
         if np.all(np.isnan(first)):
             return
-        known = Runs.asked(self.cases.condition[at], point, len(first))
+        known = Runs.planned(self.cases.condition[at], point, len(first))
         for _ in range(1 + self.retries):
-            again = self._served.transformed(self._workshop.again(known))
+            again = self._served.transformed(self._execution.again(known))
             if not np.all(np.isnan(again)) and differing(first[None], again) is None:
                 return
         column = int(
@@ -433,9 +433,9 @@ class Runner:
     def _repeat(self, keys: Sequence[bytes]) -> None:
         """Make some of these runs again that were made just now."""
         made = [key for key in keys if key in self._memory.places]
-        first = self._memory.known([made[k] for k in self._repeats.chosen(len(made)).tolist()])
+        first = self._memory.remembered([made[k] for k in self._repeats.chosen(len(made)).tolist()])
         if len(first):
-            self._compare(first, self._workshop.again(first))
+            self._compare(first, self._execution.again(first))
 
     def _compare(self, first: Runs, again: Array) -> None:
         values, others = (self._served.transformed(part) for part in (first.outcome, again))
@@ -447,13 +447,13 @@ class Runner:
     def _keys(self, index: ArrayLike, x: ArrayLike) -> tuple[list[bytes], list[bytes]]:
         """The key of each run, and the distinct ones in the order of their first appearance."""
         case = self.cases.condition[np.asarray(index, dtype=np.intp)]
-        keys = Runs.asked(case, np.asarray(x, dtype=np.float64)).keys()
+        keys = Runs.planned(case, np.asarray(x, dtype=np.float64)).keys()
         return keys, [*dict.fromkeys(keys)]
 
     def _making(self, missing: Sequence[bytes], asked: int) -> closing[Generator[Runs, None, None]]:
         """The missing ones of so many runs as they are made."""
         progress = RunProgress(self.progress, len(missing), asked - len(missing))
-        return closing(self._workshop.make(missing, progress))
+        return closing(self._execution.make(missing, progress))
 
     def _too_many(self, before: int, most: float, whole: int) -> bool:
         """Whether there are failures more than `before`, and all are too large a share of `whole`.
@@ -473,7 +473,7 @@ class Runner:
         """The same runs, but one of each case before all others: is there one that works?"""
         if not keys:
             return keys
-        first = np.unique(self._memory.asked(keys).case, return_index=True)[1]
+        first = np.unique(self._memory.planned(keys).case, return_index=True)[1]
         chosen = set(first.tolist())
         return [keys[k] for k in first] + [key for k, key in enumerate(keys) if k not in chosen]
 

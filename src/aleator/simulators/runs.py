@@ -48,7 +48,7 @@ class Runs:
     made than were asked for, `stopped` is what ended them (Ctrl-C, or the surroundings), or None if
     the time was up.
 
-    >>> asked = Runs.asked(np.array([0, 2]), np.array([[0.5], [0.7]]))
+    >>> asked = Runs.planned(np.array([0, 2]), np.array([[0.5], [0.7]]))
     >>> len(asked), asked.outcome.tolist()
     (2, [[nan], [nan]])
     """
@@ -66,7 +66,7 @@ class Runs:
         return len(self.case)
 
     @classmethod
-    def asked(cls, case: Indices, x: Array, width: int = 1) -> Self:
+    def planned(cls, case: Indices, x: Array, width: int = 1) -> Self:
         """Runs that are to be made, of `width` values each."""
         return cls(case, x, np.full((len(case), width), np.nan), np.zeros(len(case)))
 
@@ -74,11 +74,11 @@ class Runs:
     def of_keys(cls, keys: Sequence[bytes], parameters: int, width: int = 1) -> Self:
         """Runs that are to be made, by their keys.
 
-        >>> Runs.of_keys(Runs.asked(np.array([3]), np.array([[0.5]])).keys(), 1).case
+        >>> Runs.of_keys(Runs.planned(np.array([3]), np.array([[0.5]])).keys(), 1).case
         array([3])
         """
         rows = np.frombuffer(b"".join(keys)).reshape(-1, 1 + parameters)
-        return cls.asked(rows[:, 0].astype(np.intp), rows[:, 1:], width)
+        return cls.planned(rows[:, 0].astype(np.intp), rows[:, 1:], width)
 
     def keys(self) -> list[bytes]:
         """What tells one run from another: the case and every bit of the parameters, R texts."""
@@ -88,7 +88,7 @@ class Runs:
 
     def some(self, rows: slice | Indices | Flags) -> Self:
         """Some of the runs, to be made."""
-        return type(self).asked(self.case[rows], self.x[rows], self.outcome.shape[1])
+        return type(self).planned(self.case[rows], self.x[rows], self.outcome.shape[1])
 
     def halves(self) -> list[Self]:
         """The first half and the second, to be made; one of a single run."""
@@ -157,14 +157,14 @@ class Memory:
         values[places < 0] = np.nan
         return values
 
-    def asked(self, keys: Sequence[bytes]) -> Runs:
+    def planned(self, keys: Sequence[bytes]) -> Runs:
         """Runs that are to be made."""
         return Runs.of_keys(keys, self._parameters, self._values.shape[1])
 
-    def known(self, keys: Sequence[bytes]) -> Runs:
+    def remembered(self, keys: Sequence[bytes]) -> Runs:
         """What is known of some runs."""
         failures = {k: self.failures[key] for k, key in enumerate(keys) if key in self.failures}
-        return replace(self.asked(keys), outcome=self.values(keys), failures=failures)
+        return replace(self.planned(keys), outcome=self.values(keys), failures=failures)
 
     def keep(self, keys: Sequence[bytes], runs: Runs) -> None:
         """Remember runs that are made; those that have neither values nor a failure are not."""

@@ -315,13 +315,13 @@ class Binding:
             if self._is_variable(name)
         }
 
-    def told(self, names: Sequence[str]) -> str:
+    def described(self, names: Sequence[str]) -> str:
         """Conditions or parameters with the variable of each where its name differs, and its unit.
 
         >>> from pathlib import Path
         >>> k = Variable("spring.k", "Real", "parameter", "fixed", "exact", unit="N/mm")
         >>> fmu = Description(Path("a.fmu"), "2.0", (), {k.name: k}, None, None, None, None, False)
-        >>> Binding(fmu, {"stiffness": "spring.k"}).told(["stiffness"])
+        >>> Binding(fmu, {"stiffness": "spring.k"}).described(["stiffness"])
         'stiffness = spring.k [N/mm]'
         """
         words = []

@@ -25,8 +25,8 @@ from aleator.simulators.fmu.settings import Operation, Settled
 from aleator.simulators.protocol import RunFailed
 
 
-class Inside:
-    """A session without a child process, with the members of `Child`."""
+class FMUInProcess:
+    """A session without a child process, with the members of `FMUProcess`."""
 
     def __init__(self, setup: Setup) -> None:
         self.runs = 0
@@ -73,7 +73,7 @@ class Hung(RunFailed):
     """A run that was killed by its time limit."""
 
 
-class Child:
+class FMUProcess:
     """A session in a child process; it ends when this is closed, or when this process ends.
 
     A program of its own rather than `multiprocessing`, so that neither a script without a main
@@ -234,7 +234,7 @@ class Engine:
         self._signals = signals
         self._operation = operation
         self._notes: dict[str, None] = {}
-        self._process: Child | Inside | None
+        self._process: FMUProcess | FMUInProcess | None
         self._idle()
 
     @property
@@ -286,14 +286,14 @@ class Engine:
             return failure.log
         return ""
 
-    def _opened(self) -> Child | Inside:
+    def _opened(self) -> FMUProcess | FMUInProcess:
         if self._pid != os.getpid():  # forked: the process belongs to the one that opened it
             self._idle()
         process = self._process
         if process is not None and process.alive and process.runs < self._operation.recycle:
             return process
         self.close()
-        process = (Child if self._operation.isolated else Inside)(self._setup())
+        process = (FMUProcess if self._operation.isolated else FMUInProcess)(self._setup())
         self._finalizer = weakref.finalize(self, process.close)
         self._process = process
         return process

@@ -216,7 +216,7 @@ class FMUSimulator:
         lines = [f"FMI {self.fmu.version}, {how}, recorded: {', '.join(units)}"]
         bound = self._binding.asks(conditions, parameters)
         for what, names in (("conditions", bound), ("parameters", parameters)):
-            lines.append(f"{what}: {self._binding.told(names) or 'none'}")
+            lines.append(f"{what}: {self._binding.described(names) or 'none'}")
         if left := [name for name in conditions if name not in asked]:
             lines.append(f"no variables of the FMU, hence not passed: {', '.join(left)}")
         return tuple(lines)

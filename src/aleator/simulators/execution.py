@@ -1,4 +1,4 @@
-"""Where runs are made: tried again if they fail, remembered, and kept in the store."""
+"""Execution of runs: tried again if they fail, remembered, and kept in the store."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ class RunCache:
         return self._cases[named, case]
 
 
-class Workshop:
+class Execution:
     """Makes the runs of a `bound` simulator here, or by the workers of an `executor`.
 
     What comes of them is kept in `memory` and, where there is one, in the store of `cache`. One
@@ -212,7 +212,7 @@ class Workshop:
             return
         known = self.memory if failures else self.memory.places
         unknown = [key for key in keys if key not in known]
-        found = self._judged(self._cache.find(self.memory.asked(unknown)))
+        found = self._judged(self._cache.find(self.memory.planned(unknown)))
         settled = {
             k: failure
             for k, failure in found.failures.items()
@@ -224,7 +224,7 @@ class Workshop:
         """Make runs and remember them; those that are not tried again are yielded."""
         began = time.perf_counter()
         for left in reversed(range(1 + self._retries)):
-            with closing(self.made(self.memory.asked(keys), progress)) as batches:
+            with closing(self.made(self.memory.planned(keys), progress)) as batches:
                 for made in batches:
                     received = self._received(made)
                     self.waited, began = (
