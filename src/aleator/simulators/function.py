@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import importlib
 import importlib.util
@@ -23,7 +22,10 @@ from aleator.simulators.protocol import (
     Returned,
     Simulator,
     describe,
+    name_lists,
     one_by_one,
+    require_distinct,
+    require_file,
 )
 from aleator.simulators.surroundings import checked_limit, limited
 from aleator.types import Array
@@ -78,15 +80,8 @@ def _nearest_of(name: str, owner: object) -> str:
 def _import(module_name: str, base: Path) -> ModuleType:
     is_file = module_name.endswith(".py")
     file = base / module_name
-    if is_file and not file.is_file():
-        folder = file.parent
-        beside = [entry.name for entry in folder.glob("*.py")] if folder.is_dir() else []
-        close = difflib.get_close_matches(file.name, beside, n=1)
-        raise SimulatorError(
-            f"the simulator's file {module_name} does not exist"
-            + (f" (did you mean '{close[0]}'?)" if close else ""),
-            "name it relative to the study file",
-        )
+    if is_file:
+        require_file(file, f"the simulator's file {module_name}", "*.py")
     search = str(file.parent if is_file else base)
     if search not in sys.path:
         sys.path.insert(0, search)
@@ -298,22 +293,16 @@ class FunctionSimulator:
                     f"simulator '{self.name}' has no argument for the parameter "
                     f"'{name}'{nearest(name, taken)}",
                     "name an argument of the function after each parameter; it has "
-                    + (", ".join(taken) or "none"),
+                    f"{', '.join(taken) or 'none'}",
                 )
-            if name in conditions and name in taken:
-                raise SimulatorError(
-                    f"simulator '{self.name}': '{name}' is both a condition and a parameter",
-                    "rename the column or the parameter, or name the conditions without it",
-                )
+        require_distinct(self.name, [c for c in conditions if c in taken], parameters)
         known = (*conditions, *parameters)
         for name in required:
             if name not in known:
                 raise SimulatorError(
                     f"simulator '{self.name}': its argument '{name}' is neither a condition nor a "
                     f"parameter{nearest(name, known)}",
-                    f"conditions: {', '.join(conditions) or 'none'}; "
-                    f"parameters: {', '.join(parameters) or 'none'}; "
-                    "or give the argument a default",
+                    f"{name_lists(conditions, parameters)}; or give the argument a default",
                 )
         return tuple(name for name in conditions if anything or name in taken)
 

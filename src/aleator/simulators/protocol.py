@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.errors import SimulatorError
+from aleator.errors import SimulatorError, nearest
 from aleator.types import Array, Indices
 
 
@@ -114,6 +114,35 @@ def _packed(outcomes: list[Any]) -> NDArray[np.float64] | list[Any]:
 
 
 _ROOM = Path(__file__).parent
+
+
+def require_distinct(simulator: str, conditions: Sequence[str], parameters: Sequence[str]) -> None:
+    """Raise SimulatorError for a name that is both a condition and a parameter."""
+    for name in parameters:
+        if name in conditions:
+            raise SimulatorError(
+                f"simulator '{simulator}': '{name}' is both a condition and a parameter",
+                "rename the column or the parameter, or name the conditions without it",
+            )
+
+
+def name_lists(conditions: Sequence[str], parameters: Sequence[str]) -> str:
+    """The names that there are, for a remedy.
+
+    >>> name_lists(["load"], [])
+    'conditions: load; parameters: none'
+    """
+    lists = {"conditions": conditions, "parameters": parameters}
+    return "; ".join(f"{what}: {', '.join(names) or 'none'}" for what, names in lists.items())
+
+
+def require_file(
+    path: Path, what: str, kind: str = "*", remedy: str = "name it relative to the study file"
+) -> None:
+    """Raise SimulatorError, with the nearest name of the `kind` beside it, for no such path."""
+    if not path.exists():
+        close = nearest(path.name, [one.name for one in path.parent.glob(kind)])
+        raise SimulatorError(f"{what} does not exist{close}", remedy)
 
 
 class RunFailed(Exception):

@@ -119,11 +119,8 @@ def as_runner(
     parameters: Sequence[str],
     vectorized: bool = False,
     executor: Executor | None = None,
-    varying: Collection[str] = (),
 ) -> Runner:
     """A runner as it is; a simulator or a function (see `as_simulator`) on the experiments.
-
-    `varying` is that of another runner whose conditions a series gets as arrays here too.
 
     >>> import pandas as pd
     >>> from aleator.observations.experiments import Conditions
@@ -134,7 +131,7 @@ def as_runner(
     if isinstance(simulator, Runner):
         return simulator
     simulator = as_simulator(simulator, vectorized)
-    return Runner(simulator, experiments, parameters, executor=executor, varying=varying)
+    return Runner(simulator, experiments, parameters, executor=executor)
 
 
 class Runner:
@@ -240,13 +237,6 @@ class Runner:
     def transform(self) -> Transform:
         """That of the one response, or of the first."""
         return self._served.responses[0].transform
-
-    @property
-    def varying(self) -> tuple[str, ...]:
-        """The conditions that a series is given as arrays."""
-        columns = self.cases.columns.items()
-        series = (name for name, cells in columns if any(np.ndim(cell) for cell in cells[:1]))
-        return tuple(series) if self._served.series else ()
 
     @property
     def runs(self) -> int:

@@ -215,6 +215,17 @@ _WATCH = 'read -r _ || printf "%s\\n" "$1" >&2'
 """A line comes when all is well; the end of the pipe without one is that of its writer."""
 
 
+def exit_status(code: int) -> str:
+    """How a process ended, by its exit code as Python has it.
+
+    >>> exit_status(3), exit_status(-9)
+    ('exit code 3', 'signal SIGKILL')
+    """
+    if code >= 0:
+        return f"exit code {code}"
+    return f"signal {signal.Signals(-code).name if -code in [*signal.Signals] else -code}"
+
+
 def ending(call: Callable[[], object], patience: float = 10.0) -> str | None:
     """How a call ends its process, tried in a copy of this one; None where it does not.
 
@@ -240,7 +251,7 @@ def ending(call: Callable[[], object], patience: float = 10.0) -> str | None:
         copy.join()
     if code is None or code == _RETURNED:
         return None
-    return f"exit code {code}" if code >= 0 else f"signal {-code}, {signal.strsignal(-code)}"
+    return exit_status(code)
 
 
 @contextmanager

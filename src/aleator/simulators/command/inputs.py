@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Protocol, cast
 
-from aleator.errors import SimulatorError, nearest
-from aleator.simulators.protocol import RunFailed
+from aleator.errors import SimulatorError
+from aleator.simulators.protocol import RunFailed, require_file
 
 Value = float | str
 Values = Mapping[str, Value]
@@ -251,15 +251,12 @@ class Template:
     text: Text = field(init=False)
 
     def __post_init__(self) -> None:
+        require_file(self.file, f"the template {self.file}")
         try:
             raw = self.file.read_bytes().decode("utf-8", "surrogateescape")
         except OSError as error:
-            folder = self.file.parent
-            beside = [p.name for p in folder.iterdir()] if folder.is_dir() else []
             raise SimulatorError(
-                f"the template {self.file} cannot be read: {error.strerror}"
-                f"{nearest(self.file.name, beside)}",
-                "name a file relative to the study",
+                f"the template {self.file} cannot be read: {error.strerror}", "name another file"
             ) from None
         text = Text.parse(raw, self.marks, f"the template {self.file.name}")
         object.__setattr__(self, "text", text)

@@ -18,12 +18,13 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from aleator.errors import SimulatorError, SurroundingsError, nearest
+from aleator.errors import SimulatorError, SurroundingsError
 from aleator.simulators.command.inputs import Columns
-from aleator.simulators.protocol import RunFailed
+from aleator.simulators.protocol import RunFailed, require_file
 from aleator.simulators.surroundings import (
     STOP_ON,
     checked_limit,
+    exit_status,
     full_disk,
     prevented,
     printed,
@@ -226,7 +227,7 @@ def run(
                 process.wait(limits.grace)
             raise RunFailed(f"it was stopped after its {limits.timeout:g} s", log(folder)) from None
     if code not in limits.success_codes:
-        raise RunFailed(f"it {_how(code)}", log(folder))
+        raise RunFailed(f"it ended with {exit_status(code)}", log(folder))
 
 
 def _not_started(program: str, error: OSError | ValueError) -> RunFailed | SurroundingsError:
@@ -242,15 +243,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     with suppress(ProcessLookupError, PermissionError):  # the latter: zombies only, on macOS
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-
-
-def _how(code: int) -> str:
-    if code >= 0:
-        return f"ended with exit code {code}"
-    try:
-        return f"was ended by {signal.Signals(-code).name}"
-    except ValueError:
-        return f"was ended by signal {-code}"
 
 
 def log(folder: Path, most: int = 4000) -> str:
@@ -309,12 +301,7 @@ class Folder:
     def __post_init__(self) -> None:
         names = [path.name for path in self.sources]
         for name, path in zip(self.files, self.sources, strict=True):
-            if not path.exists():
-                beside = [p.name for p in path.parent.glob("*")]
-                raise SimulatorError(
-                    f"the file {name!r} does not exist{nearest(path.name, beside)}",
-                    "name it relative to the study",
-                )
+            require_file(path, f"the file {name!r}")
             if names.count(path.name) > 1:
                 raise SimulatorError(
                     f"two of the files are named '{path.name}'", "a run's folder holds one"

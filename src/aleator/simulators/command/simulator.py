@@ -30,7 +30,14 @@ from aleator.simulators.command.inputs import (
 )
 from aleator.simulators.command.outputs import Output, OutputFile
 from aleator.simulators.command.process import STDIN, Folder, Keep, Limits, contents, run
-from aleator.simulators.protocol import Returned, RunFailed, one_by_one
+from aleator.simulators.protocol import (
+    Returned,
+    RunFailed,
+    name_lists,
+    one_by_one,
+    require_distinct,
+    require_file,
+)
 from aleator.simulators.surroundings import STOP_ON, prevented, require_space
 
 # The placeholder for the study's folder, which is not the folder that a program runs in.
@@ -156,13 +163,9 @@ class _Shown(dict[str, str]):
 
 
 def _executable(path: Path, name: str) -> Path:
-    if not path.is_file():
-        beside = [p.name for p in path.parent.glob("*")]
-        what = "is a folder" if path.is_dir() else "does not exist"
-        raise SimulatorError(
-            f"the program '{name}' {what}{nearest(path.name, beside)}",
-            "name it relative to the study",
-        )
+    require_file(path, f"the program '{name}'")
+    if path.is_dir():
+        raise SimulatorError(f"the program '{name}' is a folder", "name a file in it")
     if not os.access(path, os.X_OK):
         python = path.suffix == ".py"
         raise SimulatorError(
@@ -287,9 +290,8 @@ class CommandSimulator:
                 raise SimulatorError(
                     f"{where}: '{name}' is neither a condition nor a parameter"
                     f"{nearest(name, [*known, *own])}",
-                    f"conditions: {', '.join(conditions) or 'none'}; "
-                    f"parameters: {', '.join(parameters) or 'none'}; where no placeholder is "
-                    "meant, double the braces in a command, or choose other delimiters for a file",
+                    f"{name_lists(conditions, parameters)}; where no placeholder is meant, double "
+                    "the braces in a command, or choose other delimiters for a file",
                 )
         for name in parameters:
             if name not in used and not everything and not self.allow_unused:
@@ -298,11 +300,7 @@ class CommandSimulator:
                     f"{nearest(name, used)}",
                     f"write {{{name}}} in the command or the input, or set allow_unused",
                 )
-            if name in conditions:
-                raise SimulatorError(
-                    f"simulator '{self.name}': '{name}' is both a condition and a parameter",
-                    "rename the column or the parameter, or name the conditions without it",
-                )
+        require_distinct(self.name, conditions, parameters)
         return tuple(c for c in conditions if everything or self.series or c in used)
 
     def run_one(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> Any:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from xml.etree import ElementTree
 
 from aleator.errors import SimulatorError, nearest
-from aleator.simulators.protocol import RunFailed
+from aleator.simulators.protocol import RunFailed, name_lists, require_distinct, require_file
 
 Kind = Literal["co_simulation", "model_exchange"]
 
@@ -150,13 +150,7 @@ def imported_fmpy() -> Any:
 
 
 def _check_file(file: Path) -> None:
-    if not file.is_file():
-        folder = file.parent
-        names = sorted(p.name for p in folder.glob("*.fmu")) if folder.is_dir() else []
-        raise SimulatorError(
-            f"the simulator's file {file} does not exist{nearest(file.name, names)}",
-            "name the FMU relative to the study file",
-        )
+    require_file(file, f"the simulator's file {file}", "*.fmu")
     if zipfile.is_zipfile(file):
         with zipfile.ZipFile(file) as archive:
             if "modelDescription.xml" in archive.namelist():
@@ -292,18 +286,13 @@ class Binding:
                 raise SimulatorError(
                     f"'{name}' is mapped to the FMU's '{self.names[name]}', but is neither a "
                     f"condition nor a parameter{nearest(name, (*conditions, *parameters))}",
-                    f"conditions: {', '.join(conditions) or 'none'}; "
-                    f"parameters: {', '.join(parameters) or 'none'}",
+                    name_lists(conditions, parameters),
                 )
         for name in parameters:
             self._check_parameter(name)
         asked = tuple(name for name in conditions if self._is_variable(name))
+        require_distinct(self.fmu.file.name, asked, parameters)
         for name in asked:
-            if name in parameters:
-                raise SimulatorError(
-                    f"'{name}' is both a condition and a parameter",
-                    "rename the column or the parameter, or name the conditions without it",
-                )
             self._check_free(name, "condition")
         return asked
 

@@ -6,7 +6,6 @@ import contextlib
 import os
 import pickle
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -23,6 +22,7 @@ from aleator.simulators.fmu.description import INTERFACES
 from aleator.simulators.fmu.session import Failed, FMURun, FMUSession, Setup, Trajectory
 from aleator.simulators.fmu.settings import Operation, Settled
 from aleator.simulators.protocol import RunFailed
+from aleator.simulators.surroundings import exit_status
 
 
 class FMUInProcess:
@@ -178,7 +178,9 @@ class FMUProcess:
             if expired.is_set():
                 raise TimeoutError(f"it did not end within {timeout:g} s") from None
             code = self._process.wait()
-            raise Failed(f"its process ended with {_ending(code)}", self._tail(0), True) from None
+            raise Failed(
+                f"its process ended with {exit_status(code)}", self._tail(0), True
+            ) from None
         except BaseException:
             self.kill()  # Ctrl-C: an answer that nobody waits for must not meet the next question
             raise
@@ -203,15 +205,6 @@ def _program() -> str:
     return (
         f"import runpy, sys; sys.path[:] = {path!r}; runpy.run_path({file!r}, run_name='__main__')"
     )
-
-
-def _ending(code: int) -> str:
-    if code >= 0:
-        return f"exit code {code}"
-    try:
-        return f"signal {signal.Signals(-code).name}"
-    except ValueError:
-        return f"signal {-code}"
 
 
 class Engine:

@@ -25,6 +25,7 @@ from aleator.types import Array
 
 if TYPE_CHECKING:
     import pandas as pd
+from aleator.simulators.protocol import require_file
 
 
 @dataclass(frozen=True)
@@ -384,15 +385,11 @@ def _resampled(signal: Signal, time: Array, linear: bool) -> Array:
 def _table(file: Path) -> pd.DataFrame:
     import pandas as pd
 
-    if not file.is_file():
-        beside = [p.name for p in file.parent.glob("*.csv")] if file.parent.is_dir() else []
-        raise SimulatorError(
-            f"the file of an input, {file}, does not exist{nearest(file.name, beside)}",
-            'write "file.csv:column", relative to the study file',
-        )
+    remedy = 'write "file.csv:column", relative to the study file'
+    require_file(file, f"the file of an input, {file},", "*.csv", remedy)
     try:
         return pd.read_csv(file, skipinitialspace=True)
-    except (ValueError, UnicodeDecodeError) as error:
+    except (ValueError, OSError) as error:
         raise SimulatorError(
             f"{file} cannot be read as a CSV: {' '.join(str(error).split())}",
             f"write a header and columns with commas, one of them '{TIME}'",
