@@ -209,7 +209,7 @@ class Derivation:
         return made
 
 
-@lru_cache(maxsize=64)
+@lru_cache
 def _derivation(texts: tuple[tuple[str, str], ...], known: tuple[str, ...]) -> Derivation:
     return Derivation.of(dict(texts), known)
 

@@ -97,12 +97,15 @@ def holdings(store: Store) -> list[Holding]:
             'LEFT JOIN runs ON runs."case" = cases.id '
             "GROUP BY simulators.id ORDER BY max(time) DESC, first_seen DESC"
         ).fetchall()
-    if not all(isinstance(text, str) for row in rows for text in row[:4]):
+    if not all(isinstance(text, str) for *texts, _, _, _, _, _ in rows for text in texts):
         raise _damaged(store, "the name of a simulator")
-    found = [Holding(Identity(*r[:4]), r[4], int(r[5]), *r[6:]) for r in rows]
-    for held in found:
-        if not all(moment is None or _is_moment(moment) for moment in (held.first, held.last)):
-            raise _damaged(store, f"a run of '{held.simulator.name}'")
+    found = [
+        Holding(Identity(*identity), runs, int(failures), seconds, first, last)
+        for *identity, runs, failures, seconds, first, last in rows
+    ]
+    for one in found:
+        if not all(moment is None or _is_moment(moment) for moment in (one.first, one.last)):
+            raise _damaged(store, f"a run of '{one.simulator.name}'")
     return found
 
 
@@ -149,30 +152,29 @@ def stored_runs(
 
 
 # Runs of one case come together: its texts are read once, and a million runs share them.
-_read = lru_cache(maxsize=1024)(json.loads)
-_identity = lru_cache(maxsize=64)(Identity)
+_read = lru_cache(json.loads)
+_identity = lru_cache(Identity)
 
 
 def _stored_run(row: Sequence[Any]) -> StoredRun:
     """One row of the file; raises TypeError or ValueError where it is not what was written."""
-    names, x = _read(row[6]), np.frombuffer(row[7], dtype="<f8").tolist()
-    conditions = dict(_read(row[5]))
+    number, *texts, written, names, x, outcome, failure, log, seconds, host, moment, attempt = row
+    conditions = dict(_read(written))
     form = conditions.pop("", {})
-    outcome, failure, log, seconds, host, moment, attempt = row[8:]
     if isinstance(outcome, bytes):
         outcome = tuple(np.frombuffer(outcome, dtype="<f8").tolist())
     elif outcome is not None:
         outcome = float(outcome)
-    texts = (*row[1:5], failure or "", log or "", host or "")
-    if not all(isinstance(text, str) for text in texts) or outcome == ():
+    every = (*texts, failure or "", log or "", host or "")
+    if not all(isinstance(text, str) for text in every) or outcome == ():
         raise TypeError
     if not _is_moment(moment) or (seconds is not None and not seconds >= 0.0):
         raise ValueError
     return StoredRun(
-        row[0],
-        _identity(*row[1:5]),
+        number,
+        _identity(*texts),
         conditions,
-        dict(zip(names, x, strict=True)),
+        dict(zip(_read(names), np.frombuffer(x, dtype="<f8").tolist(), strict=True)),
         outcome,
         *(failure, log, seconds, host, moment, attempt),
         *[form.get("rows"), tuple(form.get("responses", ()))],

@@ -267,7 +267,7 @@ def _number(connection: sqlite3.Connection, pragma: str) -> int:
     return int(connection.execute(f"PRAGMA {pragma}").fetchone()[0])
 
 
-def _write_ahead(connection: sqlite3.Connection, patience: float) -> None:
+def _write_ahead(connection: sqlite3.Connection, patience: float, pause: float = 0.01) -> None:
     """Let readers read while one process writes; SQLite does not wait by itself here."""
     give_up = time.monotonic() + patience
     while True:
@@ -277,7 +277,7 @@ def _write_ahead(connection: sqlite3.Connection, patience: float) -> None:
         except sqlite3.OperationalError as error:
             if _code(error) != sqlite3.SQLITE_BUSY or time.monotonic() > give_up:
                 raise
-            time.sleep(patience / 10_000)
+            time.sleep(pause)
 
 
 def _make_tables(connection: sqlite3.Connection) -> None:
@@ -466,17 +466,20 @@ class Store:
         outcome is never changed. One that failed is replaced if `again`, which counts the attempt.
         """
         conflict = _AGAIN if again else "DO NOTHING"
-        self._unsynced += sum(row[5] or 0.0 for row in rows)
+        self._unsynced += sum(seconds or 0.0 for *_, seconds, _, _, _ in rows)
         wait = self._unsynced >= self.settings.unsynced
         with sqlite_errors(self.path):
             self.connection.execute(f"PRAGMA synchronous = {'FULL' if wait else 'NORMAL'}")
             with transaction(self.connection):
                 before = self._largest()
                 of_case = self._cases(simulator, cases)
-                of_host = self._hosts({row[6] for row in rows})
+                of_host = self._hosts({host for *_, host, _, _ in rows})
                 self.connection.executemany(
                     f"{_INSERT} ON CONFLICT {conflict}",
-                    [(of_case[r[0]], *r[1:6], of_host[r[6]], *r[7:]) for r in rows],
+                    [
+                        (of_case[case], *made, of_host[host], moment, attempt)
+                        for case, *made, host, moment, attempt in rows
+                    ],
                 )
                 added = self._largest() - before
         if wait:

@@ -1,4 +1,9 @@
-"""An external program as a simulator: what it is given, how it is run, where its outcome is."""
+"""An external program as a simulator: what it is given, how it is run, where its outcome is.
+
+Three nouns: an input (`inputs`: texts with placeholders, tables, JSON), a process (`process`: one
+run in a folder of its own, of which nothing is left), an output (`outputs`: a number, or a column
+for a series, in what the program wrote). `simulator` puts them together.
+"""
 
 from aleator.simulators.command.inputs import (
     CsvFeed,

@@ -6,12 +6,12 @@ import atexit
 import errno
 import json
 import os
-import secrets
 import shutil
 import signal
 import subprocess
 import tempfile
 import threading
+import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -75,7 +75,7 @@ class _Janitor:
 
     def __init__(self, base: Path) -> None:
         self.base, self.pid = base, os.getpid()
-        self.home = base / f"aleator_{secrets.token_hex(8)}"
+        self.home = base / f"aleator_{uuid.uuid4().hex}"
         self._process: subprocess.Popen[bytes] | None = None
         if Path("/bin/sh").exists():
             self._process = subprocess.Popen(
