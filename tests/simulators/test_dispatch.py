@@ -219,8 +219,9 @@ class Losing(Executor):
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
-        _, conditions, _, _, asked, _ = args
-        if np.any((conditions["load"] == 2.0) & (np.abs(asked.x[:, 0] - 0.52) < 0.02)):
+        _, batch, _ = args
+        at_fault = np.abs(batch.runs.x[:, 0] - 0.52) < 0.02
+        if np.any((batch.conditions["load"] == 2.0) & at_fault):
             future.set_exception(WorkerLost("3 workers were lost while they ran it"))
         else:
             future.set_result(fn(*args, **kwargs))
@@ -411,12 +412,13 @@ def test_workers_and_their_programs_end_with_a_parent_that_is_killed(
 def test_a_pool_that_gives_up_ends_its_own_workers_only() -> None:
     mine = multiprocessing.get_context("spawn").Process(target=time.sleep, args=(60,))
     mine.start()
+    others = {process.pid for process in multiprocessing.active_children()}
     try:
         pool = ProcessPool(1)
         asked = pool.submit(time.sleep, 60)
         while not asked.running():
             time.sleep(0.01)
-        (worker,) = [p for p in multiprocessing.active_children() if p.pid != mine.pid]
+        (worker,) = [p for p in multiprocessing.active_children() if p.pid not in others]
         began = time.monotonic()
         pool.shutdown(wait=False, cancel_futures=True)
         worker.join(10.0)

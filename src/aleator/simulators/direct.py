@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from aleator.blocks import blocks
 from aleator.errors import AleatorError, SurroundingsError
 from aleator.observations.numbers import real_numbers
-from aleator.simulators.dispatch import make
+from aleator.simulators.dispatch import Batch, make
 from aleator.simulators.function import FunctionSimulator
 from aleator.simulators.protocol import BLOCKS, RunStopped
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
@@ -249,7 +249,8 @@ class DirectRuns:
             left = slice(done, None)
             asked = Runs.planned(case[left], x[left], form.width)
             conditions = self._bound.cases.at(case[left])
-            made = make(self._simulator, conditions, names, anything.some(left), asked, np.inf)
+            batch = Batch(conditions, names, anything.some(left), asked)
+            made = make(self._simulator, batch, np.inf)
             if made.stopped:
                 raise made.stopped
             values[done : done + len(made)] = made.outcome

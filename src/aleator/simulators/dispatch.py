@@ -29,7 +29,7 @@ from aleator.simulators.protocol import (
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.simulators.surroundings import cause
 from aleator.simulators.units import Bound, Form, is_named
-from aleator.types import Array
+from aleator.types import Flags
 
 
 @dataclass(frozen=True)
@@ -59,22 +59,77 @@ BATCHING = Batching()
 _INSTANT = float(np.finfo(np.float64).tiny)  # seconds: what nobody divides by
 
 
-def make(
-    simulator: Simulator,
-    conditions: Columns,
-    parameters: Sequence[str],
-    form: Form,
-    asked: Runs,
-    budget: float,
-    timed: float = BATCHING.here,
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """R runs that are to be made, with all that a worker needs beside the simulator.
+
+    `conditions` are columns (R,) by name, `parameters` names the columns of x, and `form` is what
+    the runs are to return.
+    """
+
+    conditions: Columns
+    parameters: Sequence[str]
+    form: Form
+    runs: Runs
+
+    @classmethod
+    def of(cls, bound: Bound, runs: Runs) -> Batch:
+        """The runs of a simulator on the cases of a table."""
+        form = bound.form.some(runs.case)
+        return cls(bound.cases.at(runs.case), bound.parameters, form, runs)
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    def some(self, rows: slice) -> Batch:
+        """Some of the runs."""
+        conditions = {name: column[rows] for name, column in self.conditions.items()}
+        return Batch(conditions, self.parameters, self.form.some(rows), self.runs.some(rows))
+
+    def stopped(self, by: BaseException) -> Runs:
+        """None of the runs: something ended the batch before the first."""
+        return replace(self.runs.some(slice(0)), stopped=by)
+
+    def failed(self, seconds: float, error: BaseException) -> Runs:
+        """The one run of the batch, which raised."""
+        return replace(self.runs, seconds=np.array([seconds]), failures={0: Failure.of(error)})
+
+    def made(self, simulator: Simulator, returned: Any, seconds: float) -> Runs:
+        """What came of the runs; one without a value that is measured has failed.
+
+        Raises SimulatorError for a wrong shape or type.
+        """
+        values = self.form.shaped(simulator, returned, len(self))
+        each = np.full(len(values), seconds / max(len(values), 1))
+        named = len(self) > 0 and is_named(returned)
+        made = replace(self.runs, outcome=values, seconds=each, named=named)
+        return without_outcome(made, self.form, self.form.missing(values))
+
+
+def without_outcome(
+    runs: Runs, form: Form, lost: Flags, why: Callable[[int, float], str] = lambda *_: ""
 ) -> Runs:
-    """Make a batch of runs (the first of them), and begin nothing more once it took `budget` s.
+    """The runs, of which those have failed that `lost` (R, W) a value which is measured.
 
-    Runs that take less than `timed` s are called some at a time.
+    `why` adds words to what is said of a value in a column.
+    """
+    if not np.any(lost):
+        return runs
+    outcome, failures = runs.outcome.copy(), dict(runs.failures)
+    for run in np.unique(np.nonzero(lost)[0]).tolist():
+        column = int(np.argmax(lost[run]))
+        value = runs.outcome[run, column]
+        fault = form.fault(run, column, value) + why(column, value)
+        failures[run] = Failure(fault, kind=NOT_FINITE)
+        outcome[run] = np.nan
+    return replace(runs, outcome=outcome, failures=failures)
 
-    `conditions` are those of the runs asked for, columns (R,) by name; `parameters` names the
-    columns of x; `form` is what the runs are to return. An exception is the failure of one run,
-    found by halves where the simulator takes many at once. What the machine did to a run (see
+
+def make(simulator: Simulator, batch: Batch, budget: float, timed: float = BATCHING.here) -> Runs:
+    """Make the first runs of a batch, and begin nothing more once it took `budget` s.
+
+    Runs that take less than `timed` s are called some at a time. An exception is the failure of one
+    run, found by halves where the simulator takes many at once. What the machine did to a run (see
     `surroundings`) is none: it ends the batch before that run, as Ctrl-C does, and is `stopped` of
     what is returned. Raises SimulatorError for what no other parameters would mend: a wrong shape
     or type, and a simulator that raises for many runs but for none of them alone.
@@ -82,19 +137,17 @@ def make(
     >>> from aleator.simulators.function import FunctionSimulator
     >>> def inverse(x):
     ...     return 1.0 / x
-    >>> asked = Runs.planned(np.zeros(3, int), np.array([[2.0], [0.0], [4.0]]))
-    >>> made = make(FunctionSimulator(inverse), {}, ["x"], Form(), asked, 1.0)
+    >>> runs = Runs.planned(np.zeros(3, int), np.array([[2.0], [0.0], [4.0]]))
+    >>> made = make(FunctionSimulator(inverse), Batch({}, ["x"], Form(), runs), 1.0)
     >>> made.outcome.tolist(), [*made.failures]
     ([[0.5], [nan], [0.25]], [1])
     """
-    columns = conditions, {name: asked.x[:, k].copy() for k, name in enumerate(parameters)}
     alone = getattr(simulator, "vectorized", True) is False
     size, began = 1 if alone else simulator.block, time.perf_counter()
     parts: list[Runs] = []
     done = 0
-    while done < len(asked):
-        rows = slice(done, min(done + size, len(asked)))
-        part = _attempted(simulator, *_cut(columns, rows), form.some(rows), asked.some(rows))
+    while done < len(batch):
+        part = _attempted(simulator, batch.some(slice(done, done + size)))
         parts.append(part)
         done += len(part)
         if part.stopped or time.perf_counter() - began >= budget:
@@ -105,24 +158,17 @@ def make(
     return Runs.joined(parts)
 
 
-def make_packed(
-    parcel: bytes,
-    conditions: Columns,
-    parameters: Sequence[str],
-    form: Form,
-    asked: Runs,
-    budget: float,
-) -> Runs:
+def make_packed(parcel: bytes, batch: Batch, budget: float) -> Runs:
     """`make` in another process: `parcel` is the simulator, pickled; unpacked once a process.
 
     Ctrl-C is answered where the runs were asked for. A KeyboardInterrupt here is the simulator's
     own, and the failure of the run that raised it.
     """
-    simulator: Any = _Deaf(_unpacked(parcel))
-    return make(simulator, conditions, parameters, form, asked, budget)
+    simulator: Any = _Uninterrupted(_unpacked(parcel))
+    return make(simulator, batch, budget)
 
 
-class _Deaf:
+class _Uninterrupted:
     """A simulator that raises RunFailed for KeyboardInterrupt."""
 
     def __init__(self, simulator: Simulator) -> None:
@@ -150,95 +196,56 @@ def _unpacked(parcel: bytes) -> Simulator:
     return simulator
 
 
-def _attempted(
-    simulator: Simulator, conditions: Columns, parameters: Columns, form: Form, asked: Runs
-) -> Runs:
+def _attempted(simulator: Simulator, batch: Batch) -> Runs:
     """One call; of one that raised what completed and the run at fault."""
-    count, began = len(asked), time.perf_counter()
+    began = time.perf_counter()
+    columns = batch.runs.x.T.copy()
     try:
-        returned = simulator(conditions, parameters)
-        values = form.shaped(simulator, returned, count)
-    except SurroundingsError as stop:
-        return replace(asked.some(slice(0)), stopped=stop)
+        parameters = dict(zip(batch.parameters, columns, strict=True))
+        returned = simulator(batch.conditions, parameters)
+        return batch.made(simulator, returned, time.perf_counter() - began)
+    except (SurroundingsError, KeyboardInterrupt) as stop:
+        return batch.stopped(stop)
     except AleatorError:
         raise
     except RunStopped as stop:
-        return _before(simulator, stop, form, asked, time.perf_counter() - began)
-    except KeyboardInterrupt as stop:
-        return replace(asked.some(slice(0)), stopped=stop)
+        return _before(simulator, stop, batch, time.perf_counter() - began)
     except BaseException as error:
-        if count == 1:
-            if prevented := cause(error):
-                return replace(asked.some(slice(0)), stopped=prevented)
-            return _failed(asked, time.perf_counter() - began, error)
-        return _halves(simulator, conditions, parameters, form, asked, error)
-    return _made(asked, values, form, time.perf_counter() - began, is_named(returned))
+        if len(batch) > 1:
+            return _halves(simulator, batch, error)
+        if prevented := cause(error):
+            return batch.stopped(prevented)
+        return batch.failed(time.perf_counter() - began, error)
 
 
-def _before(simulator: Simulator, stop: RunStopped, form: Form, asked: Runs, took: float) -> Runs:
+def _before(simulator: Simulator, stop: RunStopped, batch: Batch, took: float) -> Runs:
     """What a simulator that runs one at a time did until it stopped."""
     done, error = len(stop.completed), stop.__cause__ or stop
     stopping = error if isinstance(error, KeyboardInterrupt) else cause(error)
     if isinstance(error, AleatorError) and not stopping:
         raise error
-    form = form.some(slice(done))
-    values = form.shaped(simulator, stop.completed, done)
     each = took / (done + 1)
-    named = done > 0 and is_named(stop.completed)
-    made = _made(asked.some(slice(done)), values, form, each * done, named)
+    made = batch.some(slice(done)).made(simulator, stop.completed, each * done)
     if stopping:
         return replace(made, stopped=stopping)
-    return Runs.joined([made, _failed(asked.some(slice(done, done + 1)), each, error)])
+    return Runs.joined([made, batch.some(slice(done, done + 1)).failed(each, error)])
 
 
-def _made(asked: Runs, values: Array, form: Form, seconds: float, named: bool) -> Runs:
-    """Runs that returned these values (R, W); one without a value that is wanted has failed."""
-    missing = form.missing(values)
-    failures = {}
-    if np.any(missing):
-        values = values.copy()
-        for run in np.unique(np.nonzero(missing)[0]).tolist():
-            column = int(np.argmax(missing[run]))
-            fault = form.fault(run, column, values[run, column])
-            failures[run] = Failure(fault, kind=NOT_FINITE)
-            values[run] = np.nan
-    each = np.full(len(values), seconds / max(len(values), 1))
-    return replace(asked, outcome=values, seconds=each, failures=failures, named=named)
-
-
-def _failed(asked: Runs, seconds: float, error: BaseException) -> Runs:
-    """The one run asked for, which raised."""
-    return replace(asked, seconds=np.array([seconds]), failures={0: Failure.of(error)})
-
-
-def _halves(
-    simulator: Simulator,
-    conditions: Columns,
-    parameters: Columns,
-    form: Form,
-    asked: Runs,
-    error: BaseException,
-) -> Runs:
-    middle = len(asked) // 2
+def _halves(simulator: Simulator, batch: Batch, error: BaseException) -> Runs:
+    middle = len(batch) // 2
     parts: list[Runs] = []
     for rows in (slice(None, middle), slice(middle, None)):
-        columns = _cut((conditions, parameters), rows)
-        parts.append(_attempted(simulator, *columns, form.some(rows), asked.some(rows)))
+        parts.append(_attempted(simulator, batch.some(rows)))
         if parts[-1].stopped:
             break
     whole = Runs.joined(parts)
     if not whole.failures and not whole.stopped:
         raise SimulatorError(
-            f"simulator '{simulator.name}' raised when called with {len(asked)} runs, "
+            f"simulator '{simulator.name}' raised when called with {len(batch)} runs, "
             f"but not with fewer: {describe(error)}",
             "set vectorized = false, or make it take arrays of any length",
         )
     return whole
-
-
-def _cut(columns: tuple[Columns, Columns], rows: slice) -> tuple[Columns, Columns]:
-    first, second = ({name: c[rows] for name, c in part.items()} for part in columns)
-    return first, second
 
 
 def made_here(bound: Bound, asked: Runs, batching: Batching = BATCHING) -> Iterator[Runs]:
@@ -255,9 +262,8 @@ def made_here(bound: Bound, asked: Runs, batching: Batching = BATCHING) -> Itera
     """
     most, done = max(bound.simulator.block, batching.most_here), 0
     while done < len(asked):
-        batch = asked.some(slice(done, done + most))
-        some = bound.cases.at(batch.case), bound.parameters, bound.form.some(batch.case)
-        made = make(bound.simulator, *some, batch, batching.here)
+        batch = Batch.of(bound, asked.some(slice(done, done + most)))
+        made = make(bound.simulator, batch, batching.here)
         yield made
         if made.stopped:
             raise made.stopped
@@ -351,13 +357,9 @@ class Dispatcher:
             self._waiting.appendleft(runs.some(slice(size, None)))
         return runs.some(slice(size))
 
-    def _submit(self, batch: Runs) -> None:
-        bound = self._bound
-        some = bound.cases.at(batch.case), bound.parameters, bound.form.some(batch.case)
-        future = self._executor.submit(
-            make_packed, self._parcel, *some, batch, 2.0 * self._batching.workers
-        )
-        self._running[future] = batch
+    def _submit(self, runs: Runs) -> None:
+        batch, limit = Batch.of(self._bound, runs), 2.0 * self._batching.workers
+        self._running[self._executor.submit(make_packed, self._parcel, batch, limit)] = runs
 
     def _completed(self) -> Iterator[Runs]:
         ready, _ = wait(self._running, self._batching.listening, return_when=FIRST_COMPLETED)

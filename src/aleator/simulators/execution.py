@@ -14,7 +14,13 @@ import numpy as np
 
 from aleator.errors import StoreError
 from aleator.progress import Progress
-from aleator.simulators.dispatch import BATCHING, Batching, Dispatcher, made_here
+from aleator.simulators.dispatch import (
+    BATCHING,
+    Batching,
+    Dispatcher,
+    made_here,
+    without_outcome,
+)
 from aleator.simulators.runs import NOT_FINITE, Failure, Memory, Runs
 from aleator.simulators.store import MOVE_ASIDE, Case, Identity, Store
 from aleator.simulators.units import Bound, Units
@@ -278,16 +284,11 @@ class Execution:
 
         A store may have such runs: another study does not measure it, or does not transform it.
         """
-        form = self._bound.form.some(runs.case)
+        form, responses = self._bound.form.some(runs.case), self._units.responses
         lost = form.missing(self._units.transformed(runs.outcome)) & ~runs.empty[:, None]
-        if not np.any(lost):
-            return runs
-        outcome, failures = runs.outcome.copy(), dict(runs.failures)
-        for run in np.unique(np.nonzero(lost)[0]).tolist():
-            column = int(np.argmax(lost[run]))
-            value = runs.outcome[run, column]
-            why = self._units.responses[column % len(form.responses)].transform.fault(value)
-            fault = form.fault(run, column, value) + (f": {why}" if why else "")
-            failures[run] = Failure(fault, kind=NOT_FINITE)
-            outcome[run] = np.nan
-        return replace(runs, outcome=outcome, failures=failures)
+
+        def why(column: int, value: float) -> str:
+            fault = responses[column % len(responses)].transform.fault(value)
+            return f": {fault}" if fault else ""
+
+        return without_outcome(runs, form, lost, why)
