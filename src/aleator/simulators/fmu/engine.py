@@ -21,35 +21,26 @@ from aleator.simulators.fmu import session
 from aleator.simulators.fmu.description import INTERFACES
 from aleator.simulators.fmu.session import Failed, FMURun, FMUSession, Setup, Trajectory
 from aleator.simulators.fmu.settings import Operation, Settled
-from aleator.simulators.protocol import RunFailed
+from aleator.simulators.protocol import RunFailed, with_log
 from aleator.simulators.surroundings import exit_status
 
 
 class FMUInProcess:
-    """A session without a child process, with the members of `FMUProcess`."""
+    """A session without a child process, with the members of `FMUProcess`; without a time limit."""
 
     def __init__(self, setup: Setup) -> None:
-        self.runs = 0
-        self.note = ""
-        self.alive = True
-        self._fmu = setup["fmu"]
+        self.runs, self.note, self.alive = 0, "", True
         try:
             self._session = FMUSession(setup)
         except Exception as error:
             shutil.rmtree(setup["folder"], ignore_errors=True)
-            log = getattr(error, "log", "")
-            raise unusable(setup["fmu"], getattr(error, "message", str(error)), log) from None
+            said = getattr(error, "message", str(error)), getattr(error, "log", "")
+            raise Failed(*said, fatal=True) from None
 
-    def run(self, job: FMURun, timeout: float | None, logging: bool = False) -> Trajectory:
-        """The trajectory of a run; raises RunFailed. There is no time limit."""
-        assert timeout is None
+    def run(self, job: FMURun, _timeout: float | None, logging: bool = False) -> Trajectory:
+        """The trajectory of a run; raises Failed."""
         self.runs += 1
-        try:
-            trajectory = self._session.run(job, logging)
-        except Failed as failure:
-            if not failure.begun:
-                raise unusable(self._fmu, failure.message, failure.log, begun=True) from None
-            raise RunFailed(failure.message, failure.log) from None
+        trajectory = self._session.run(job, logging)
         self.note = self._session.note
         return trajectory
 
@@ -59,12 +50,12 @@ class FMUInProcess:
         self._session.close()
 
 
-def unusable(fmu: str, message: str, log: str, begun: bool = False) -> AleatorError:
+def unusable(fmu: Path, failure: Failed, begun: bool = False) -> AleatorError:
     """The error for an FMU that cannot be instantiated, or not again where runs have `begun`."""
-    printed = f"; it said: {' '.join(log.split())[-300:]}" if log else ""
     kind, again = (SurroundingsError, " again") if begun else (SimulatorError, "")
+    said = with_log(failure.message, failure.log)
     return kind(
-        f"the FMU {Path(fmu).name} cannot be instantiated{again}: {message}{printed}",
+        f"the FMU {fmu.name} cannot be instantiated{again}: {said}",
         "see that its libraries, files and licenses are on this machine",
     )
 
@@ -81,16 +72,14 @@ class FMUProcess:
     ask for a license first, and `end` s to be freed; a failure shows `log` bytes of what it printed
     (all by judgement).
 
-    Raises SimulatorError if the FMU cannot be instantiated.
+    Raises Failed if the FMU cannot be instantiated.
     """
 
     def __init__(
         self, setup: Setup, start: float = 300.0, end: float = 5.0, log: int = 4000
     ) -> None:
         self._end, self._most = end, log
-        self.runs = 0
-        self.note = ""
-        self._fmu, self._folder = setup["fmu"], setup["folder"]
+        self.runs, self.note, self._folder = 0, "", setup["folder"]
         self._printed = tempfile.TemporaryFile("a+b")  # noqa: SIM115 # as long as the process
         self._process = subprocess.Popen(
             [sys.executable, "-c", _program()],
@@ -100,14 +89,16 @@ class FMUProcess:
         )
         try:
             answer = self._ask(setup, start)
-        except (Failed, TimeoutError) as error:
+        except Failed:
             self.kill()
-            said = getattr(error, "log", "")
-            raise unusable(setup["fmu"], getattr(error, "message", str(error)), said) from None
+            raise
+        except TimeoutError as error:
+            self.kill()
+            raise Failed(str(error), "", fatal=True) from None
         assert answer == ("ready",)
 
     def run(self, job: FMURun, timeout: float | None, logging: bool = False) -> Trajectory:
-        """The trajectory of a run; raises RunFailed, or Hung.
+        """The trajectory of a run; raises Failed, or Hung.
 
         Afterwards `alive` is false if the process had to be killed, ended by itself, or must not be
         used any more.
@@ -121,12 +112,10 @@ class FMUProcess:
             self.kill()
             raise Hung(str(error), log) from None
         except Failed as failure:
-            log = failure.log or self._tail(before)
+            failure.log = failure.log or self._tail(before)
             if failure.fatal:
                 self.kill()
-            if not failure.begun:
-                raise unusable(self._fmu, failure.message, log, begun=True) from None
-            raise RunFailed(failure.message, log) from None
+            raise
         _, trajectory, self.note = answer
         return trajectory  # type: ignore[no-any-return] # as `serve` sends it
 
@@ -221,11 +210,8 @@ class Engine:
         signals: NDArray[Any] | None,
         operation: Operation,
     ) -> None:
-        self._file = file
-        self._course = course
-        self._records = records
-        self._signals = signals
-        self._operation = operation
+        self._file, self._course, self._records = file, course, records
+        self._signals, self._operation = signals, operation
         self._notes: dict[str, None] = {}
         self._process: FMUProcess | FMUInProcess | None
         self._idle()
@@ -266,7 +252,12 @@ class Engine:
 
     def _run(self, job: FMURun, logging: bool = False) -> Trajectory:
         process = self._opened()
-        trajectory = process.run(job, self._operation.timeout, logging)
+        try:
+            trajectory = process.run(job, self._operation.timeout, logging)
+        except Failed as failure:
+            if failure.begun:
+                raise RunFailed(failure.message, failure.log) from None
+            raise unusable(self._file, failure, begun=True) from None
         if process.note:
             self._notes[process.note] = None
         return trajectory
@@ -286,7 +277,10 @@ class Engine:
         if process is not None and process.alive and process.runs < self._operation.recycle:
             return process
         self.close()
-        process = (FMUProcess if self._operation.isolated else FMUInProcess)(self._setup())
+        try:
+            process = (FMUProcess if self._operation.isolated else FMUInProcess)(self._setup())
+        except Failed as failure:
+            raise unusable(self._file, failure) from None
         self._finalizer = weakref.finalize(self, process.close)
         self._process = process
         return process

@@ -403,7 +403,7 @@ def serve() -> None:
     try:
         session = FMUSession(setup)
     except Exception as error:
-        reply("failed", str(error), getattr(error, "log", ""), True)
+        reply("failed", getattr(error, "message", str(error)), getattr(error, "log", ""), True)
         shutil.rmtree(setup["folder"], ignore_errors=True)
         return
     try:
