@@ -34,10 +34,10 @@ from aleator.simulators.command import (
     OutputFile,
     RegexOutput,
     Template,
-    process,
+    run,
 )
 from aleator.simulators.command.inputs import Text, filled
-from aleator.simulators.command.process import watched
+from aleator.simulators.command.run import watched
 
 DIVIDE = ["awk", 'BEGIN {{printf "%.17g", {load} / {stiffness}}}']
 
@@ -289,7 +289,7 @@ def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     once(CommandSimulator(DIVIDE))
     (home,) = tmp_path.iterdir()  # of this process, as long as it lives
     assert os.listdir(home) == []
-    process.close()
+    run.close()
     assert os.listdir(tmp_path) == []
 
 
@@ -596,7 +596,7 @@ def test_a_program_hears_the_signals_that_its_caller_holds(tmp_path: Path) -> No
 def test_a_passing_folder_is_gone_with_its_process(tmp_path: Path) -> None:
     code = (
         "import time\n"
-        "from aleator.simulators.command.process import passing\n"
+        "from aleator.simulators.command.run import passing\n"
         "with passing() as folder:\n"
         "    (folder / 'large').write_text('1')\n"
         "    print(folder, flush=True)\n"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -34,13 +33,6 @@ class Messages:
         failure = tried.failures[row]
         if failure.kind == NOT_FINITE:
             return self._not_finite(tried, row)
-        if failure.kind == "TypeError" and getattr(self.simulator, "vectorized", False):
-            return SimulatorError(
-                f"simulator '{self.simulator.name}' is called with arrays, because vectorized is "
-                f"true, and raised for any number of runs: {failure.message}",
-                "set vectorized = false if it computes one run at a time (as float() and the "
-                "functions of math do); else let it take arrays, with the functions of numpy",
-            )
         what, who = (
             ("failed", "simulator") if failure.kind == "RunFailed" else ("raised", "function")
         )
@@ -54,7 +46,7 @@ class Messages:
     def too_many(self, tried: Runs, failed: int, asked: int) -> SimulatorError:
         """Too large a share of all runs failed for a surface through the others."""
         row = min(tried.failures)
-        hint = self._nowhere(tried.failures[row]) if failed == asked else ""
+        hint = "mend the simulator: no run of it worked" if failed == asked else ""
         return self._no_outcome(
             f": {failed:,} of {asked:,} runs failed, too many to go on; the first for "
             f"{self._run(tried, row)}: {_told(tried.failures[row])}",
@@ -63,23 +55,6 @@ class Messages:
             tried,
             _failed(tried),
         )
-
-    def _nowhere(self, failure: Failure) -> str:
-        """What to do where no run worked; of a function that wants arrays, that."""
-        scalars = not getattr(self.simulator, "vectorized", True)
-        if scalars and re.match(
-            r"(Attribute|Type|Index)Error: .*\b(float|scalar)", failure.message
-        ):
-            return (
-                "set vectorized = true if the function computes with arrays of many runs; else "
-                "mend it: no run of it worked"
-            )
-        if re.match(r"the outcome in '.*' is .*, not a number", failure.message):
-            return (
-                "let it print the number as the last word, or say in [simulator] where the number "
-                r"is, such as output = {regex = 'time = (\S+)'}: no run of it worked"
-            )
-        return "mend the simulator: no run of it worked"
 
     def not_repeatable(self, runs: Runs, row: int, first: float, again: float) -> SimulatorError:
         """One of the runs has two outcomes."""

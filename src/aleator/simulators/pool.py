@@ -89,7 +89,7 @@ _limits: list[Any] = []
 def _end_with_parent() -> None:
     """End this worker, whatever it does, when the process that started it has ended.
 
-    Programs and folders of its runs go then, too (see `command.process`).
+    Programs and folders of its runs go then, too (see `command.run`).
     """
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()

@@ -23,7 +23,7 @@ from aleator.laws.hyperparameter import limits_of
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.simulators import ProcessPool
-from aleator.simulators.command.process import passing
+from aleator.simulators.command.run import passing
 from aleator.simulators.pool import packed
 from aleator.tasks.identification import Identification
 from aleator.tasks.replicate_file import Replicate, ReplicateFile, head_of

@@ -24,7 +24,7 @@ from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.search import Search
 from aleator.simulators import ProcessPool, Runner, Simulator
-from aleator.simulators.command.process import passing
+from aleator.simulators.command.run import passing
 from aleator.simulators.pool import packed
 from aleator.simulators.store import Store
 from aleator.surrogates import ResponseSurface

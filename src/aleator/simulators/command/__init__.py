@@ -1,6 +1,6 @@
 """An external program as a simulator: what it is given, how it is run, where its outcome is.
 
-Three nouns: an input (`inputs`: texts with placeholders, tables, JSON), a process (`process`: one
+Three nouns: an input (`inputs`: texts with placeholders, tables, JSON), a process (`run`: one
 run in a folder of its own, of which nothing is left), an output (`outputs`: a number, or a column
 for a series, in what the program wrote). `simulator` puts them together.
 """
@@ -21,7 +21,7 @@ from aleator.simulators.command.outputs import (
     OutputFile,
     RegexOutput,
 )
-from aleator.simulators.command.process import Keep
+from aleator.simulators.command.run import Keep
 from aleator.simulators.command.simulator import CommandSimulator
 
 __all__ = [

@@ -15,7 +15,7 @@ import numpy as np
 from aleator.errors import SimulatorError, nearest
 from aleator.simulators import surroundings
 from aleator.simulators.command.inputs import within
-from aleator.simulators.command.process import STDERR, STDOUT, read_text
+from aleator.simulators.command.run import STDERR, STDOUT, read_text
 from aleator.simulators.function import FunctionSimulator, load_function
 from aleator.simulators.protocol import RunFailed, describe
 

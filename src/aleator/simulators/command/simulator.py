@@ -29,7 +29,7 @@ from aleator.simulators.command.inputs import (
     written,
 )
 from aleator.simulators.command.outputs import Output, OutputFile
-from aleator.simulators.command.process import STDIN, Folder, Keep, Limits, contents, run
+from aleator.simulators.command.run import STDIN, Folder, Keep, Limits, contents, run
 from aleator.simulators.protocol import (
     Returned,
     RunFailed,
