@@ -1,6 +1,5 @@
 """A program named in study.toml, and one that reads a table of rows."""
 
-import re
 import shutil
 import tomllib
 from pathlib import Path
@@ -12,7 +11,7 @@ import pytest
 from identifications import unjudged
 
 from aleator import Check, Identification
-from aleator.errors import AleatorError, SimulatorError, StudyError
+from aleator.errors import AleatorError, SimulatorError
 from aleator.observations.experiments import Conditions
 from aleator.observations.responses import Response
 from aleator.search import GradientMultistart
@@ -123,32 +122,6 @@ def test_standard_input_and_hook(folder: Path) -> None:
     )
     simulator = load_study(study(folder, command.replace('"json"', '"csv"'))).simulator
     assert simulator.stdin == CsvFeed()
-
-
-@pytest.mark.parametrize(
-    ("simulator", "message"),
-    [
-        ('function = "model.py:travel"\ncommand = "true"', r"function and command are both given"),
-        ("vectorized = true", r"key 'simulator': it names none of the simulators"),
-        ('comand = "true"', r"names none of the simulators.*'command'"),
-        ('command = "true"\ntimout = 3', r"key 'simulator.timout'.*mean 'timeout'"),
-        ('command = ["true", 3]', r"key 'simulator.command\[1\]' = 3: .*string"),
-        ('command = "true"\ntemplate = "spring.tpl"', "1 of template, 0 of input"),
-        ('command = "true"\ndelimiters = ["$"]', r"'simulator.delimiters' = \[\"\$\"\]: .*2 items"),
-        ('command = "true"\nkeep = "al"', r"'simulator.keep' = \"al\" is not known .*mean 'all'"),
-        ('command = "true"\noutput = {regex = "(a)", path = "a"}', "regex and path are both"),
-        ('command = "true"\noutput = {row = 3}', r"row has no meaning by itself\n.*write column"),
-        ('command = "true"\noutput = {regex = "(a)", row = 3}', "row has no meaning beside regex"),
-        ('command = "true"', r"simulator 'true' is never told the parameter 'stiffness'"),
-        ('command = "./spring {stiffness}"', r"key 'simulator.command': the program"),
-        ('command = "echo {stifness}"', r"'stifness' is neither.*\(did you mean 'stiffness'\?\)"),
-    ],
-)
-def test_a_mistake_is_one_message(folder: Path, simulator: str, message: str) -> None:
-    with pytest.raises(AleatorError) as error:
-        load_study(study(folder, simulator))
-    assert isinstance(error.value, (StudyError, SimulatorError))
-    assert re.search(message, str(error.value)), str(error.value)
 
 
 LOAD, TIME = [2.0, 2.0, 2.0, 3.0, 3.0], [0.5, 1.0, 1.5, 1.0, 2.0]

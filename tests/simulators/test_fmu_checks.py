@@ -23,7 +23,7 @@ from aleator import (
     TruncatedNormal,
 )
 from aleator.clutch import shifting_time
-from aleator.errors import SimulatorError, StudyError
+from aleator.errors import SimulatorError
 from aleator.simulators import FunctionSimulator, RunFailed, Simulator
 from aleator.simulators.derived import parse
 from aleator.simulators.fmu import (
@@ -298,31 +298,6 @@ def test_a_study_names_an_fmu(fmu: Path) -> None:
     found = loaded.runner()([0, 1], [[1.0], [2.0]])
     assert found == pytest.approx([np.log(2.0), np.log(4.0) / 2.0], abs=1e-6)
     loaded.simulator.close()  # type: ignore[attr-defined]
-
-
-OUTCOME = 'outcome = {variable = "T"}\nvariables = {k = "surface.k"}\n'
-
-
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ("", r"'simulator\.outcome'"),
-        ('outcome = {reduce = "final"}', "variable.*function"),
-        ('outcome = {variable = "T", value = 1.0}', "value.*final"),
-        ('outcome = {variable = "T", reduce = "last"}', "'simulator.outcome.reduce' = \"last\""),
-        (OUTCOME + 'kind = "cosimulation"', r"'co_simulation'"),
-        (OUTCOME + "stoptime = 3.0", r"'stop_time'"),
-        (OUTCOME + "step = -1.0", "step -1 s"),
-        (OUTCOME + 'constants = {cycles = "many"}', "'cycles'"),
-        (OUTCOME + 'inputs = {ambient = "no.csv:a"}', r"no\.csv"),
-        ('outcome = {variable = "T"}', "'k'"),
-        (OUTCOME + 'function = "model.py:f"', "function.*fmu"),
-        ('outcome = "no.py:f"', r"no\.py"),
-    ],
-)
-def test_a_study_with_a_mistake_is_refused(fmu: Path, keys: str, message: str) -> None:
-    with pytest.raises((StudyError, SimulatorError), match=message):
-        load_study(study(fmu, keys))
 
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "wet_clutch"

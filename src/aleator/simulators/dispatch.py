@@ -248,21 +248,21 @@ def _halves(simulator: Simulator, batch: Batch, error: BaseException) -> Runs:
     return whole
 
 
-def made_here(bound: Bound, asked: Runs, batching: Batching = BATCHING) -> Iterator[Runs]:
+def made_here(bound: Bound, runs: Runs, batching: Batching = BATCHING) -> Iterator[Runs]:
     """Make runs in this process; they are yielded as they are done, in their order.
 
     >>> import numpy as np
     >>> from aleator.simulators.function import FunctionSimulator
     >>> half = FunctionSimulator(lambda x: x / 2, vectorized=True)
-    >>> asked = Runs.planned(np.zeros(2, int), np.array([[1.0], [4.0]]))
+    >>> runs = Runs.planned(np.zeros(2, int), np.array([[1.0], [4.0]]))
     >>> from aleator.simulators.units import Cases
     >>> bound = Bound(half, Cases.of({}, 1), ("x",))
-    >>> [made.outcome.tolist() for made in made_here(bound, asked)]
+    >>> [made.outcome.tolist() for made in made_here(bound, runs)]
     [[[0.5], [2.0]]]
     """
     most, done = max(bound.simulator.block, batching.most_here), 0
-    while done < len(asked):
-        batch = Batch.of(bound, asked.some(slice(done, done + most)))
+    while done < len(runs):
+        batch = Batch.of(bound, runs.some(slice(done, done + most)))
         made = make(bound.simulator, batch, batching.here)
         yield made
         if made.stopped:
@@ -305,12 +305,12 @@ class Dispatcher:
                 return number
         return os.cpu_count() or 1
 
-    def make(self, asked: Runs, stopping: Callable[[int], None]) -> Iterator[Runs]:
+    def make(self, runs: Runs, stopping: Callable[[int], None]) -> Iterator[Runs]:
         """Have runs made by the workers.
 
         `stopping` is told of how many batches are running when Ctrl-C comes.
         """
-        self._waiting = deque([asked] if len(asked) else [])
+        self._waiting = deque([runs] if len(runs) else [])
         with interruptions_noted() as interrupted:
             self._ending = interrupted
             while self._waiting or self._running or self._suspect:

@@ -108,13 +108,13 @@ class RunCache:
         self.at_start = store.counts(self.identity)
         self.added = 0
 
-    def find(self, asked: Runs) -> Runs:
+    def find(self, runs: Runs) -> Runs:
         """The same runs with outcomes and failures where the store has them."""
-        outcome, failures = asked.outcome.copy(), dict[int, Failure]()
+        outcome, failures = runs.outcome.copy(), dict[int, Failure]()
         for named in self._ways:
-            for start in range(0, len(asked), self._together):
+            for start in range(0, len(runs), self._together):
                 rows = slice(start, start + self._together)
-                cases, keys = self._keys(asked.some(rows), named)
+                cases, keys = self._keys(runs.some(rows), named)
                 for place, value, message, attempts in self.store.find(
                     self.identity.fingerprint, cases, keys
                 ):
@@ -123,7 +123,7 @@ class RunCache:
                         continue
                     outcome[start + place] = self._read(value, outcome.shape[1])
         worked = {k: failure for k, failure in failures.items() if np.isnan(outcome[k]).all()}
-        return replace(asked, outcome=outcome, failures=worked)
+        return replace(runs, outcome=outcome, failures=worked)
 
     def _read(self, value: float | bytes | None, width: int) -> Array:
         """The values of a run as the store has them, NaN behind the last; raises StoreError."""
@@ -245,14 +245,14 @@ class Execution:
                 return
             progress.retry(len(keys))
 
-    def made(self, asked: Runs, progress: RunProgress | None = None) -> Generator[Runs, None, None]:
+    def made(self, runs: Runs, progress: RunProgress | None = None) -> Generator[Runs, None, None]:
         """The runs as they are made; after Ctrl-C those that were at work are waited for."""
         if self._executor is None:
-            yield from made_here(self._bound, asked, self._batching)
+            yield from made_here(self._bound, runs, self._batching)
             return
         workers = Dispatcher(self._bound, self._executor, self._batching)
         try:
-            yield from workers.make(asked, progress.stopping if progress else lambda _: None)
+            yield from workers.make(runs, progress.stopping if progress else lambda _: None)
         except GeneratorExit:
             for made in workers.rest():
                 self._received(made)
