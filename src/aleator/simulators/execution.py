@@ -21,7 +21,7 @@ from aleator.simulators.dispatch import (
     made_here,
     without_outcome,
 )
-from aleator.simulators.runs import NOT_FINITE, Failure, Memory, Runs
+from aleator.simulators.runs import NOT_FINITE, Failure, Memory, Runs, row_bytes
 from aleator.simulators.store import MOVE_ASIDE, Case, Identity, Store
 from aleator.simulators.units import Bound, Units
 from aleator.types import Array
@@ -171,7 +171,7 @@ class RunCache:
     def _keys(self, runs: Runs, named: bool) -> tuple[list[Case], list[tuple[int, bytes]]]:
         """The different cases of some runs; of each run the position of its case there, and x."""
         chosen, position = np.unique(runs.case, return_inverse=True)
-        x = [row.tobytes() for row in np.ascontiguousarray(runs.x[:, self._order], dtype="<f8")]
+        x = row_bytes(runs.x[:, self._order])
         cases = [self._case(named, k) for k in chosen.tolist()]
         return cases, [*zip(position.tolist(), x, strict=True)]
 

@@ -38,6 +38,17 @@ class Failure:
         return cls(describe(error), None, type(error).__name__)
 
 
+def row_bytes(values: Array) -> list[bytes]:
+    """Every bit of each row of values (R, n), as a store has them.
+
+    >>> row_bytes(np.array([[1.0], [-0.0]]))[1]
+    b'\\x00\\x00\\x00\\x00\\x00\\x00\\x00\\x80'
+    """
+    whole = np.ascontiguousarray(values, dtype="<f8").tobytes()
+    size = len(whole) // max(len(values), 1)
+    return [whole[k * size : (k + 1) * size] for k in range(len(values))]
+
+
 @dataclass(frozen=True, eq=False)
 class Runs:
     """R runs: `case` (R,) of the conditions, `x` (R, n), and once they are made what came of them.
@@ -82,9 +93,7 @@ class Runs:
 
     def keys(self) -> list[bytes]:
         """What tells one run from another: the case and every bit of the parameters, R texts."""
-        rows = np.column_stack([self.case, self.x])
-        whole, size = rows.tobytes(), rows.itemsize * rows.shape[1]
-        return [whole[k : k + size] for k in range(0, len(whole), size)]
+        return row_bytes(np.column_stack([self.case, self.x]))
 
     def some(self, rows: slice | Indices | Flags) -> Self:
         """Some of the runs, to be made."""
