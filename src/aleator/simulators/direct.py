@@ -161,6 +161,8 @@ class DirectRuns:
     def __init__(self, bound: Bound, settings: DirectSettings = SETTINGS) -> None:
         self._bound, self._simulator, self._form = bound, bound.simulator, bound.form
         self._settings = settings
+        observed = np.zeros((len(bound.cases), self._form.width), dtype=np.bool_)
+        self._unmeasured = replace(bound, form=replace(bound.form, observed=observed))
         self._together: ArrayCalls | None = None
         self.count = self.lost = 0
         self.failures = Runs.planned(np.empty(0, np.intp), np.empty((0, len(bound.parameters))))
@@ -241,19 +243,8 @@ class DirectRuns:
 
     def _carefully(self, case: Indices, x: Array) -> tuple[Array, Failures]:
         """The same where a run raises: that one is NaN."""
-        form, names = self._form.some(case), self._bound.parameters
-        values = np.full((len(x), form.width), np.nan)
-        anything = replace(form, observed=np.zeros(values.shape, dtype=np.bool_))
-        done, failures = 0, dict[int, Failure]()
-        while done < len(case):
-            left = slice(done, None)
-            asked = Runs.planned(case[left], x[left], form.width)
-            conditions = self._bound.cases.at(case[left])
-            batch = Batch(conditions, names, anything.some(left), asked)
-            made = make(self._simulator, batch, np.inf)
-            if made.stopped:
-                raise made.stopped
-            values[done : done + len(made)] = made.outcome
-            failures |= {done + run: failure for run, failure in made.failures.items()}
-            done += len(made)
-        return values, failures
+        runs = Runs.planned(case, x, self._form.width)
+        made = make(self._simulator, Batch.of(self._unmeasured, runs), np.inf)
+        if made.stopped:
+            raise made.stopped
+        return made.outcome, made.failures

@@ -38,7 +38,7 @@ class Messages:
         )
         return self._no_outcome(
             f" {what} for {self._run(tried, row)}: {_told(failure)}",
-            f"mend the {who} for the conditions {self._conditions(tried, row)}{self._texts()}",
+            f"mend the {who} for the conditions {self._conditions(tried, row)}",
             tried,
             np.arange(len(tried)) == row,
         )
@@ -51,7 +51,7 @@ class Messages:
             f": {failed:,} of {asked:,} runs failed, too many to go on; the first for "
             f"{self._run(tried, row)}: {_told(tried.failures[row])}",
             f"{hint or self._narrower(tried, row)}; or check the conditions of the experiment: "
-            f"{self._conditions(tried, row)}{self._texts()}",
+            f"{self._conditions(tried, row)}",
             tried,
             _failed(tried),
         )
@@ -106,10 +106,6 @@ class Messages:
         return ", ".join(
             f"{name}={_shown(v)}" for name, v in self.cases.values(int(runs.case[row])).items()
         )
-
-    def _texts(self) -> str:
-        text = [name for name, column in self.cases.columns.items() if column.dtype == object]
-        return f"; {', '.join(text)} is text in the table" if text else ""
 
     def _narrower(self, tried: Runs, row: int) -> str:
         """Which parameter to narrow: one whose one end fails throughout in the experiment, or any.
