@@ -37,7 +37,7 @@ from aleator.simulators.command import (
     run,
 )
 from aleator.simulators.command.inputs import Text, filled
-from aleator.simulators.command.run import watched
+from aleator.simulators.command.run import run_folder
 
 DIVIDE = ["awk", 'BEGIN {{printf "%.17g", {load} / {stiffness}}}']
 
@@ -574,7 +574,7 @@ def test_a_signal_in_the_instant_of_a_start_ends_the_program(
             started.append(self.pid)
             signal.raise_signal(signum)
 
-    watched().rmdir()  # a janitor is there, whose start is not the one in question
+    run_folder().rmdir()  # a janitor is there, whose start is not the one in question
     monkeypatch.setattr(subprocess, "Popen", Interrupted)
     before = signal.signal(signum, signal.default_int_handler)
     try:

@@ -24,7 +24,7 @@ from aleator.simulators.messages import Messages
 from aleator.simulators.protocol import Simulator
 from aleator.simulators.runs import REPEATABILITY, Repeats, Runs, differing
 from aleator.simulators.store import Store
-from aleator.simulators.surroundings import ending, watched
+from aleator.simulators.surroundings import end_reported, ending
 from aleator.simulators.units import Bound, Cases, Form, Units
 from aleator.types import Array, Indices
 
@@ -391,8 +391,8 @@ class Runner:
 
         By `os._exit`, a crash of compiled code, or its STOP. First the first experiment at x (n,)
         is tried in a copy of the process, unless the store has runs: raises SimulatorError where
-        that ends the copy (see `ending`). A later end is said on the standard error (`watched`).
-        Workers and other simulators have processes of their own: nothing is tried or watched.
+        that ends the copy (see `ending`). A later end is said on the standard error (see
+        `end_reported`). Workers and other simulators have processes of their own: nothing is tried.
         """
         if self.executor or not isinstance(self.simulator, FunctionSimulator):
             yield
@@ -406,7 +406,7 @@ class Runner:
                     f"({how})",
                     f"let it raise an exception there; {_APART}",
                 )
-        with watched(
+        with end_reported(
             "aleator: error: the process ended before the command did: the simulator "
             f"'{self.simulator.name}' ended it (os._exit, a crash, STOP), or a signal. There is "
             f"no answer.\n  Remedy: let the simulator raise an exception there; {_APART}"

@@ -255,7 +255,7 @@ def ending(call: Callable[[], object], patience: float = 10.0) -> str | None:
 
 
 @contextmanager
-def watched(words: str) -> Iterator[None]:
+def end_reported(words: str) -> Iterator[None]:
     """Have `words` written to the standard error if this process ends before the block does.
 
     By a shell that waits for a line of this process; the exit code stays what ended the process.

@@ -105,7 +105,7 @@ _lock = threading.Lock()
 _janitors: list[_Janitor] = []
 
 
-def watched() -> Path:
+def run_folder() -> Path:
     """A new folder for a run; with the processes of `leads`, it does not outlive this process.
 
     As long as this process lives, both are the caller's to end and remove. Raises OSError where
@@ -119,7 +119,7 @@ def watched() -> Path:
 @contextmanager
 def passing() -> Iterator[Path]:
     """A folder that is gone when the block or this process ends, however that ends."""
-    folder = watched()
+    folder = run_folder()
     try:
         yield folder
     finally:
@@ -318,7 +318,7 @@ class Folder:
 
         A RunFailed that leaves the block tells where the folder is kept.
         """
-        folder = watched()
+        folder = run_folder()
         try:
             self._fill(folder)
             for output in outputs:
