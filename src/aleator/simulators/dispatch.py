@@ -39,8 +39,8 @@ class Batching:
     - `here`: seconds of runs in this process after which those that completed are handed over, and
       of a run that is timed by itself; shorter ones are called some at a time. By judgement: it is
       what an interruption loses of cheap runs.
-    - `workers`: seconds of runs that a worker is given at once. A batch costs about a millisecond
-      to send: "Cost of workers" in `python -m benchmarks runs`.
+    - `workers`: seconds of runs that a worker is given at once. Beside them a batch takes 11 to
+      14 ms through Dask (measured once: docs/evidence.md, "Cost of workers").
     - `most_here`, `most`: runs of one batch, however cheap, in this process and of a worker. By
       judgement, for the memory of their columns.
     - `waiting`: batches for each worker that are submitted: one runs, one waits.

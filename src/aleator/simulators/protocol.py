@@ -21,8 +21,8 @@ class Blocks:
     """The most runs that one call of a function is given where it does not say itself.
 
     - `arrays`: of arrays. Large enough that arrays pay, small enough that an interruption loses
-      little ("Cost of storing runs" in `python -m benchmarks runs`). Fixed, because the last digits
-      of an array operation may depend on its length.
+      little; by judgement. Fixed, because the last digits of an array operation may depend on its
+      length.
     - `single`: of runs that are made one by one, which is what is timed together. By judgement.
     """
 

@@ -118,7 +118,8 @@ class StoreSettings:
     - `patience`: seconds that a process waits for another that is writing; one transaction takes
       milliseconds. By judgement.
     - `cache`: kibibytes of the file that are held in memory. Without them a store of a million runs
-      is written three times as often ("Cost of storing runs" in `python -m benchmarks runs`).
+      was written three times as often, because new runs belong all over its index (seen once; what
+      a million runs cost is measured by `python -m benchmarks runs`).
     - `unsynced`: seconds of the simulator's work after which a commit waits for the disk: so much a
       power cut may cost. By judgement.
     """
