@@ -277,7 +277,7 @@ class Dispatcher:
     halves until the run at fault is found, which is a failure like any other; each half alone,
     unless the executor told which batch it was (WorkerLost). After Ctrl-C nothing more is submitted
     and what was running is yielded, then KeyboardInterrupt is raised; a second Ctrl-C does so at
-    once. What stops a batch (see `make` of `batch`) stops the others likewise. `rest` yields what
+    once. What stops a batch (see `make`) stops the others likewise. `rest` yields what
     is running for whoever stops of its own.
 
     Raises SurroundingsError for workers that cannot live, SimulatorError for a simulator that

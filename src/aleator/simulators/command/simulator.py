@@ -107,7 +107,7 @@ class Program:
     def arguments(self, values: Values) -> list[str]:
         """What is started, with the values in place.
 
-        Raises SimulatorError for a value that a shell would read (see `shell`).
+        Raises SimulatorError for a value that a shell would read (see `filled`).
         """
         if self.shell:
             return [str(self.executable), "-c", filled(self.texts[0], values)]

@@ -1,6 +1,6 @@
 """One FMU instance in one process, run after run.
 
-This file is also the program of the process that an FMU runs in (see `child`). So that such a
+This file is also the program of the process that an FMU runs in (see `engine`). So that such a
 process starts in a third of a second, it imports nothing of Aleator.
 """
 
