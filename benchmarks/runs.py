@@ -27,7 +27,7 @@ from rich.table import Table
 
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner, Store
-from aleator.simulators.workers.pool import ProcessPool
+from aleator.simulators.pool import ProcessPool
 
 WORKERS = 2
 EACH = 50

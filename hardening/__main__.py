@@ -13,12 +13,11 @@ from collections.abc import Callable
 from rich.console import Console
 from rich.table import Table
 
-from hardening.damaged import KINDS
+from hardening.damaged import KINDS, mutations
 from hardening.failing import failing
 from hardening.formulas import READERS, formulas
 from hardening.judging import DONE, TOLD, Verdict
 from hardening.kills import kills
-from hardening.mutations import mutations
 
 CONSOLE = Console()
 

@@ -17,7 +17,7 @@ import pandas as pd
 
 from aleator.errors import AleatorError
 from aleator.laws.design import Design
-from aleator.simulators.expression import parse
+from aleator.simulators.derived import parse
 from hardening.judging import DONE, SLOW, TOLD, TRACEBACK
 from hardening.mutation import Damage
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import shutil
 from dataclasses import dataclass
@@ -11,7 +13,30 @@ from typing import Any
 from click.testing import CliRunner
 
 from aleator.cli import main
-from hardening import toml
+
+
+def as_toml(tree: dict[str, Any]) -> str:
+    """A tree as TOML, each key of the root on a line of its own.
+
+    >>> as_toml({"search": {"starts": 1}, "x": [0.5, float("inf")]})
+    'search = {"starts" = 1}\\nx = [0.5, inf]\\n'
+    """
+    return "".join(f"{_key(name)} = {_value(value)}\n" for name, value in tree.items())
+
+
+def _key(name: str) -> str:
+    return name if name.isidentifier() and name.isascii() else json.dumps(name)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(k)} = {_value(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return json.dumps(value)
+
 
 MODEL = """\
 def length(load, softness):
@@ -157,7 +182,7 @@ STORE = "plain"
 def written(sound: Sound, folder: Path) -> Path:
     """A folder with the files of a study."""
     folder.mkdir(parents=True)
-    (folder / "study.toml").write_text(toml.written(sound.study))
+    (folder / "study.toml").write_text(as_toml(sound.study))
     (folder / "table.csv").write_text(sound.table)
     (folder / "model.py").write_text(MODEL)
     (folder / "new.csv").write_text(sound.new)

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator import cli
-from aleator.simulators.repeats import MOST
+from aleator.simulators.runs import MOST
 from aleator.study.laws import LAWS
 from aleator.study.propagation import PROPAGATIONS
 from aleator.study.sections import DENSITIES, SEARCHES, StudyFile

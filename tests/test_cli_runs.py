@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aleator import cli
-from aleator.simulators import Identity, Store, exchange, records
+from aleator.simulators import Identity, Store, records
 from aleator.simulators.records import StoredRun
 
 STUDY = """\
@@ -234,16 +234,16 @@ def test_runs_of_different_simulators_are_rows_of_one_table() -> None:
         )
 
     runs = [kept(1, {"a": 2.0}, {"x": 3.0}), kept(2, {"b": 4.0}, {"x": 5.0, "y": 6.0})]
-    frame = exchange.table(runs)
+    frame = records.table(runs)
     rows = frame[["condition.a", "condition.b", "parameter.x", "parameter.y"]].fillna(-1.0)
     assert rows.to_numpy().tolist() == [[2.0, -1.0, 3.0, -1.0], [-1.0, 4.0, 5.0, 6.0]]
     assert [*frame.columns[:4]] == ["fingerprint", "simulator", "description", "version"]
-    assert [*exchange.table([]).columns] == [*frame.columns[:4], *frame.columns[8:]]
+    assert [*records.table([]).columns] == [*frame.columns[:4], *frame.columns[8:]]
 
 
 @given(st.text(max_size=8) | st.floats(allow_nan=False))
 def test_any_condition_survives_a_cell(value: str | float) -> None:
-    cell = exchange.as_cell(value)
+    cell = records.as_cell(value)
     text = repr(cell) if isinstance(cell, float) else cell
-    assert exchange.from_cell(text) == value
-    assert type(exchange.from_cell(text)) is type(value)
+    assert records.from_cell(text) == value
+    assert type(records.from_cell(text)) is type(value)

@@ -9,15 +9,14 @@ import pytest
 
 from aleator.errors import AleatorError
 from aleator.study import load_study
-from hardening import judging, toml
+from hardening import judging
 from hardening.damaged import KINDS, damaged
 from hardening.failing import failing
 from hardening.formulas import READERS, WRITTEN, formulas
 from hardening.judging import DONE, TOLD, TRACEBACK
-from hardening.kills import kills
+from hardening.kills import Way, kills
 from hardening.mutation import Damage
-from hardening.sound import OPTIONS, STUDIES, Sound, prepared, written
-from hardening.ways import Way
+from hardening.sound import OPTIONS, STUDIES, Sound, as_toml, prepared, written
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +60,7 @@ def test_a_traceback_is_noticed(
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_tree_is_written_as_it_is(name: str) -> None:
-    assert tomllib.loads(toml.written(STUDIES[name].study)) == STUDIES[name].study
+    assert tomllib.loads(as_toml(STUDIES[name].study)) == STUDIES[name].study
 
 
 def test_damage_changes_something() -> None:

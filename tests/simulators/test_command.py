@@ -1,21 +1,26 @@
-"""An external program as a simulator: what it is given, and where its outcome is found."""
+"""A program: what it is given, where its outcome is, how it fails; nothing of it is left."""
 
 import json
 import os
 import pickle
-import stat
+import signal
+import subprocess
+import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from programs import failing, gone, script
 
-from aleator.errors import SimulatorError
+from aleator.errors import SimulatorError, SurroundingsError
 from aleator.observations.experiments import Conditions
-from aleator.simulators import Runner
+from aleator.simulators import RunFailed, Runner
 from aleator.simulators.command import (
     CommandSimulator,
     CsvFeed,
@@ -29,25 +34,16 @@ from aleator.simulators.command import (
     OutputFile,
     RegexOutput,
     Template,
-    janitor,
+    run,
 )
-from aleator.simulators.command.placeholders import Text
+from aleator.simulators.command.inputs import Text, filled
+from aleator.simulators.command.run import run_folder
 
 DIVIDE = ["awk", 'BEGIN {{printf "%.17g", {load} / {stiffness}}}']
 
 
-def script(folder: Path, text: str, name: str = "program") -> str:
-    path = folder / name
-    path.write_text(f"#!/bin/sh\n{text}\n")
-    path.chmod(path.stat().st_mode | stat.S_IXUSR)
-    return f"./{name}"
-
-
 def once(simulator: CommandSimulator, load: float | str = 1.0, stiffness: float = 4.0) -> float:
     return simulator.run_one({"load": load}, {"stiffness": stiffness})
-
-
-# ------------------------------------------------------------------------------ placeholders
 
 
 @given(value=st.floats(allow_nan=False, allow_infinity=False))
@@ -82,13 +78,6 @@ def test_a_format_that_no_number_has() -> None:
         Text.parse("{x:q}")
     with pytest.raises(SimulatorError, match="cannot mark a placeholder"):
         Delimiters("", "}")
-
-
-# ------------------------------------------------------------------------- what it is given
-
-
-def test_arguments() -> None:
-    assert once(CommandSimulator(DIVIDE)) == 0.25
 
 
 def test_a_command_as_one_text_is_cut_as_a_shell_does_but_no_shell_sees_it(tmp_path: Path) -> None:
@@ -141,14 +130,6 @@ def test_standard_input_has_every_condition(feed: JsonFeed | CsvFeed, read: str)
     assert simulator.run_one({"load": 0.1, "bench": 'A, "b"'}, {"stiffness": 3.0}) == 0.1 / 3.0
 
 
-def test_standard_input_from_a_template(tmp_path: Path) -> None:
-    (tmp_path / "in.tpl").write_text("{load} {stiffness}\n")
-    simulator = CommandSimulator(
-        ["awk", "{{print $1 / $2}}"], stdin=Template(tmp_path / "in.tpl"), base=tmp_path
-    )
-    assert once(simulator) == 0.25
-
-
 @pytest.mark.parametrize("link", [False, True])
 def test_files_and_folders_come_along(tmp_path: Path, link: bool) -> None:
     (tmp_path / "mesh.dat").write_text("3\n")
@@ -191,9 +172,6 @@ def test_the_study_folder_has_a_placeholder(tmp_path: Path) -> None:
     assert once(CommandSimulator(["awk", "-f", "{study}/model.awk"], base=tmp_path)) == 6
 
 
-# ------------------------------------------------------------------- where the outcome is
-
-
 @pytest.mark.parametrize(
     ("output", "text", "outcome"),
     [
@@ -222,9 +200,6 @@ def test_a_hook_gets_the_folder_and_what_was_printed(tmp_path: Path) -> None:
         [program], HookOutput("reading.py:outcome", tmp_path), base=tmp_path
     )
     assert once(simulator) == 5
-
-
-# ------------------------------------------------------- the same answers as a function gives
 
 
 @given(load=st.floats(1e-300, 1e300), stiffness=st.floats(1e-3, 1e3))
@@ -258,9 +233,6 @@ def test_pickled_copies_run_at_once_without_meeting(tmp_path: Path) -> None:
         outcomes = list(pool.map(once, copies, map(float, range(8))))
     assert outcomes == list(range(8))
     assert all(copy == simulator for copy in copies)
-
-
-# ----------------------------------------------------------------------------- fingerprint
 
 
 def test_a_fingerprint_changes_with_all_that_is_named(tmp_path: Path) -> None:
@@ -317,5 +289,406 @@ def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     once(CommandSimulator(DIVIDE))
     (home,) = tmp_path.iterdir()  # of this process, as long as it lives
     assert os.listdir(home) == []
-    janitor.close()
+    run.close()
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (["./progam"], r"program './progam' does not exist.*'program'"),
+        (["./model.py"], r'may not be executed\n.*\["python3", "\{study\}/model.py"'),
+        (["./text"], r"may not be executed\n.*chmod \+x ./text"),
+        (["./folder"], r"program './folder' is a folder"),
+        (["program"], r"is not on the PATH\n.*write './program'"),
+        (["no_such_program_anywhere"], r"is not on the PATH\n.*install it"),
+        (["./{x}"], r"program './\{x\}' changes from run to run"),
+        ([], "the command is empty"),
+        ("./program 'open", "cannot be cut into arguments"),
+    ],
+)
+def test_a_command_that_cannot_be_run(tmp_path: Path, command: list[str], message: str) -> None:
+    script(tmp_path, "echo 1")
+    (tmp_path / "folder").mkdir()
+    for name in ("model.py", "text"):
+        (tmp_path / name).write_text("")
+    with pytest.raises(SimulatorError, match=message):
+        CommandSimulator(command, base=tmp_path)
+
+
+def test_a_list_is_not_for_a_shell() -> None:
+    with pytest.raises(SimulatorError, match="write the command as one text"):
+        CommandSimulator(["echo", "1"], shell=True)
+
+
+@pytest.mark.parametrize(
+    ("choices", "message"),
+    [
+        ({"files": ("mesh.dta",)}, r"'mesh.dta' does not exist.*'mesh.dat'"),
+        ({"files": ("mesh.dat", "more/mesh.dat")}, "two of the files are named 'mesh.dat'"),
+        ({"timeout": 0.0}, "timeout = 0"),
+        ({"timeout": float("inf")}, "timeout = inf"),
+        ({"success_codes": ()}, "every run would fail"),
+    ],
+)
+def test_choices_that_cannot_be(tmp_path: Path, choices: dict[str, object], message: str) -> None:
+    (tmp_path / "more").mkdir()
+    for name in ("mesh.dat", "more/mesh.dat"):
+        (tmp_path / name).write_text("1")
+    with pytest.raises(SimulatorError, match=message):
+        CommandSimulator(["true"], base=tmp_path, **choices)  # type: ignore[arg-type]
+
+
+def test_inputs_that_cannot_be(tmp_path: Path) -> None:
+    (tmp_path / "in.tpl").write_text("{x}")
+    with pytest.raises(SimulatorError, match=r"'in.tpl'"):
+        Template(tmp_path / "inn.tpl")
+    template = Template(tmp_path / "in.tpl")
+    for name in ("../in.dat", "/in.dat", ""):
+        with pytest.raises(SimulatorError, match="not a file in the folder of a run"):
+            InputFile(name, template)
+    with pytest.raises(SimulatorError, match="is a file of the run already"):
+        CommandSimulator(
+            ["true"], base=tmp_path, files=("in.tpl",), inputs=(InputFile("in.tpl", template),)
+        )
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: RegexOutput("stdout", "time = ("), "the regex 'time = .' is wrong"),
+        (lambda: RegexOutput("stdout", "time"), "has 0 groups"),
+        (lambda: RegexOutput("stdout", "(a)(b)"), "has 2 groups"),
+        (lambda: CsvOutput("stdout", 0, delimiter=", "), "one character"),
+        (lambda: OutputFile("/tmp/result.txt"), "not a file in the folder of a run"),
+        (lambda: HookOutput("nowhere.py:outcome"), "nowhere.py does not exist"),
+    ],
+)
+def test_outputs_that_cannot_be(make: object, message: str) -> None:
+    with pytest.raises(SimulatorError, match=message):
+        make()  # type: ignore[operator]
+
+
+def test_placeholders_and_parameters_must_meet(tmp_path: Path) -> None:
+    (tmp_path / "in.tpl").write_text("{stifness}")
+    inputs = (InputFile("in.dat", Template(tmp_path / "in.tpl")),)
+    told = CommandSimulator(["echo", "{load}"])
+    with pytest.raises(SimulatorError, match=r"never told the parameter 'stiffness'"):
+        told.asks(["load"], ["stiffness"])
+    with pytest.raises(SimulatorError, match=r"the command: 'load' is neither.*mean 'loads'"):
+        told.asks(["loads"], [])
+    with pytest.raises(SimulatorError, match=r"'load' is both a condition and a parameter"):
+        told.asks(["load"], ["load"])
+    with pytest.raises(SimulatorError, match=r"template in.tpl: 'stifness'.*'stiffness'"):
+        CommandSimulator(["true"], inputs=inputs).asks([], ["stiffness"])
+    with pytest.raises(SimulatorError, match=r"'input' stands for the input file"):
+        CommandSimulator(["cat", "{input}"], inputs=inputs).asks([], ["stifness", "input"])
+    assert CommandSimulator(["echo", "{load}"], allow_unused=True).asks(["load"], ["k"]) == (
+        "load",
+    )
+    assert CommandSimulator(["cat"], stdin=JsonFeed()).asks(["a", "b"], ["k"]) == ("a", "b")
+
+
+def test_braces_that_are_no_placeholders_are_told_of(tmp_path: Path) -> None:
+    (tmp_path / "in.json").write_text('{"a": {x}, "b": {"c": 3}}')
+    template = Template(tmp_path / "in.json")
+    with pytest.raises(SimulatorError, match="choose other delimiters for a file"):
+        CommandSimulator(["true"], stdin=template).asks([], ["x"])
+    (tmp_path / "in.json").write_text('{"a": <x>, "b": {"c": 3}}')
+    template = Template(tmp_path / "in.json", Delimiters("<", ">"))
+    assert template.names == ("x",)
+
+
+def test_a_crash_is_told_with_its_last_words_and_its_folder_is_kept(tmp_path: Path) -> None:
+    failure = failing(tmp_path, "echo begun; echo 'pressure too high' >&2; exit 3")
+    assert failure.log == "begun\npressure too high"
+    (kept,) = (tmp_path / "failed_runs").iterdir()
+    assert failure.message == f"it ended with exit code 3 (kept in {kept})"
+    assert (kept / "aleator.stdout").read_text() == "begun\n"
+    copy = pickle.loads(pickle.dumps(failure))
+    assert (copy.message, copy.log) == (failure.message, failure.log)
+
+
+def test_other_exit_codes_may_be_a_success(tmp_path: Path) -> None:
+    program = script(tmp_path, "echo 5; exit 3")
+    assert CommandSimulator([program], base=tmp_path, success_codes=(0, 3)).run_one({}, {}) == 5
+
+
+def test_nothing_is_kept_if_nothing_is_wanted(tmp_path: Path) -> None:
+    assert failing(tmp_path, "exit 1", keep=Keep.NONE).message == "it ended with exit code 1"
+    assert not (tmp_path / "failed_runs").exists()
+
+
+def test_failed_runs_do_not_fill_the_disk(tmp_path: Path) -> None:
+    for k in range(100):
+        (tmp_path / f"failed_runs/{k}").mkdir(parents=True)
+    assert "holds 100 runs" in failing(tmp_path, "exit 1").message
+    assert len(list((tmp_path / "failed_runs").iterdir())) == 100
+
+
+def test_a_signal_has_a_name(tmp_path: Path) -> None:
+    assert failing(tmp_path, "kill -SEGV $$").message.startswith("it ended with signal SIGSEGV")
+
+
+@pytest.mark.parametrize(
+    ("output", "text", "message"),
+    [
+        (
+            OutputFile("result.txt"),
+            "echo 1 > result.tx",
+            r"no file 'result.txt' \(did you mean 're",
+        ),
+        (OutputFile(), "echo garbage", r"outcome in 'stdout' is 'garbage', not a number"),
+        (OutputFile(), "echo 1_000", r"outcome in 'stdout' is '1_000', not a number"),
+        (CsvOutput(), "head -c 200000 /dev/zero | tr '\\0' 1", "is not a table: field larger"),
+        (OutputFile(), "true", r"outcome in 'stdout' is empty, not a number"),
+        (OutputFile(), "echo NaN", "is NaN, which is not finite"),
+        (OutputFile(), "echo -inf", "is -inf, which is not finite"),
+        (RegexOutput("stdout", "t = (.*)"), "echo t: 3", "matches nothing in 'stdout'"),
+        (RegexOutput("stdout", "t = (.*)", 2), "echo t = 3", "matches 1 times"),
+        (CsvOutput("stdout", "time"), "echo tim,x", r"no column 'time' \(did you mean 'tim'"),
+        (CsvOutput("stdout", "time"), "echo time", "has 0 rows"),
+        (CsvOutput("stdout", 2), "echo 1,2", "has 2 columns"),
+        (JsonOutput("stdout", "a"), "echo '{'", "'stdout' is not JSON"),
+        (
+            JsonOutput("stdout", "a.time"),
+            """echo '{"a": {"tim": 1}}'""",
+            r"mean 'tim'.*has tim there",
+        ),
+        (JsonOutput("stdout", "a.1"), """echo '{"a": [1]}'""", "no '1' at a; it has 1 entries"),
+        (JsonOutput("stdout", "a"), """echo '{"a": null}'""", "is None, not a number"),
+    ],
+)
+def test_an_outcome_that_is_not_there(
+    tmp_path: Path, output: OutputFile, text: str, message: str
+) -> None:
+    failure = failing(tmp_path, text, output=output)
+    with pytest.raises(RunFailed, match=message):
+        raise failure
+
+
+def test_a_hook_that_fails(tmp_path: Path) -> None:
+    (tmp_path / "failing_hook.py").write_text(
+        "def raises(folder, stdout):\n    return 1 / 0\n\n"
+        "def text(folder, stdout):\n    return '3'\n\n"
+        "def row(folder, stdout):\n    return [3]\n"
+    )
+    raises = HookOutput("failing_hook.py:raises", tmp_path)
+    message = failing(tmp_path, "true", output=raises).message
+    assert "raised ZeroDivisionError: division by zero (failing_hook.py, line 2)" in message
+    text = HookOutput("failing_hook.py:text", tmp_path)
+    assert "returned '3', not a number" in failing(tmp_path, "true", output=text).message
+    row = HookOutput("failing_hook.py:row", tmp_path)
+    assert "returned [3], not a number" in failing(tmp_path, "true", output=row).message
+
+
+def test_a_program_that_is_not_one_for_this_machine(tmp_path: Path) -> None:
+    (tmp_path / "program").write_bytes(b"\x7fELF garbage")
+    (tmp_path / "program").chmod(0o755)
+    with pytest.raises(SurroundingsError, match="cannot be started: Exec format error"):
+        CommandSimulator(["./program"], base=tmp_path).run_one({}, {})
+
+
+def test_a_value_that_does_not_have_the_format() -> None:
+    with pytest.raises(RunFailed, match=r"'A' of 'bench' cannot be written with the format '.3f'"):
+        CommandSimulator(["echo", "{bench:.3f}"], keep=Keep.NONE).run_one({"bench": "A"}, {})
+
+
+def test_a_program_that_hangs_is_stopped_with_all_its_children(tmp_path: Path) -> None:
+    failure = failing(tmp_path, "sleep 60 & echo $!; wait", timeout=0.2)
+    assert failure.message.startswith("it was stopped after its 0.2 s")
+    assert gone(int(failure.log))
+
+
+def test_a_child_that_outlives_the_program_is_ended(tmp_path: Path) -> None:
+    program = script(tmp_path, "sleep 60 & echo $!")
+    assert gone(int(CommandSimulator([program], base=tmp_path).run_one({}, {})))
+
+
+def test_a_program_that_does_not_listen_is_killed(tmp_path: Path) -> None:
+    failure = failing(tmp_path, "trap '' TERM; sleep 60 & echo $!; wait", timeout=0.1)
+    assert failure.message.startswith("it was stopped after its 0.1 s")
+    assert gone(int(failure.log))
+
+
+def test_nothing_is_left_of_a_run_whose_caller_is_killed(tmp_path: Path) -> None:
+    program = script(tmp_path, f"sleep 60 & echo $$ $! > {tmp_path}/pids; wait")
+    (tmp_path / "folders").mkdir()
+    code = (
+        "from pathlib import Path\n"
+        "from aleator.simulators.command import CommandSimulator\n"
+        f"CommandSimulator([{program!r}], base=Path({str(tmp_path)!r})).run_one({{}}, {{}})\n"
+    )
+    caller = subprocess.Popen(
+        [sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(tmp_path / "folders")}
+    )
+    pids = tmp_path / "pids"
+    while not (pids.exists() and pids.read_text().strip()):
+        assert caller.poll() is None
+        time.sleep(0.01)
+    assert len([*(tmp_path / "folders").iterdir()]) == 1
+    time.sleep(0.1)  # the caller takes note of what it started
+    caller.kill()
+    caller.wait()
+    assert all(gone(int(pid)) for pid in pids.read_text().split())
+    for _ in range(200):
+        if not [*(tmp_path / "folders").iterdir()]:
+            break
+        time.sleep(0.01)
+    assert [*(tmp_path / "folders").iterdir()] == []
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_the_program_and_passes_on(tmp_path: Path) -> None:
+    program = script(tmp_path, f"echo $$ > {tmp_path}/pid; sleep 60")
+    code = (
+        "import signal\n"
+        # it may be ignored where the tests run in the background
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from aleator.simulators.command import CommandSimulator\n"
+        f"CommandSimulator([{program!r}], base=__import__('pathlib').Path({str(tmp_path)!r}))"
+        ".run_one({}, {})\n"
+    )
+    caller = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE)
+    pid = tmp_path / "pid"
+    for _ in range(1000):
+        if pid.exists() and pid.read_text().strip():
+            break
+        time.sleep(0.01)
+    os.kill(caller.pid, signal.SIGINT)
+    _, told = caller.communicate(timeout=20)
+    assert told.endswith(b"KeyboardInterrupt\n")
+    assert gone(int(pid.read_text()))
+
+
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_the_instant_of_a_start_ends_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signum: signal.Signals
+) -> None:
+    simulator = CommandSimulator([script(tmp_path, "echo 1.0; exec sleep 60")], base=tmp_path)
+    started: list[int] = []
+
+    class Interrupted(subprocess.Popen[bytes]):
+        def __init__(self, *args: Any, **kwargs: Any) -> None:
+            super().__init__(*args, **kwargs)
+            started.append(self.pid)
+            signal.raise_signal(signum)
+
+    run_folder().rmdir()  # a janitor is there, whose start is not the one in question
+    monkeypatch.setattr(subprocess, "Popen", Interrupted)
+    before = signal.signal(signum, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            simulator.run_one({}, {})
+        assert signal.getsignal(signum) is signal.default_int_handler
+    finally:
+        signal.signal(signum, before)
+    (pid,) = started
+    assert gone(pid)
+
+
+def test_a_program_hears_the_signals_that_its_caller_holds(tmp_path: Path) -> None:
+    program = script(tmp_path, "kill -s TERM $$; sleep 60")
+    with pytest.raises(RunFailed, match="signal SIGTERM"):
+        CommandSimulator([program], base=tmp_path, keep=Keep.NONE).run_one({}, {})
+
+
+def test_a_passing_folder_is_gone_with_its_process(tmp_path: Path) -> None:
+    code = (
+        "import time\n"
+        "from aleator.simulators.command.run import passing\n"
+        "with passing() as folder:\n"
+        "    (folder / 'large').write_text('1')\n"
+        "    print(folder, flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    ) as caller:
+        assert caller.stdout is not None
+        folder = Path(caller.stdout.readline().decode().strip())
+        assert (folder / "large").exists()
+        caller.kill()
+    for _ in range(200):
+        if not [*tmp_path.iterdir()]:
+            break
+        time.sleep(0.01)
+    assert [*tmp_path.iterdir()] == []
+
+
+HERE_DOCUMENT = """cat <<END
+{label}
+END
+echo 1"""
+
+
+@pytest.mark.parametrize("value", ["$(touch X)", "`touch X`", "';touch X;'", '";touch X;"', "A B"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        'echo "label: {label}" > /dev/null; echo 1',
+        "echo '{label}' > /dev/null; echo 1",
+        HERE_DOCUMENT,
+        'echo "$(echo "a {label}")" > /dev/null; echo 1',
+        "echo `echo {label}` > /dev/null; echo 1",
+        "eval echo {label} > /dev/null; echo 1",
+        "bash -c 'echo '{label} > /dev/null; echo 1",
+        "ssh host echo {label} > /dev/null; echo 1",
+        "# it's\necho '{label}' > /dev/null; echo 1",
+    ],
+)
+def test_a_shell_never_reads_what_a_cell_says(tmp_path: Path, command: str, value: str) -> None:
+    simulator = CommandSimulator(command, shell=True, base=tmp_path, keep=Keep.ALL)
+    with pytest.raises(SimulatorError, match=r"LABEL = \"\{label\}\"") as told:
+        simulator.run_one({"label": value}, {})
+    assert not isinstance(told.value, SurroundingsError)
+    assert not list(tmp_path.rglob("X"))
+
+
+@pytest.mark.parametrize("program", [["sh", "-c"], ["bash", "-e", "-uc"]])
+def test_a_shell_that_is_the_program_itself_does_not_either(
+    tmp_path: Path, program: list[str]
+) -> None:
+    quoted = CommandSimulator([*program, 'echo "{label}"; echo 1'], base=tmp_path, keep=Keep.ALL)
+    with pytest.raises(SimulatorError, match="a shell would read"):
+        quoted.run_one({"label": "$(touch X)"}, {})
+    for command in (
+        [*program, "printf %s {label} | wc -c"],
+        [*program, 'printf %s "$1" | wc -c', "sh", "{label}"],
+    ):
+        simulator = CommandSimulator(command, base=tmp_path, keep=Keep.ALL)
+        assert simulator.run_one({"label": "$(touch X)"}, {}) == len("$(touch X)")
+    assert not list(tmp_path.rglob("X"))
+
+
+@pytest.mark.parametrize("value", ["B-2.1", "Prüfstand", "a/b,c=d:e%f@g+h_i"])
+def test_a_plain_cell_may_stand_in_quotes_of_a_shell(tmp_path: Path, value: str) -> None:
+    same = """test "{label}" = '{label}' && test {x:.2f} = '{x:.2f}'"""
+    command = f"{same} && echo {{label}} > n && wc -c < n"
+    length = CommandSimulator(command, shell=True, base=tmp_path).run_one(
+        {"label": value}, {"x": 2.0}
+    )
+    assert length == len(value.encode()) + 1
+
+
+def test_a_cell_of_any_text_reaches_a_shell_by_its_environment(tmp_path: Path) -> None:
+    value = "$(touch X)`touch X`';\" touch X"
+    command = 'printf %s "$LABEL" | wc -c'
+    simulator = CommandSimulator(
+        command, shell=True, base=tmp_path, environment={"LABEL": "{label}"}, keep=Keep.ALL
+    )
+    assert simulator.run_one({"label": value}, {}) == len(value)
+    assert not list(tmp_path.rglob("X"))
+
+
+@pytest.mark.parametrize(
+    "command", ["echo {label} | sh", "echo {label}|/bin/bash", "trap {label} EXIT"]
+)
+def test_a_shell_that_reads_a_pipe_and_a_trap_read_a_cell_twice(command: str) -> None:
+    text = Text.parse(command)
+    assert filled(text, {"label": "B2"}).replace("B2", "{label}") == command
+    with pytest.raises(SimulatorError, match="a shell would read"):
+        filled(text, {"label": "touch X"})
+    assert "'touch X'" in filled(Text.parse("run.sh {label} | tee x"), {"label": "touch X"})

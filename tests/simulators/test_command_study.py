@@ -1,32 +1,37 @@
-"""A program named in study.toml: the answer of the same function, and one message a mistake."""
+"""A program named in study.toml, and one that reads a table of rows."""
 
-import re
 import shutil
+import tomllib
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
 from identifications import unjudged
 
 from aleator import Check, Identification
-from aleator.errors import AleatorError, SimulatorError, StudyError
+from aleator.errors import AleatorError, SimulatorError
+from aleator.observations.experiments import Conditions
+from aleator.observations.responses import Response
 from aleator.search import GradientMultistart
+from aleator.simulators import Runner, Simulator, Store
 from aleator.simulators.command import (
     CommandSimulator,
     CsvFeed,
     CsvOutput,
-    Delimiters,
     HookOutput,
     InputFile,
     JsonFeed,
     JsonOutput,
-    Keep,
     OutputFile,
     RegexOutput,
-    Template,
 )
 from aleator.study import load_study
+from aleator.study.simulators import SIMULATORS
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "command_springs"
+
 
 STUDY = """\
 [experiments]
@@ -40,6 +45,8 @@ outcome = "travel"
 law = "truncated_normal"
 box = [1.0, 3.0]
 """
+
+
 COMMAND = """\
 command = ["./spring.sh", "{input}"]
 template = "spring.tpl"
@@ -92,41 +99,6 @@ def test_the_example_is_read_and_runs() -> None:
     assert run([0, 8], [[2.0], [1.6]]).tolist() == [5.0, 25.0]
 
 
-def test_every_key(folder: Path) -> None:
-    (folder / "in.tpl").write_text("<force> <stiffness>")
-    simulator = load_study(
-        study(
-            folder,
-            'command = "./spring.sh {stiffness:.3f}"\n'
-            'template = ["in.tpl", "spring.tpl"]\ninput = ["a.dat", "b.dat"]\n'
-            'delimiters = ["<", ">"]\nstdin = "in.tpl"\nenvironment = {FORCE = "{force}"}\n'
-            'output = {file = "o.csv", column = "t", row = 1, delimiter = ";", skip = 2}\n'
-            'files = ["model.py"]\nlink = true\nsuccess_codes = [0, 4]\ntimeout = 5\n'
-            'keep = "all"\nversion = "2.1"\nallow_unused = true\n',
-        )
-    ).simulator
-    marks = Delimiters("<", ">")
-    assert simulator == CommandSimulator(
-        "./spring.sh {stiffness:.3f}",
-        output=CsvOutput("o.csv", "t", 1, ";", 2),
-        base=folder,
-        inputs=(
-            InputFile("a.dat", Template(folder / "in.tpl", marks)),
-            InputFile("b.dat", Template(folder / "spring.tpl", marks)),
-        ),
-        stdin=Template(folder / "in.tpl", marks),
-        environment={"FORCE": "{force}"},
-        files=("model.py",),
-        link=True,
-        success_codes=(0, 4),
-        timeout=5.0,
-        keep=Keep.ALL,
-        version="2.1",
-        allow_unused=True,
-    )
-    assert simulator.description.startswith("./spring.sh {stiffness:.3f}: CsvOutput(file='o.csv'")
-
-
 @pytest.mark.parametrize(
     ("written", "output"),
     [
@@ -152,27 +124,136 @@ def test_standard_input_and_hook(folder: Path) -> None:
     assert simulator.stdin == CsvFeed()
 
 
+LOAD, TIME = [2.0, 2.0, 2.0, 3.0, 3.0], [0.5, 1.0, 1.5, 1.0, 2.0]
+
+
+ROWS = pd.DataFrame({"load": LOAD, "time": TIME})
+
+
+# Reads rows.csv; writes way = load x time and speed = load x, row by row.
+AWK = 'NR == 1 {{print "way,speed"}} NR > 1 {{print {load} * {x} * $1 "," {load} * {x}}}'
+
+
+BY_ROWS = ["sh", "-c", f"awk '{AWK}' rows.csv > out.csv"]
+
+
+def table(*names: str) -> Conditions:
+    responses = [Response(name) for name in names]
+    return Conditions(("A", "B"), ROWS, responses=responses, experiment=np.array([0, 0, 0, 1, 1]))
+
+
+def column(name: str) -> CsvOutput:
+    return CsvOutput("out.csv", name)
+
+
+@pytest.fixture
+def both(tmp_path: Path) -> CommandSimulator:
+    outputs = {"speed": column("speed"), "way": column("way")}
+    return CommandSimulator(BY_ROWS, outputs, tmp_path, series=True)
+
+
+def test_one_start_serves_an_experiment_of_several_responses(
+    both: CommandSimulator, tmp_path: Path
+) -> None:
+    for fresh in (2, 0):
+        with Store(tmp_path / "runs.sqlite") as store:
+            run = Runner(both, table("way", "speed"), ["x"], store=store)
+            values = run.values([0, 1], [[1.0], [2.0]])
+        assert run.fresh == fresh
+        np.testing.assert_allclose(values[0], [1, 2, 2, 2, 3, 2])
+        np.testing.assert_allclose(values[1], [6, 6, 12, 6, np.nan, np.nan])
+
+
+def test_rows_one_by_one_have_several_responses_too(tmp_path: Path) -> None:
+    outputs = {"way": CsvOutput("stdout", 0), "speed": CsvOutput("stdout", 1)}
+    command = ["awk", 'BEGIN {{print {load} * {x} * {time} "," {load} * {x}}}']
+    run = Runner(CommandSimulator(command, outputs, tmp_path), table("speed", "way"), ["x"])
+    values = run.values(np.arange(5), np.full((5, 1), 2.0))
+    np.testing.assert_allclose(values, np.c_[2 * ROWS["load"], 2 * ROWS["load"] * ROWS["time"]])
+
+
 @pytest.mark.parametrize(
-    ("simulator", "message"),
+    ("written", "output"),
     [
-        ('function = "model.py:travel"\ncommand = "true"', r"function and command are both given"),
-        ("vectorized = true", r"key 'simulator': it names none of the simulators"),
-        ('comand = "true"', r"names none of the simulators.*'command'"),
-        ('command = "true"\ntimout = 3', r"key 'simulator.timout'.*mean 'timeout'"),
-        ('command = ["true", 3]', r"key 'simulator.command\[1\]' = 3: .*string"),
-        ('command = "true"\ntemplate = "spring.tpl"', "1 of template, 0 of input"),
-        ('command = "true"\ndelimiters = ["$"]', r"'simulator.delimiters' = \[\"\$\"\]: .*2 items"),
-        ('command = "true"\nkeep = "al"', r"'simulator.keep' = \"al\" is not known .*mean 'all'"),
-        ('command = "true"\noutput = {regex = "(a)", path = "a"}', "regex and path are both"),
-        ('command = "true"\noutput = {row = 3}', r"row has no meaning by itself\n.*write column"),
-        ('command = "true"\noutput = {regex = "(a)", row = 3}', "row has no meaning beside regex"),
-        ('command = "true"', r"simulator 'true' is never told the parameter 'stiffness'"),
-        ('command = "./spring {stiffness}"', r"key 'simulator.command': the program"),
-        ('command = "echo {stifness}"', r"'stifness' is neither.*\(did you mean 'stiffness'\?\)"),
+        ("1 2\n3\n", OutputFile()),
+        ("t = 1\nt = 2\nt = 3D0\n", RegexOutput(regex=r"t = (\S+)")),
+        ("# by solver\na;b\n9;1\n9;2\n9;3\n", CsvOutput(column="b", delimiter=";", skip=1)),
+        ('{"a": [1, 2, 3.0]}', JsonOutput(path="a")),
     ],
 )
-def test_a_mistake_is_one_message(folder: Path, simulator: str, message: str) -> None:
-    with pytest.raises(AleatorError) as error:
-        load_study(study(folder, simulator))
-    assert isinstance(error.value, (StudyError, SimulatorError))
-    assert re.search(message, str(error.value)), str(error.value)
+def test_a_column_is_read_whole(tmp_path: Path, written: str, output: OutputFile) -> None:
+    (tmp_path / "answer.txt").write_text(written)
+    command = ["sh", "-c", "cat answer.txt; : {x} {load}"]
+    simulator = CommandSimulator(command, output, tmp_path, files=("answer.txt",), series=True)
+    values = Runner(simulator, table("way"), ["x"]).values([0], [[1.0]])
+    assert values.tolist() == [[1.0, 2.0, 3.0]]
+
+
+def test_a_hook_and_feeds_have_arrays(tmp_path: Path) -> None:
+    (tmp_path / "reading.py").write_text(
+        "import json, csv\n"
+        "def outcome(folder, stdout):\n"
+        "    given = json.loads((folder / 'in.json').read_text())\n"
+        "    rows = list(csv.DictReader((folder / 'aleator.stdin').read_text().splitlines()))\n"
+        "    assert [float(r['time']) for r in rows] == given['time']\n"
+        "    assert {float(r['load']) for r in rows} == {given['load']}\n"
+        "    return [given['x'] * time for time in given['time']]\n"
+    )
+    hook = HookOutput("reading.py:outcome", tmp_path)
+    given = (InputFile("in.json", JsonFeed()),)
+    simulator = CommandSimulator(
+        ["true"], hook, tmp_path, inputs=given, stdin=CsvFeed(), series=True
+    )
+    values = Runner(simulator, table("way"), ["x"]).values([1], [[2.0]])
+    np.testing.assert_array_equal(values, [[2.0, 4.0, np.nan]])
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (["echo", "1 2 {x}"], ""),
+        (["echo", "1 2 {x} {x}"], "it gave 4 numbers for an experiment of 3 rows in 'stdout'"),
+        (["echo", "1 nan {x}"], "it returned nan in row 2 of 3"),
+        (["echo", "1 so {x}"], "the outcome in 'stdout' is 'so', not a number"),
+    ],
+)
+def test_what_is_no_column_of_the_rows_is_a_failed_run(
+    tmp_path: Path, command: list[str], words: str
+) -> None:
+    run = Runner(CommandSimulator(command, base=tmp_path, series=True), table("way"), ["x"])
+    values = run.values([0], [[1.0]])
+    assert bool(np.isnan(values).all()) is bool(words)
+    assert all(words in failure.message for failure in run.failures.failures.values())
+
+
+def test_a_placeholder_of_what_varies_is_told(tmp_path: Path) -> None:
+    simulator = CommandSimulator(["echo", "{time}", "{x}"], base=tmp_path, series=True)
+    with pytest.raises(SimulatorError, match=r"'time' varies within an experiment") as told:
+        Runner(simulator, table("way"), ["x"]).values([0], [[1.0]])
+    assert "rows.csv" in told.value.remedy
+
+
+SECTION = """
+command = ["sh", "-c", "awk -F, -v x={x} -v load={load} -f model.awk {rows} > out.csv"]
+files = "model.awk"
+series = true
+rows = "times.csv"
+output = {way = {file = "out.csv", column = "way"}, speed = {file = "out.csv", column = "speed"}}
+"""
+
+
+def simulator_of(folder: Path, section: str) -> Simulator:
+    awk = 'NR == 1 {print "way,speed"}\nNR > 1 {print load * x * $1 "," load * x}\n'
+    (folder / "model.awk").write_text(awk)
+    return SIMULATORS.read(tomllib.loads(section)).build(folder)
+
+
+def test_a_study_names_the_columns(tmp_path: Path) -> None:
+    run = Runner(simulator_of(tmp_path, SECTION), table("way", "speed"), ["x"])
+    np.testing.assert_allclose(run.values([1], [[2.0]])[0, :4], [6, 6, 12, 6])
+
+
+def test_a_response_that_no_output_has_is_told(both: CommandSimulator) -> None:
+    run: Any = Runner(both, table("way", "sped"), ["x"])
+    with pytest.raises(AleatorError, match=r"no 'sped'.*did you mean 'speed'"):
+        run.values([0], [[1.0]])

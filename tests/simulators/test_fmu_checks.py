@@ -1,19 +1,31 @@
-"""What is wrong with an FMU or with how it is named is told before anything runs."""
+"""What is wrong with an FMU is told before it runs; the wet clutch as an FMU is its function."""
 
 import sys
 import tempfile
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from fmus.build import compiled, rewritten
+from fmus.build import compiled, python_fmu, rewritten
+from identifications import unjudged
 
-from aleator.errors import AleatorError, SimulatorError, StudyError
-from aleator.observations.experiments import Conditions
-from aleator.simulators import RunFailed, Runner
-from aleator.simulators.expression import parse
+from aleator import (
+    Check,
+    Experiments,
+    Free,
+    GradientMultistart,
+    Identification,
+    Inputs,
+    ResponseSurface,
+    TruncatedNormal,
+)
+from aleator.clutch import shifting_time
+from aleator.errors import SimulatorError
+from aleator.simulators import FunctionSimulator, RunFailed, Simulator
+from aleator.simulators.derived import parse
 from aleator.simulators.fmu import (
     Course,
     Crossing,
@@ -30,15 +42,14 @@ from aleator.study import load_study
 from aleator.study.fmu import signals
 
 K = {"k": "surface.k"}
+
+
 RAMP = Signal(np.array([0.0, 2.0]), np.array([300.0, 400.0]))
 
 
 @pytest.fixture(scope="module")
 def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return compiled(2, tmp_path_factory.mktemp("fmus"))
-
-
-# ------------------------------------------------------------------------------ the file
 
 
 def test_a_file_that_is_no_fmu_is_told(fmu: Path, tmp_path: Path) -> None:
@@ -102,9 +113,6 @@ def test_without_fmpy_the_package_is_named(fmu: Path, monkeypatch: pytest.Monkey
     monkeypatch.setitem(sys.modules, "fmpy", None)
     with pytest.raises(SimulatorError, match="pip install fmpy"):
         FMUSimulator(fmu, Final("T"))
-
-
-# ------------------------------------------------------------------------------ variables
 
 
 @pytest.mark.parametrize(
@@ -177,9 +185,6 @@ def test_what_the_fmu_cannot_do_is_told(fmu: Path, tmp_path: Path) -> None:
             Operation(**bad)  # type: ignore[arg-type]
 
 
-# ------------------------------------------------------------------------------ outcomes
-
-
 @pytest.mark.parametrize(
     ("outcome", "message"),
     [
@@ -235,9 +240,6 @@ def test_a_crossing_takes_the_first_one_in_its_direction() -> None:
     assert np.isnan(Extreme("y")({"time": time, "y": np.full_like(time, np.nan)}))
 
 
-# ------------------------------------------------------------------------------ inputs
-
-
 def test_signals_are_read_from_csv(fmu: Path, tmp_path: Path) -> None:
     (tmp_path / "drive.csv").write_text("time,ambient,other\n0,300,1\n1,310,2\n1,320,2\n")
     signal = read_signal("drive.csv:other", tmp_path, "ambient")
@@ -261,8 +263,6 @@ def test_signals_are_read_from_csv(fmu: Path, tmp_path: Path) -> None:
     with pytest.raises(SimulatorError, match="no column has the name of an input"):
         signals({"*": "drive.csv"}, tmp_path, description)
 
-
-# ------------------------------------------------------------------------------ study.toml
 
 STUDY = """
 [experiments]
@@ -300,32 +300,81 @@ def test_a_study_names_an_fmu(fmu: Path) -> None:
     loaded.simulator.close()  # type: ignore[attr-defined]
 
 
-OUTCOME = 'outcome = {variable = "T"}\nvariables = {k = "surface.k"}\n'
+EXAMPLE = Path(__file__).parents[2] / "examples" / "wet_clutch"
 
 
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ("", r"'simulator\.outcome'"),
-        ('outcome = {reduce = "final"}', "variable.*function"),
-        ('outcome = {variable = "T", value = 1.0}', "value.*final"),
-        ('outcome = {variable = "T", reduce = "last"}', "'simulator.outcome.reduce' = \"last\""),
-        (OUTCOME + 'kind = "cosimulation"', r"'co_simulation'"),
-        (OUTCOME + "stoptime = 3.0", r"'stop_time'"),
-        (OUTCOME + "step = -1.0", "step -1 s"),
-        (OUTCOME + 'constants = {cycles = "many"}', "'cycles'"),
-        (OUTCOME + 'inputs = {ambient = "no.csv:a"}', r"no\.csv"),
-        ('outcome = {variable = "T"}', "'k'"),
-        (OUTCOME + 'function = "model.py:f"', "function.*fmu"),
-        ('outcome = "no.py:f"', r"no\.py"),
-    ],
-)
-def test_a_study_with_a_mistake_is_refused(fmu: Path, keys: str, message: str) -> None:
-    with pytest.raises((StudyError, SimulatorError), match=message):
-        load_study(study(fmu, keys))
+@pytest.fixture(scope="module")
+def clutch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("clutch")
+    return python_fmu(EXAMPLE / "fmu" / "wet_clutch.py", folder, EXAMPLE / "command" / "clutch.py")
 
 
-def test_errors_are_of_the_library(fmu: Path) -> None:
-    table = Conditions(("a",), pd.DataFrame({"T": [1.0]}))
-    with pytest.raises(AleatorError):
-        Runner(FMUSimulator(fmu, Final("T"), variables=K), table, ["k"])
+@pytest.fixture(scope="module")
+def clutch_table() -> pd.DataFrame:
+    return pd.read_csv(EXAMPLE / "experiments.csv", dtype={"id": str})
+
+
+@pytest.fixture(scope="module")
+def clutch_simulator(clutch: Path) -> Iterator[FMUSimulator]:
+    clutch_simulator = FMUSimulator(
+        clutch, Crossing("slip", 0.0, "down"), course=Course(step=0.005)
+    )
+    yield clutch_simulator
+    clutch_simulator.close()
+
+
+def test_the_fmu_has_the_shifting_times_of_the_function(
+    clutch_simulator: FMUSimulator, clutch_table: pd.DataFrame
+) -> None:
+    random = np.random.default_rng(0)
+    rows = random.integers(0, len(clutch_table), 20)
+    conditions = {name: clutch_table[name].to_numpy()[rows] for name in clutch_table.columns[1:6]}
+    parameters = {
+        "c2_scale": random.uniform(0.5, 1.4, 20),
+        "zp_scale": random.uniform(0.3, 1.2, 20),
+    }
+    expected = shifting_time(**conditions, **parameters)
+    assert clutch_simulator.asks([*clutch_table.columns], [*parameters]) == tuple(conditions)
+    found = clutch_simulator(conditions, parameters)
+    assert np.max(np.abs(found - expected)) < 1e-5
+    assert np.median(np.abs(found - expected)) < 1e-7
+    assert clutch_simulator.notes == ()
+
+
+def test_the_fmu_leads_to_the_same_law(
+    clutch_simulator: FMUSimulator, clutch_table: pd.DataFrame
+) -> None:
+    chosen = clutch_table.iloc[[1, 20, 40, 61, 82, 103]]
+    experiments = Experiments.from_frame(chosen, outcome="shifting_time", id="id")
+    # One mean and one scatter free, over coarse surfaces: few runs are enough.
+    inputs = Inputs(
+        {
+            "c2_scale": TruncatedNormal(box=(0.5, 1.4), sd=Free(0.01, 0.4)),
+            "zp_scale": TruncatedNormal(box=(0.6, 0.85), mean=0.74, sd=0.01),
+        }
+    )
+
+    def found(model: Simulator) -> Identification:
+        return unjudged(
+            model,
+            experiments,
+            inputs,
+            propagation=ResponseSurface(tolerance=0.1, surfaces="own"),
+            search=GradientMultistart(starts=2),
+            verification=Check(0),
+            seed=0,
+        )
+
+    by_fmu, by_function = (
+        found(clutch_simulator),
+        found(FunctionSimulator(shifting_time, vectorized=True)),
+    )
+    assert by_fmu.runs_by_stage == by_function.runs_by_stage
+    scatter = by_function.alpha["c2_scale.sd"]
+    assert scatter.standard_error is not None  # it is not on a limit, where all would agree
+    for name, value in by_function.alpha.items():
+        assert by_fmu.alpha[name].estimate == pytest.approx(value.estimate, abs=1e-4), name
+    # Six outcomes that differ by up to 1e-5 s.
+    assert by_fmu.log_likelihood.estimated == pytest.approx(
+        by_function.log_likelihood.estimated, abs=0.012
+    )

@@ -1,4 +1,4 @@
-"""One run of an FMU serves a whole experiment."""
+"""Series of an FMU: one run serves a whole experiment; conditions give start values and times."""
 
 import pickle
 from pathlib import Path
@@ -8,14 +8,26 @@ import pandas as pd
 import pytest
 from fmus.build import compiled, rewritten
 from fmus.truths import column_of, cooled, flown
+from identifications import unjudged
+from scipy.special import logsumexp
+from scipy.stats import norm
 
+from aleator import Free, Inputs, Noise, Normal
+from aleator.errors import SimulatorError
 from aleator.observations.experiments import Experiments
 from aleator.simulators import RunFailed, Runner
 from aleator.simulators.fmu import Course, Crossing, Extreme, Final, FMUSimulator, Operation, Signal
+from aleator.study import load_study
 
 HERE = Operation(isolated=False)
+
+
 KINDS = ("co_simulation", "model_exchange")
+
+
 K = {"k": "surface.k"}
+
+
 TIMES = np.array([1.234, 0.0, 0.1, 0.777, 0.1, 3.3])  # neither sorted nor on the steps of 0.1 s
 
 
@@ -141,6 +153,8 @@ def test_a_solver_of_known_step_is_asked_at_the_ends_of_its_steps(
 
 
 RAMP = Signal(np.array([0.0, 2.0]), np.array([300.0, 400.0]))
+
+
 JUMP = Signal(np.array([0.0, 0.777, 0.777, 5.0]), np.array([300.0, 300.0, 350.0, 350.0]))
 
 
@@ -195,3 +209,182 @@ def test_a_series_travels_and_its_fingerprint_tells_it(fmus: dict[int, Path]) ->
     assert copy.fingerprint() == series.fingerprint()
     copy.close()
     series.close()
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        ([1.0, -0.5], r"the time -0\.5 s \('time'\) is before the start at 0 s"),
+        ([1.0, np.nan], r"a time \('time'\) is not a finite number: 1\.0, nan"),
+        (["noon", 1.0], r"a time \('time'\) is not a finite number: noon, 1\.0"),
+    ],
+)
+def test_times_that_cannot_be_are_told(
+    fmus: dict[int, Path], times: list[object], message: str
+) -> None:
+    """By no failed run: no parameters would mend them."""
+    simulator = FMUSimulator(fmus[2], Final("T"), operation=HERE, series=True)
+    cells = np.array(times, dtype=object)
+    with pytest.raises(SimulatorError, match=message):
+        simulator({"time": column_of(np.array([0.5]), cells)}, {"surface.k": np.ones(2)})
+
+
+def test_a_condition_that_varies_beside_the_time_is_refused(fmus: dict[int, Path]) -> None:
+    simulator = FMUSimulator(fmus[2], Final("T"), variables=K, operation=HERE, series=True)
+    conditions = {"time": column_of(TIMES[:2]), "ambient": column_of(np.array([300.0, 310.0]))}
+    with pytest.raises(SimulatorError, match=r"(?s)'ambient' varies .*inputs"):
+        simulator(conditions, {"k": np.ones(1)})
+
+
+def test_a_time_that_is_no_condition_or_given_twice_is_refused(fmus: dict[int, Path]) -> None:
+    for how in ({"series": True, "time": "tim"}, {"course": Course(stop_time="tim")}):
+        simulator = FMUSimulator(fmus[2], Final("T"), variables=K, **how)  # type: ignore[arg-type]
+        with pytest.raises(SimulatorError, match=r"'tim' .*'time'"):
+            simulator.asks(["time"], ["k"])
+    with pytest.raises(SimulatorError, match="delete stop_time"):
+        FMUSimulator(fmus[2], Final("T"), course=Course(stop_time=2.0), series=True)
+
+
+@pytest.fixture(scope="module")
+def started(fmus: dict[int, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """The bodies that cool, with the temperature a state whose start value is exact."""
+    folder = tmp_path_factory.mktemp("started")
+    second = (
+        'initial="calculated" description="temperature of the body">'
+        '<Real declaredType="Temperature"/>',
+        'initial="exact"><Real declaredType="Temperature" start="400"/>',
+    )
+    third = ('initial="calculated" unit="K"/>', 'initial="exact" start="400" unit="K"/>')
+    return {
+        2: rewritten(fmus[2], folder / "started2.fmu", *second),
+        3: rewritten(fmus[3], folder / "started3.fmu", *third),
+    }
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_state_with_an_exact_start_value_is_set(
+    started: dict[int, Path], version: int, kind: str
+) -> None:
+    course = Course(kind=kind, stop_time="duration")
+    simulator = FMUSimulator(
+        started[version], Final("T"), course=course, variables=K, operation=HERE
+    )
+    asked = simulator.asks(["T", "duration", "bench"], ["k"])
+    assert asked == ("T", "duration")
+    conditions = {"T": np.array([500.0, 350.0]), "duration": np.array([1.234, 0.3])}
+    found = simulator(conditions, {"k": np.array([0.5, 2.0])})
+    expected = [cooled(0.5, 1.234, 500.0), cooled(2.0, 0.3, 350.0)]
+    assert found == pytest.approx(expected, abs=1e-9 if kind == "co_simulation" else 1e-4)
+    simulator.close()
+
+
+def test_a_ball_flies_its_parabola_from_the_height_and_speed_of_its_experiment(ball: Path) -> None:
+    simulator = FMUSimulator(
+        ball, {"height": Final("h"), "speed": Final("v")}, course=Course(stop_time="time", step=0.1)
+    )
+    assert simulator.asks(["time", "h", "v"], ["g", "e"]) == ("time", "h", "v")
+    assert simulator.responses == ("height", "speed")
+    times = np.array([0.314, 1.7, 0.0])
+    conditions = {"time": times, "h": np.array([1.0, 2.0, 3.0]), "v": np.array([0.5, -0.5, 1.0])}
+    found = simulator(conditions, {"g": np.full(3, 9.81), "e": np.full(3, 0.7)})
+    assert [*found[0]] == ["height", "speed"]
+    for row, (t, h, v) in enumerate(zip(*conditions.values(), strict=True)):
+        expected = flown(np.array([t]), h, v, 9.81, 0.7)[0]
+        assert [*found[row].values()] == pytest.approx(expected, abs=1e-9)
+    simulator.close()
+
+
+def test_a_start_time_comes_from_a_condition(fmus: dict[int, Path]) -> None:
+    course = Course(start_time="begin", stop_time=2.0, step=0.1)
+    simulator = FMUSimulator(fmus[2], Final("T"), course=course, operation=HERE)
+    found = simulator({"begin": np.array([0.0, 1.5])}, {"surface.k": np.array([1.0, 1.0])})
+    assert found == pytest.approx(cooled(1.0, np.array([2.0, 0.5])))
+    simulator.close()
+
+
+def test_a_condition_may_be_a_time_and_a_variable(fmus: dict[int, Path]) -> None:
+    """A time that is a parameter of the FMU, as the length of a pulse is, is set there too."""
+    simulator = FMUSimulator(
+        fmus[2], Final("level - T"), course=Course(stop_time="level", step=0.1), operation=HERE
+    )
+    found = simulator.run_one({"level": 1.7}, {"surface.k": 1.0})
+    assert found == pytest.approx(1.7 - cooled(1.0, np.array(1.7)))
+    simulator.close()
+
+
+def test_a_variable_that_is_only_guessed_or_the_time_is_no_start_value(
+    fmus: dict[int, Path], tmp_path: Path
+) -> None:
+    guessed = rewritten(
+        fmus[3], tmp_path / "guessed.fmu", 'initial="calculated"', 'initial="approx"'
+    )
+    simulator = FMUSimulator(guessed, Final("T"), variables=K)
+    for name, message in (("T", "guess"), ("time", "is the time of the simulation")):
+        with pytest.raises(SimulatorError, match=message):
+            simulator.asks([name], ["k"])
+
+
+STUDY = """
+[experiments]
+file = "table.csv"
+outcome = "cooled"
+[simulator]
+fmu = "cooling2.fmu"
+variables = {{k = "surface.k"}}
+{keys}
+[parameters.k]
+law = "truncated_normal"
+box = [0.5, 2.0]
+"""
+
+
+def study(fmu: Path, keys: str) -> Path:
+    table = {"time": [0.5, 1.25], "cooled": [350.0, 330.0]}
+    pd.DataFrame(table).to_csv(fmu.parent / "table.csv", index=False)
+    path = fmu.parent / "study.toml"
+    path.write_text(STUDY.format(keys=keys), encoding="utf-8")
+    return path
+
+
+def test_a_study_takes_times_from_its_table(fmus: dict[int, Path]) -> None:
+    loaded = load_study(study(fmus[2], 'outcome = "T"\nstop_time = "time"\nisolated = false'))
+    found = loaded.runner()([0, 1], [[1.0], [2.0]])
+    assert found == pytest.approx([cooled(1.0, np.array(0.5)), cooled(2.0, np.array(1.25))])
+
+
+def test_a_study_names_a_series_and_its_responses(fmus: dict[int, Path]) -> None:
+    """A response may be called as a key is, if its outcome is a table."""
+    outcome = 'outcome = {warmth = "T - ambient", value = {variable = "T", reduce = "maximum"}}'
+    for text, responses in ((outcome, ("warmth", "value")), ('outcome = "T"', ())):
+        if responses:
+            text = text.replace('"T - ambient"', '{variable = "T - ambient"}')
+        simulator = load_study(study(fmus[2], f'{text}\nseries = true\ntime = "time"')).simulator
+        assert isinstance(simulator, FMUSimulator)
+        assert simulator.series
+        assert simulator.responses == responses
+        assert simulator.course.conditions == ("time",)
+
+
+def test_a_law_is_identified_from_series(fmus: dict[int, Path]) -> None:
+    """Against an integral over k on a fine grid, of the closed form."""
+    rng = np.random.default_rng(3)
+    times = rng.uniform(0.2, 2.0, (6, 4)).round(3)
+    drawn = 1.0 + 0.2 * rng.standard_normal((6, 1))
+    measured = 300.0 + 100.0 * np.exp(-drawn * times) + rng.standard_normal((6, 4))
+    ids = np.repeat([f"body {k}" for k in range(6)], 4)
+    table = pd.DataFrame({"id": ids, "time": times.ravel(), "T": measured.ravel()})
+    simulator = FMUSimulator(fmus[2], Final("T"), variables=K, operation=HERE, series=True)
+    found = unjudged(
+        simulator,
+        Experiments.from_frame(table, outcome="T", id="id"),
+        Inputs({"k": Normal(Free(0.5, 2.0), Free(0.01, 1.0))}),
+        noise=Noise(1.0),
+    )
+    simulator.close()
+    mean, sd = (found.alpha[name].estimate for name in ("k.mean", "k.sd"))
+    k = np.linspace(mean - 8.0 * sd, mean + 8.0 * sd, 4001)
+    errors = measured[..., None] - 300.0 - 100.0 * np.exp(-times[..., None] * k)
+    log_density = np.sum(norm.logpdf(errors), axis=1) + norm.logpdf(k, mean, sd)
+    exact = np.sum(logsumexp(log_density, axis=1) + np.log(k[1] - k[0]))
+    assert found.log_likelihood.estimated == pytest.approx(exact, abs=0.01)

@@ -2,7 +2,6 @@
 
 # Arguments that a test's simulator does not use still say what it is given.
 # ruff: noqa: ARG001, ARG005
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,13 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from rich.console import Console
 
 from aleator.errors import SimulatorError
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Observations, responses_of
-from aleator.report import runs as report
-from aleator.simulators import FunctionSimulator, ProcessPool, Runner, Store, exchange, imports
+from aleator.simulators import FunctionSimulator, ProcessPool, Runner, Store, records
 from aleator.simulators.records import stored_runs
 
 # Rows of two experiments that are not adjacent, with a row less in the second.
@@ -65,7 +62,7 @@ def test_an_experiment_is_a_unit_of_a_series() -> None:
         return course(load, time, x)
 
     run = Runner(FunctionSimulator(told, series=True), table(EVERY), ["x"])
-    assert (run.units, run.varying) == (2, ("time",))
+    assert run.units == 2
     assert run.unit.tolist() == [0, 0, 0, 1, 1]
     assert run.column.tolist() == [0, 1, 2, 0, 1]
     values = run.values([0, 1, 0], [[2.0], [2.0], [2.0]])
@@ -153,11 +150,11 @@ def test_vectors_travel_by_a_table_and_back(tmp_path: Path, kind: Any, several: 
         run = Runner(simulator, asked, ["x"], store=store)
         units, x = np.arange(run.units), np.ones((run.units, 1))
         first = run.values(units, x)
-        assert exchange.write(stored_runs(store), tmp_path / "runs.csv") == run.units
+        assert records.write(stored_runs(store), tmp_path / "runs.csv") == run.units
         before = [replace(kept, number=0, time=0.0) for kept in stored_runs(store)]
     with Store(tmp_path / "b.sqlite") as store:
-        assert imports.read(store, tmp_path / "runs.csv").added == run.units
-        again = imports.read(store, tmp_path / "runs.csv")
+        assert records.read(store, tmp_path / "runs.csv").added == run.units
+        again = records.read(store, tmp_path / "runs.csv")
         assert (again.added, again.present) == (0, run.units)
         after = [replace(kept, number=0, time=0.0) for kept in stored_runs(store)]
         resumed = Runner(simulator, asked, ["x"], store=store)
@@ -246,37 +243,15 @@ def test_a_straight_run_may_be_infinite_and_one_that_raises_is_nan() -> None:
     np.testing.assert_array_equal(values[:, 0], [0.5, np.inf, np.nan, 2.0])
 
 
-def test_a_long_series_is_shown_and_travels(tmp_path: Path) -> None:
+def test_a_long_series_travels(tmp_path: Path) -> None:
     rows = pd.DataFrame({"load": 2.0, "time": np.linspace(0.0, 1.0, 8000)})
     asked = table([(k, 0) for k in range(8000)], rows=rows, experiment=[0] * 8000)
     with Store(tmp_path / "a.sqlite") as store:
         run = Runner(FunctionSimulator(course, series=True), asked, ["x"], store=store)
         run.values([0], [[1.0 / 3.0]])
-        exchange.write(stored_runs(store), tmp_path / "runs.csv")
-        (kept,) = stored_runs(store)
+        records.write(stored_runs(store), tmp_path / "runs.csv")
     with Store(tmp_path / "b.sqlite") as store:
-        assert imports.read(store, tmp_path / "runs.csv").added == 1
-    console = Console(width=100, record=True, file=io.StringIO())
-    console.print(report.runs([kept], 0))
-    shown = " ".join(console.export_text().split())
-    assert "0, ... (8000 values)" in shown
-    assert "time=0...1" in shown
-
-
-def test_each_response_of_a_run_is_shown_by_its_name(tmp_path: Path) -> None:
-    with Store(tmp_path / "a.sqlite") as store:
-        run = Runner(named, table(BOTH, ("way", "speed")), ["x"], store=store)
-        run.values([0], [[3.0]])
-        (kept,) = stored_runs(store)
-    console = Console(width=100, record=True, file=io.StringIO())
-    console.print(report.one(kept))
-    lines = [" ".join(line.split()) for line in console.export_text().splitlines()]
-    assert "outcome way 3.0" in lines
-    assert "outcome speed 6.0" in lines
-
-
-def named(load: float, time: float, x: float) -> dict[str, float]:
-    return {"way": load * x * time, "speed": load * x}
+        assert records.read(store, tmp_path / "runs.csv").added == 1
 
 
 class Mute(Exception):

@@ -1,19 +1,37 @@
-"""What is added to a store is found again exactly, by any process, until it is forgotten."""
+"""A store gives back every bit, survives kills and crowds, and says what is wrong with its file."""
 
+import json
+import os
 import pickle
+import random
+import signal
 import sqlite3
 import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from click.testing import CliRunner
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from aleator.simulators.identity import Case, Identity
-from aleator.simulators.store import Store
+from aleator import cli
+from aleator.errors import StoreError
+from aleator.observations.experiments import Conditions
+from aleator.simulators import FunctionSimulator, Runner, Store, notified, records
+from aleator.simulators.records import holdings, stored_runs
+from aleator.simulators.runs import REPEATABILITY
+from aleator.simulators.store import Case, Identity, StoreSettings
 
 MODEL = Identity("f" * 64, "spring", "model:spring")
+
+
 CASE = Case.of({"load": 2.0}, ["k"])
 
 
@@ -161,3 +179,336 @@ def test_a_closed_store_is_one_sound_file(path: Path) -> None:
     with sqlite3.connect(path) as plain:
         assert plain.execute("PRAGMA integrity_check").fetchone() == ("ok",)
     plain.close()
+
+
+TABLE = Conditions(("A",), pd.DataFrame({"load": [2.0]}))
+
+
+def double(load: float, x: float) -> float:
+    return load * x
+
+
+def runner(store: Store) -> Runner:
+    return Runner(FunctionSimulator(double), TABLE, ["x"], store=store)
+
+
+@pytest.fixture
+def without_rights(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The superuser may write anything: let the system answer as it would to anybody else.
+
+    To be somebody else for a while does not do: where the tests are, only root may be allowed in.
+    """
+
+    def allowed(path: str | Path, mode: int) -> bool:
+        return Path(path).exists() and (Path(path).stat().st_mode >> 6) & mode == mode
+
+    if os.geteuid() == 0:
+        monkeypatch.setattr("aleator.simulators.store.os.access", allowed)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Iterator[Path]:
+    """A folder that may be made read-only."""
+    path = tmp_path / "folder"
+    path.mkdir()
+    yield path
+    path.chmod(0o755)
+
+
+def read_only(folder: Path) -> None:
+    for file in folder.iterdir():
+        file.chmod(0o444)
+    folder.chmod(0o555)
+
+
+def test_a_text_is_no_store_and_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    text = "load,x,outcome\n" * 100
+    path.write_text(text)
+    with pytest.raises(StoreError, match="not a store of runs, or it is damaged"):
+        Store(path)
+    assert path.read_text() == text
+
+
+def test_a_foreign_database_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "other.sqlite"
+    with closing(sqlite3.connect(path)) as other, other:
+        other.execute("CREATE TABLE runs (a)")
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match="not a store of runs"):
+        Store(path)
+    assert path.read_bytes() == before
+
+
+def test_a_store_of_a_newer_version_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    with Store(path) as store:
+        runner(store)([0], [[1.0]])
+        store.connection.execute("PRAGMA user_version = 2")
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match="newer Aleator: its format is 2") as told:
+        Store(path)
+    assert "install" in told.value.remedy
+    assert path.read_bytes() == before
+
+
+def test_a_damaged_store_is_told_and_not_written_to(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    with Store(path) as store:
+        runner(store)([0] * 500, [[float(k)] for k in range(500)])
+    whole = bytearray(path.read_bytes())
+    whole[4096:] = b"\xa5" * (len(whole) - 4096)
+    path.write_bytes(whole)
+    with pytest.raises(StoreError, match="damaged") as told, Store(path) as store:
+        runner(store)([0], [[1.0]])
+    assert "move the file aside" in told.value.remedy
+    assert path.read_bytes()[4096:] == whole[4096:]
+
+
+DAMAGE = {
+    "conditions": "UPDATE cases SET conditions = '{'",
+    "conditions that are none": "UPDATE cases SET conditions = '[1]'",
+    "names": "UPDATE cases SET parameters = '[]'",
+    "parameters": "UPDATE runs SET x = x'00'",
+    "outcome": "UPDATE runs SET outcome = x'00'",
+    "a text": "UPDATE runs SET outcome = 'abc'",
+    "time": "UPDATE runs SET time = 1e300",
+    "bytes that are no text": "UPDATE simulators SET name = CAST(x'ff' AS TEXT)",
+}
+
+
+@pytest.mark.parametrize("statement", DAMAGE.values(), ids=DAMAGE)
+def test_what_the_file_does_not_notice_is_told_too(tmp_path: Path, statement: str) -> None:
+    path = tmp_path / "runs.sqlite"
+    with Store(path) as store:
+        runner(store)([0], [[1.0]])
+        store.connection.execute(statement)
+    with Store(path) as store:
+        with pytest.raises(StoreError, match=r"runs\.sqlite: .*damaged|decode"):
+            records.write(stored_runs(store), tmp_path / "runs.csv")
+        if "outcome" in statement:
+            with pytest.raises(StoreError, match="a run of 'double' is damaged"):
+                runner(store)([0], [[1.0]])
+        if "time" in statement or "name =" in statement:
+            with pytest.raises(StoreError, match=r"runs\.sqlite"):
+                holdings(store)
+    assert not (tmp_path / "runs.csv").exists()
+
+
+def test_a_table_whose_very_layout_is_damaged_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    with Store(path) as store:
+        runner(store)([0], [[1.0]])
+    whole = path.read_bytes()
+    assert b"CREATE TABLE simulators" in whole
+    path.write_bytes(
+        whole.replace(b"CREATE TABLE simulators", b"CREATE TABLE \xc5\xc5\xc5\xc5\xc5tors")
+    )
+    with pytest.raises(StoreError, match="damaged"):
+        Store(path)
+
+
+def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    with Store(path) as store:
+        run = runner(store)
+        run([0], [[1.0]])
+        pages = store.connection.execute("PRAGMA page_count").fetchone()[0]
+        store.connection.execute(f"PRAGMA max_page_count = {pages + 2}")
+        with pytest.raises(StoreError, match="the disk is full") as told:
+            run([0] * 1000, [[float(k)] for k in range(1000)])
+    assert "free some space" in told.value.remedy
+    with Store(path) as store:
+        kept = runner(store).cache
+        assert kept is not None
+        assert 1 <= kept.at_start.runs < 1000
+        assert runner(store)([0], [[1.0]]).tolist() == [2.0]
+
+
+@pytest.mark.usefixtures("without_rights")
+def test_a_folder_that_is_read_only_is_told_before_anything_runs(folder: Path) -> None:
+    read_only(folder)
+    with pytest.raises(StoreError, match="it is read-only") as told:
+        Store(folder / "runs.sqlite")
+    assert "--no-store" in told.value.remedy
+    with pytest.raises(StoreError, match="there is no such folder"):
+        Store(folder / "nowhere" / "runs.sqlite")
+    with pytest.raises(StoreError, match="is a folder"):
+        Store(folder)
+
+
+@pytest.mark.usefixtures("without_rights")
+def test_the_runs_of_a_read_only_store_are_reused(folder: Path) -> None:
+    path = folder / "runs.sqlite"
+    with Store(path) as store:
+        runner(store)([0], [[1.0]])
+    read_only(folder)
+    before, said = path.read_bytes(), list[str]()
+    with Store(path) as store:
+        assert not store.writable
+        run = runner(store)
+        with notified(run.cache, "study.toml", said.append):
+            assert run([0, 0], [[1.0], [3.0]]).tolist() == [2.0, 6.0]
+        assert (run.runs, run.fresh) == (2, 1)
+    assert "is read-only" in said[-1]
+    assert path.read_bytes() == before
+    assert [file.name for file in folder.iterdir()] == [path.name]
+
+
+def test_an_empty_file_becomes_a_store(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    path.touch()
+    with Store(path) as store:
+        assert runner(store)([0], [[1.0]]).tolist() == [2.0]
+
+
+def test_a_store_that_another_process_holds_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    with Store(path) as first, Store(path, StoreSettings(patience=0.1)) as second:
+        first.connection.execute("BEGIN IMMEDIATE")
+        with pytest.raises(StoreError, match="another process has been writing"):
+            runner(second)([0], [[1.0]])
+        first.connection.execute("ROLLBACK")
+        assert runner(second)([0], [[1.0]]).tolist() == [2.0]
+
+
+STUDY = """\
+[experiments]
+file = "springs.csv"
+outcome = "length"
+[simulator]
+function = "model.py:length"
+[parameters.softness]
+law = "truncated_normal"
+box = [0.5, 1.5]
+sd = {lower = 0.01, upper = 0.4}
+[search]
+starts = 1
+[verification]
+samples = 50
+"""
+
+
+SLOW_MODEL = """\
+import os, time
+log = os.open({log!r}, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+def length(load, softness):
+    time.sleep(0.002)
+    os.write(log, f"{{load!r}} {{softness!r}}\\n".encode())
+    return load * softness ** 1.1
+"""
+
+
+PART = 16  # cheap runs are committed by as many
+
+
+COMMAND = [sys.executable, "-c", "from aleator.cli import main; main()"]
+
+
+def study_of(folder: Path, log: Path) -> Path:
+    folder.mkdir()
+    lengths = [0.93, 2.1, 3.2, 3.7, 5.4, 5.8, 7.9, 7.6]
+    rows = [f"{chr(65 + k)},{k + 1},{length}" for k, length in enumerate(lengths)]
+    (folder / "springs.csv").write_text("\n".join(["id,load,length", *rows]) + "\n")
+    (folder / "model.py").write_text(SLOW_MODEL.format(log=str(log)))
+    (folder / "study.toml").write_text(STUDY)
+    return folder / "study.toml"
+
+
+def document(folder: Path) -> dict[str, object]:
+    found = json.loads((folder / "identification.json").read_text())
+    del found["seconds"]
+    return found
+
+
+def stored(path: Path) -> int:
+    with closing(sqlite3.connect(path)) as connection:
+        return int(connection.execute("SELECT count(*) FROM runs").fetchone()[0])
+
+
+def lines_of(log: Path) -> int:
+    return log.read_bytes().count(b"\n") if log.exists() else 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there is no kill -9")
+def test_a_study_killed_again_and_again_ends_with_the_same_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    study, log = study_of(tmp_path / "springs", tmp_path / "calls.txt"), tmp_path / "calls.txt"
+    arguments = ["identify", "springs/study.toml", "--quiet", "--no-figures", "--output"]
+    whole = CliRunner().invoke(cli.main, [*arguments, "whole", "--no-store"])
+    assert whole.exit_code == 0, whole.output
+    needed = lines_of(log)
+    distinct = len(set(log.read_text().splitlines()))
+    log.unlink()
+
+    store, chance, kills = study.with_name("runs.sqlite"), random.Random(7), 2
+    for number in range(kills):
+        before = stored(store) if store.exists() else 0
+        goal = lines_of(log) + chance.randrange(1, needed // (kills + 1))
+        process = subprocess.Popen([*COMMAND, *arguments, "result"])
+        while lines_of(log) < goal:
+            assert process.poll() is None
+            time.sleep(0.001)
+        time.sleep(chance.uniform(0.0, 0.01))
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        # All is there but what was being computed; the repeated runs of each start add none.
+        kept = stored(store)
+        assert kept >= before
+        assert kept >= lines_of(log) - (number + 1) * (PART + 1 + REPEATABILITY.most)
+    done = subprocess.run([*COMMAND, *arguments, "result"], check=False)
+    assert done.returncode == 0
+    assert document(tmp_path / "result") == document(tmp_path / "whole")
+    assert stored(store) == distinct
+    assert lines_of(log) <= distinct + kills * PART + (kills + 1) * (1 + REPEATABILITY.most)
+
+
+WRITER = """\
+import struct, sys
+from aleator.simulators.store import Case, Identity
+from aleator.simulators.store import Store
+path, name, start = sys.argv[1], sys.argv[2], int(sys.argv[3])
+case = Case.of({"load": 1.0}, ["x"])
+print("ready", flush=True)
+sys.stdin.readline()
+with Store(path) as store:
+    for block in range(100):
+        xs = [float(start + 10 * block + k) for k in range(20)]
+        rows = [(0, struct.pack("<d", x), 2 * x, None, None, 0.0, name, 0.0, 1) for x in xs]
+        store.add(Identity("f", "model"), [case], rows)
+        found = store.find("f", [case], [row[:2] for row in rows])
+        assert [outcome for _, outcome, *_ in found] == [2 * x for x in xs]
+"""
+
+
+def test_two_processes_may_fill_one_store_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    writers = [
+        subprocess.Popen(
+            [sys.executable, "-c", WRITER, path, name, start],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for name, start in (("one", "0"), ("two", "500"))
+    ]
+    for writer in writers:
+        assert writer.stdout is not None
+        assert writer.stdout.readline() == "ready\n"
+    for writer in writers:
+        assert writer.stdin is not None
+        writer.stdin.write("go\n")
+        writer.stdin.flush()
+    for writer in writers:
+        writer.communicate()
+    assert [writer.returncode for writer in writers] == [0, 0]
+    with closing(sqlite3.connect(path)) as connection:
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        runs = connection.execute("SELECT x, outcome FROM runs").fetchall()
+        assert connection.execute("SELECT count(*) FROM simulators").fetchone() == (1,)
+    # 0 to 1009 and 500 to 1509, each once
+    assert len(runs) == 1510
+    assert len({x for x, _ in runs}) == 1510

@@ -19,7 +19,7 @@ from aleator.search import GradientMultistart, SearchResult
 from aleator.simulators import Runner
 from aleator.simulators.function import FunctionSimulator
 from aleator.simulators.records import forget, holdings
-from aleator.simulators.searches import keep, kept
+from aleator.simulators.store import keep, kept
 
 LAW = Inputs({"a": Normal(Free(0.0, 2.0), Free(0.01, 1.0))})
 SOME_NOISE = Noise(Free(0.01, 1.0))

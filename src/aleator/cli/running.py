@@ -23,8 +23,7 @@ from aleator.progress import Progress
 from aleator.results import documents
 from aleator.results.units import seen_label
 from aleator.simulators import Budget, ProcessPool, Runner, Store, notified
-from aleator.simulators.workers.dask_cluster import dask_executor
-from aleator.simulators.workers.mpi_job import mpi_executor
+from aleator.simulators.clusters import dask_executor, mpi_executor
 from aleator.study import Study
 from aleator.tasks.identification import Identification
 from aleator.tasks.identify import UNLIMITED, identify

@@ -15,7 +15,7 @@ from rich.console import Console
 from aleator.cli.running import FILE
 from aleator.errors import AleatorError, StoreError, short
 from aleator.report import runs as report
-from aleator.simulators import Simulator, Store, exchange, imports, records
+from aleator.simulators import Simulator, Store, records
 from aleator.study import load_study
 
 TARGET = click.argument("target", type=FILE, metavar="STUDY.toml|STORE")
@@ -108,7 +108,7 @@ def show(target: Path, number: int | None, failures: bool) -> None:
 def export(target: Path, file: Path) -> None:
     """Write the runs to FILE, a row a run: .csv, or .parquet (which needs pyarrow)."""
     with opened(target) as at:
-        count = exchange.write(records.stored_runs(at.store, at.fingerprint), file)
+        count = records.write(records.stored_runs(at.store, at.fingerprint), file)
     click.echo(f"Written: {file}, {count:,} runs")
 
 
@@ -125,7 +125,7 @@ def import_(target: Path, file: Path) -> None:
     with opened(target, new=True) as at:
         if not at.store.writable:
             raise StoreError(f"{short(at.store.path)} is read-only", "name another store")
-        found = imports.read(at.store, file, at.simulator)
+        found = records.read(at.store, file, at.simulator)
     click.echo(f"{found.added:,} runs added, {found.present:,} were there already")
     if found.different:
         click.echo(f"{found.different:,} of these have another outcome there, which stays")

@@ -34,7 +34,7 @@ from aleator.search.optima import SAME_PLACE
 from aleator.search.value import LogLikelihood
 from aleator.search.written import read, written
 from aleator.simulators import Runner
-from aleator.simulators.searches import keep, kept
+from aleator.simulators.store import keep, kept
 from aleator.status import DEGENERATE_VALUE, Status
 from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array

@@ -1,32 +1,150 @@
-"""Runs that cost less than remembering them: made here, neither remembered nor stored."""
+"""Runs that cost less than remembering them: made here, many in one call of arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aleator.blocks import blocks
-from aleator.errors import AleatorError
-from aleator.simulators.arrays import CHECKED, Together, elementwise
-from aleator.simulators.bound import Bound
+from aleator.errors import AleatorError, SurroundingsError
+from aleator.observations.numbers import real_numbers
+from aleator.simulators.dispatch import Batch, make
 from aleator.simulators.function import FunctionSimulator
-from aleator.simulators.protocol import ARRAY_BLOCK, RunStopped
+from aleator.simulators.protocol import BLOCKS, RunStopped
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
-from aleator.simulators.workers.batch import make
+from aleator.simulators.units import Bound
 from aleator.types import Array, Indices
 
+
+@dataclass(frozen=True)
+class DirectSettings:
+    """How runs are made that are not remembered.
+
+    - `checked`: runs at which calls with numbers and one call with arrays are compared, at most. By
+      judgement: they differ in the case and in every parameter.
+    - `digits`: units of the last place that may differ, as powers and exponentials of arrays are
+      computed by other code. By judgement: the last four bits.
+    - `remembered`: runs without an outcome whose reasons are kept. By judgement: they are read.
+    """
+
+    checked: int = 16
+    digits: float = 16.0
+    remembered: int = 1000
+
+
+SETTINGS = DirectSettings()
+
+
+class ArrayCalls:
+    """Runs of an `elementwise` function in one call, which gets the rows of all one below another.
+
+    >>> import pandas as pd
+    >>> from aleator.simulators.units import Cases
+    >>> from aleator.simulators.function import FunctionSimulator
+    >>> cases = Cases.of({"load": np.array([1.0, 2.0])}, 2)
+    >>> together = ArrayCalls(Bound(FunctionSimulator(lambda load, x: load * x), cases, ("x",)))
+    >>> together(np.array([0, 1, 1]), np.array([[1.0], [1.0], [3.0]])).tolist()
+    [[1.0], [2.0], [6.0]]
+    """
+
+    def __init__(self, bound: Bound) -> None:
+        self._bound, self._form = bound, bound.form
+        rows = self._form.rows
+        self._rows = np.ones(len(bound.cases), dtype=np.intp) if rows is None else rows
+        self._start = np.cumsum(self._rows) - self._rows
+        self._columns = {
+            name: _flat(column, self._rows) for name, column in bound.cases.columns.items()
+        }
+        most = int(self._rows.max(initial=1))
+        self._each = most if np.all(self._rows == most) else 0
+
+    def __call__(self, case: Indices, x: Array) -> Array:
+        """Values (R, W) of runs of `case` (R,) at x (R, n).
+
+        Raises what the function raises, and TypeError for what is neither an array of the rows nor
+        a number. Cost: some 15 ns a value beside the function's own.
+        """
+        size = len(self._form.responses)
+        values = np.full((len(case), self._form.width), np.nan)
+        if self._each:
+            rows = self._start[case]
+            if self._each > 1:
+                rows = (rows[:, None] + np.arange(self._each)).ravel()
+            for k, part in enumerate(self._parts(rows, np.repeat(x.T, self._each, axis=1))):
+                values[:, k::size] = part.reshape(len(case), -1) if part.ndim else part
+            return values
+        sizes = self._rows[case]
+        run = np.repeat(np.arange(len(case)), sizes)
+        place = np.arange(len(run)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+        parts = self._parts(self._start[case][run] + place, x[run].T.copy())
+        for k, part in enumerate(parts):
+            values[run, place * size + k] = part
+        return values
+
+    def _parts(self, rows: Indices, x: Array) -> list[Array]:
+        """What the function returns for each response at x (n, rows): an array, or a number."""
+        columns = {name: column[rows] for name, column in self._columns.items()}
+        simulator: Any = self._bound.simulator
+        with np.errstate(all="ignore"):
+            returned = simulator.function(
+                **columns, **dict(zip(self._bound.parameters, x, strict=True))
+            )
+        names = self._form.responses
+        if not isinstance(returned, Mapping) and len(names) > 1:
+            raise TypeError("it named no responses")
+        parts = [returned[n] for n in names] if isinstance(returned, Mapping) else [returned]
+        return [_values(part, len(rows)) for part in parts]
+
+
+def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings = SETTINGS) -> bool:
+    """Whether a function gives the same values for runs of `case` (R,) at x (R, n) in one call.
+
+    The runs, of which `checked` are looked at, should differ in both. The same is: but for the last
+    `digits`. A function that raises either way is not elementwise. Cost: at most checked + 1 calls.
+
+    >>> from aleator.simulators.units import Cases
+    >>> from aleator.simulators.function import FunctionSimulator
+    >>> def is_so(function):
+    ...     bound = Bound(FunctionSimulator(function), Cases.of({}, 1), ("x",))
+    ...     return elementwise(bound, np.zeros(2, int), np.array([[1.0], [2.0]]))
+    >>> is_so(lambda x: 2.0 * x), is_so(lambda x: 2.0 if x > 1.5 else x)
+    (True, False)
+    """
+    case, x = case[: settings.checked], x[: settings.checked]
+    try:
+        together = ArrayCalls(bound)(case, x)
+        returned = bound.simulator(*bound.columns(case, x))
+        each = bound.form.some(case).shaped(bound.simulator, returned, len(case))
+    except (KeyboardInterrupt, SurroundingsError):
+        raise
+    except BaseException:
+        return False
+    rtol = settings.digits * float(np.finfo(np.float64).eps)
+    return bool(np.allclose(together, each, rtol=rtol, atol=0.0, equal_nan=True))
+
+
+def _flat(column: NDArray[Any], rows: Indices) -> NDArray[Any]:
+    """A column of cases as one of all their rows."""
+    if column.dtype == object and len(column) and isinstance(column[0], np.ndarray):
+        return np.concatenate([*column])
+    return np.repeat(column, rows)
+
+
+def _values(part: Any, rows: int) -> Array:
+    numbers = real_numbers(part)
+    if numbers.shape not in ((), (rows,)):
+        raise TypeError(f"it returned values of shape {numbers.shape}")
+    return numbers
+
+
 Failures = Mapping[int, Failure]
-# Kronecker's sequence by square roots of primes: points of a box that differ in every coordinate.
-_PRIMES = np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0, 23.0, 29.0])
 
 
-TOLD = 1000
-"""Runs without an outcome that are remembered, to be told."""
-
-
-class Direct:
+class DirectRuns:
     """Runs of cases, as they are asked for: `count` is how many were made.
 
     `lost` counts those that lack a value which is measured; `failures` are the first of them.
@@ -34,17 +152,20 @@ class Direct:
     After `find_arrays` a function of numbers is called with arrays, if it may be.
 
     >>> inverse = FunctionSimulator(lambda x: 1.0 / x, vectorized=True)
-    >>> from aleator.simulators.cases import Cases
-    >>> direct = Direct(Bound(inverse, Cases.of({}, 1), ("x",)))
+    >>> from aleator.simulators.units import Cases
+    >>> direct = DirectRuns(Bound(inverse, Cases.of({}, 1), ("x",)))
     >>> direct(np.array([0, 0]), np.array([[2.0], [0.0]])).tolist()
     [[0.5], [inf]]
     """
 
-    def __init__(self, bound: Bound) -> None:
+    def __init__(self, bound: Bound, settings: DirectSettings = SETTINGS) -> None:
         self._bound, self._simulator, self._form = bound, bound.simulator, bound.form
-        self._together: Together | None = None
+        self._settings = settings
+        observed = np.zeros((len(bound.cases), self._form.width), dtype=np.bool_)
+        self._unmeasured = replace(bound, form=replace(bound.form, observed=observed))
+        self._together: ArrayCalls | None = None
         self.count = self.lost = 0
-        self.failures = Runs.asked(np.empty(0, np.intp), np.empty((0, len(bound.parameters))))
+        self.failures = Runs.planned(np.empty(0, np.intp), np.empty((0, len(bound.parameters))))
 
     def __call__(self, case: Indices, x: Array) -> Array:
         """Values (R, W) of runs of `case` (R,) with parameters `x` (R, n), as they were returned.
@@ -67,24 +188,24 @@ class Direct:
 
     @property
     def _size(self) -> int:
-        together = max(ARRAY_BLOCK // self._form.width, 1)
+        together = max(BLOCKS.arrays // self._form.width, 1)
         return together if self._together else self._simulator.block
 
     def find_arrays(self, region: Array) -> bool:
         """Whether the simulator takes arrays: it is vectorized, or a function found `elementwise`.
 
-        It is tried at up to 16 points of the region (n, 2), under as many cases.
+        It is tried at some points of the region (n, 2), under as many cases.
         """
         simulator = self._simulator
         if not isinstance(simulator, FunctionSimulator) or simulator.vectorized:
             return getattr(simulator, "vectorized", False) is True
-        case = np.linspace(0, len(self._bound.cases) - 1, CHECKED).astype(np.intp)
-        steps = np.sqrt(np.resize(_PRIMES, len(region)))
-        share = np.outer(np.arange(1, CHECKED + 1), steps) % 1.0
+        count = self._settings.checked
+        case = np.linspace(0, len(self._bound.cases) - 1, count).astype(np.intp)
+        share = np.random.default_rng(0).random((count, len(region)))
         points = region[:, 0] + share * (region[:, 1] - region[:, 0])
-        self.count += CHECKED
-        found = elementwise(self._bound, case, points)
-        self._together = Together(self._bound) if found else None
+        self.count += count
+        found = elementwise(self._bound, case, points, self._settings)
+        self._together = ArrayCalls(self._bound) if found else None
         return found
 
     def _note(self, case: Indices, x: Array, values: Array, failures: Failures) -> None:
@@ -95,14 +216,16 @@ class Direct:
             return
         runs = np.unique(np.nonzero(gone)[0])
         self.lost += len(runs)
-        told = runs[: TOLD - len(self.failures)]
-        if len(told):
-            columns = np.argmax(gone[told], axis=1)
+        first = runs[: self._settings.remembered - len(self.failures)]
+        if len(first):
+            columns = np.argmax(gone[first], axis=1)
             noted = {
                 k: failures.get(run) or Failure(form.fault(run, column, np.nan), kind=NOT_FINITE)
-                for k, (run, column) in enumerate(zip(told.tolist(), columns.tolist(), strict=True))
+                for k, (run, column) in enumerate(
+                    zip(first.tolist(), columns.tolist(), strict=True)
+                )
             }
-            asked = replace(Runs.asked(case[told], x[told]), failures=noted)
+            asked = replace(Runs.planned(case[first], x[first]), failures=noted)
             self.failures = Runs.joined([self.failures, asked])
 
     def _block(self, case: Indices, x: Array) -> tuple[Array, Failures]:
@@ -120,18 +243,8 @@ class Direct:
 
     def _carefully(self, case: Indices, x: Array) -> tuple[Array, Failures]:
         """The same where a run raises: that one is NaN."""
-        form, names = self._form.some(case), self._bound.parameters
-        values = np.full((len(x), form.width), np.nan)
-        anything = replace(form, observed=np.zeros(values.shape, dtype=np.bool_))
-        done, failures = 0, dict[int, Failure]()
-        while done < len(case):
-            left = slice(done, None)
-            asked = Runs.asked(case[left], x[left], form.width)
-            conditions = self._bound.cases.at(case[left])
-            made = make(self._simulator, conditions, names, anything.some(left), asked, np.inf)
-            if made.stopped:
-                raise made.stopped
-            values[done : done + len(made)] = made.outcome
-            failures |= {done + run: failure for run, failure in made.failures.items()}
-            done += len(made)
-        return values, failures
+        runs = Runs.planned(case, x, self._form.width)
+        made = make(self._simulator, Batch.of(self._unmeasured, runs), np.inf)
+        if made.stopped:
+            raise made.stopped
+        return made.outcome, made.failures

@@ -1,28 +1,183 @@
-"""A Python function as a simulator."""
+"""A Python function as a simulator: found by its name, called, and known by its source."""
 
 from __future__ import annotations
 
 import hashlib
+import importlib
+import importlib.util
 import inspect
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from aleator.errors import SimulatorError, nearest
 from aleator.observations.numbers import real_numbers
-from aleator.simulators.loading import digests, load_function, require_same, source, sources
 from aleator.simulators.protocol import (
-    ARRAY_BLOCK,
-    SINGLE_BLOCK,
+    BLOCKS,
     Columns,
     Returned,
     Simulator,
+    describe,
+    name_lists,
     one_by_one,
+    require_distinct,
+    require_file,
 )
-from aleator.simulators.time_limit import checked_limit, limited
+from aleator.simulators.surroundings import checked_limit, limited
 from aleator.types import Array
+
+_loaded: dict[str, str] = {}
+"""Digests of modules as this process loaded them for simulators that came from another one."""
+
+
+def load_function(reference: str, base_dir: str | Path = ".") -> Callable[..., Any]:
+    """The function that "module:name" or "file.py:name" (relative to `base_dir`) refers to.
+
+    `name` may be dotted. Modules beside the file, or in `base_dir`, can be imported by it.
+
+    Raises SimulatorError if the reference has no name after a colon, the file does not exist, the
+    module cannot be imported, has no such name, or what has the name is not callable.
+
+    >>> load_function("math:hypot")
+    <built-in function hypot>
+    """
+    module_name, colon, name = reference.rpartition(":")
+    if not colon or not module_name or not name:
+        raise SimulatorError(
+            f"the simulator '{reference}' does not name a function",
+            'write "file.py:name" or "package.module:name"',
+        )
+    base = Path(base_dir).resolve()
+    module = _import(module_name, base)
+    found: Any = module
+    for part in name.split("."):
+        if not hasattr(found, part):
+            raise SimulatorError(
+                f"the simulator '{reference}': '{module_name}' has no '{name}'"
+                f"{_nearest_of(part, found)}",
+                "name a function that is defined there",
+            )
+        found = getattr(found, part)
+    if not callable(found):
+        raise SimulatorError(
+            f"the simulator '{reference}' is {type(found).__name__} {found!r:.60}, not a function",
+            "name a function",
+        )
+    function: Callable[..., Any] = found
+    return function
+
+
+def _nearest_of(name: str, owner: object) -> str:
+    public = [known for known in dir(owner) if not known.startswith("_")]
+    callables = [known for known in public if callable(getattr(owner, known, None))]
+    return nearest(name, callables)
+
+
+def _import(module_name: str, base: Path) -> ModuleType:
+    is_file = module_name.endswith(".py")
+    file = base / module_name
+    if is_file:
+        require_file(file, f"the simulator's file {module_name}", "*.py")
+    search = str(file.parent if is_file else base)
+    if search not in sys.path:
+        sys.path.insert(0, search)
+    try:
+        return _run_file(file) if is_file else importlib.import_module(module_name)
+    except (Exception, SystemExit) as error:
+        raise SimulatorError(
+            f"the simulator's module '{module_name}' cannot be imported: {describe(error)}",
+            "mend it, install what it needs, or correct the name",
+        ) from error
+
+
+def _run_file(file: Path) -> ModuleType:
+    # A name of its own: two studies may each have a model.py.
+    name = f"{file.stem}_{hashlib.sha256(str(file).encode()).hexdigest()[:8]}"
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file.name} is not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # before it runs, as dataclasses and pickles in it look it up
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def source(function: Callable[..., Any]) -> str:
+    """The text of one function, "" where nobody kept it."""
+    try:
+        return inspect.getsource(function)
+    except (OSError, TypeError):
+        return ""  # written in C, or typed
+
+
+def sources(function: Callable[..., Any]) -> dict[str, Path]:
+    """Files of the loaded modules of the function's package or folder; none of a script's.
+
+    >>> from statistics import fmean
+    >>> sources(fmean)["statistics"].name
+    'statistics.py'
+    """
+    module = sys.modules.get(getattr(function, "__module__", ""))
+    own = getattr(module, "__file__", None)
+    if module is None or own is None or module.__name__ == "__main__":
+        return {}
+    package = module.__name__ if hasattr(module, "__path__") else module.__package__
+    folder = Path(own).parent
+    return {
+        name: Path(file)
+        for name, other in list(sys.modules.items())
+        if (file := getattr(other, "__file__", None)) and str(file).endswith(".py")
+        if (package and (name == package or name.startswith(f"{package}.")))
+        or (not package and Path(file).parent == folder)
+    }
+
+
+def digests(function: Callable[..., Any]) -> dict[str, str]:
+    """A hash of each of `sources`, by the name of the module."""
+    return {name: _digest(path) for name, path in sources(function).items()}
+
+
+def require_same(
+    function: Callable[..., Any], expected: Mapping[str, str], read_again: bool
+) -> None:
+    """Hold a function against the digests that came with it from another process.
+
+    `read_again`: its own file was read just now, not for a simulator that came before. Raises
+    SimulatorError for a file that differs, and for one that has changed since this process loaded
+    it: runs would be kept as those of a simulator that it is not.
+
+    >>> from statistics import fmean
+    >>> require_same(fmean, digests(fmean), read_again=False)
+    >>> require_same(fmean, {"statistics": "another"}, read_again=False)
+    Traceback (most recent call last):
+        ...
+    aleator.errors.SimulatorError: .../statistics.py is not the same for this worker ...
+    """
+    own = function.__module__
+    for name, path in sources(function).items():
+        if expected.get(name, _digest(path)) != _digest(path):
+            raise SimulatorError(
+                f"{path} is not the same for this worker as it was where the study was started",
+                "let both have the same files, and start the study again",
+            )
+        if name == own and read_again:
+            _loaded[name] = _digest(path)
+        if _loaded.setdefault(name, _digest(path)) != _digest(path):
+            raise SimulatorError(
+                f"{path} has changed since this worker loaded it", "start the workers again"
+            )
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 class FunctionSimulator:
@@ -80,7 +235,7 @@ class FunctionSimulator:
         self.series = series
         self.version = version
         self.timeout = checked_limit(timeout)
-        self.block = block or (ARRAY_BLOCK if vectorized else SINGLE_BLOCK)
+        self.block = block or (BLOCKS.arrays if vectorized else BLOCKS.single)
         self._reference: tuple[str, str] | None = None
         self._digests: dict[str, str] | None = None
         self.name = str(getattr(function, "__qualname__", type(function).__name__))
@@ -138,22 +293,16 @@ class FunctionSimulator:
                     f"simulator '{self.name}' has no argument for the parameter "
                     f"'{name}'{nearest(name, taken)}",
                     "name an argument of the function after each parameter; it has "
-                    + (", ".join(taken) or "none"),
+                    f"{', '.join(taken) or 'none'}",
                 )
-            if name in conditions and name in taken:
-                raise SimulatorError(
-                    f"simulator '{self.name}': '{name}' is both a condition and a parameter",
-                    "rename the column or the parameter, or name the conditions without it",
-                )
+        require_distinct(self.name, [c for c in conditions if c in taken], parameters)
         known = (*conditions, *parameters)
         for name in required:
             if name not in known:
                 raise SimulatorError(
                     f"simulator '{self.name}': its argument '{name}' is neither a condition nor a "
                     f"parameter{nearest(name, known)}",
-                    f"conditions: {', '.join(conditions) or 'none'}; "
-                    f"parameters: {', '.join(parameters) or 'none'}; "
-                    "or give the argument a default",
+                    f"{name_lists(conditions, parameters)}; or give the argument a default",
                 )
         return tuple(name for name in conditions if anything or name in taken)
 

@@ -1,20 +1,19 @@
-"""What a user is told about runs without an outcome: which, why, and what to narrow."""
+"""What a user is told about runs without an outcome, and about the store of runs."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from aleator.errors import SimulatorError
-from aleator.simulators.cases import Cases
-from aleator.simulators.failure import NoOutcome, with_log
-from aleator.simulators.protocol import Simulator
+from aleator.errors import SimulatorError, short
+from aleator.simulators.execution import RunCache
+from aleator.simulators.protocol import NoOutcome, Simulator, with_log
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
-from aleator.simulators.units import Units
+from aleator.simulators.units import Cases, Units
 from aleator.types import Array, Flags
 
 
@@ -34,19 +33,12 @@ class Messages:
         failure = tried.failures[row]
         if failure.kind == NOT_FINITE:
             return self._not_finite(tried, row)
-        if failure.kind == "TypeError" and getattr(self.simulator, "vectorized", False):
-            return SimulatorError(
-                f"simulator '{self.simulator.name}' is called with arrays, because vectorized is "
-                f"true, and raised for any number of runs: {failure.message}",
-                "set vectorized = false if it computes one run at a time (as float() and the "
-                "functions of math do); else let it take arrays, with the functions of numpy",
-            )
         what, who = (
             ("failed", "simulator") if failure.kind == "RunFailed" else ("raised", "function")
         )
         return self._no_outcome(
             f" {what} for {self._run(tried, row)}: {_told(failure)}",
-            f"mend the {who} for the conditions {self._conditions(tried, row)}{self._texts()}",
+            f"mend the {who} for the conditions {self._conditions(tried, row)}",
             tried,
             np.arange(len(tried)) == row,
         )
@@ -54,32 +46,15 @@ class Messages:
     def too_many(self, tried: Runs, failed: int, asked: int) -> SimulatorError:
         """Too large a share of all runs failed for a surface through the others."""
         row = min(tried.failures)
-        hint = self._nowhere(tried.failures[row]) if failed == asked else ""
+        hint = "mend the simulator: no run of it worked" if failed == asked else ""
         return self._no_outcome(
             f": {failed:,} of {asked:,} runs failed, too many to go on; the first for "
             f"{self._run(tried, row)}: {_told(tried.failures[row])}",
             f"{hint or self._narrower(tried, row)}; or check the conditions of the experiment: "
-            f"{self._conditions(tried, row)}{self._texts()}",
+            f"{self._conditions(tried, row)}",
             tried,
             _failed(tried),
         )
-
-    def _nowhere(self, failure: Failure) -> str:
-        """What to do where no run worked; of a function that wants arrays, that."""
-        scalars = not getattr(self.simulator, "vectorized", True)
-        if scalars and re.match(
-            r"(Attribute|Type|Index)Error: .*\b(float|scalar)", failure.message
-        ):
-            return (
-                "set vectorized = true if the function computes with arrays of many runs; else "
-                "mend it: no run of it worked"
-            )
-        if re.match(r"the outcome in '.*' is .*, not a number", failure.message):
-            return (
-                "let it print the number as the last word, or say in [simulator] where the number "
-                r"is, such as output = {regex = 'time = (\S+)'}: no run of it worked"
-            )
-        return "mend the simulator: no run of it worked"
 
     def not_repeatable(self, runs: Runs, row: int, first: float, again: float) -> SimulatorError:
         """One of the runs has two outcomes."""
@@ -132,10 +107,6 @@ class Messages:
             f"{name}={_shown(v)}" for name, v in self.cases.values(int(runs.case[row])).items()
         )
 
-    def _texts(self) -> str:
-        text = [name for name, column in self.cases.columns.items() if column.dtype == object]
-        return f"; {', '.join(text)} is text in the table" if text else ""
-
     def _narrower(self, tried: Runs, row: int) -> str:
         """Which parameter to narrow: one whose one end fails throughout in the experiment, or any.
 
@@ -166,3 +137,41 @@ def _shown(value: Any) -> str:
         first, *_, last = (_shown(one) for one in (value[0], *value.tolist()))
         return f"{first}...{last}"
     return f"{value:.6g}" if isinstance(value, float) else repr(value)
+
+
+@contextmanager
+def notified(
+    cache: RunCache | None, study: str, say: Callable[[str], None] | None = None
+) -> Iterator[None]:
+    """Tell what a store has for a runner, and what it holds of the runs when something stops them.
+
+    `study` is the file that the commands `aleator runs ...` are given.
+    """
+    if cache is None or say is None:
+        yield
+        return
+    _tell_at_start(cache, study, say)
+    try:
+        yield
+    except BaseException:
+        if cache.added:
+            say(
+                f"{cache.added:,} new runs are kept in {short(cache.store.path)}: the same command "
+                "goes on from there"
+            )
+        raise
+
+
+def _tell_at_start(cache: RunCache, study: str, say: Callable[[str], None]) -> None:
+    path, identity = short(cache.store.path), cache.identity
+    stored = cache.at_start
+    if stored.runs:
+        failed = f", {stored.failures:,} of them failures" if stored.failures else ""
+        say(f"{path} has {stored.runs:,} runs of this simulator{failed}; none is repeated")
+    if stored.other:
+        say(
+            f"{path} has {stored.other:,} runs of '{identity.name}' with other files or settings; "
+            f"they are not used (aleator runs list {study})"
+        )
+    if not cache.store.writable:
+        say(f"{path} is read-only: its runs are used, new ones are not kept")

@@ -1,18 +1,36 @@
-"""What a simulator is to the rest of Aleator."""
+"""What a simulator is to the rest of Aleator, and how a run of it fails."""
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import BrokenExecutor
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-# Large enough that arrays pay, small enough that an interruption loses little. Fixed, because the
-# last digits of an array operation may depend on its length.
-ARRAY_BLOCK = 8192
-# One at a time loses nothing; a block is what is timed together at most.
-SINGLE_BLOCK = 256
+from aleator.errors import SimulatorError, nearest
+from aleator.types import Array, Indices
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """The most runs that one call of a function is given where it does not say itself.
+
+    - `arrays`: of arrays. Large enough that arrays pay, small enough that an interruption loses
+      little; by judgement. Fixed, because the last digits of an array operation may depend on its
+      length.
+    - `single`: of runs that are made one by one, which is what is timed together. By judgement.
+    """
+
+    arrays: int = 8192
+    single: int = 256
+
+
+BLOCKS = Blocks()
 
 Columns = Mapping[str, NDArray[Any]]
 Returned = NDArray[np.float64] | Mapping[str, NDArray[np.float64]] | list[Any]
@@ -93,3 +111,144 @@ def _packed(outcomes: list[Any]) -> NDArray[np.float64] | list[Any]:
     if all(isinstance(outcome, float) for outcome in outcomes):
         return np.array(outcomes, dtype=np.float64)
     return outcomes
+
+
+_ROOM = Path(__file__).parent
+
+
+def require_distinct(simulator: str, conditions: Sequence[str], parameters: Sequence[str]) -> None:
+    """Raise SimulatorError for a name that is both a condition and a parameter."""
+    for name in parameters:
+        if name in conditions:
+            raise SimulatorError(
+                f"simulator '{simulator}': '{name}' is both a condition and a parameter",
+                "rename the column or the parameter, or name the conditions without it",
+            )
+
+
+def name_lists(conditions: Sequence[str], parameters: Sequence[str]) -> str:
+    """The names that there are, for a remedy.
+
+    >>> name_lists(["load"], [])
+    'conditions: load; parameters: none'
+    """
+    lists = {"conditions": conditions, "parameters": parameters}
+    return "; ".join(f"{what}: {', '.join(names) or 'none'}" for what, names in lists.items())
+
+
+def require_file(
+    path: Path, what: str, kind: str = "*", remedy: str = "name it relative to the study file"
+) -> None:
+    """Raise SimulatorError, with the nearest name of the `kind` beside it, for no such path."""
+    if not path.exists():
+        close = nearest(path.name, [one.name for one in path.parent.glob(kind)])
+        raise SimulatorError(f"{what} does not exist{close}", remedy)
+
+
+class RunFailed(Exception):
+    """A run gave no outcome: `message` says why in one line, `log` is what it printed last.
+
+    It can be pickled, so that it travels from a worker process as it was raised.
+
+    >>> failure = RunFailed("it ended with exit code 3", "pressure too high")
+    >>> print(failure)
+    it ended with exit code 3; its log ends: pressure too high
+    >>> failure.message, failure.log
+    ('it ended with exit code 3', 'pressure too high')
+    """
+
+    def __init__(self, message: str, log: str = "") -> None:
+        super().__init__(message, log)
+        self.message = message
+        self.log = log
+
+    def __str__(self) -> str:
+        return with_log(self.message, self.log)
+
+
+def with_log(message: str, log: str) -> str:
+    """A message with the end of what the run printed, if it printed anything."""
+    last = " ".join(log.split())[-300:]
+    return f"{message}; its log ends: {last}" if last else message
+
+
+class WorkerLost(BrokenExecutor):
+    """Workers were lost while they ran this very call; the executor goes on."""
+
+
+class NoOutcome(SimulatorError):
+    """The simulator gave no outcome at parameters `failed` (F, n) of experiments `index` (F,)."""
+
+    def __init__(self, problem: str, remedy: str, failed: Array, index: Indices) -> None:
+        super().__init__(problem, remedy)
+        self.failed, self.index = failed, index
+
+
+def working_box(worked: Array, failed: Array, open_ended: Sequence[int]) -> Array:
+    """A box (n, 2) of points that worked (W, n), without those that failed (F, n).
+
+    The hull of the points that worked, cut on the sides of the parameters `open_ended` where the
+    fewest of these points are lost; failures between them that no side separates may remain.
+
+    >>> worked = np.array([[-1.0], [0.0], [1.0], [2.0]])
+    >>> working_box(worked, np.array([[-1.5], [-0.9]]), [0]).tolist()
+    [[0.0, 2.0]]
+    """
+    box = np.stack([worked.min(axis=0), worked.max(axis=0)], axis=1)
+    kept = worked
+    middle = np.median(worked, axis=0)
+    for point in failed[np.argsort(np.abs(failed - middle).max(axis=1))]:
+        if np.any((point < box[:, 0]) | (point > box[:, 1])):
+            continue
+        sides = [
+            kept[kept[:, k] > point[k]] if point[k] < middle[k] else kept[kept[:, k] < point[k]]
+            for k in open_ended
+        ]
+        most = max(sides, key=len)
+        if len(most) < 2:
+            continue
+        kept = most
+        box = np.stack([kept.min(axis=0), kept.max(axis=0)], axis=1)
+    return box
+
+
+def said(error: BaseException) -> str:
+    """The text of an exception, as every file can hold it; "" where it cannot tell its own.
+
+    >>> said(ValueError("a path with \\udcff in it"))
+    'a path with \\\\udcff in it'
+    """
+    try:
+        text = str(error)
+    except KeyboardInterrupt:
+        raise
+    except BaseException:
+        return ""
+    return readable(text)
+
+
+def readable(text: str) -> str:
+    """A text without what UTF-8 does not have: halves of a character, of names of files."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def describe(error: BaseException) -> str:
+    """An exception as one line: kind, message and, where it is known, file and line of its cause.
+
+    >>> describe(ValueError("too cold"))
+    'ValueError: too cold'
+    """
+    if isinstance(error, RunFailed):
+        return said(error)
+    text = " ".join(said(error).split())
+    kind = readable(type(error).__name__)
+    if isinstance(error, SyntaxError):  # its own text has the place
+        return f"{kind}: {text}"
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith("<") and _ROOM not in Path(frame.filename).parents
+        if "importlib" not in frame.filename
+    ]
+    place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return f"{kind}: {text}{place}" if text else f"{kind}{place}"

@@ -2,44 +2,115 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from datetime import timedelta
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aleator.errors import SimulatorError
 from aleator.progress import Progress, Silent
-from aleator.simulators.bound import Bound
-from aleator.simulators.budget import Account, Budget
-from aleator.simulators.cases import Cases
-from aleator.simulators.direct import Direct
-from aleator.simulators.form import Form
+from aleator.simulators.direct import DirectRuns
+from aleator.simulators.dispatch import BATCHING, Batching
+from aleator.simulators.execution import Execution, RunCache, RunProgress
 from aleator.simulators.function import FunctionSimulator, as_simulator
 from aleator.simulators.messages import Messages
 from aleator.simulators.protocol import Simulator
-from aleator.simulators.repeats import REPEATABLE, Repeats, differing
-from aleator.simulators.run_cache import RunCache
-from aleator.simulators.run_progress import RunProgress
-from aleator.simulators.runs import Runs
+from aleator.simulators.runs import REPEATABILITY, Repeats, Runs, differing
 from aleator.simulators.store import Store
-from aleator.simulators.trial import ending, watched
-from aleator.simulators.units import Units
-from aleator.simulators.workshop import Workshop
+from aleator.simulators.surroundings import end_reported, ending
+from aleator.simulators.units import Bound, Cases, Form, Units
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
     from aleator.observations.experiments import Conditions, Experiments
     from aleator.observations.transform import Transform
 
+
+HOUR = timedelta(hours=1).total_seconds()
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The most that an identification may take: new runs of the simulator, and hours of the clock.
+
+    Runs that a store knows cost nothing, so that the same identification with the same budget gets
+    further each time. None is no limit. Raises SimulatorError for what is not positive.
+
+    >>> Budget(runs=500)
+    Budget(runs=500, hours=None)
+    """
+
+    runs: int | None = None
+    hours: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        for name, value in (("runs", self.runs), ("hours", self.hours)):
+            if value is not None and not 0.0 < value < math.inf:
+                raise SimulatorError(f"budget: {name} {value}", "choose a positive number")
+
+    def __str__(self) -> str:
+        """As a message says it."""
+        runs = [] if self.runs is None else [f"{self.runs:,} runs"]
+        hours = [] if self.hours is None else [f"{self.hours:g} h"]
+        return " and ".join(runs + hours)
+
+
+class RunCounter(Protocol):
+    """What makes runs and counts them: all that it `tried`, and the seconds that were `waited`."""
+
+    tried: int
+    waited: float
+
+
+class Account:
+    """What is left of a budget, counted from now on: runs are taken from it as `by` makes them.
+
+    `refused` tells whether somebody was given less than was asked for.
+
+    >>> from types import SimpleNamespace
+    >>> made = SimpleNamespace(tried=0, waited=0.0)
+    >>> account = Account(Budget(runs=500), made)
+    >>> made.tried = 300
+    >>> account.given(250, reserve=10), account.refused
+    (190, True)
+    """
+
+    def __init__(self, budget: Budget, by: RunCounter) -> None:
+        self.budget, self.refused = budget, False
+        self._by, self._before = by, by.tried
+        self._began = time.monotonic()
+
+    def given(self, runs: int, reserve: int = 0) -> int:
+        """How many of these runs there may be, with so many left for what comes after them."""
+        given = int(max(0, min(runs, self._left() - reserve)))
+        self.refused |= given < runs
+        return given
+
+    @property
+    def made(self) -> int:
+        """New runs so far."""
+        return self._by.tried - self._before
+
+    def _left(self) -> float:
+        """Runs that are left; before the first one nobody knows what one takes."""
+        left = math.inf if self.budget.runs is None else self.budget.runs - self.made
+        if self.budget.hours is None or not self._by.waited:
+            return left
+        seconds = self.budget.hours * HOUR - (time.monotonic() - self._began)
+        return min(left, seconds * self._by.tried / self._by.waited)
+
+
 MAX_FAILED = 0.2
 """Share of failed runs at which a study stops."""
 _APART = "with --workers 1 such a run is one that failed"
-FEW = 10
-"""Failures of which no share is too large yet."""
 
 
 def as_runner(
@@ -48,11 +119,8 @@ def as_runner(
     parameters: Sequence[str],
     vectorized: bool = False,
     executor: Executor | None = None,
-    varying: Collection[str] = (),
 ) -> Runner:
     """A runner as it is; a simulator or a function (see `as_simulator`) on the experiments.
-
-    `varying` is that of another runner whose conditions a series gets as arrays here too.
 
     >>> import pandas as pd
     >>> from aleator.observations.experiments import Conditions
@@ -63,7 +131,7 @@ def as_runner(
     if isinstance(simulator, Runner):
         return simulator
     simulator = as_simulator(simulator, vectorized)
-    return Runner(simulator, experiments, parameters, executor=executor, varying=varying)
+    return Runner(simulator, experiments, parameters, executor=executor)
 
 
 class Runner:
@@ -81,7 +149,8 @@ class Runner:
     Runs are made here, one batch after the other, or by the workers of an `executor` (any
     concurrent.futures.Executor); outcomes do not depend on it. One that fails is tried again
     `retries` times. Where more than the share `max_failed` of the runs of this runner failed, and
-    at least ten, `attempt` stops.
+    at least `few_failed` (by judgement), `attempt` stops. `batching` says how many runs travel at
+    once.
 
     `runs` counts the different runs that were needed, those of the store included, so that an
     identification resumed tells the same number as one that was not interrupted. `fresh` counts
@@ -112,13 +181,16 @@ class Runner:
         executor: Executor | None = None,
         retries: int = 0,
         max_failed: float = MAX_FAILED,
+        few_failed: int = 10,
         varying: Collection[str] = (),
+        batching: Batching = BATCHING,
     ) -> None:
         _check(retries, max_failed)
         self.simulator = as_simulator(simulator)
         self.ids, self.parameters = experiments.ids, tuple(parameters)
         self.progress = progress or Silent()
-        self.executor, self.retries, self.max_failed = executor, retries, max_failed
+        self.executor, self.retries = executor, retries
+        self.max_failed, self.few_failed, self._batching = max_failed, few_failed, batching
         table = experiments.conditions
         self.asked = self.simulator.asks([*map(str, table.columns)], self.parameters)
         self._served = served = Units.of(experiments, getattr(self.simulator, "series", False))
@@ -127,18 +199,18 @@ class Runner:
         form = Form.of(served, self.cases, self.ids)
         self._bound = bound = Bound(self.simulator, self.cases, self.parameters, form)
         self.cache = None if store is None else RunCache(store, bound, served)
-        self._workshop = Workshop(bound, served, self.cache, executor, retries)
-        self._memory = self._workshop.memory
-        self._direct = Direct(bound)
+        self._execution = Execution(bound, served, self.cache, executor, retries, batching)
+        self._memory = self._execution.memory
+        self._direct = DirectRuns(bound)
         self._repeats = Repeats()
         self._messages = Messages(self.simulator, self.ids, self.parameters, self.cases, served)
-        self.account = Account(Budget(), self._workshop)
+        self.account = Account(Budget(), self._execution)
 
     def __getstate__(self) -> dict[str, Any]:
         """What travels to another process: without the store, the workers, and who listens."""
-        alone = Workshop(self._bound, self._served, None, None, self.retries)
+        alone = Execution(self._bound, self._served, None, None, self.retries, self._batching)
         here = {"cache": None, "executor": None, "progress": Silent()}
-        made = {"_workshop": alone, "_memory": alone.memory, "account": Account(Budget(), alone)}
+        made = {"_execution": alone, "_memory": alone.memory, "account": Account(Budget(), alone)}
         return {**vars(self), **here, **made}
 
     @property
@@ -167,13 +239,6 @@ class Runner:
         return self._served.responses[0].transform
 
     @property
-    def varying(self) -> tuple[str, ...]:
-        """The conditions that a series is given as arrays."""
-        columns = self.cases.columns.items()
-        series = (name for name, cells in columns if any(np.ndim(cell) for cell in cells[:1]))
-        return tuple(series) if self._served.series else ()
-
-    @property
     def runs(self) -> int:
         """The number of different runs that were needed so far."""
         return len(self._memory) + self._direct.count
@@ -181,11 +246,11 @@ class Runner:
     @property
     def fresh(self) -> int:
         """The number of runs that were made here and have an outcome."""
-        return self._workshop.fresh
+        return self._execution.fresh
 
     def allow(self, budget: Budget) -> None:
         """Count new runs, and hours from now on, against a budget; see `account`."""
-        self.account = Account(budget, self._workshop)
+        self.account = Account(budget, self._execution)
 
     @property
     def seconds(self) -> float:
@@ -193,7 +258,7 @@ class Runner:
 
         Of runs that a function makes in one call it is their share.
         """
-        tried, took = self._workshop.tried, self._workshop.seconds
+        tried, took = self._execution.tried, self._execution.seconds
         if not tried and self.cache is not None:
             stored = self.cache.store.counts(self.cache.identity)
             tried, took = stored.runs, stored.seconds
@@ -202,12 +267,12 @@ class Runner:
     @property
     def completed(self) -> Runs:
         """Every run that has an outcome, in the order in which they became known."""
-        return self._memory.known([*self._memory.places])
+        return self._memory.remembered([*self._memory.places])
 
     @property
     def failures(self) -> Runs:
         """Every run that was needed and has no outcome."""
-        return self._memory.known([*self._memory.failures])
+        return self._memory.remembered([*self._memory.failures])
 
     @property
     def lost(self) -> tuple[int, Runs]:
@@ -217,13 +282,13 @@ class Runner:
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Array:
         """Run unit `index` (R,) with parameters `x` (R, n): outcomes (R,), transformed."""
         keys, distinct = self._keys(index, x)
-        self._workshop.recall(distinct, failures=False)
+        self._execution.recall(distinct, failures=False)
         missing = [key for key in distinct if key not in self._memory.places]
         with self._making(missing, len(distinct)) as batches:
             for made in batches:
                 if made.failures:
                     break
-        tried = self._memory.known([key for key in missing if key in self._memory])
+        tried = self._memory.remembered([key for key in missing if key in self._memory])
         if tried.failures:
             raise self._messages.first(tried)
         self._repeat(missing)
@@ -254,7 +319,7 @@ class Runner:
         case, x = self.cases.condition[np.asarray(unit, dtype=np.intp)], np.asarray(x, np.float64)
         values = self._direct(case, x)
         if len(again := self._repeats.chosen(len(case))):
-            first = replace(Runs.asked(case[again], x[again]), outcome=values[again])
+            first = replace(Runs.planned(case[again], x[again]), outcome=values[again])
             self._compare(first, self._direct.again(first.case, first.x))
         return self._served.transformed(values)
 
@@ -275,7 +340,7 @@ class Runner:
         keys, distinct = self._keys(index, x)
         memory = self._memory
         before, share = len(memory.failures), self.max_failed if most is None else most
-        self._workshop.recall(distinct, failures=True)
+        self._execution.recall(distinct, failures=True)
         missing = self._each_unit_first([key for key in distinct if key not in memory])
         whole = len(memory) + len(missing)
         with self._making(missing, len(distinct)) as batches:
@@ -283,7 +348,7 @@ class Runner:
                 if self._too_many(before, share, whole) or (share < 1.0 and self._works_nowhere()):
                     break
         if self._too_many(before, share, len(memory)):
-            tried = memory.known([key for key in distinct if key in memory])
+            tried = memory.remembered([key for key in distinct if key in memory])
             raise self._messages.too_many(tried, len(memory.failures), len(memory))
         self._repeat(missing)
         return memory.values(keys)
@@ -310,12 +375,14 @@ class Runner:
         first = self.values(at, point)[0]
         if np.all(np.isnan(first)):
             return
-        known = Runs.asked(self.cases.condition[at], point, len(first))
+        known = Runs.planned(self.cases.condition[at], point, len(first))
         for _ in range(1 + self.retries):
-            again = self._served.transformed(self._workshop.again(known))
+            again = self._served.transformed(self._execution.again(known))
             if not np.all(np.isnan(again)) and differing(first[None], again) is None:
                 return
-        column = int(np.argmin(np.isclose(first, again[0], rtol=REPEATABLE, equal_nan=True)))
+        column = int(
+            np.argmin(np.isclose(first, again[0], rtol=REPEATABILITY.relative, equal_nan=True))
+        )
         raise self._messages.not_repeatable(known, 0, float(first[column]), float(again[0, column]))
 
     @contextmanager
@@ -324,8 +391,8 @@ class Runner:
 
         By `os._exit`, a crash of compiled code, or its STOP. First the first experiment at x (n,)
         is tried in a copy of the process, unless the store has runs: raises SimulatorError where
-        that ends the copy (see `ending`). A later end is said on the standard error (`watched`).
-        Workers and other simulators have processes of their own: nothing is tried or watched.
+        that ends the copy (see `ending`). A later end is said on the standard error (see
+        `end_reported`). Workers and other simulators have processes of their own: nothing is tried.
         """
         if self.executor or not isinstance(self.simulator, FunctionSimulator):
             yield
@@ -339,7 +406,7 @@ class Runner:
                     f"({how})",
                     f"let it raise an exception there; {_APART}",
                 )
-        with watched(
+        with end_reported(
             "aleator: error: the process ended before the command did: the simulator "
             f"'{self.simulator.name}' ended it (os._exit, a crash, STOP), or a signal. There is "
             f"no answer.\n  Remedy: let the simulator raise an exception there; {_APART}"
@@ -356,9 +423,9 @@ class Runner:
     def _repeat(self, keys: Sequence[bytes]) -> None:
         """Make some of these runs again that were made just now."""
         made = [key for key in keys if key in self._memory.places]
-        first = self._memory.known([made[k] for k in self._repeats.chosen(len(made)).tolist()])
+        first = self._memory.remembered([made[k] for k in self._repeats.chosen(len(made)).tolist()])
         if len(first):
-            self._compare(first, self._workshop.again(first))
+            self._compare(first, self._execution.again(first))
 
     def _compare(self, first: Runs, again: Array) -> None:
         values, others = (self._served.transformed(part) for part in (first.outcome, again))
@@ -370,13 +437,13 @@ class Runner:
     def _keys(self, index: ArrayLike, x: ArrayLike) -> tuple[list[bytes], list[bytes]]:
         """The key of each run, and the distinct ones in the order of their first appearance."""
         case = self.cases.condition[np.asarray(index, dtype=np.intp)]
-        keys = Runs.asked(case, np.asarray(x, dtype=np.float64)).keys()
+        keys = Runs.planned(case, np.asarray(x, dtype=np.float64)).keys()
         return keys, [*dict.fromkeys(keys)]
 
     def _making(self, missing: Sequence[bytes], asked: int) -> closing[Generator[Runs, None, None]]:
         """The missing ones of so many runs as they are made."""
         progress = RunProgress(self.progress, len(missing), asked - len(missing))
-        return closing(self._workshop.make(missing, progress))
+        return closing(self._execution.make(missing, progress))
 
     def _too_many(self, before: int, most: float, whole: int) -> bool:
         """Whether there are failures more than `before`, and all are too large a share of `whole`.
@@ -384,19 +451,19 @@ class Runner:
         Of all runs, also those that are not made yet: where a batch ends then decides nothing.
         """
         failed = len(self._memory.failures)
-        return failed > before and failed >= FEW and failed > most * whole
+        return failed > before and failed >= self.few_failed and failed > most * whole
 
     def _works_nowhere(self) -> bool:
         """Whether no run worked, of ten units or more."""
-        if self._memory.places or len(self._memory.failures) < FEW:
+        if self._memory.places or len(self._memory.failures) < self.few_failed:
             return False
-        return bool(np.unique(self.failures.case).size >= min(FEW, len(self.cases)))
+        return bool(np.unique(self.failures.case).size >= min(self.few_failed, len(self.cases)))
 
     def _each_unit_first(self, keys: list[bytes]) -> list[bytes]:
         """The same runs, but one of each case before all others: is there one that works?"""
         if not keys:
             return keys
-        first = np.unique(self._memory.asked(keys).case, return_index=True)[1]
+        first = np.unique(self._memory.planned(keys).case, return_index=True)[1]
         chosen = set(first.tolist())
         return [keys[k] for k in first] + [key for k, key in enumerate(keys) if k not in chosen]
 

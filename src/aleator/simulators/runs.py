@@ -1,15 +1,16 @@
-"""Runs of a simulator: what is asked for, and what came of it."""
+"""Runs of a simulator: what is asked for, what came of it, what is remembered and repeated."""
 
 from __future__ import annotations
 
+import math
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 
-from aleator.simulators.failure import RunFailed, describe, readable
+from aleator.simulators.protocol import RunFailed, describe, readable
 from aleator.types import Array, Flags, Indices
 
 NOT_FINITE = "NotFinite"
@@ -37,6 +38,17 @@ class Failure:
         return cls(describe(error), None, type(error).__name__)
 
 
+def row_bytes(values: Array) -> list[bytes]:
+    """Every bit of each row of values (R, n), as a store has them.
+
+    >>> row_bytes(np.array([[1.0], [-0.0]]))[1]
+    b'\\x00\\x00\\x00\\x00\\x00\\x00\\x00\\x80'
+    """
+    whole = np.ascontiguousarray(values, dtype="<f8").tobytes()
+    size = len(whole) // max(len(values), 1)
+    return [whole[k * size : (k + 1) * size] for k in range(len(values))]
+
+
 @dataclass(frozen=True, eq=False)
 class Runs:
     """R runs: `case` (R,) of the conditions, `x` (R, n), and once they are made what came of them.
@@ -47,7 +59,7 @@ class Runs:
     made than were asked for, `stopped` is what ended them (Ctrl-C, or the surroundings), or None if
     the time was up.
 
-    >>> asked = Runs.asked(np.array([0, 2]), np.array([[0.5], [0.7]]))
+    >>> asked = Runs.planned(np.array([0, 2]), np.array([[0.5], [0.7]]))
     >>> len(asked), asked.outcome.tolist()
     (2, [[nan], [nan]])
     """
@@ -65,7 +77,7 @@ class Runs:
         return len(self.case)
 
     @classmethod
-    def asked(cls, case: Indices, x: Array, width: int = 1) -> Self:
+    def planned(cls, case: Indices, x: Array, width: int = 1) -> Self:
         """Runs that are to be made, of `width` values each."""
         return cls(case, x, np.full((len(case), width), np.nan), np.zeros(len(case)))
 
@@ -73,21 +85,19 @@ class Runs:
     def of_keys(cls, keys: Sequence[bytes], parameters: int, width: int = 1) -> Self:
         """Runs that are to be made, by their keys.
 
-        >>> Runs.of_keys(Runs.asked(np.array([3]), np.array([[0.5]])).keys(), 1).case
+        >>> Runs.of_keys(Runs.planned(np.array([3]), np.array([[0.5]])).keys(), 1).case
         array([3])
         """
         rows = np.frombuffer(b"".join(keys)).reshape(-1, 1 + parameters)
-        return cls.asked(rows[:, 0].astype(np.intp), rows[:, 1:], width)
+        return cls.planned(rows[:, 0].astype(np.intp), rows[:, 1:], width)
 
     def keys(self) -> list[bytes]:
         """What tells one run from another: the case and every bit of the parameters, R texts."""
-        rows = np.column_stack([self.case, self.x])
-        whole, size = rows.tobytes(), rows.itemsize * rows.shape[1]
-        return [whole[k : k + size] for k in range(0, len(whole), size)]
+        return row_bytes(np.column_stack([self.case, self.x]))
 
     def some(self, rows: slice | Indices | Flags) -> Self:
         """Some of the runs, to be made."""
-        return type(self).asked(self.case[rows], self.x[rows], self.outcome.shape[1])
+        return type(self).planned(self.case[rows], self.x[rows], self.outcome.shape[1])
 
     def halves(self) -> list[Self]:
         """The first half and the second, to be made; one of a single run."""
@@ -122,3 +132,130 @@ class Runs:
     def region(self) -> Array:
         """The smallest box (n, 2) that holds the parameters of all runs; there must be one."""
         return np.stack([self.x.min(axis=0), self.x.max(axis=0)], axis=1)
+
+
+class Memory:
+    """Runs by their keys: W values of each that has an outcome, a failure of each that has none.
+
+    `parameters` is the number of columns of x. Cost: some 150 bytes a run and 8 a value.
+
+    >>> memory = Memory(parameters=1, width=1)
+    >>> made = Runs(np.array([0]), np.array([[0.5]]), np.array([[2.0]]), np.zeros(1))
+    >>> memory.keep(made.keys(), made)
+    >>> memory.values(made.keys() + [b"another"])
+    array([[ 2.],
+           [nan]])
+    """
+
+    def __init__(self, parameters: int, width: int) -> None:
+        self._parameters = parameters
+        self.places: dict[bytes, int] = {}
+        self.failures: dict[bytes, Failure] = {}
+        self._values = np.full((1, width), np.nan)
+
+    def __len__(self) -> int:
+        return len(self.places) + len(self.failures)
+
+    def __contains__(self, key: bytes) -> bool:
+        return key in self.places or key in self.failures
+
+    def values(self, keys: Sequence[bytes]) -> Array:
+        """Values (R, W), NaN where there are none."""
+        places = np.array([self.places.get(key, -1) for key in keys], dtype=np.intp)
+        values = self._values[places]
+        values[places < 0] = np.nan
+        return values
+
+    def planned(self, keys: Sequence[bytes]) -> Runs:
+        """Runs that are to be made."""
+        return Runs.of_keys(keys, self._parameters, self._values.shape[1])
+
+    def remembered(self, keys: Sequence[bytes]) -> Runs:
+        """What is known of some runs."""
+        failures = {k: self.failures[key] for k, key in enumerate(keys) if key in self.failures}
+        return replace(self.planned(keys), outcome=self.values(keys), failures=failures)
+
+    def keep(self, keys: Sequence[bytes], runs: Runs) -> None:
+        """Remember runs that are made; those that have neither values nor a failure are not."""
+        self.failures |= {keys[k]: failure for k, failure in runs.failures.items()}
+        good = np.flatnonzero(~runs.empty).tolist()
+        own = keys if len(good) == len(keys) else [keys[k] for k in good]
+        for key in self.failures.keys() & own:
+            del self.failures[key]
+        for key in own:
+            self.places.setdefault(key, len(self.places))
+        self._grow()
+        self._values[[self.places[key] for key in own]] = runs.outcome[good]
+
+    def _grow(self) -> None:
+        size = len(self._values)
+        if len(self.places) > size:
+            more = np.full((max(size, len(self.places) - size), self._values.shape[1]), np.nan)
+            self._values = np.concatenate([self._values, more])
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """What is asked of a simulator's runs that are made again.
+
+    - `relative`: difference of two outcomes of the same run that is no cause for concern, of the
+      outcome or of the median of all. By judgement: far above rounding, far below any measurement.
+    - `most`: runs that are made again. Where one in ten is random, it is found in 92 of 100 studies
+      (1 - 0.9^24).
+    """
+
+    relative: float = 1e-6
+    most: int = 24
+
+
+REPEATABILITY = Repeatability()
+
+
+class Repeats:
+    """Which runs are made again, once that has begun: of R that were made the root of R, up to 24.
+
+    >>> repeats = Repeats()
+    >>> repeats.begin()
+    >>> [repeats.chosen(new).tolist() for new in (1, 3, 5, 100_000)]
+    [[0], [0], [0], [0, 4999, 9999, 14999, 19999, 24999, 29999, 34999, ...]]
+    """
+
+    def __init__(self, settings: Repeatability = REPEATABILITY) -> None:
+        self._settings, self._begun = settings, False
+        self._made = self._again = 0
+
+    def begin(self) -> None:
+        """Choose from now on."""
+        self._begun = True
+
+    def chosen(self, new: int) -> Indices:
+        """Positions among so many runs that were just made, far apart: conditions may matter."""
+        if not self._begun:
+            return np.empty(0, np.intp)
+        self._made += new
+        due = min(self._settings.most, math.isqrt(self._made)) - self._again
+        if due <= 0:
+            return np.empty(0, np.intp)
+        chosen = np.unique(np.linspace(0, new - 1, min(due, new)).astype(np.intp))
+        self._again += len(chosen)
+        return chosen
+
+
+def differing(
+    first: Array, again: Array, settings: Repeatability = REPEATABILITY
+) -> tuple[int, int] | None:
+    """The first run and value in which (R, W) outcomes differ from those of the same runs again.
+
+    Beyond a millionth of the value, or of what values are like. A run that has none in one of the
+    two has failed: that is another matter.
+
+    >>> differing(np.array([[1.0], [2.0]]), np.array([[1.0], [2.1]]))
+    (1, 0)
+    """
+    size = np.abs(first[np.isfinite(first)])
+    usual = settings.relative * float(np.median(size)) if size.size else 0.0
+    same = np.isclose(first, again, rtol=settings.relative, atol=usual, equal_nan=True)
+    same |= np.all(np.isnan(first), axis=1, keepdims=True)
+    same |= np.all(np.isnan(again), axis=1, keepdims=True)
+    found = np.argwhere(~same)
+    return (int(found[0, 0]), int(found[0, 1])) if len(found) else None

@@ -7,18 +7,351 @@ conditions share their runs, and so do studies with the same simulator.
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
+import sqlite3
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from aleator.simulators import store_file
-from aleator.simulators.identity import Case, Identity
+import numpy as np
 
-SYNCED_AFTER = 1.0
-"""Seconds of the simulator's work after which a commit waits for the disk."""
+from aleator.errors import StoreError, short
+from aleator.simulators.protocol import Simulator
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Which simulator it is: runs are reused only under the same `fingerprint`.
+
+    `name` and `description` are for people; `version` is the user's own, or empty.
+    """
+
+    fingerprint: str
+    name: str
+    description: str = ""
+    version: str = ""
+
+    @classmethod
+    def of(cls, simulator: Simulator) -> Identity:
+        """The identity of a simulator.
+
+        >>> from aleator.simulators.function import FunctionSimulator
+        >>> def length(load, stiffness):
+        ...     return load / stiffness
+        >>> identity = Identity.of(FunctionSimulator(length, version="2.1"))
+        >>> identity.name, identity.version
+        ('length', '2.1')
+        """
+        return cls(
+            simulator.fingerprint(),
+            simulator.name,
+            str(getattr(simulator, "description", type(simulator).__name__)),
+            str(getattr(simulator, "version", "")),
+        )
+
+
+@dataclass(frozen=True)
+class Case:
+    """What many runs have in common: values of conditions (as JSON), names of parameters.
+
+    The parameters are in the order of the alphabet, so that a study may list them in any. A series
+    has lists of values among its conditions. Its number of rows, and the responses that a simulator
+    named, stand under the empty name, which no condition has.
+    """
+
+    conditions: str
+    parameters: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        conditions: Mapping[str, Any],
+        parameters: Iterable[str],
+        rows: int | None = None,
+        responses: Sequence[str] = (),
+    ) -> Case:
+        """The case of some conditions; floats are written so that they read back exactly.
+
+        >>> Case.of({"load": 1.0, "bench": "A"}, ["y", "x"])
+        Case(conditions='{"bench": "A", "load": 1.0}', parameters=('x', 'y'))
+        """
+        plain = {name: _plain(value) for name, value in conditions.items()}
+        if rows is not None or responses:
+            plain[""] = {"rows": rows or 1, "responses": [*responses]}
+        text = json.dumps(plain, sort_keys=True, ensure_ascii=False, default=repr)
+        return cls(text, tuple(sorted(parameters)))
+
+    @property
+    def names(self) -> str:
+        """The names of the parameters as JSON."""
+        return json.dumps(self.parameters, ensure_ascii=False)
+
+    @cached_property
+    def hash(self) -> str:
+        """A short text that no other case of the simulator has."""
+        return hashlib.sha256(f"{self.conditions}\n{self.names}".encode()).hexdigest()[:32]
+
+
+def _plain(value: Any) -> Any:
+    """A condition as JSON knows it; 2 is the same condition as 2.0."""
+    value = value.tolist() if isinstance(value, (np.generic, np.ndarray)) else value
+    return float(value) if type(value) is int else value
+
+
+FORMAT = 1
+"""The version of the tables below; a store of a higher one is left alone."""
+
+_MARK = 0x414C4541  # "ALEA": a database without it is not ours to write to
+
+
+@dataclass(frozen=True)
+class StoreSettings:
+    """How a store uses its file.
+
+    - `patience`: seconds that a process waits for another that is writing; one transaction takes
+      milliseconds. By judgement.
+    - `cache`: kibibytes of the file that are held in memory. Without them a store of a million runs
+      was written three times as often, because new runs belong all over its index (seen once; what
+      a million runs cost is measured by `python -m benchmarks runs`).
+    - `unsynced`: seconds of the simulator's work after which a commit waits for the disk: so much a
+      power cut may cost. By judgement.
+    """
+
+    patience: float = 60.0
+    cache: int = 65_536
+    unsynced: float = 1.0
+
+
+SETTINGS = StoreSettings()
+
+_TABLES = """
+CREATE TABLE simulators (
+    id INTEGER PRIMARY KEY,
+    fingerprint TEXT NOT NULL UNIQUE,
+    name TEXT NOT NULL,
+    description TEXT NOT NULL,
+    version TEXT NOT NULL,
+    first_seen REAL NOT NULL
+);
+CREATE TABLE cases (
+    id INTEGER PRIMARY KEY,
+    simulator INTEGER NOT NULL REFERENCES simulators ON DELETE CASCADE,
+    hash TEXT NOT NULL,
+    conditions TEXT NOT NULL,
+    parameters TEXT NOT NULL,
+    UNIQUE (simulator, hash)
+);
+CREATE TABLE hosts (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE);
+CREATE TABLE runs (
+    id INTEGER PRIMARY KEY,
+    "case" INTEGER NOT NULL REFERENCES cases ON DELETE CASCADE,
+    x BLOB NOT NULL,
+    outcome,
+    failure TEXT,
+    log TEXT,
+    seconds REAL,
+    host INTEGER REFERENCES hosts,
+    time REAL NOT NULL,
+    attempt INTEGER NOT NULL,
+    UNIQUE ("case", x),
+    CHECK ((outcome IS NULL) = (failure IS NOT NULL))
+)
+"""
+# `outcome` has no type: a column of reals keeps -0.0 as the integer 0.
+
+# Results of searches: stores that were made before there were any get their table when opened.
+_SEARCHES = """
+CREATE TABLE IF NOT EXISTS searches (
+    fingerprint TEXT NOT NULL,
+    key TEXT NOT NULL,
+    text TEXT NOT NULL,
+    digest TEXT NOT NULL,
+    PRIMARY KEY (fingerprint, key)
+)
+"""
+
+# What a query is about, in the memory of the process: a join with it is one query for thousands.
+_SOUGHT = """
+PRAGMA temp_store = MEMORY;
+CREATE TEMP TABLE sought_cases (place INTEGER PRIMARY KEY, hash TEXT);
+CREATE TEMP TABLE sought_runs (place INTEGER PRIMARY KEY, "case" INTEGER, x BLOB)
+"""
+
+
+def connected(path: Path, settings: StoreSettings = SETTINGS) -> tuple[sqlite3.Connection, bool]:
+    """A connection to the store at `path`, made if it is not there, and whether it can be written.
+
+    Raises StoreError for what is not a store, is damaged, is of a newer format, or can be neither
+    written nor read.
+    """
+    # of os, as the questions of a path raise for a name that is too long
+    there, above = os.path.exists(path), os.path.isdir(path.parent)
+    if os.path.isdir(path):
+        raise StoreError(f"{short(path)} is a folder, not a store of runs", "name a file in it")
+    writable = os.access(path.parent, os.W_OK) and (not there or os.access(path, os.W_OK))
+    if not writable and not there:
+        raise StoreError(
+            f"{short(path)}: a store of runs cannot be made in the folder {short(path.parent)}: "
+            + ("it is read-only" if above else "there is no such folder"),
+            "name a file elsewhere (--store FILE), or keep no runs (--no-store)",
+        )
+    with sqlite_errors(path):
+        if not writable:
+            return _read_only(path, settings), False
+        connection = _opened(path, "rwc", settings)
+        try:
+            _check(connection, path)
+            _write_ahead(connection, settings.patience)
+            _make_tables(connection)
+            connection.executescript(_SOUGHT)
+        except BaseException:
+            connection.close()
+            raise
+    return connection, True
+
+
+def _opened(path: Path, mode: str, settings: StoreSettings) -> sqlite3.Connection:
+    connection = sqlite3.connect(
+        f"{path.resolve().as_uri()}?mode={mode}",
+        uri=True,
+        timeout=settings.patience,
+        isolation_level=None,  # transactions begin and end where they are written
+    )
+    # Who adds a run has the number of its case from the same transaction: to ask again at every
+    # run takes a third of the time.
+    connection.execute("PRAGMA foreign_keys = OFF")
+    connection.execute(f"PRAGMA cache_size = -{settings.cache}")
+    return connection
+
+
+def _read_only(path: Path, settings: StoreSettings) -> sqlite3.Connection:
+    """A store that cannot be written; where nobody has, no file beside it is needed either."""
+    log = path.with_name(f"{path.name}-wal")
+    unwritten = not log.exists() or log.stat().st_size == 0
+    connection = _opened(path, "ro&immutable=1" if unwritten else "ro", settings)
+    try:
+        _check(connection, path)
+        if _number(connection, "user_version") == 0:
+            raise StoreError(f"{short(path)} is empty, and cannot be written", "name another store")
+        connection.executescript(_SOUGHT)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _check(connection: sqlite3.Connection, path: Path) -> None:
+    """Raise StoreError unless the file is empty or a store that this version can read."""
+    version, mark = _number(connection, "user_version"), _number(connection, "application_id")
+    tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+    if mark != _MARK and (mark or version or tables):
+        raise StoreError(
+            f"{short(path)} is an SQLite database, but not a store of runs",
+            "name another file: this one is left as it is",
+        )
+    if version > FORMAT:
+        raise StoreError(
+            f"{short(path)} was written by a newer Aleator: its format is {version}, and this "
+            f"version knows {FORMAT}",
+            "install that version, or name another file with --store; this one is left as it is",
+        )
+
+
+def _number(connection: sqlite3.Connection, pragma: str) -> int:
+    return int(connection.execute(f"PRAGMA {pragma}").fetchone()[0])
+
+
+def _write_ahead(connection: sqlite3.Connection, patience: float, pause: float = 0.01) -> None:
+    """Let readers read while one process writes; SQLite does not wait by itself here."""
+    give_up = time.monotonic() + patience
+    while True:
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+            return
+        except sqlite3.OperationalError as error:
+            if _code(error) != sqlite3.SQLITE_BUSY or time.monotonic() > give_up:
+                raise
+            time.sleep(pause)
+
+
+def _make_tables(connection: sqlite3.Connection) -> None:
+    with transaction(connection):
+        # Asked again inside: another process may have been faster.
+        if _number(connection, "user_version") == 0:
+            for statement in _TABLES.split(";"):
+                connection.execute(statement)
+            connection.execute(f"PRAGMA application_id = {_MARK}")
+            connection.execute(f"PRAGMA user_version = {FORMAT}")
+        connection.execute(_SEARCHES)
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection, writing: bool = True) -> Iterator[None]:
+    """What is written inside is committed as one, or not at all; what is read is of one moment."""
+    connection.execute("BEGIN IMMEDIATE" if writing else "BEGIN")
+    try:
+        yield
+        connection.execute("COMMIT")
+    except BaseException:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+        raise
+
+
+@contextmanager
+def sqlite_errors(path: Path) -> Iterator[None]:
+    """Turn an error of SQLite into a StoreError that says what is wrong with the file `path`."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        usual = f"{error}", "see that the file can be written"
+        problem, remedy = _TROUBLES.get(_code(error), usual)
+        raise StoreError(f"{short(path)}: {problem}", remedy) from error
+    except UnicodeDecodeError as error:  # SQLite quotes the damaged bytes
+        raise StoreError(f"{short(path)}: the store of runs is damaged", MOVE_ASIDE) from error
+
+
+def _code(error: sqlite3.Error) -> int:
+    """The kind of an error, in the lowest byte of its code."""
+    return getattr(error, "sqlite_errorcode", 0) % 256
+
+
+MOVE_ASIDE = (
+    "move the file aside (it is left as it is) and start again; `sqlite3 FILE .recover` may save "
+    "runs from it"
+)
+_TROUBLES = {
+    sqlite3.SQLITE_FULL: (
+        "the disk is full, and the last runs could not be written",
+        "free some space and start again: every run that was written before is kept",
+    ),
+    sqlite3.SQLITE_IOERR: (
+        "the disk cannot be read or written (it may be full)",
+        "see to the disk and start again: every run that was written before is kept",
+    ),
+    sqlite3.SQLITE_NOTADB: ("this is not a store of runs, or it is damaged", MOVE_ASIDE),
+    sqlite3.SQLITE_CORRUPT: ("the store of runs is damaged", MOVE_ASIDE),
+    sqlite3.SQLITE_BUSY: (
+        "another process has been writing to it for too long",
+        "end that process, or name another file with --store",
+    ),
+    sqlite3.SQLITE_READONLY: (
+        "the store of runs cannot be written",
+        "make file and folder writable, or name another file with --store",
+    ),
+    sqlite3.SQLITE_CANTOPEN: (
+        "the store of runs cannot be opened",
+        "make file and folder readable and writable, or name another file with --store",
+    ),
+}
+
 
 # A cross join is done in the order in which it is written.
 _NUMBERED = (
@@ -57,8 +390,9 @@ class Store:
     """The runs of any number of simulators in the file `path`, made if it is not there.
 
     A process that is killed loses nothing that was added. A power cut loses at most the last
-    SYNCED_AFTER seconds of the simulator's work: so much is handed to the system without waiting
-    for the disk, because the wait takes milliseconds. Any number of processes may use it at once.
+    second of the simulator's work (`settings.unsynced`): so much is handed to the system without
+    waiting for the disk, because the wait takes milliseconds. Any number of processes may use it at
+    once.
 
     `writable` is false where file or folder cannot be written: runs are then found, not added.
 
@@ -75,14 +409,15 @@ class Store:
     (1, [(0, 0.5, None, 1)])
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, settings: StoreSettings = SETTINGS) -> None:
         self.path = Path(path).absolute()  # a simulator may change the current folder
-        self.connection, self.writable = store_file.connected(self.path)
+        self.settings = settings
+        self.connection, self.writable = connected(self.path, settings)
         self._unsynced = 0.0
 
-    def __reduce__(self) -> tuple[type[Store], tuple[str]]:
+    def __reduce__(self) -> tuple[type[Store], tuple[str, StoreSettings]]:
         """Another process gets a connection of its own."""
-        return Store, (str(self.path),)
+        return Store, (str(self.path), self.settings)
 
     def __enter__(self) -> Self:
         return self
@@ -97,7 +432,7 @@ class Store:
 
     def close(self) -> None:
         """Bring everything into the one file."""
-        with store_file.told(self.path):
+        with sqlite_errors(self.path):
             self.connection.close()
 
     def find(
@@ -109,7 +444,7 @@ class Store:
         there, next to none where its case is not.
         """
         run = self.connection.execute
-        with store_file.told(self.path), store_file.transaction(self.connection, writing=False):
+        with sqlite_errors(self.path), transaction(self.connection, writing=False):
             numbers = self._numbers(fingerprint, cases)
             sought = (
                 (place, numbers[case], x) for place, (case, x) in enumerate(keys) if case in numbers
@@ -132,17 +467,20 @@ class Store:
         outcome is never changed. One that failed is replaced if `again`, which counts the attempt.
         """
         conflict = _AGAIN if again else "DO NOTHING"
-        self._unsynced += sum(row[5] or 0.0 for row in rows)
-        wait = self._unsynced >= SYNCED_AFTER
-        with store_file.told(self.path):
+        self._unsynced += sum(seconds or 0.0 for *_, seconds, _, _, _ in rows)
+        wait = self._unsynced >= self.settings.unsynced
+        with sqlite_errors(self.path):
             self.connection.execute(f"PRAGMA synchronous = {'FULL' if wait else 'NORMAL'}")
-            with store_file.transaction(self.connection):
+            with transaction(self.connection):
                 before = self._largest()
                 of_case = self._cases(simulator, cases)
-                of_host = self._hosts({row[6] for row in rows})
+                of_host = self._hosts({host for *_, host, _, _ in rows})
                 self.connection.executemany(
                     f"{_INSERT} ON CONFLICT {conflict}",
-                    [(of_case[r[0]], *r[1:6], of_host[r[6]], *r[7:]) for r in rows],
+                    [
+                        (of_case[case], *made, of_host[host], moment, attempt)
+                        for case, *made, host, moment, attempt in rows
+                    ],
                 )
                 added = self._largest() - before
         if wait:
@@ -151,7 +489,7 @@ class Store:
 
     def counts(self, simulator: Identity) -> Counts:
         """How many runs there are of a simulator, and of it under other fingerprints."""
-        with store_file.told(self.path):
+        with sqlite_errors(self.path):
             rows = self.connection.execute(
                 "SELECT fingerprint = ?, count(*), sum(failure IS NOT NULL), total(seconds) "
                 "FROM runs "
@@ -210,3 +548,33 @@ class Store:
         for name in names:
             run("INSERT INTO hosts (name) VALUES (?) ON CONFLICT DO NOTHING", (name,))
         return {name: number for number, name in run("SELECT id, name FROM hosts")}
+
+
+def kept(store: Store, fingerprint: str, key: str) -> str | None:
+    """The text that was kept of a simulator under a key; None of none, or of one that is damaged.
+
+    A store that cannot be written is not asked.
+    """
+    if not store.writable:
+        return None
+    with sqlite_errors(store.path):
+        row = store.connection.execute(
+            "SELECT text, digest FROM searches WHERE fingerprint = ? AND key = ?",
+            (fingerprint, key),
+        ).fetchone()
+    return row[0] if row and row[1] == _digest(key, row[0]) else None
+
+
+def keep(store: Store, fingerprint: str, key: str, text: str) -> None:
+    """Keep a text of a simulator under a key."""
+    if not store.writable:
+        return
+    with sqlite_errors(store.path), transaction(store.connection):
+        store.connection.execute(
+            "INSERT OR REPLACE INTO searches VALUES (?, ?, ?, ?)",
+            (fingerprint, key, text, _digest(key, text)),
+        )
+
+
+def _digest(key: str, text: object) -> str:
+    return hashlib.sha256(f"{key}{text}".encode()).hexdigest()

@@ -1,15 +1,25 @@
-"""What the machine did, and no parameter: a run that ends by it has not failed, it was not made."""
+"""What ends a run from outside: the machine, a time limit, or the end of its process."""
 
 from __future__ import annotations
 
 import errno
+import faulthandler
+import math
+import multiprocessing
 import os
 import re
+import signal
+import subprocess
+import sys
 import tempfile
-from collections.abc import Iterator
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from aleator.errors import SimulatorError, SurroundingsError
+from aleator.simulators.protocol import RunFailed
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -34,12 +44,9 @@ STOP_ON = (
 )
 """What a program prints where a disk is full, processes run out, or a license is refused."""
 
-NEARLY_FULL = 2**20
-"""Bytes that are free on a disk where a failed run is not believed to be its own."""
-
 _NOT_MADE = "a run could not be made"
-_AGAIN = "every run that was made is kept, and this one is not taken for a failure"
-_REMEDY = f"mend that, and give the same command again: {_AGAIN}"
+_GO_ON = "every run that was made is kept, and this one is not taken for a failure"
+_REMEDY = f"mend that, and give the same command again: {_GO_ON}"
 
 
 def cause(error: BaseException, what: str = _NOT_MADE) -> SurroundingsError | None:
@@ -105,8 +112,11 @@ def require_space(folder: Path) -> None:
         raise full
 
 
-def full_disk(folder: Path, most: int) -> SurroundingsError | None:
-    """The error for a disk on which no more than `most` bytes are free, None for others."""
+def full_disk(folder: Path, most: int = 2**20) -> SurroundingsError | None:
+    """The error for a disk on which no more than `most` bytes are free, None for others.
+
+    With a MiB left (by judgement) a failed run is not believed to be its own.
+    """
     try:
         disk = os.statvfs(folder)
     except (OSError, AttributeError):  # Windows has no such function
@@ -118,7 +128,7 @@ def full_disk(folder: Path, most: int) -> SurroundingsError | None:
     return SurroundingsError(
         f"the disk of {tempfile.gettempdir()} is full ({free:,} bytes are free): what a run writes "
         "there may be cut off",
-        f"free some space, or name another folder by TMPDIR, and go on: {_AGAIN}",
+        f"free some space, or name another folder by TMPDIR, and go on: {_GO_ON}",
     )
 
 
@@ -138,3 +148,138 @@ def _is_ours(error: MemoryError) -> bool:
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     return trace is not None and _PACKAGE in Path(trace.tb_frame.f_code.co_filename).parents
+
+
+def checked_limit(seconds: float | None) -> float | None:
+    """A time limit that can be one. Raises SimulatorError for others."""
+    if seconds is not None and not 0.0 < seconds < math.inf:
+        raise SimulatorError(
+            f"timeout = {seconds:g} is no time", "give seconds, or leave it out: no limit"
+        )
+    return seconds
+
+
+@contextmanager
+def limited(seconds: float | None, patience: float = 3.0) -> Iterator[None]:
+    """Raise RunFailed in what takes longer than so many seconds; None is no limit.
+
+    Python code is stopped where it is, as by Ctrl-C, and again if it goes on. Compiled code that
+    does not return ends its worker after `patience` times the limit and a second (by judgement);
+    nothing can end it in this process. Needs the main thread, and a system with SIGALRM: elsewhere
+    there is no limit. Cost: some microseconds.
+
+    >>> with limited(0.01):
+    ...     while True:
+    ...         pass
+    Traceback (most recent call last):
+        ...
+    aleator.simulators.protocol.RunFailed: it was stopped after its 0.01 s
+    """
+    main = threading.current_thread() is threading.main_thread()
+    if seconds is None or not main or not hasattr(signal, "setitimer"):
+        yield
+        return
+    at_work = True
+
+    def expire(_signum: int, _frame: object) -> None:
+        if at_work:
+            raise RunFailed(f"it was stopped after its {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, expire)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+        with _ended_worker(patience * seconds + 1.0):
+            yield
+    finally:
+        at_work = False
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@contextmanager
+def _ended_worker(seconds: float) -> Iterator[None]:
+    """End this process after so many seconds, whatever it does, if it is a worker."""
+    if multiprocessing.parent_process() is None:
+        yield
+        return
+    with open(os.devnull, "w") as nowhere:
+        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+
+
+_RETURNED = 77  # the exit code of a copy in which the call ended nothing
+_WATCH = 'read -r _ || printf "%s\\n" "$1" >&2'
+"""A line comes when all is well; the end of the pipe without one is that of its writer."""
+
+
+def exit_status(code: int) -> str:
+    """How a process ended, by its exit code as Python has it.
+
+    >>> exit_status(3), exit_status(-9)
+    ('exit code 3', 'signal SIGKILL')
+    """
+    if code >= 0:
+        return f"exit code {code}"
+    return f"signal {signal.Signals(-code).name if -code in [*signal.Signals] else -code}"
+
+
+def ending(call: Callable[[], object], patience: float = 10.0) -> str | None:
+    """How a call ends its process, tried in a copy of this one; None where it does not.
+
+    A call that returns or raises ends nothing. What it prints is not shown, and what it changes in
+    memory is lost. None as well where it takes longer than `patience` s (by judgement), and on
+    systems without the cheap copies of Linux: nobody knows there.
+
+    >>> ending(lambda: 1.0)
+    >>> ending(lambda: os._exit(3)) if sys.platform == "linux" else "exit code 3"
+    'exit code 3'
+    """
+    if sys.platform != "linux":
+        return None
+    copy = multiprocessing.get_context("fork").Process(target=_end_with, args=(call,))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # threads: a copy that waits is ended
+        copy.start()
+    try:
+        copy.join(patience)
+        code = copy.exitcode
+    finally:
+        copy.kill()
+        copy.join()
+    if code is None or code == _RETURNED:
+        return None
+    return exit_status(code)
+
+
+@contextmanager
+def end_reported(words: str) -> Iterator[None]:
+    """Have `words` written to the standard error if this process ends before the block does.
+
+    By a shell that waits for a line of this process; the exit code stays what ended the process.
+    On systems without a POSIX shell nothing is written.
+    """
+    if os.name != "posix":
+        yield
+        return
+    watcher = subprocess.Popen(
+        ["/bin/sh", "-c", _WATCH, "sh", words], stdin=subprocess.PIPE, start_new_session=True
+    )
+    try:
+        yield
+    finally:
+        watcher.communicate(b"\n")
+
+
+def _end_with(call: Callable[[], object]) -> None:
+    try:
+        faulthandler.disable()
+        with open(os.devnull, "w") as nowhere:
+            sys.stdout = sys.stderr = nowhere
+            for shown in (1, 2):
+                os.dup2(nowhere.fileno(), shown)
+            call()
+    finally:
+        os._exit(_RETURNED)

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from aleator.errors import SimulatorError
-from aleator.simulators.command.placeholders import Text
-from aleator.simulators.command.program import STUDY
+from aleator.simulators.command.inputs import Text
+from aleator.simulators.command.simulator import STUDY
 from aleator.simulators.fmu.description import REALS, Description, Variable, read_description
-from aleator.simulators.loading import load_function
+from aleator.simulators.function import load_function
 from aleator.study.arguments import arrays_among, is_array, returned_by
 
 INPUT = "input"

@@ -23,8 +23,8 @@ from aleator.laws.hyperparameter import limits_of
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.simulators import ProcessPool
-from aleator.simulators.command.janitor import passing
-from aleator.simulators.workers.parcel import packed
+from aleator.simulators.command.run import passing
+from aleator.simulators.pool import packed
 from aleator.tasks.identification import Identification
 from aleator.tasks.replicate_file import Replicate, ReplicateFile, head_of
 from aleator.threads import single_threaded

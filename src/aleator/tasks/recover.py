@@ -25,9 +25,9 @@ from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.search import Search
 from aleator.simulators import ProcessPool, Runner, Simulator
-from aleator.simulators.command.janitor import passing
+from aleator.simulators.command.run import passing
+from aleator.simulators.pool import packed
 from aleator.simulators.store import Store
-from aleator.simulators.workers.parcel import packed
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import (
     AnySimulator,

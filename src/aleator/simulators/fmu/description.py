@@ -1,25 +1,26 @@
-"""What an FMU says of itself, and whether it can be run here."""
+"""What an FMU says of itself, and which of its variables conditions and parameters are."""
 
 from __future__ import annotations
 
+import math
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree
 
 from aleator.errors import SimulatorError, nearest
+from aleator.simulators.protocol import RunFailed, name_lists, require_distinct, require_file
 
 Kind = Literal["co_simulation", "model_exchange"]
 
 REALS = frozenset({"Real", "Float64", "Float32"})
 INTEGERS = frozenset(
-    {"Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))}
+    ["Integer", "Int8", "Int16", "Int32", "Int64", "UInt8", "UInt16", "UInt32", "UInt64"]
 )
 NUMBERS = REALS | INTEGERS | {"Boolean", "Enumeration"}
 INTERFACES: dict[Kind, str] = {"co_simulation": "CoSimulation", "model_exchange": "ModelExchange"}
-DEFAULT_POINTS = 500  #: communication points where neither the user nor the FMU gives a step
 
 
 @dataclass(frozen=True)
@@ -149,13 +150,7 @@ def imported_fmpy() -> Any:
 
 
 def _check_file(file: Path) -> None:
-    if not file.is_file():
-        folder = file.parent
-        names = sorted(p.name for p in folder.glob("*.fmu")) if folder.is_dir() else []
-        raise SimulatorError(
-            f"the simulator's file {file} does not exist{nearest(file.name, names)}",
-            "name the FMU relative to the study file",
-        )
+    require_file(file, f"the simulator's file {file}", "*.fmu")
     if zipfile.is_zipfile(file):
         with zipfile.ZipFile(file) as archive:
             if "modelDescription.xml" in archive.namelist():
@@ -241,3 +236,180 @@ def _start(raw: Any) -> float | None:
 
 def _number(text: Any) -> float | None:
     return None if text is None else float(text)
+
+
+Value = float | int | bool | str
+
+
+@dataclass(frozen=True, eq=False)
+class Binding:
+    """`names` maps conditions and parameters to variables; others have the variable's own name.
+
+    `taken` are the variables that have a value otherwise: constants, and inputs over time. `times`
+    are the conditions that say when a run begins or ends.
+
+    Raises SimulatorError for variables that do not exist, cannot be set, or are given twice.
+    """
+
+    fmu: Description
+    names: Mapping[str, str]
+    taken: tuple[str, ...] = ()
+    times: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, variable in self.names.items():
+            settable(self.fmu.variable(variable, f"'{name}'"), f"'{name}'")
+        twice = sorted({v for v in self.names.values() if [*self.names.values()].count(v) > 1})
+        both = sorted(set(self.taken) & set(self.names.values()))
+        if twice or both:
+            raise SimulatorError(
+                f"the FMU's variable '{(twice + both)[0]}' is given more than once",
+                "keep one of variables, constants and inputs for it",
+            )
+
+    def variable(self, name: str) -> Variable:
+        """The variable of a condition or parameter."""
+        return self.fmu.variables[self.names.get(name, name)]
+
+    def units(self, names: Sequence[str]) -> dict[str, str]:
+        """The units of those of these names that are variables and have one."""
+        known = {name: self.variable(name).unit for name in names if self._is_variable(name)}
+        return {name: unit for name, unit in known.items() if unit}
+
+    def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
+        """The conditions that are variables of the FMU. Raises SimulatorError, see Simulator.
+
+        One that is also a time is a variable only if a value can be given to that.
+        """
+        for name in self.names:
+            if name not in (*conditions, *parameters):
+                raise SimulatorError(
+                    f"'{name}' is mapped to the FMU's '{self.names[name]}', but is neither a "
+                    f"condition nor a parameter{nearest(name, (*conditions, *parameters))}",
+                    name_lists(conditions, parameters),
+                )
+        for name in parameters:
+            self._check_parameter(name)
+        asked = tuple(name for name in conditions if self._is_variable(name))
+        require_distinct(self.fmu.file.name, asked, parameters)
+        for name in asked:
+            self._check_free(name, "condition")
+        return asked
+
+    def values(self, cells: Mapping[str, Any]) -> dict[str, Value]:
+        """Start values by variable of one run's conditions and parameters. Raises RunFailed."""
+        return {
+            self.names.get(name, name): start_value(self.variable(name), cell, f"{name} = {cell!r}")
+            for name, cell in cells.items()
+            if self._is_variable(name)
+        }
+
+    def described(self, names: Sequence[str]) -> str:
+        """Conditions or parameters with the variable of each where its name differs, and its unit.
+
+        >>> from pathlib import Path
+        >>> k = Variable("spring.k", "Real", "parameter", "fixed", "exact", unit="N/mm")
+        >>> fmu = Description(Path("a.fmu"), "2.0", (), {k.name: k}, None, None, None, None, False)
+        >>> Binding(fmu, {"stiffness": "spring.k"}).described(["stiffness"])
+        'stiffness = spring.k [N/mm]'
+        """
+        words = []
+        for name in names:
+            variable = self.variable(name)
+            other = "" if variable.name == name else f" = {variable.name}"
+            words.append(f"{name}{other}{f' [{variable.unit}]' if variable.unit else ''}")
+        return ", ".join(words)
+
+    def _is_variable(self, name: str) -> bool:
+        variable = self.fmu.variables.get(self.names.get(name, name))
+        return variable is not None and (name not in self.times or variable.settable)
+
+    def _check_parameter(self, name: str) -> None:
+        variable = self.names.get(name, name)
+        if variable not in self.fmu.variables:
+            raise SimulatorError(
+                f"the FMU {self.fmu.file.name} has no variable for the parameter "
+                f"'{name}'{nearest(name, self.fmu.variables)}",
+                f'name it in the study: variables = {{{name} = "name in the FMU"}}',
+            )
+        self._check_free(name, "parameter")
+        found = self.fmu.variables[variable]
+        if found.type not in REALS:
+            raise SimulatorError(
+                f"the parameter '{name}' has a law, but the FMU's {found} takes no real numbers",
+                "give it as a condition or a constant",
+            )
+
+    def _check_free(self, name: str, what: str) -> None:
+        variable = self.fmu.variables[self.names.get(name, name)]
+        settable(variable, f"the {what} '{name}'")
+        others = {*self.taken, *(v for n, v in self.names.items() if n != name)}
+        if variable.name in others:
+            raise SimulatorError(
+                f"the {what} '{name}': the FMU's variable {variable} is given already",
+                "keep one of variables, constants and inputs for it",
+            )
+
+
+def settable(variable: Variable, what: str) -> Variable:
+    """The variable, if a value can be given to it before a run. Raises SimulatorError if not."""
+    if variable.settable:
+        return variable
+    if not variable.scalar:
+        why = "is an array"
+    elif variable.variability == "constant":
+        why = "is constant"
+    elif variable.causality == "independent":
+        why = "is the time of the simulation"
+    elif variable.initial == "approx":
+        why = "is calculated by the FMU, from a value that is only a guess"
+    else:
+        why = "is calculated by the FMU"
+    raise SimulatorError(
+        f"{what}: a value is given to the FMU's variable {variable}, which {why}",
+        "name a parameter, an input or a start value (initial = exact) of the FMU; a time of the "
+        "experiment is named by stop_time, or in a series by time; a condition that is none of "
+        "these is left out by naming the others in [experiments] conditions",
+    )
+
+
+def start_value(variable: Variable, cell: Any, what: str) -> Value:
+    """A cell of a table as the variable's type. Raises RunFailed if it does not fit.
+
+    >>> start_value(Variable("n", "Integer", "parameter", "fixed", "exact"), 3.0, "n")
+    3
+    """
+    if variable.type == "String":
+        return str(cell)
+    if variable.type == "Boolean":
+        return _boolean(variable, cell, what)
+    if variable.type == "Enumeration" and cell in variable.items:
+        return variable.items[cell]
+    try:
+        number = float(cell)
+    except (TypeError, ValueError):
+        raise RunFailed(f"{what} does not fit the FMU's {variable}{_items(variable)}") from None
+    if not math.isfinite(number):
+        raise RunFailed(f"{what} is not finite")
+    for bound, beyond, word in (
+        (variable.minimum, -1.0, "minimum"),
+        (variable.maximum, 1.0, "maximum"),
+    ):
+        if bound is not None and beyond * (number - bound) > 0.0:
+            raise RunFailed(f"{what} is beyond the {word} {bound:g} of the FMU's {variable}")
+    if variable.type in INTEGERS or variable.type == "Enumeration":
+        if number != round(number):
+            raise RunFailed(f"{what} is not a whole number, as the FMU's {variable} is")
+        return round(number)
+    return number
+
+
+def _boolean(variable: Variable, cell: Any, what: str) -> bool:
+    words = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
+    if str(cell).strip().lower() not in words:
+        raise RunFailed(f"{what} is neither true nor false, as the FMU's {variable} is")
+    return words[str(cell).strip().lower()]
+
+
+def _items(variable: Variable) -> str:
+    return f", whose items are {', '.join(variable.items)}" if variable.items else ""

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import pickle
+import shutil
+import subprocess
+import sys
 import tempfile
 import threading
 import weakref
@@ -11,12 +16,184 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from aleator.simulators.failure import RunFailed
-from aleator.simulators.fmu.child import Child, Hung
+from aleator.errors import AleatorError, SimulatorError, SurroundingsError
+from aleator.simulators.fmu import session
 from aleator.simulators.fmu.description import INTERFACES
-from aleator.simulators.fmu.inside import Inside
-from aleator.simulators.fmu.session import Job, Setup, Trajectory
+from aleator.simulators.fmu.session import Failed, FMURun, FMUSession, Setup, Trajectory
 from aleator.simulators.fmu.settings import Operation, Settled
+from aleator.simulators.protocol import RunFailed, with_log
+from aleator.simulators.surroundings import exit_status
+
+
+class FMUInProcess:
+    """A session without a child process, with the members of `FMUProcess`; without a time limit."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.runs, self.note, self.alive = 0, "", True
+        try:
+            self._session = FMUSession(setup)
+        except Exception as error:
+            shutil.rmtree(setup["folder"], ignore_errors=True)
+            said = getattr(error, "message", str(error)), getattr(error, "log", "")
+            raise Failed(*said, fatal=True) from None
+
+    def run(self, job: FMURun, _timeout: float | None, logging: bool = False) -> Trajectory:
+        """The trajectory of a run; raises Failed."""
+        self.runs += 1
+        trajectory = self._session.run(job, logging)
+        self.note = self._session.note
+        return trajectory
+
+    def close(self) -> None:
+        """Free the FMU and remove its folder."""
+        self.alive = False
+        self._session.close()
+
+
+def unusable(fmu: Path, failure: Failed, begun: bool = False) -> AleatorError:
+    """The error for an FMU that cannot be instantiated, or not again where runs have `begun`."""
+    kind, again = (SurroundingsError, " again") if begun else (SimulatorError, "")
+    said = with_log(failure.message, failure.log)
+    return kind(
+        f"the FMU {fmu.name} cannot be instantiated{again}: {said}",
+        "see that its libraries, files and licenses are on this machine",
+    )
+
+
+class Hung(RunFailed):
+    """A run that was killed by its time limit."""
+
+
+class FMUProcess:
+    """A session in a child process; it ends when this is closed, or when this process ends.
+
+    A program of its own rather than `multiprocessing`, so that neither a script without a main
+    guard nor a daemonic worker is in its way. An FMU may take `start` s to be instantiated, as some
+    ask for a license first, and `end` s to be freed; a failure shows `log` bytes of what it printed
+    (all by judgement).
+
+    Raises Failed if the FMU cannot be instantiated.
+    """
+
+    def __init__(
+        self, setup: Setup, start: float = 300.0, end: float = 5.0, log: int = 4000
+    ) -> None:
+        self._end, self._most = end, log
+        self.runs, self.note, self._folder = 0, "", setup["folder"]
+        self._printed = tempfile.TemporaryFile("a+b")  # noqa: SIM115 # as long as the process
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", _program()],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._printed,
+        )
+        try:
+            answer = self._ask(setup, start)
+        except Failed:
+            self.kill()
+            raise
+        except TimeoutError as error:
+            self.kill()
+            raise Failed(str(error), "", fatal=True) from None
+        assert answer == ("ready",)
+
+    def run(self, job: FMURun, timeout: float | None, logging: bool = False) -> Trajectory:
+        """The trajectory of a run; raises Failed, or Hung.
+
+        Afterwards `alive` is false if the process had to be killed, ended by itself, or must not be
+        used any more.
+        """
+        before = self._printed.seek(0, 2)
+        self.runs += 1
+        try:
+            answer = self._ask((job, logging), timeout)
+        except TimeoutError as error:
+            log = self._tail(before)
+            self.kill()
+            raise Hung(str(error), log) from None
+        except Failed as failure:
+            failure.log = failure.log or self._tail(before)
+            if failure.fatal:
+                self.kill()
+            raise
+        _, trajectory, self.note = answer
+        return trajectory  # type: ignore[no-any-return] # as `serve` sends it
+
+    @property
+    def alive(self) -> bool:
+        """Whether another run can be asked for."""
+        return self._process.poll() is None
+
+    def close(self) -> None:
+        """Let the process free the FMU and remove its folder; kill it if that takes long."""
+        if self.alive and self._process.stdin is not None:
+            try:
+                self._process.stdin.close()
+                self._process.wait(timeout=self._end)
+            except (OSError, subprocess.TimeoutExpired):
+                pass
+        self.kill()
+
+    def kill(self) -> None:
+        """End the process at once, and remove the FMU's folder."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):  # of what the process never read
+                    pipe.close()
+        self._printed.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _ask(self, message: Any, timeout: float | None) -> tuple[Any, ...]:
+        """Send a message and wait for its answer. Raises Failed or TimeoutError."""
+        expired = threading.Event()
+
+        def expire() -> None:
+            expired.set()
+            self._process.kill()
+
+        timer = threading.Timer(timeout or 0.0, expire)
+        timer.daemon = True
+        if timeout is not None:
+            timer.start()
+        try:
+            assert self._process.stdin is not None
+            assert self._process.stdout is not None
+            pickle.dump(message, self._process.stdin)
+            self._process.stdin.flush()
+            answer: tuple[Any, ...] = pickle.load(self._process.stdout)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            if expired.is_set():
+                raise TimeoutError(f"it did not end within {timeout:g} s") from None
+            code = self._process.wait()
+            raise Failed(
+                f"its process ended with {exit_status(code)}", self._tail(0), True
+            ) from None
+        except BaseException:
+            self.kill()  # Ctrl-C: an answer that nobody waits for must not meet the next question
+            raise
+        finally:
+            timer.cancel()
+            if expired.is_set():
+                self._process.wait()
+        if answer[0] == "failed":
+            raise Failed(*answer[1:])
+        return answer
+
+    def _tail(self, start: int) -> str:
+        end = self._printed.seek(0, 2)
+        self._printed.seek(max(start, end - self._most))
+        return self._printed.read().decode(errors="replace").strip()
+
+
+def _program() -> str:
+    """The child's program: this process's search path, and the file of `session`."""
+    file = str(Path(session.__file__).resolve())
+    path = [str(Path(entry).resolve()) if entry else str(Path.cwd()) for entry in sys.path]
+    return (
+        f"import runpy, sys; sys.path[:] = {path!r}; runpy.run_path({file!r}, run_name='__main__')"
+    )
 
 
 class Engine:
@@ -33,13 +210,10 @@ class Engine:
         signals: NDArray[Any] | None,
         operation: Operation,
     ) -> None:
-        self._file = file
-        self._course = course
-        self._records = records
-        self._signals = signals
-        self._operation = operation
+        self._file, self._course, self._records = file, course, records
+        self._signals, self._operation = signals, operation
         self._notes: dict[str, None] = {}
-        self._process: Child | Inside | None
+        self._process: FMUProcess | FMUInProcess | None
         self._idle()
 
     @property
@@ -47,7 +221,7 @@ class Engine:
         """What a user should know of how the runs went: a reset that was given up."""
         return tuple(self._notes)
 
-    def run(self, job: Job) -> Trajectory:
+    def run(self, job: FMURun) -> Trajectory:
         """The trajectory of a run. Raises RunFailed, with what the FMU logged."""
         with self._lock:
             try:
@@ -76,14 +250,19 @@ class Engine:
         self._finalizer: Any = lambda: None
         self._pid = os.getpid()
 
-    def _run(self, job: Job, logging: bool = False) -> Trajectory:
+    def _run(self, job: FMURun, logging: bool = False) -> Trajectory:
         process = self._opened()
-        trajectory = process.run(job, self._operation.timeout, logging)
+        try:
+            trajectory = process.run(job, self._operation.timeout, logging)
+        except Failed as failure:
+            if failure.begun:
+                raise RunFailed(failure.message, failure.log) from None
+            raise unusable(self._file, failure, begun=True) from None
         if process.note:
             self._notes[process.note] = None
         return trajectory
 
-    def _logged(self, job: Job) -> str:
+    def _logged(self, job: FMURun) -> str:
         """What the FMU logs in a run that failed silently: it is repeated with its log on."""
         try:
             self._run(job, logging=True)
@@ -91,14 +270,17 @@ class Engine:
             return failure.log
         return ""
 
-    def _opened(self) -> Child | Inside:
+    def _opened(self) -> FMUProcess | FMUInProcess:
         if self._pid != os.getpid():  # forked: the process belongs to the one that opened it
             self._idle()
         process = self._process
         if process is not None and process.alive and process.runs < self._operation.recycle:
             return process
         self.close()
-        process = (Child if self._operation.isolated else Inside)(self._setup())
+        try:
+            process = (FMUProcess if self._operation.isolated else FMUInProcess)(self._setup())
+        except Failed as failure:
+            raise unusable(self._file, failure) from None
         self._finalizer = weakref.finalize(self, process.close)
         self._process = process
         return process

@@ -1,6 +1,6 @@
 """One FMU instance in one process, run after run.
 
-This file is also the program of the process that an FMU runs in (see `child`). So that such a
+This file is also the program of the process that an FMU runs in (see `engine`). So that such a
 process starts in a third of a second, it imports nothing of Aleator.
 """
 
@@ -16,6 +16,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, TypedDict
 
 import numpy as np
@@ -24,10 +25,7 @@ from numpy.typing import NDArray
 Trajectory = dict[str, NDArray[Any]]
 Values = dict[str, float | int | bool | str]
 
-LOGGED = 50  #: messages of the FMU that are kept, the last ones
-STALLED = 1000  #: events without any advance of time after which a run is given up
-FATAL = 4  #: the status after which no function of the FMU may be called any more
-_SOON = 1.0  #: s between two looks for the process that asks, and to the end after it
+FATAL = 4  #: the status of FMI after which no function of the FMU may be called any more
 # What the solver of a model exchange calls from C, where an exception would be lost.
 _CALLED_BACK = (
     "setTime",
@@ -37,6 +35,31 @@ _CALLED_BACK = (
     "getContinuousStateDerivatives",
 )
 _DERIVATIVES = _CALLED_BACK[-2:]
+
+
+@dataclass(frozen=True)
+class SessionSettings:
+    """When a run of an FMU is whole, and when it is given up; all by judgement but `close`.
+
+    - `logged`: messages of the FMU that are kept, the last ones.
+    - `stalled`: events without any advance of time after which a run is given up.
+    - `soon`: s between two looks for the process that asks, and to the end after it.
+    - `close`: relative difference of times that count as one: twice the 1e-9 that FMPy takes.
+    - `ended`: relative distance to the stop time at which a run has reached it.
+    - `same`: relative difference of two trajectories that are the same after a reset; `zero` is the
+      difference of small values, relative to the largest.
+    """
+
+    logged: int = 50
+    stalled: int = 1000
+    soon: float = 1.0
+    close: float = 2e-9
+    ended: float = 1e-6
+    same: float = 1e-9
+    zero: float = 1e-12
+
+
+SETTINGS = SessionSettings()
 
 
 class Setup(TypedDict):
@@ -51,7 +74,7 @@ class Setup(TypedDict):
     reset: bool
 
 
-class Job(TypedDict):
+class FMURun(TypedDict):
     """One run: start values by variable, and its times in s.
 
     Communication points are `step` apart; unless there are `points`, the times of all after the
@@ -76,7 +99,7 @@ class Failed(Exception):
         self.message, self.log, self.fatal, self.begun = message, log, fatal, begun
 
 
-class Session:
+class FMUSession:
     """An FMU unzipped into `setup["folder"]`, instantiated once and reset before each further run.
 
     The first run after a reset is repeated on an instance that was created anew (and so is every
@@ -84,12 +107,12 @@ class Session:
     further run gets a new instance, and `note` tells so.
     """
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: Setup, settings: SessionSettings = SETTINGS) -> None:
         import fmpy
 
-        self.setup = setup
+        self.setup, self._settings = setup, settings
         self.note = ""
-        self._log: deque[str] = deque(maxlen=LOGGED)
+        self._log: deque[str] = deque(maxlen=settings.logged)
         self._reset = setup["reset"]
         self._trusted = False
         self._used: dict[str, Any] | None = None
@@ -98,7 +121,7 @@ class Session:
         self._description = fmpy.read_model_description(setup["folder"], validate=False)
         self._instance: Any = self._created()
 
-    def run(self, job: Job, logging: bool = False) -> Trajectory:
+    def run(self, job: FMURun, logging: bool = False) -> Trajectory:
         """A run to "time" and the outputs, each (T,). Raises Failed."""
         self._log.clear()
         if logging:
@@ -119,7 +142,7 @@ class Session:
         self._discard()
         shutil.rmtree(self.setup["folder"], ignore_errors=True)
 
-    def _reused(self, job: Job) -> Trajectory:
+    def _reused(self, job: FMURun) -> Trajectory:
         if self._used is None or not self._reset:
             return self._anew(job)
         compare, other = not self._trusted, job["values"] != self._used
@@ -133,7 +156,7 @@ class Session:
         if not compare:
             return trajectory
         anew = self._anew(job)
-        same = _same(trajectory, anew)
+        same = _same(trajectory, anew, self._settings)
         self._trusted = same and other  # equal runs would hide what the last one left behind
         if not same:
             self._reset = False
@@ -143,7 +166,7 @@ class Session:
             )
         return anew
 
-    def _anew(self, job: Job) -> Trajectory:
+    def _anew(self, job: FMURun) -> Trajectory:
         if self._instance is None or self._used is not None:
             self._discard()
             self._instance = self._created()
@@ -177,13 +200,13 @@ class Session:
             self._instance.freeInstance()
         self._instance = self._used = None
 
-    def _simulated(self, job: Job) -> Trajectory:
+    def _simulated(self, job: FMURun) -> Trajectory:
         import fmpy
 
         self._used = job["values"]
         setup = self.setup
         inputs = self._inputs(job["values"])
-        watch = _Watch(1 if setup["interface"] == "CoSimulation" else STALLED)
+        watch = _Watch(1 if setup["interface"] == "CoSimulation" else self._settings.stalled)
         if setup["interface"] == "ModelExchange":
             watch.guard(self._instance, self._description, inputs)
         result = fmpy.simulate_fmu(
@@ -202,9 +225,9 @@ class Session:
         watch.raise_lost()
         trajectory = {name: np.array(result[name]) for name in result.dtype.names}
         last, end = float(trajectory["time"][-1]), job["stop_time"]
-        if not math.isclose(last, end, rel_tol=1e-6):
+        if not math.isclose(last, end, rel_tol=self._settings.ended):
             raise RuntimeError(f"it stopped at time {last:g} s instead of {end:g} s")
-        _require_points(trajectory["time"], job["points"])
+        _require_points(trajectory["time"], job["points"], self._settings.close)
         return trajectory
 
     def _inputs(self, values: Values) -> NDArray[Any] | None:
@@ -249,16 +272,16 @@ class _Points:
     FMPy finds the next point as `start + number * distance`, number from 1.
     """
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: FMURun) -> None:
         self._distances = (job["points"] - job["start_time"]).tolist()
 
     def __rmul__(self, number: int) -> float:
         return float(self._distances[number - 1])
 
 
-def _require_points(time: NDArray[np.float64], points: NDArray[np.float64]) -> None:
+def _require_points(time: NDArray[np.float64], points: NDArray[np.float64], close: float) -> None:
     """Raise RuntimeError if the run has no sample at one of the points."""
-    margin = 2e-9 * np.abs(points)
+    margin = close * np.abs(points)
     sample = np.searchsorted(time, points - margin).clip(max=len(time) - 1)
     missed = points[np.abs(time[sample] - points) > margin]
     if len(missed):
@@ -337,21 +360,23 @@ def _started(variable: Any) -> float | int | bool:
     return float(text) if variable.type in ("Real", "Float64", "Float32") else int(text)
 
 
-def _same(one: Trajectory, other: Trajectory) -> bool:
+def _same(one: Trajectory, other: Trajectory, settings: SessionSettings) -> bool:
     if one.keys() != other.keys():
         return False
     return all(
         len(a) == len(b)
-        and np.allclose(a, b, rtol=1e-9, atol=1e-12 * np.max(np.abs(b)), equal_nan=True)
+        and np.allclose(
+            a, b, rtol=settings.same, atol=settings.zero * np.max(np.abs(b)), equal_nan=True
+        )
         for a, b in ((one[name], other[name]) for name in one)
     )
 
 
-def _end_with(asker: int, folder: str) -> None:
+def _end_with(asker: int, folder: str, soon: float = SETTINGS.soon) -> None:
     """End this process soon after the one that asks, even where the FMU hangs."""
     while os.getppid() == asker:
-        time.sleep(_SOON)
-    time.sleep(_SOON)  # in which an FMU that does not hang is freed
+        time.sleep(soon)
+    time.sleep(soon)  # in which an FMU that does not hang is freed
     shutil.rmtree(folder, ignore_errors=True)
     os._exit(1)
 
@@ -376,9 +401,9 @@ def serve() -> None:
     setup = pickle.load(requests)
     threading.Thread(target=_end_with, args=(asker, setup["folder"]), daemon=True).start()
     try:
-        session = Session(setup)
+        session = FMUSession(setup)
     except Exception as error:
-        reply("failed", str(error), getattr(error, "log", ""), True)
+        reply("failed", getattr(error, "message", str(error)), getattr(error, "log", ""), True)
         shutil.rmtree(setup["folder"], ignore_errors=True)
         return
     try:

@@ -1,21 +1,50 @@
-"""How an FMU is simulated: from when to when, in what steps, and how its instance is used."""
+"""How an FMU is simulated: times and steps, inputs over time, and the use of its instance."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from aleator.errors import SimulatorError
-from aleator.simulators.fmu.description import DEFAULT_POINTS, Description, Kind
+from aleator.errors import SimulatorError, nearest
+from aleator.simulators.fmu.description import (
+    INTEGERS,
+    NUMBERS,
+    REALS,
+    Description,
+    Kind,
+    Variable,
+)
 from aleator.simulators.surroundings import STOP_ON, require_pattern
 from aleator.types import Array
 
-CLOSE = 1e-9  #: relative difference of times that FMPy takes for equal
-SHORTEST = 1e-3  #: s of a run that is asked for its start alone: an FMU wants to stop after that
+if TYPE_CHECKING:
+    import pandas as pd
+from aleator.simulators.protocol import require_file
+
+
+@dataclass(frozen=True)
+class TimeSettings:
+    """How the times of a run are placed.
+
+    - `steps`: of a run where neither the user nor the FMU gives a step. By judgement: what other
+      tools take.
+    - `close`: relative difference of times that FMPy takes for equal.
+    - `shortest`: s of a run that is asked for its start alone, as an FMU wants to stop after that.
+      By judgement.
+    """
+
+    steps: int = 500
+    close: float = 1e-9
+    shortest: float = 1e-3
+
+
+TIMES = TimeSettings()
 
 
 @dataclass(frozen=True)
@@ -57,7 +86,7 @@ class Course:
                     f"the stop time {stop:g} s is not after the start time {start:g} s",
                     "correct stop_time or start_time",
                 )
-            step = step if step is not None else (stop - start) / DEFAULT_POINTS
+            step = step if step is not None else (stop - start) / TIMES.steps
         tolerance = self.tolerance if self.tolerance is not None else fmu.tolerance
         inside = kind == "co_simulation"
         whole, internal = inside and fmu.fixed_step, fmu.internal_step if inside else None
@@ -98,7 +127,7 @@ class Settled:
             repr(time) if isinstance(time, str) else f"{time:g}"
             for time in (self.start_time, self.stop_time)
         )
-        step = f"{DEFAULT_POINTS} steps" if self.step is None else f"steps of {self.step:g} s"
+        step = f"{TIMES.steps} steps" if self.step is None else f"steps of {self.step:g} s"
         return f"from {start} to {stop} s in {step}"
 
     def check(self, fmu: Description) -> None:
@@ -119,7 +148,7 @@ class Settled:
                 "correct step",
             )
         steps = length / self.step
-        if self.whole and not math.isclose(steps, round(steps), rel_tol=CLOSE):
+        if self.whole and not math.isclose(steps, round(steps), rel_tol=TIMES.close):
             raise SimulatorError(
                 f"the FMU {fmu.file.name} takes steps of one length only, and {length:g} s are "
                 f"{steps:g} steps of {self.step:g} s",
@@ -145,8 +174,8 @@ class Settled:
             )
         stop = float(np.max(times))
         if stop == start:
-            stop += self.step or SHORTEST
-        step = self.step or (stop - start) / DEFAULT_POINTS
+            stop += self.step or TIMES.shortest
+        step = self.step or (stop - start) / TIMES.steps
         if self.whole:
             return Span(start, _whole_steps(start, stop, step), step, times)
         placed = times
@@ -174,12 +203,12 @@ class Span:
 def _points(start: float, stop: float, step: float, times: Array) -> Array:
     """Communication points after every step, at every time, and at the end; none if steps do."""
     regular = start + step * np.round((times - start) / step)
-    between = times[~np.isclose(regular, times, rtol=CLOSE, atol=0.0)]
+    between = times[~np.isclose(regular, times, rtol=TIMES.close, atol=0.0)]
     if np.all(between == stop):
         return np.empty(0)
     steps = start + step * np.arange(1, math.ceil((stop - start) / step))
     points = np.unique(np.concatenate([between, steps, [stop]]))
-    apart = np.append(~np.isclose(points[1:], points[:-1], rtol=CLOSE, atol=0.0), True)
+    apart = np.append(~np.isclose(points[1:], points[:-1], rtol=TIMES.close, atol=0.0), True)
     return points[apart & (points > start)]
 
 
@@ -189,14 +218,14 @@ def _neighbours(start: float, step: float, times: Array) -> Array:
     Between them an FMU may answer with what was at the last one, an error of first order.
     """
     steps = (times - start) / step
-    near = np.where(np.isclose(steps, np.round(steps), rtol=CLOSE), np.round(steps), steps)
+    near = np.where(np.isclose(steps, np.round(steps), rtol=TIMES.close), np.round(steps), steps)
     return start + step * np.concatenate([np.floor(near), np.ceil(near)])
 
 
 def _whole_steps(start: float, stop: float, step: float) -> float:
     """The end of the last whole step that is needed to reach `stop`."""
     steps = (stop - start) / step
-    if math.isclose(steps, round(steps), rel_tol=CLOSE):
+    if math.isclose(steps, round(steps), rel_tol=TIMES.close):
         return stop
     return start + step * math.ceil(steps)
 
@@ -243,3 +272,138 @@ class Operation:
                 "a time limit needs a process that can be killed",
                 "leave out timeout, or isolated = false",
             )
+
+
+TIME = "time"
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """An input over time: `time` (T,) in s, not decreasing, and `values` (T,).
+
+    A time that comes twice is a jump. Real inputs are interpolated linearly, others hold; before
+    the first time and after the last the input is held.
+    """
+
+    time: Array
+    values: Array
+
+
+def read_signal(reference: str, folder: Path, variable: str) -> Signal:
+    """The signal "file.csv:column", or the column of the variable's own name in "file.csv".
+
+    The file has a column `time`. Raises SimulatorError for anything that is not such a file.
+    """
+    name, colon, column = reference.rpartition(":")
+    # "C:\\drive.csv" has a colon, and no column.
+    if not colon or column.lower().endswith(".csv"):
+        name, column = reference, variable
+    file = folder / name
+    table = _table(file)
+    columns = [*map(str, table.columns)]
+    for wanted in (TIME, column):
+        if wanted not in columns:
+            raise SimulatorError(
+                f"{file}: there is no column '{wanted}'{nearest(wanted, columns)}",
+                f"an input needs a column '{TIME}' and its own; there are {', '.join(columns)}",
+            )
+    time, values = _numbers(table, TIME, file), _numbers(table, column, file)
+    if len(time) == 0 or np.any(np.diff(time) < 0.0):
+        raise SimulatorError(
+            f"{file}: the column '{TIME}' is empty or decreases",
+            "sort the rows by time; a time that comes twice is a jump",
+        )
+    return Signal(time, values)
+
+
+def columns_of(file: Path, fmu: Description) -> list[str]:
+    """The columns of a CSV that are inputs of the FMU. Raises SimulatorError if there is none."""
+    columns = [str(column) for column in _table(file).columns]
+    found = [
+        name
+        for name in columns
+        if name in fmu.variables and fmu.variables[name].causality == "input"
+    ]
+    if not found:
+        inputs = [v.name for v in fmu.variables.values() if v.causality == "input"]
+        raise SimulatorError(
+            f"{file}: no column has the name of an input of the FMU",
+            f"its inputs are {', '.join(inputs) or 'none'}; the columns are {', '.join(columns)}",
+        )
+    return found
+
+
+def checked_input(variable: Variable) -> Variable:
+    """The variable, if it can be given over time. Raises SimulatorError if not."""
+    if variable.causality != "input" or variable.type not in NUMBERS or not variable.scalar:
+        raise SimulatorError(
+            f"the FMU's variable {variable} cannot be given over time",
+            "name a variable with causality input that is a number; give others one value",
+        )
+    return variable
+
+
+def assembled(signals: Mapping[str, Signal], fmu: Description) -> NDArray[Any] | None:
+    """Signals on their common times, a structured array (T,) as FMPy takes it; None of none."""
+    if not signals:
+        return None
+    time = _union([signal.time for signal in signals.values()])
+    table = np.empty(
+        len(time), dtype=[(TIME, np.float64), *((name, _dtype(fmu, name)) for name in signals)]
+    )
+    table[TIME] = time
+    for name, signal in signals.items():
+        table[name] = _resampled(signal, time, linear=fmu.variables[name].type in REALS)
+    return table
+
+
+def _dtype(fmu: Description, name: str) -> type:
+    kind = fmu.variables[name].type
+    if kind == "Boolean":
+        return np.bool_
+    return np.int64 if kind in INTEGERS or kind == "Enumeration" else np.float64
+
+
+def _union(times: list[Array]) -> Array:
+    """All times in order, each as often as in the signal that has it most often, at most twice."""
+    every = np.unique(np.concatenate(times))
+    twice = {t for time in times for t in time[1:][np.diff(time) == 0.0].tolist()}
+    return np.repeat(every, [2 if t in twice else 1 for t in every.tolist()])
+
+
+def _resampled(signal: Signal, time: Array, linear: bool) -> Array:
+    """Values at `time`, of whose equal pairs the first is before a jump and the second after."""
+    second = np.concatenate([[False], np.diff(time) == 0.0])
+    before = np.clip(np.searchsorted(signal.time, time, side="left"), 0, len(signal.time) - 1)
+    after = np.clip(np.searchsorted(signal.time, time, side="right") - 1, 0, None)
+    exact = signal.time[before] == time
+    between = np.interp(time, signal.time, signal.values) if linear else signal.values[after]
+    first = np.where(exact, signal.values[before], between)
+    return np.where(second & exact, signal.values[after], first)
+
+
+def _table(file: Path) -> pd.DataFrame:
+    import pandas as pd
+
+    remedy = 'write "file.csv:column", relative to the study file'
+    require_file(file, f"the file of an input, {file},", "*.csv", remedy)
+    try:
+        return pd.read_csv(file, skipinitialspace=True)
+    except (ValueError, OSError) as error:
+        raise SimulatorError(
+            f"{file} cannot be read as a CSV: {' '.join(str(error).split())}",
+            f"write a header and columns with commas, one of them '{TIME}'",
+        ) from error
+
+
+def _numbers(table: pd.DataFrame, column: str, file: Path) -> Array:
+    import pandas as pd
+
+    values = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=np.float64)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        raise SimulatorError(
+            f"{file}: row {bad[0] + 2}, column '{column}' is not a finite number",
+            "correct the cell",
+        )
+    return values

@@ -11,16 +11,33 @@ from typing import Any
 import numpy as np
 
 from aleator.errors import SimulatorError, nearest
-from aleator.simulators.failure import RunFailed
-from aleator.simulators.fmu.binding import Binding, Value, settable, start_value
-from aleator.simulators.fmu.description import read_description
+from aleator.simulators.fmu.description import (
+    Binding,
+    Value,
+    read_description,
+    settable,
+    start_value,
+)
 from aleator.simulators.fmu.engine import Engine
-from aleator.simulators.fmu.reduction import Crossing, Extreme, Final, Reduction
-from aleator.simulators.fmu.sampling import require_constant, require_times, sampled
-from aleator.simulators.fmu.session import Job, Trajectory
-from aleator.simulators.fmu.settings import Course, Operation, Span
-from aleator.simulators.fmu.signals import Signal, assembled, checked_input
-from aleator.simulators.protocol import SINGLE_BLOCK, Columns, Returned, one_by_one
+from aleator.simulators.fmu.reduction import (
+    Crossing,
+    Extreme,
+    Final,
+    Reduction,
+    require_constant,
+    require_times,
+    sampled,
+)
+from aleator.simulators.fmu.session import FMURun, Trajectory
+from aleator.simulators.fmu.settings import (
+    Course,
+    Operation,
+    Signal,
+    Span,
+    assembled,
+    checked_input,
+)
+from aleator.simulators.protocol import BLOCKS, Columns, Returned, RunFailed, one_by_one
 from aleator.simulators.surroundings import printed
 from aleator.types import Array
 
@@ -51,7 +68,7 @@ class FMUSimulator:
     0.3 ms for a run of 20 steps beyond what the FMU itself takes.
     """
 
-    block = SINGLE_BLOCK
+    block = BLOCKS.single
     vectorized = False  # slow runs are then kept one by one
 
     def __init__(
@@ -199,7 +216,7 @@ class FMUSimulator:
         lines = [f"FMI {self.fmu.version}, {how}, recorded: {', '.join(units)}"]
         bound = self._binding.asks(conditions, parameters)
         for what, names in (("conditions", bound), ("parameters", parameters)):
-            lines.append(f"{what}: {self._binding.told(names) or 'none'}")
+            lines.append(f"{what}: {self._binding.described(names) or 'none'}")
         if left := [name for name in conditions if name not in asked]:
             lines.append(f"no variables of the FMU, hence not passed: {', '.join(left)}")
         return tuple(lines)
@@ -246,7 +263,7 @@ class FMUSimulator:
         return dict(zip(self.responses, parts, strict=True)) if self.responses else parts[0]
 
     def _trajectory(self, cells: Mapping[str, Any], span: Span) -> Trajectory:
-        job = Job(
+        job = FMURun(
             values={**self.constants, **self._binding.values(cells)},
             start_time=span.start,
             stop_time=span.stop,

@@ -1,18 +1,28 @@
-"""Calls for workers that come, go, die and lie, with a cluster that does as the test says."""
+"""Calls for workers that come, go, die and lie: of a stage, and of a Dask cluster of processes."""
 
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from concurrent.futures import Future
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import cloudpickle
+import numpy as np
+import pandas as pd
 import pytest
 
 from aleator.errors import ClusterError, SimulatorError
-from aleator.simulators.failure import WorkerLost
-from aleator.simulators.workers.dask_executor import LIVES, DaskExecutor
+from aleator.observations.experiments import Conditions
+from aleator.simulators import FunctionSimulator, Runner
+from aleator.simulators import clusters as tested
+from aleator.simulators.clusters import SETTINGS, ClusterSettings, DaskExecutor, dask_executor
+from aleator.simulators.protocol import WorkerLost
+from hardening.dask_processes import DaskProcesses, until
+
+LIVES = SETTINGS.lives
 
 
 class Killed(Exception):
@@ -20,7 +30,7 @@ class Killed(Exception):
 
 
 class Stage:
-    """A cluster whose workers do nothing until the test answers for them."""
+    """A cluster whose workers do nothing until_so the test answers for them."""
 
     def __init__(self, *workers: str) -> None:
         self.there = set(workers)
@@ -54,7 +64,7 @@ class Stage:
 
     def number(self, k: int) -> tuple[str, Callable[[], Any], Future[Any]]:
         """Wait for the k-th call that was sent (from 0)."""
-        until(lambda: len(self.sent) > k)
+        until_so(lambda: len(self.sent) > k)
         return self.sent[k]
 
     def answer(self, k: int) -> str:
@@ -67,7 +77,7 @@ class Stage:
         self.there.discard(worker)
 
 
-def until(condition: Callable[[], bool], patience: float = 30.0) -> None:
+def until_so(condition: Callable[[], bool], patience: float = 30.0) -> None:
     end = time.monotonic() + patience
     while not condition():
         assert time.monotonic() < end, "it never came"
@@ -88,7 +98,7 @@ def test_every_worker_has_one_call_and_the_rest_wait() -> None:
     stage = Stage("a", "b")
     with opened(stage) as (executor, _):
         futures = [executor.submit(divmod, k, 3) for k in range(5)]
-        until(lambda: len(stage.sent) == 2)
+        until_so(lambda: len(stage.sent) == 2)
         assert {worker for worker, _, _ in stage.sent} == {"a", "b"}
         assert executor.slots == 2
         for k in range(5):
@@ -134,7 +144,7 @@ def test_an_answer_that_comes_after_its_worker_was_given_up_changes_nothing() ->
         future = executor.submit(int, "1")
         _, _, late = stage.number(0)
         stage.there = {"b"}
-        until(lambda: any("worker a was lost" in text for text in told))
+        until_so(lambda: any("worker a was lost" in text for text in told))
         assert late.cancelled()
         stage.answer(1)
         assert future.result(30) == 1
@@ -157,7 +167,7 @@ def test_where_the_last_worker_leaves_the_calls_wait_and_it_is_told() -> None:
     stage = Stage("a")
     with opened(stage) as (executor, told):
         stage.there.clear()
-        until(lambda: "no worker is left: the runs wait for another to join" in told)
+        until_so(lambda: "no worker is left: the runs wait for another to join" in told)
         future = executor.submit(int, "1")
         stage.there.add("b")
         stage.answer(0)
@@ -169,7 +179,7 @@ def test_a_late_worker_that_does_not_suit_is_told_and_not_used() -> None:
     stage.wrong["z"] = "has Python 3.9, and this is 3.11"
     with opened(stage) as (executor, told):
         stage.there.add("z")
-        until(lambda: bool(told))
+        until_so(lambda: bool(told))
         assert told == ["worker z is not used: it has Python 3.9, and this is 3.11"]
         assert executor.slots == 1
 
@@ -236,7 +246,7 @@ def test_what_has_not_begun_can_be_cancelled_and_what_has_cannot() -> None:
     with opened(stage) as (executor, _):
         begun, waiting, last = (executor.submit(int, text) for text in "123")
         stage.number(0)
-        until(begun.running)
+        until_so(begun.running)
         assert not begun.cancel()
         assert waiting.cancel()
         stage.answer(0)
@@ -261,3 +271,111 @@ def test_closing_waits_for_what_is_open_and_refuses_what_comes_later() -> None:
 def test_what_cannot_be_pickled_is_told_where_it_is_submitted() -> None:
     with opened(Stage("a")) as (executor, _), pytest.raises(TypeError, match="pickle"):
         executor.submit(threading.Lock().acquire)
+
+
+MODEL = """\
+import os, pathlib, time
+
+HERE = pathlib.Path(__file__).parent
+
+
+def length(load, softness):
+    return load * softness**1.5
+
+
+def patient(load, softness):
+    (HERE / f"{os.getpid()}.pid").touch()
+    end = time.monotonic() + 120
+    while load > 2.0 and len([*HERE.glob("*.pid")]) < 2 and time.monotonic() < end:
+        time.sleep(0.01)
+    return length(load, softness)
+
+
+def wise(load, softness):
+    import a_solver_that_is_not_here
+"""
+
+
+LOADS = np.array([1.0, 2.0, 3.0, 4.0])
+
+
+EXPERIMENTS = Conditions(("A", "B", "C", "D"), pd.DataFrame({"load": LOADS}))
+
+
+INDEX = np.tile(np.arange(4), 5)
+
+
+SOFTNESS = np.linspace(0.5, 1.5, 20)[:, None]
+
+
+@contextmanager
+def runner(name: str, cluster: DaskProcesses) -> Iterator[Runner]:
+    simulator = FunctionSimulator.named(f"model.py:{name}", cluster.file.parent)
+    with dask_executor(cluster.file) as executor:
+        yield Runner(simulator, EXPERIMENTS, ["softness"], executor=executor)
+
+
+def refused(address: str | Path, message: str) -> None:
+    soon = ClusterSettings(connect=2.0)
+    with pytest.raises(ClusterError, match=message), dask_executor(address, settings=soon):
+        pass
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskProcesses]:
+    """A cluster that the tests take one after the other, with one worker at first."""
+    folder = tmp_path_factory.mktemp("dask")
+    (folder / "model.py").write_text(MODEL)
+    with DaskProcesses(folder, workers=1) as processes:
+        yield processes
+
+
+def test_a_worker_that_joins_late_is_used(cluster: DaskProcesses) -> None:
+    with runner("patient", cluster) as run:
+        until(lambda: bool(run.executor._workers), "no worker")  # type: ignore[union-attr]
+        late = cluster.worker()
+        outcome = run(INDEX, SOFTNESS)
+        assert run.executor.slots == 2  # type: ignore[union-attr]
+    np.testing.assert_allclose(outcome, LOADS[INDEX] * SOFTNESS[:, 0] ** 1.5)
+    assert (cluster.file.with_name(f"{late.pid}.pid")).exists()
+
+
+def test_what_workers_lack_is_told(cluster: DaskProcesses, monkeypatch: pytest.MonkeyPatch) -> None:
+    with runner("wise", cluster) as run, pytest.raises(SimulatorError, match="a_solver_that_is"):
+        run(INDEX[:1], SOFTNESS[:1])
+    with runner("length", cluster) as run:
+        moved = cluster.file.with_name("model.py").rename(cluster.file.with_name("moved.py"))
+        with pytest.raises(SimulatorError, match=r"on worker tcp://.*model.py does not exist"):
+            run(INDEX[:1], SOFTNESS[:1])
+        moved.rename(cluster.file.with_name("model.py"))
+    monkeypatch.setattr(tested, "version", lambda _: "9.9")
+    refused(cluster.file, r"tcp://.* has Aleator .*, and this is 9\.9")
+
+
+def test_versions_that_do_not_suit_are_told() -> None:
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    own = tested.version("aleator")
+    assert tested._fault({"python": f"{python}.77.final.0", "aleator": own}) == ""
+    assert "has no Aleator" in tested._fault({"python": f"{python}.1", "aleator": None})
+    old = tested._fault({"python": "3.9.1.final.0", "aleator": own})
+    assert old.startswith("has Python 3.9.1, and this is 3.")
+
+
+@pytest.mark.parametrize("address", ["nobody", "http://127.0.0.1:8786", "", "tcp://127.0.0.1:x"])
+def test_an_address_that_is_none_is_told(address: str) -> None:
+    refused(address, f"no Dask scheduler answers at {address}")
+
+
+def test_a_scheduler_that_does_not_answer_is_told() -> None:
+    refused("tcp://127.0.0.1:1", r"answers at tcp://127.0.0.1:1 \(")
+
+
+def test_a_scheduler_file_that_is_none_is_told(tmp_path: Path) -> None:
+    refused(tmp_path / "missing.json", r"missing\.json does not exist")
+    (tmp_path / "other.json").write_text('{"a": 1}')
+    refused(tmp_path / "other.json", r"no Dask scheduler answers at .*other\.json")
+
+
+def test_without_the_package_its_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tested, "find_spec", lambda _: None)
+    refused("tcp://127.0.0.1:1", "pip install distributed")

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import pickle
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any, ParamSpec, TypeVar
 
+import cloudpickle
 from threadpoolctl import threadpool_limits
 
 from aleator.errors import InputsError
 from aleator.simulators.surroundings import prevented
-from aleator.simulators.workers.orphans import at_work, end_with_parent
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -45,11 +48,11 @@ class ProcessPool(Executor):
         with _no_interruption():
             try:
                 try:
-                    return self._inner.submit(at_work, fn, *args, **kwargs)
+                    return self._inner.submit(fn, *args, **kwargs)
                 except BrokenProcessPool:
                     self._inner.shutdown(wait=False)
                     self._inner = self._started()
-                    return self._inner.submit(at_work, fn, *args, **kwargs)
+                    return self._inner.submit(fn, *args, **kwargs)
             except OSError as error:
                 raise prevented(error, "a worker process could not be started") from error
 
@@ -83,9 +86,27 @@ def _no_interruption() -> Iterator[None]:
 _limits: list[Any] = []
 
 
+def _end_with_parent() -> None:
+    """End this worker, whatever it does, when the process that started it has ended.
+
+    Programs and folders of its runs go then, too (see `command.run`).
+    """
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
+
+
 def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    end_with_parent()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     _limits.append(threadpool_limits(1))
+
+
+def packed(work: object) -> bytes | None:
+    """The work, with the simulator that it holds, as bytes; None where that cannot travel."""
+    try:
+        return cloudpickle.dumps(work)  # type: ignore[no-any-return]
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return None

@@ -1,0 +1,504 @@
+"""The workers of a Dask cluster, or of an MPI job, as an executor."""
+
+from __future__ import annotations
+
+import json
+import logging
+import socket
+import sys
+import threading
+import time
+from asyncio import run_coroutine_threadsafe
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import wait as wait_for
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
+from urllib.parse import urlsplit
+
+from aleator.errors import AleatorError, ClusterError
+from aleator.simulators.protocol import WorkerLost
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_SAME = "install there the same Python and the same Aleator as here"
+
+
+@dataclass(frozen=True)
+class ClusterSettings:
+    """How long a cluster is waited for (s), all by judgement, and the port of its scheduler.
+
+    - `lives`: workers that may be lost with one call before the call is held to be at fault.
+    - `look`: between two looks at which workers there are.
+    - `introduction`: in which workers have to say what they are, or else are used when they do.
+    - `connect`: in which a scheduler has to answer at first; `answer`: later, when it may be busy.
+    - `leave`: that taking leave may take.
+    - `port`: where a scheduler listens if nothing else is said, which is Dask's own default.
+    """
+
+    lives: int = 3
+    look: float = 0.5
+    introduction: float = 10.0
+    connect: float = 10.0
+    answer: float = 60.0
+    leave: float = 2.0
+    port: int = 8786
+
+
+SETTINGS = ClusterSettings()
+
+
+class Cluster(Protocol):
+    """What DaskExecutor needs of a cluster; its thread alone calls all but `lost`."""
+
+    def alive(self) -> bool:
+        """Whether the scheduler is there, as far as is known without asking it."""
+
+    def workers(self) -> Set[str]:
+        """The addresses of the worker processes; raises where the scheduler does not answer."""
+
+    def faults(self, workers: Iterable[str]) -> Mapping[str, str]:
+        """Why these workers cannot be used, "" for one that can, nothing for one that is silent."""
+
+    def send(self, worker: str, parcel: bytes) -> Future[Any]:
+        """Have this worker unpickle a call and make it, and no other."""
+
+    def killed(self, error: BaseException) -> bool:
+        """Whether the cluster says so of a worker."""
+
+    def lost(self) -> ClusterError:
+        """What is told where the scheduler is gone."""
+
+    def close(self) -> None:
+        """Leave the cluster, which lives on."""
+
+
+@dataclass(eq=False)
+class _Call:
+    parcel: bytes
+    future: Future[Any]
+    deaths: int = 0
+    begun: bool = False
+
+    def begin(self) -> bool:
+        """Whether it is still wanted; it cannot be cancelled any more."""
+        self.begun = self.begun or self.future.set_running_or_notify_cancel()
+        return self.begun
+
+
+class DaskExecutor(Executor):
+    """Calls for the workers of a cluster, which may come and go; `dask_executor` makes one.
+
+    Each worker process has one call at a time, so that no simulator meets another thread, and if a
+    worker is lost it is known which call it was running. That call goes to another worker, before
+    all that wait; where `lives` workers are lost with it, its future raises WorkerLost. Calls wait
+    where there is no worker. Where the scheduler is lost all futures and `submit` raise
+    ClusterError.
+
+    `say` is told of workers that are lost, missing, or cannot be used. Cost: see docs/clusters.md.
+    Raises ClusterError if there are workers and none can be used.
+    """
+
+    def __init__(
+        self, cluster: Cluster, say: Callable[[str], None], settings: ClusterSettings = SETTINGS
+    ) -> None:
+        self._cluster, self._say, self._settings = cluster, say, settings
+        # What only the one thread `_serve` touches.
+        self._waiting: deque[_Call] = deque()
+        self._running: dict[str, tuple[_Call, Future[Any]]] = {}
+        self._judged: dict[str, str] = {}
+        self._silent: Set[str] = frozenset()
+        # What it shares: events for it, and whether there is any use in them.
+        self._events: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._workers: Set[str] = frozenset()
+        self._open: set[Future[Any]] = set()
+        self._lock = threading.Lock()
+        self._end: Exception | None = None
+        self._stopped = False
+        self._meet()
+        if self._judged and not self._workers:
+            worker, fault = next(iter(self._judged.items()))
+            raise ClusterError(f"no worker can be used: {worker} {fault}", _SAME)
+        if not self._workers:
+            say("no worker has joined the cluster yet: the runs wait for one")
+        self._thread = threading.Thread(target=self._serve, name="aleator-cluster", daemon=True)
+        self._thread.start()
+
+    @property
+    def slots(self) -> int:
+        """Calls that run at once: one for each worker of this moment, at least 1."""
+        return max(len(self._workers), 1)
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Have a worker call `fn`, which is pickled here and now."""
+        import cloudpickle
+
+        call = _Call(cloudpickle.dumps(partial(fn, *args, **kwargs)), Future())
+        with self._lock:
+            if self._end is not None:
+                raise self._end
+            self._open.add(call.future)
+            self._events.put(partial(self._waiting.append, call))
+        call.future.add_done_callback(self._open.discard)
+        return call.future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leave the cluster; without `wait` calls that run are given up, their outcomes lost."""
+        with self._lock:
+            self._end = self._end or RuntimeError("the executor was shut down")
+            pending = [*self._open]
+        if cancel_futures or not wait:
+            for future in pending:
+                future.cancel()
+        if wait:
+            wait_for(pending)
+        self._events.put(self._stop)
+        self._thread.join()
+        self._cluster.close()
+
+    def _meet(self) -> None:
+        """Wait for what the workers that are there at first say of themselves, but not for long."""
+        end = time.monotonic() + self._settings.introduction
+        self._look()
+        while self._silent and time.monotonic() < end:
+            time.sleep(self._settings.look / 10)
+            self._look()
+
+    def _serve(self) -> None:
+        """Do what comes, look at the workers now and then, and keep all of them at work."""
+        due = 0.0
+        while not self._stopped:
+            with suppress(Empty):
+                self._events.get(timeout=self._settings.look)()
+            try:
+                if not self._cluster.alive():
+                    raise self._cluster.lost()
+                if time.monotonic() >= due:
+                    self._look()
+                    due = time.monotonic() + self._settings.look
+                self._hand_out()
+            except Exception as error:
+                lost = error if isinstance(error, ClusterError) else self._cluster.lost()
+                lost.__cause__ = error if lost is not error else None
+                self._give_up(lost)
+                return
+        self._give_up(CancelledError())
+
+    def _stop(self) -> None:
+        self._stopped = True
+
+    def _give_up(self, error: Exception) -> None:
+        """Nothing that is open will come."""
+        with self._lock:
+            self._end = self._end or error
+            while not self._events.empty():
+                self._events.get()()
+        for call, inner in self._running.values():
+            inner.cancel()
+            call.future.set_exception(error)
+        for call in self._waiting:
+            if call.begin():
+                call.future.set_exception(error)
+        self._running.clear()
+        self._waiting.clear()
+
+    def _look(self) -> None:
+        now = self._cluster.workers()
+        for worker in self._running.keys() - now:
+            call, inner = self._running.pop(worker)
+            inner.cancel()
+            self._bury(call, worker)
+        for worker, fault in self._cluster.faults(now - self._judged.keys()).items():
+            self._judged[worker] = fault
+            if fault:
+                self._say(f"worker {worker} is not used: it {fault}")
+        self._silent = now - self._judged.keys()
+        before = self._workers
+        self._workers = frozenset(worker for worker in now if self._judged.get(worker) == "")
+        if before and not self._workers:
+            self._say("no worker is left: the runs wait for another to join")
+
+    def _bury(self, call: _Call, worker: str) -> None:
+        call.deaths += 1
+        lives = self._settings.lives
+        if call.deaths < lives:
+            self._say(f"worker {worker} was lost; its runs go to another")
+            self._waiting.appendleft(call)
+        else:
+            call.future.set_exception(WorkerLost(f"{lives} workers were lost while they ran it"))
+
+    def _hand_out(self) -> None:
+        for worker in self._workers - self._running.keys() if self._waiting else ():
+            call = self._next()
+            if call is None:
+                return
+            inner = self._cluster.send(worker, call.parcel)
+            self._running[worker] = call, inner
+            inner.add_done_callback(partial(self._tell, worker))
+
+    def _next(self) -> _Call | None:
+        while self._waiting:
+            call = self._waiting.popleft()
+            if call.begin():
+                return call
+        return None
+
+    def _tell(self, worker: str, inner: Future[Any]) -> None:
+        """A call was made; told from another thread."""
+        self._events.put(partial(self._done, worker, inner))
+
+    def _done(self, worker: str, inner: Future[Any]) -> None:
+        call, mine = self._running.get(worker, (None, None))
+        if call is None or mine is not inner:
+            return
+        del self._running[worker]
+        if inner.cancelled():  # by the cluster: it was restarted, or is lost
+            self._waiting.appendleft(call)
+            return
+        error = inner.exception()
+        if error is None:
+            call.future.set_result(inner.result())
+        elif self._cluster.killed(error):
+            self._bury(call, worker)
+        else:
+            if isinstance(error, AleatorError):
+                error.args = (f"on worker {worker}: {error}",)
+            call.future.set_exception(error)
+
+
+_LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
+
+
+@contextmanager
+def dask_executor(
+    address: str | Path | Client,
+    say: Callable[[str], None] = lambda _: None,
+    settings: ClusterSettings = SETTINGS,
+) -> Iterator[DaskExecutor]:
+    """The workers of the Dask cluster at `address`, as an executor for a Runner.
+
+    `address` is that of the scheduler ("tcp://host:8786"), its scheduler file, or a Client that is
+    connected, such as one of dask-jobqueue. `say` is told of workers that are lost or cannot be
+    used. In the end the cluster is left as it was; after an exception calls that run are given up.
+
+    Raises ClusterError within some `connect` seconds if nobody answers there, at once if there are
+    workers but none has this Python (major and minor version) and this Aleator.
+
+    >>> with dask_executor("tcp://127.0.0.1:1") as executor:
+    ...     runner = Runner(simulator, experiments, ["stiffness"], executor=executor)
+    Traceback (most recent call last):
+        ...
+    aleator.errors.ClusterError: no Dask scheduler answers at tcp://127.0.0.1:1 (...
+    """
+    if find_spec("distributed") is None:
+        raise ClusterError(
+            "a Dask cluster needs the package distributed", "pip install distributed"
+        )
+    with _quiet():
+        cluster = _DaskCluster(address, settings)
+        try:
+            executor = DaskExecutor(cluster, say, settings)
+        except BaseException:
+            cluster.close()
+            raise
+        try:
+            yield executor
+        except BaseException:
+            executor.shutdown(wait=False)
+            raise
+        executor.shutdown()
+
+
+class _DaskCluster:
+    """A connected client, in the words of DaskExecutor."""
+
+    def __init__(self, address: str | Path | Client, settings: ClusterSettings) -> None:
+        self._settings = settings
+        self._client: Any
+        self._own = isinstance(address, (str, Path))
+        self._client = _connected(str(address), settings) if self._own else address
+        self._at = str(getattr(self._client.scheduler, "address", address))
+        self._loop = self._client.loop.asyncio_loop
+        self._call = _caller()
+        self._senders: dict[str, Any] = {}
+        self._asked: dict[str, Future[dict[str, Any]]] = {}
+
+    def alive(self) -> bool:
+        return bool(self._client.status == "running")
+
+    def workers(self) -> Set[str]:
+        return frozenset(self._client.nthreads(callback_timeout=self._settings.answer))
+
+    def faults(self, workers: Iterable[str]) -> Mapping[str, str]:
+        found = {}
+        for worker in workers:
+            answer = self._asked.get(worker)
+            if answer is None:
+                asking = self._versions(worker)
+                self._asked[worker] = run_coroutine_threadsafe(asking, self._loop)
+            elif answer.done():
+                del self._asked[worker]
+                if answer.exception() is None:
+                    found[worker] = _fault(answer.result())
+        return found
+
+    async def _versions(self, worker: str) -> dict[str, Any]:
+        question = {"op": "versions", "packages": ["aleator"]}
+        answers = await self._client.scheduler.broadcast(
+            msg=question, workers=[worker], on_error="ignore"
+        )
+        packages: dict[str, Any] = answers[worker]["packages"]
+        return packages
+
+    def send(self, worker: str, parcel: bytes) -> Future[Any]:
+        sender = self._senders.get(worker) or self._client.get_executor(
+            workers=[worker], allow_other_workers=False, pure=False
+        )
+        self._senders[worker] = sender
+        sent: Future[Any] = sender.submit(self._call, parcel)
+        return sent
+
+    def killed(self, error: BaseException) -> bool:
+        from distributed import KilledWorker
+
+        return isinstance(error, KilledWorker)
+
+    def lost(self) -> ClusterError:
+        return ClusterError(
+            f"the Dask scheduler at {self._at} is gone, or does not answer any more",
+            "start it again with its workers, or leave the cluster out",
+        )
+
+    def close(self) -> None:
+        for answer in self._asked.values():
+            answer.cancel()
+        if self._own:
+            with suppress(TimeoutError, OSError):  # of a scheduler that does not answer
+                self._client.close(timeout=self._settings.leave)
+
+
+def _caller() -> Callable[[bytes], Any]:
+    """What a worker runs; made here so that it travels whole: the scheduler need not import it."""
+
+    def call(parcel: bytes) -> Any:
+        import pickle
+
+        return pickle.loads(parcel)()
+
+    return call
+
+
+def _connected(address: str, settings: ClusterSettings) -> Any:
+    import dask
+    import distributed
+
+    file = address if address.endswith(".json") else None
+    if file is not None and not Path(file).is_file():
+        raise ClusterError(
+            f"the scheduler file {file} does not exist",
+            "start the scheduler so: dask scheduler --scheduler-file FILE",
+        )
+    # A simulator that carries large tables is meant to.
+    dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"})
+    client: Any = distributed.Client
+    try:
+        # A client that finds nobody complains once more, and late, when it is collected.
+        _knock(json.loads(Path(file).read_text())["address"] if file else address, settings)
+        return client(
+            None if file else address,
+            scheduler_file=file,
+            timeout=settings.connect,
+            name="aleator",
+            set_as_default=False,
+        )
+    except Exception as error:  # whatever else may listen there
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise ClusterError(
+            f"no Dask scheduler answers at {address} ({text})",
+            "name it as it calls itself, such as tcp://HOST:8786; start one with: dask scheduler",
+        ) from error
+
+
+def _knock(address: str, settings: ClusterSettings) -> None:
+    """Raises an OSError or a ValueError where nobody listens."""
+    parts = urlsplit(address if "://" in address else f"tcp://{address}")
+    place = parts.hostname or "", parts.port or settings.port
+    with socket.create_connection(place, settings.connect):
+        return
+
+
+def _fault(packages: Mapping[str, Any]) -> str:
+    """Why a worker with these versions cannot be used, as the end of a sentence."""
+    here = {"python": sys.version.split()[0], "aleator": version("aleator")}
+    python = str(packages["python"]).split(".")
+    if python[:2] != here["python"].split(".")[:2]:
+        return f"has Python {'.'.join(python[:3])}, and this is {here['python']}"
+    if packages["aleator"] is None:
+        return "has no Aleator installed"
+    if packages["aleator"] != here["aleator"]:
+        return f"has Aleator {packages['aleator']}, and this is {here['aleator']}"
+    return ""
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """No log of Dask on the terminal: what matters of it is told in one message."""
+    import distributed  # noqa: F401  # sets the levels of its loggers when it is imported
+
+    loggers = [logging.getLogger(name) for name in _LOGGERS]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+_START = "mpiexec -n N python -m mpi4py.futures -m aleator ... --mpi (or a script for -m aleator)"
+
+
+@contextmanager
+def mpi_executor() -> Iterator[Executor]:
+    """The processes of this MPI job but the first, which runs the study, as an executor.
+
+    The job is to be started by `mpiexec -n N python -m mpi4py.futures SCRIPT`. Where one of its
+    processes dies MPI ends all of them: the runs that a store holds are kept.
+
+    Raises ClusterError if the job was not started so, or if there is no mpi4py or no MPI library.
+
+    >>> with mpi_executor() as executor:
+    ...     runner = Runner(simulator, experiments, ["stiffness"], executor=executor)
+    Traceback (most recent call last):
+        ...
+    aleator.errors.ClusterError: this process is not the first of an MPI job with workers ...
+    """
+    if find_spec("mpi4py") is None:
+        raise ClusterError("MPI needs the package mpi4py", "pip install mpi4py")
+    if "mpi4py.futures" not in sys.orig_argv:
+        raise ClusterError(
+            "this process is not the first of an MPI job with workers", f"start it so: {_START}"
+        )
+    # Workers get what they need with each call, not by importing this program.
+    from mpi4py.futures import MPIPoolExecutor
+
+    executor: Executor = MPIPoolExecutor(main=False)
+    try:
+        yield executor
+    except BaseException:
+        executor.shutdown(wait=False, cancel_futures=True)
+        raise
+    executor.shutdown()

@@ -1,0 +1,357 @@
+"""What a program is given: texts with placeholders, input files, and lines for a shell."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar, Protocol, cast
+
+from aleator.errors import SimulatorError
+from aleator.simulators.protocol import RunFailed, require_file
+
+Value = float | str
+Values = Mapping[str, Value]
+Columns = Mapping[str, Value | list[Value]]
+"""Values of a run by name, with a list where one varies within an experiment."""
+
+
+@dataclass(frozen=True)
+class Delimiters:
+    """What stands before and after a placeholder.
+
+    Raises SimulatorError where one is empty or has a space, a colon, or a letter or digit.
+
+    >>> Text.parse("{keep} $x$", Delimiters("$", "$")).names
+    ('x',)
+    """
+
+    opening: str = "{"
+    closing: str = "}"
+
+    def __post_init__(self) -> None:
+        for mark in (self.opening, self.closing):
+            if not mark or any(c.isalnum() or c.isspace() or c in "_:" for c in mark):
+                raise SimulatorError(
+                    f"the delimiter {mark!r} cannot mark a placeholder",
+                    'take signs that the text has nowhere else, such as ["{{", "}}"] or ["$", "$"]',
+                )
+
+    @property
+    def pattern(self) -> str:
+        """A regular expression with the groups `name` and `spec`; it ends within the line."""
+        opening, closing = re.escape(self.opening), re.escape(self.closing)
+        inside = rf"(?!{opening}|{closing})"
+        name, spec = rf"(?:{inside}[^:\n])+", rf"(?:{inside}[^\n])*"
+        return rf"{opening}(?P<name>{name})(?::(?P<spec>{spec}))?{closing}"
+
+
+BRACES = Delimiters()
+
+
+@dataclass(frozen=True)
+class Placeholder:
+    """A name and how its value is written: a format of Python, or "" for every digit."""
+
+    name: str
+    spec: str = ""
+
+    def write(self, value: Value) -> str:
+        """The value as text; raises RunFailed for a format that the value does not have.
+
+        >>> Placeholder("x").write(0.1), Placeholder("x", ".3e").write(0.1)
+        ('0.1', '1.000e-01')
+        """
+        try:
+            if isinstance(value, str):
+                return format(value, self.spec)
+            whole = self.spec.endswith(("d", "x", "o", "b", "c")) and float(value).is_integer()
+            return format(int(value) if whole else float(value), self.spec)
+        except ValueError:
+            raise RunFailed(
+                f"the value {value!r} of '{self.name}' cannot be written with the format "
+                f"'{self.spec}'"
+            ) from None
+
+
+@dataclass(frozen=True)
+class Text:
+    """A text cut into what stays and what is filled in; `where` is what messages call it.
+
+    Cost: one join a fill.
+
+    >>> text = Text.parse("--load {load:.2f} {{as is}}", escapes=True)
+    >>> text.names, text.fill({"load": 0.125})
+    (('load',), '--load 0.12 {as is}')
+    """
+
+    pieces: tuple[str | Placeholder, ...]
+    where: str
+
+    @classmethod
+    def parse(
+        cls, text: str, marks: Delimiters = BRACES, where: str = "the text", escapes: bool = False
+    ) -> Text:
+        """Find the placeholders; with `escapes` a doubled delimiter stands for the delimiter.
+
+        Raises SimulatorError for a format that no number has.
+        """
+        doubled = "|".join(re.escape(2 * mark) for mark in (marks.opening, marks.closing))
+        pattern = f"(?P<doubled>{doubled})|{marks.pattern}" if escapes else marks.pattern
+        pieces: list[str | Placeholder] = []
+        end = 0
+        for match in re.finditer(pattern, text):
+            pieces.append(text[end : match.start()])
+            end = match.end()
+            if escapes and match["doubled"]:
+                pieces.append(match["doubled"][: len(match["doubled"]) // 2])
+            else:
+                pieces.append(_placeholder(match, where))
+        pieces.append(text[end:])
+        return cls(tuple(piece for piece in pieces if piece), where)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the placeholders, each once, as they come first."""
+        named = (piece.name for piece in self.pieces if isinstance(piece, Placeholder))
+        return tuple(dict.fromkeys(named))
+
+    def fill(self, values: Values) -> str:
+        """The text with the values written in."""
+        return "".join(
+            piece if isinstance(piece, str) else piece.write(values[piece.name])
+            for piece in self.pieces
+        )
+
+
+def _placeholder(match: re.Match[str], where: str) -> Placeholder:
+    name, spec = match["name"].strip(), match["spec"] or ""
+    found = Placeholder(name, spec)
+    if spec and not spec.endswith("s"):
+        try:
+            found.write(1.0)
+        except RunFailed:
+            raise SimulatorError(
+                f"{where}: the placeholder {match[0]} has a format that no number has",
+                "write one such as .6g or 12.4e; where no placeholder is meant, double the braces "
+                "in a command, or choose other delimiters for a file",
+            ) from None
+    return found
+
+
+# What may stand before a word that is neither in quotes nor in a here-document: whole quotes, and
+# names of variables; no escape, comment or substitution, which nest.
+_BARE = re.compile(
+    r"""(?: [^"'`\\$#<] | <(?!<) | \$\w | '[^']*' | "(?: [^"`\\$] | \$\w )*" )*""", re.VERBOSE
+)
+# What has its words read once more, by a shell that sees no quotes.
+_TWICE = re.compile(
+    r"\b(?: eval | trap | ssh | rsh | su | watch | parallel | (?:ba|da|k|z|a)?sh \s+ -\w*c) \b"
+    r"| \| \s* (?:\S*/)? (?:ba|da|k|z|a)?sh \b",
+    re.VERBOSE,
+)
+_SHELL = re.compile(r"(?:ba|da|k|z|a)?sh")
+_SCRIPT = re.compile(r"-\w*c")
+# What no shell gives a meaning, wherever it stands; letters and digits beside.
+_PLAIN = frozenset("@%+=:,./-_")
+
+
+def filled(text: Text, values: Values) -> str:
+    """The text with the values in place: quoted, where they stand bare.
+
+    Between quotes, in a here-document, and wherever this is not certain, stand numbers and texts of
+    letters, digits and @%+=:,./-_ only. Raises SimulatorError for another text there.
+
+    >>> text = Text.parse("solve {bench} > '{bench}.txt'")
+    >>> filled(text, {"bench": "B2"})
+    "solve B2 > 'B2.txt'"
+    >>> filled(text, {"bench": "$(touch X)"})
+    Traceback (most recent call last):
+        ...
+    aleator.errors.SimulatorError: a shell would read what ...
+    """
+    written, before = "", ""
+    twice = any(isinstance(piece, str) and _TWICE.search(piece) for piece in text.pieces)
+    for piece in text.pieces:
+        if isinstance(piece, str):
+            written, before = written + piece, before + piece
+            continue
+        value = values[piece.name]
+        bare = not twice and _BARE.fullmatch(before) is not None
+        if not (bare or _is_plain(value)):
+            raise _read_by_the_shell(piece.name, str(value))
+        shown = piece.write(value)
+        written += shlex.quote(shown) if bare else shown
+        before += "x"  # whatever it is, it opens nothing
+    return written
+
+
+def script(program: str, arguments: Sequence[str]) -> int | None:
+    """Which of the arguments a shell that is started as the program reads as its script, if any.
+
+    >>> script("bash", ["-ec", "solve $1", "solve", "B2"]), script("python3", ["-c", "print(1)"])
+    (1, None)
+    """
+    if _SHELL.fullmatch(program) is None:
+        return None
+    given = (k for k, word in enumerate(arguments[:-1], start=1) if _SCRIPT.fullmatch(word))
+    return next(given, None)
+
+
+def _is_plain(value: Value) -> bool:
+    return not isinstance(value, str) or (
+        value != "" and all(sign.isalnum() or sign in _PLAIN for sign in value)
+    )
+
+
+def _read_by_the_shell(name: str, value: str) -> SimulatorError:
+    variable = re.sub(r"\W", "_", name, flags=re.ASCII).upper()
+    return SimulatorError(
+        f"a shell would read what the value {value!r:.60} of '{name}' says",
+        f'write environment = {{{variable} = "{{{name}}}"}} and "${variable}" in the command, '
+        "in place of the placeholder; or leave out its quotes, or the shell",
+    )
+
+
+class Feed(Protocol):
+    """Makes the text of an input file, or of the standard input, from the values of a run."""
+
+    @property
+    def names(self) -> tuple[str, ...] | None:
+        """The conditions and parameters that it writes; None is all of them."""
+
+    @property
+    def where(self) -> str:
+        """What messages call it."""
+
+    def write(self, values: Columns) -> str:
+        """The text; raises RunFailed for a value that cannot be written.
+
+        A feed that has `names` is given values, one without them lists too.
+        """
+
+
+@dataclass(frozen=True)
+class Template:
+    """A file with placeholders, read when it is named here; UTF-8, kept byte for byte elsewhere.
+
+    `marks` are the delimiters of the placeholders in the file.
+
+    Raises SimulatorError if the file cannot be read.
+    """
+
+    # Not in repr, from which fingerprints are made: a study that is moved stays the same study.
+    file: Path = field(repr=False)
+    marks: Delimiters = BRACES
+    text: Text = field(init=False)
+
+    def __post_init__(self) -> None:
+        require_file(self.file, f"the template {self.file}")
+        try:
+            raw = self.file.read_bytes().decode("utf-8", "surrogateescape")
+        except OSError as error:
+            raise SimulatorError(
+                f"the template {self.file} cannot be read: {error.strerror}", "name another file"
+            ) from None
+        text = Text.parse(raw, self.marks, f"the template {self.file.name}")
+        object.__setattr__(self, "text", text)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of its placeholders."""
+        return self.text.names
+
+    @property
+    def where(self) -> str:
+        """The template by name."""
+        return self.text.where
+
+    def write(self, values: Columns) -> str:
+        """The file with the values in place."""
+        return self.text.fill(cast("Values", values))
+
+
+@dataclass(frozen=True)
+class JsonFeed:
+    """One object of all names and values, numbers with every digit; a series is a list.
+
+    >>> JsonFeed().write({"load": 0.1, "bench": "A"})
+    '{"load": 0.1, "bench": "A"}\\n'
+    """
+
+    where: ClassVar[str] = "the JSON input"
+
+    @property
+    def names(self) -> None:
+        """All names."""
+
+    def write(self, values: Columns) -> str:
+        """A line of JSON."""
+        return json.dumps(dict(values)) + "\n"
+
+
+@dataclass(frozen=True)
+class CsvFeed:
+    """A line of names and a line of values, numbers with every digit; of a series a line a row.
+
+    >>> CsvFeed().write({"load": 0.1, "bench": "A, left"})
+    'load,bench\\n0.1,"A, left"\\n'
+    >>> CsvFeed().write({"load": 0.1, "time": [1.0, 2.0]})
+    'load,time\\n0.1,1.0\\n0.1,2.0\\n'
+    """
+
+    where: ClassVar[str] = "the CSV input"
+
+    @property
+    def names(self) -> None:
+        """All names."""
+
+    def write(self, values: Columns) -> str:
+        """The lines of CSV."""
+        rows = next((len(value) for value in values.values() if isinstance(value, list)), 1)
+        columns = (v if isinstance(v, list) else [v] * rows for v in values.values())
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(
+            [values.keys(), *zip(*columns, strict=True)]
+        )
+        return text.getvalue()
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A feed written to the file `name` in the folder of a run.
+
+    Raises SimulatorError for a name that leads out of that folder.
+    """
+
+    name: str
+    feed: Feed
+
+    def __post_init__(self) -> None:
+        within(self.name, "the input")
+
+
+def within(name: str, what: str) -> None:
+    """Raise SimulatorError unless `name` lies in the folder of a run."""
+    path = Path(name)
+    if not name.strip() or path.is_absolute() or ".." in path.parts or path == Path("."):
+        raise SimulatorError(
+            f"{what} {name!r} is not a file in the folder of a run",
+            "name it relative to that folder, without '..'",
+        )
+
+
+def written(path: Path, feed: Feed, plain: Columns, values: Values) -> None:
+    """Write the file that a run reads: of `values`, or of the `plain` ones if it names none.
+
+    Raises RunFailed for a value that cannot be written.
+    """
+    text = feed.write(plain if feed.names is None else values)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)  # it may be a link to a file of the study, which stays as it is
+    path.write_bytes(text.encode("utf-8", "surrogateescape"))

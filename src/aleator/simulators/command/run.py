@@ -1,0 +1,367 @@
+"""One run of a program: its folder, its process, and nothing of them left behind."""
+
+from __future__ import annotations
+
+import atexit
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import threading
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+from aleator.errors import SimulatorError, SurroundingsError
+from aleator.simulators.command.inputs import Columns
+from aleator.simulators.protocol import RunFailed, require_file
+from aleator.simulators.surroundings import (
+    STOP_ON,
+    checked_limit,
+    exit_status,
+    full_disk,
+    prevented,
+    printed,
+    require_pattern,
+)
+
+
+@contextmanager
+def signals_held() -> Iterator[None]:
+    """Let the handlers of this process, Ctrl-C's say, answer at the end of the block.
+
+    The signals themselves are not blocked: a process that is started in the block would inherit
+    that, and be deaf.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # handlers are called in the main thread only
+        return
+    signals: list[int] = [*signal.valid_signals()]
+    handlers = {one: to for one in signals if callable(to := signal.getsignal(one))}
+    came: list[int] = []
+
+    def note(signum: int, _frame: object) -> None:
+        came.append(signum)
+
+    try:
+        for signum in handlers:
+            signal.signal(signum, note)
+        yield
+    finally:
+        for signum, handler in handlers.items():
+            signal.signal(signum, handler)
+        for signum in came:
+            handlers[signum](signum, None)
+
+
+# It waits for the end of its input, which comes when this process ends, however that ends.
+_SCRIPT = """\
+cat > /dev/null
+for file in "$1"/*.pid; do
+    [ -f "$file" ] && kill -s KILL -- "-$(cat "$file")"
+done
+rm -rf "$1"
+"""
+
+
+class _Janitor:
+    """Watches `home`, the folder of this process's runs in `base`. Raises OSError."""
+
+    def __init__(self, base: Path) -> None:
+        self.base, self.pid = base, os.getpid()
+        self.home = base / f"aleator_{uuid.uuid4().hex}"
+        self._process: subprocess.Popen[bytes] | None = None
+        if Path("/bin/sh").exists():
+            self._process = subprocess.Popen(
+                ["/bin/sh", "-c", _SCRIPT, "janitor", str(self.home)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                cwd="/",
+                start_new_session=True,  # it is not for Ctrl-C
+            )
+        try:
+            self.home.mkdir(mode=0o700)
+        except OSError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Let it end, if it is this process's."""
+        if self.pid != os.getpid():
+            return
+        if self._process is not None:
+            self._process.communicate()
+        shutil.rmtree(self.home, ignore_errors=True)
+
+
+_lock = threading.Lock()
+_janitors: list[_Janitor] = []
+
+
+def run_folder() -> Path:
+    """A new folder for a run; with the processes of `leads`, it does not outlive this process.
+
+    As long as this process lives, both are the caller's to end and remove. Raises OSError where
+    none can be made.
+    """
+    with _lock:
+        home = _mine().home
+    return Path(tempfile.mkdtemp(prefix="run_", dir=home))
+
+
+@contextmanager
+def passing() -> Iterator[Path]:
+    """A folder that is gone when the block or this process ends, however that ends."""
+    folder = run_folder()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def leads(folder: Path, group: int) -> Iterator[None]:
+    """While a process leads a process group for the run in `folder`, it is known to the janitor."""
+    note = folder.with_name(f"{folder.name}.pid")
+    try:
+        note.write_text(str(group))
+        yield
+    finally:
+        note.unlink(missing_ok=True)
+
+
+def _mine() -> _Janitor:
+    """That of this process, which may be a fork of another, for the present temporary folder."""
+    base = Path(tempfile.gettempdir())
+    now = _janitors[0] if _janitors else None
+    if now is None or (now.pid, now.base) != (os.getpid(), base) or not now.home.is_dir():
+        close()
+        _janitors.append(_Janitor(base))
+    return _janitors[0]
+
+
+@atexit.register
+def close() -> None:
+    """Let the janitor of this process end."""
+    while _janitors:
+        _janitors.pop().close()
+
+
+STDIN, STDOUT, STDERR = "aleator.stdin", "aleator.stdout", "aleator.stderr"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When a run has ended well: its exit code, within `timeout` seconds (None: no limit).
+
+    One that has not is not a run where it printed `stop_on`, or where the disk is full. After its
+    time limit a program has `grace` seconds to tidy up (by judgement).
+
+    Raises SimulatorError for what cannot be these.
+    """
+
+    success_codes: tuple[int, ...] = (0,)
+    timeout: float | None = None
+    stop_on: str = STOP_ON
+    grace: float = 1.0
+
+    def __post_init__(self) -> None:
+        checked_limit(self.timeout)
+        if not self.success_codes:
+            raise SimulatorError("success_codes is empty: every run would fail", "write [0]")
+        require_pattern(self.stop_on)
+
+    def judged(self, failure: RunFailed, folder: Path) -> RunFailed | SurroundingsError:
+        """A failure in `folder` with what was printed there; or what the machine did."""
+        said = failure.log or log(folder)
+        fault = printed(said, self.stop_on) or full_disk(folder)
+        return fault or RunFailed(failure.message, said)
+
+
+def run(
+    arguments: Sequence[str], folder: Path, environment: Mapping[str, str], limits: Limits
+) -> None:
+    """Run a program in `folder`; it reads STDIN there if that exists, and prints to files.
+
+    Its whole process group ends with it, or with this process, whatever happens. Files and not
+    pipes: a run that prints without end, or leaves a child that holds its output, cannot block.
+
+    Raises RunFailed if its arguments are none that a program can be given, if it takes too long, or
+    ends with another exit code; SurroundingsError if the system does not start it.
+    """
+    stdin = folder / STDIN
+    source = stdin if stdin.exists() else Path(os.devnull)
+    with (
+        source.open("rb") as read,
+        (folder / STDOUT).open("wb") as out,
+        (folder / STDERR).open("wb") as err,
+        ExitStack() as ends,
+    ):
+        with signals_held():
+            try:
+                process = subprocess.Popen(
+                    arguments,
+                    cwd=folder,
+                    env={**os.environ, **environment},
+                    stdin=read,
+                    stdout=out,
+                    stderr=err,
+                    start_new_session=True,
+                )
+            except (OSError, ValueError) as error:
+                raise _not_started(arguments[0], error) from error
+            ends.callback(_end, process)
+            ends.enter_context(leads(folder, process.pid))
+        try:
+            code = process.wait(limits.timeout)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGTERM)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(limits.grace)
+            raise RunFailed(f"it was stopped after its {limits.timeout:g} s", log(folder)) from None
+    if code not in limits.success_codes:
+        raise RunFailed(f"it ended with {exit_status(code)}", log(folder))
+
+
+def _not_started(program: str, error: OSError | ValueError) -> RunFailed | SurroundingsError:
+    """What a program that did not start is: a failed run, or one that the system refused."""
+    if isinstance(error, ValueError) or error.errno == errno.E2BIG:
+        reason = getattr(error, "strerror", None) or str(error)
+        return RunFailed(f"'{program}' cannot be started: {reason}")
+    return prevented(error, f"'{program}' cannot be started")
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Kill what is left of the group: nothing, where all its processes have ended."""
+    with suppress(ProcessLookupError, PermissionError):  # the latter: zombies only, on macOS
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def log(folder: Path, most: int = 4000) -> str:
+    """The last of what a run printed, errors last: `most` bytes of each (by judgement).
+
+    >>> log(Path("nowhere"))
+    ''
+    """
+    texts = [_tail(folder / name, most) for name in (STDOUT, STDERR)]
+    return "\n".join(filter(None, texts))
+
+
+def _tail(path: Path, most: int) -> str:
+    try:
+        with path.open("rb") as file:
+            file.seek(max(path.stat().st_size - most, 0))
+            return file.read().decode("utf-8", "replace").strip()
+    except OSError:
+        return ""
+
+
+def read_text(path: Path) -> str:
+    """A file that a program wrote, as text; what is not UTF-8 is replaced."""
+    return path.read_bytes().decode("utf-8", "replace")
+
+
+FAILED, COMPLETED, TOLD = "failed_runs", "completed_runs", "aleator.run.json"
+
+
+class Keep(Enum):
+    """Whose folders outlive the run: `failed_runs/` and `completed_runs/` beside the study."""
+
+    FAILED = "failed"
+    ALL = "all"
+    NONE = "none"
+
+
+@dataclass(frozen=True)
+class Folder:
+    """How a run's folder is made: `files` of the study copied (or linked), then thrown or kept.
+
+    `base` is the study's folder. Of a folder among the files everything in it comes along, under
+    its name. A link costs no time, but a program that writes to it writes to the original. No more
+    than `most_failed` folders are kept (by judgement): a box half of which fails must not fill the
+    disk.
+
+    Raises SimulatorError for a file that does not exist, and for two of one name.
+    """
+
+    base: Path = Path(".")
+    files: tuple[str, ...] = ()
+    link: bool = False
+    keep: Keep = Keep.FAILED
+    most_failed: int = 100
+
+    def __post_init__(self) -> None:
+        names = [path.name for path in self.sources]
+        for name, path in zip(self.files, self.sources, strict=True):
+            require_file(path, f"the file {name!r}")
+            if names.count(path.name) > 1:
+                raise SimulatorError(
+                    f"two of the files are named '{path.name}'", "a run's folder holds one"
+                )
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        """The files and folders, where they lie."""
+        return tuple(Path(os.path.abspath(self.base / name)) for name in self.files)
+
+    @contextmanager
+    def made(self, values: Columns, outputs: Sequence[str] = ()) -> Iterator[Path]:
+        """A folder with the files, without the `outputs` that a copy may have brought.
+
+        A RunFailed that leaves the block tells where the folder is kept.
+        """
+        folder = run_folder()
+        try:
+            self._fill(folder)
+            for output in outputs:
+                (folder / output).unlink(missing_ok=True)
+            yield folder
+            if self.keep is Keep.ALL:
+                self._move(folder, COMPLETED, values, None)
+        except RunFailed as failure:
+            if self.keep is Keep.NONE:
+                raise
+            where = self._move(folder, FAILED, values, failure)
+            raise RunFailed(f"{failure.message} ({where})", failure.log) from failure
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def _fill(self, folder: Path) -> None:
+        copy = os.symlink if self.link else shutil.copy2
+        for source in self.sources:
+            if source.is_dir():
+                shutil.copytree(source, folder / source.name, copy_function=copy)
+            else:
+                copy(source, folder / source.name)
+
+    def _move(self, folder: Path, kind: str, values: Columns, failure: RunFailed | None) -> str:
+        """Keep the folder beside the study, with what it was run with: where, for a message."""
+        home = self.base / kind
+        if failure is not None and home.is_dir() and len([*home.iterdir()]) >= self.most_failed:
+            return f"not kept: {home} holds {self.most_failed} runs"
+        told = {"values": dict(values), "failure": failure and failure.message}
+        target = home / folder.name
+        try:
+            (folder / TOLD).write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+            home.mkdir(parents=True, exist_ok=True)
+            shutil.move(folder, target)
+        except OSError as error:
+            return f"not kept in {home}: {error.strerror}"
+        return f"kept in {target}"
+
+
+def contents(paths: Sequence[Path]) -> Iterator[Path]:
+    """Every file in or under `paths`, in an order that does not depend on the disk."""
+    for path in paths:
+        if path.is_dir():
+            yield from sorted(inner for inner in path.rglob("*") if inner.is_file())
+        elif path.is_file():
+            yield path

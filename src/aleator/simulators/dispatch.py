@@ -1,0 +1,453 @@
+"""Runs made in batches, in this process or by the workers of an executor."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from aleator.errors import AleatorError, SimulatorError, SurroundingsError
+from aleator.simulators.protocol import (
+    Columns,
+    Returned,
+    RunFailed,
+    RunStopped,
+    Simulator,
+    WorkerLost,
+    describe,
+)
+from aleator.simulators.runs import NOT_FINITE, Failure, Runs
+from aleator.simulators.surroundings import cause
+from aleator.simulators.units import Bound, Form, is_named
+from aleator.types import Flags
+
+
+@dataclass(frozen=True)
+class Batching:
+    """How runs are cut into batches, and what of them is underway at once.
+
+    - `here`: seconds of runs in this process after which those that completed are handed over, and
+      of a run that is timed by itself; shorter ones are called some at a time. By judgement: it is
+      what an interruption loses of cheap runs.
+    - `workers`: seconds of runs that a worker is given at once. Beside them a batch takes 11 to
+      14 ms through Dask (measured once: docs/evidence.md, "Cost of workers").
+    - `most_here`, `most`: runs of one batch, however cheap, in this process and of a worker. By
+      judgement, for the memory of their columns.
+    - `waiting`: batches for each worker that are submitted: one runs, one waits.
+    - `listening`: seconds after which a note of Ctrl-C is looked for. By judgement.
+    """
+
+    here: float = 0.02
+    workers: float = 0.5
+    most_here: int = 8192
+    most: int = 65_536
+    waiting: int = 2
+    listening: float = 0.2
+
+
+BATCHING = Batching()
+_INSTANT = float(np.finfo(np.float64).tiny)  # seconds: what nobody divides by
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """R runs that are to be made, with all that a worker needs beside the simulator.
+
+    `conditions` are columns (R,) by name, `parameters` names the columns of x, and `form` is what
+    the runs are to return.
+    """
+
+    conditions: Columns
+    parameters: Sequence[str]
+    form: Form
+    runs: Runs
+
+    @classmethod
+    def of(cls, bound: Bound, runs: Runs) -> Batch:
+        """The runs of a simulator on the cases of a table."""
+        form = bound.form.some(runs.case)
+        return cls(bound.cases.at(runs.case), bound.parameters, form, runs)
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    def some(self, rows: slice) -> Batch:
+        """Some of the runs."""
+        conditions = {name: column[rows] for name, column in self.conditions.items()}
+        return Batch(conditions, self.parameters, self.form.some(rows), self.runs.some(rows))
+
+    def stopped(self, by: BaseException) -> Runs:
+        """None of the runs: something ended the batch before the first."""
+        return replace(self.runs.some(slice(0)), stopped=by)
+
+    def failed(self, seconds: float, error: BaseException) -> Runs:
+        """The one run of the batch, which raised."""
+        return replace(self.runs, seconds=np.array([seconds]), failures={0: Failure.of(error)})
+
+    def made(self, simulator: Simulator, returned: Any, seconds: float) -> Runs:
+        """What came of the runs; one without a value that is measured has failed.
+
+        Raises SimulatorError for a wrong shape or type.
+        """
+        values = self.form.shaped(simulator, returned, len(self))
+        each = np.full(len(values), seconds / max(len(values), 1))
+        named = len(self) > 0 and is_named(returned)
+        made = replace(self.runs, outcome=values, seconds=each, named=named)
+        return without_outcome(made, self.form, self.form.missing(values))
+
+
+def without_outcome(
+    runs: Runs, form: Form, lost: Flags, why: Callable[[int, float], str] = lambda *_: ""
+) -> Runs:
+    """The runs, of which those have failed that `lost` (R, W) a value which is measured.
+
+    `why` adds words to what is said of a value in a column.
+    """
+    if not np.any(lost):
+        return runs
+    outcome, failures = runs.outcome.copy(), dict(runs.failures)
+    for run in np.unique(np.nonzero(lost)[0]).tolist():
+        column = int(np.argmax(lost[run]))
+        value = runs.outcome[run, column]
+        fault = form.fault(run, column, value) + why(column, value)
+        failures[run] = Failure(fault, kind=NOT_FINITE)
+        outcome[run] = np.nan
+    return replace(runs, outcome=outcome, failures=failures)
+
+
+def make(simulator: Simulator, batch: Batch, budget: float, timed: float = BATCHING.here) -> Runs:
+    """Make the first runs of a batch, and begin nothing more once it took `budget` s.
+
+    Runs that take less than `timed` s are called some at a time. An exception is the failure of one
+    run, found by halves where the simulator takes many at once. What the machine did to a run (see
+    `surroundings`) is none: it ends the batch before that run, as Ctrl-C does, and is `stopped` of
+    what is returned. Raises SimulatorError for what no other parameters would mend: a wrong shape
+    or type, and a simulator that raises for many runs but for none of them alone.
+
+    >>> from aleator.simulators.function import FunctionSimulator
+    >>> def inverse(x):
+    ...     return 1.0 / x
+    >>> runs = Runs.planned(np.zeros(3, int), np.array([[2.0], [0.0], [4.0]]))
+    >>> made = make(FunctionSimulator(inverse), Batch({}, ["x"], Form(), runs), 1.0)
+    >>> made.outcome.tolist(), [*made.failures]
+    ([[0.5], [nan], [0.25]], [1])
+    """
+    alone = getattr(simulator, "vectorized", True) is False
+    size, began = 1 if alone else simulator.block, time.perf_counter()
+    parts: list[Runs] = []
+    done = 0
+    while done < len(batch):
+        part = _attempted(simulator, batch.some(slice(done, done + size)))
+        parts.append(part)
+        done += len(part)
+        if part.stopped or time.perf_counter() - began >= budget:
+            break
+        if alone:
+            each = float(part.seconds.mean())
+            size = int(np.clip(timed / max(each, _INSTANT), 1, min(2 * size, simulator.block)))
+    return Runs.joined(parts)
+
+
+def make_packed(parcel: bytes, batch: Batch, budget: float) -> Runs:
+    """`make` in another process: `parcel` is the simulator, pickled; unpacked once a process.
+
+    Ctrl-C is answered where the runs were asked for. A KeyboardInterrupt here is the simulator's
+    own, and the failure of the run that raised it.
+    """
+    simulator: Any = _Uninterrupted(_unpacked(parcel))
+    return make(simulator, batch, budget)
+
+
+class _Uninterrupted:
+    """A simulator that raises RunFailed for KeyboardInterrupt."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self._simulator = simulator
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._simulator, name)
+
+    def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
+        try:
+            return self._simulator(conditions, parameters)
+        except KeyboardInterrupt as own:
+            raise RunFailed("it raised KeyboardInterrupt") from own
+        except RunStopped as stop:
+            if isinstance(stop.__cause__, KeyboardInterrupt):
+                raise stop from RunFailed("it raised KeyboardInterrupt")
+            raise
+
+
+@lru_cache(maxsize=2)
+def _unpacked(parcel: bytes) -> Simulator:
+    import cloudpickle
+
+    simulator: Simulator = cloudpickle.loads(parcel)
+    return simulator
+
+
+def _attempted(simulator: Simulator, batch: Batch) -> Runs:
+    """One call; of one that raised what completed and the run at fault."""
+    began = time.perf_counter()
+    columns = batch.runs.x.T.copy()
+    try:
+        parameters = dict(zip(batch.parameters, columns, strict=True))
+        returned = simulator(batch.conditions, parameters)
+        return batch.made(simulator, returned, time.perf_counter() - began)
+    except (SurroundingsError, KeyboardInterrupt) as stop:
+        return batch.stopped(stop)
+    except AleatorError:
+        raise
+    except RunStopped as stop:
+        return _before(simulator, stop, batch, time.perf_counter() - began)
+    except BaseException as error:
+        if len(batch) > 1:
+            return _halves(simulator, batch, error)
+        if prevented := cause(error):
+            return batch.stopped(prevented)
+        return batch.failed(time.perf_counter() - began, error)
+
+
+def _before(simulator: Simulator, stop: RunStopped, batch: Batch, took: float) -> Runs:
+    """What a simulator that runs one at a time did until it stopped."""
+    done, error = len(stop.completed), stop.__cause__ or stop
+    stopping = error if isinstance(error, KeyboardInterrupt) else cause(error)
+    if isinstance(error, AleatorError) and not stopping:
+        raise error
+    each = took / (done + 1)
+    made = batch.some(slice(done)).made(simulator, stop.completed, each * done)
+    if stopping:
+        return replace(made, stopped=stopping)
+    return Runs.joined([made, batch.some(slice(done, done + 1)).failed(each, error)])
+
+
+def _halves(simulator: Simulator, batch: Batch, error: BaseException) -> Runs:
+    middle = len(batch) // 2
+    parts: list[Runs] = []
+    for rows in (slice(None, middle), slice(middle, None)):
+        parts.append(_attempted(simulator, batch.some(rows)))
+        if parts[-1].stopped:
+            break
+    whole = Runs.joined(parts)
+    if not whole.failures and not whole.stopped:
+        raise SimulatorError(
+            f"simulator '{simulator.name}' raised when called with {len(batch)} runs, "
+            f"but not with fewer: {describe(error)}",
+            "set vectorized = false, or make it take arrays of any length",
+        )
+    return whole
+
+
+def made_here(bound: Bound, runs: Runs, batching: Batching = BATCHING) -> Iterator[Runs]:
+    """Make runs in this process; they are yielded as they are done, in their order.
+
+    >>> import numpy as np
+    >>> from aleator.simulators.function import FunctionSimulator
+    >>> half = FunctionSimulator(lambda x: x / 2, vectorized=True)
+    >>> runs = Runs.planned(np.zeros(2, int), np.array([[1.0], [4.0]]))
+    >>> from aleator.simulators.units import Cases
+    >>> bound = Bound(half, Cases.of({}, 1), ("x",))
+    >>> [made.outcome.tolist() for made in made_here(bound, runs)]
+    [[[0.5], [2.0]]]
+    """
+    most, done = max(bound.simulator.block, batching.most_here), 0
+    while done < len(runs):
+        batch = Batch.of(bound, runs.some(slice(done, done + most)))
+        made = make(bound.simulator, batch, batching.here)
+        yield made
+        if made.stopped:
+            raise made.stopped
+        done += len(made)
+
+
+class Dispatcher:
+    """Gives runs to the workers of an executor, and knows what they have.
+
+    `make` yields runs as batches complete, in any order. A batch whose worker died is run again by
+    halves until the run at fault is found, which is a failure like any other; each half alone,
+    unless the executor told which batch it was (WorkerLost). After Ctrl-C nothing more is submitted
+    and what was running is yielded, then KeyboardInterrupt is raised; a second Ctrl-C does so at
+    once. What stops a batch (see `make`) stops the others likewise. `rest` yields what
+    is running for whoever stops of its own.
+
+    Raises SurroundingsError for workers that cannot live, SimulatorError for a simulator that
+    cannot be sent to another process, or be unpacked there.
+    """
+
+    def __init__(self, bound: Bound, executor: Executor, batching: Batching = BATCHING) -> None:
+        self._bound, self._simulator = bound, bound.simulator
+        self._executor, self._batching = executor, batching
+        self._parcel = _packed(bound.simulator)
+        self._running: dict[Future[Runs], Runs] = {}
+        self._waiting: deque[Runs] = deque()
+        self._suspect: list[Runs] = []
+        self._stopped: BaseException | None = None
+        self._ending: Callable[[], bool] = lambda: False
+        self._each = 0.0
+        self._most = batching.most
+
+    @property
+    def slots(self) -> int:
+        """Runs that can be at work at once, as far as the executor tells."""
+        for name in ("slots", "num_workers", "_max_workers"):
+            number = getattr(self._executor, name, None)
+            if isinstance(number, int) and number > 0:
+                return number
+        return os.cpu_count() or 1
+
+    def make(self, runs: Runs, stopping: Callable[[int], None]) -> Iterator[Runs]:
+        """Have runs made by the workers.
+
+        `stopping` is told of how many batches are running when Ctrl-C comes.
+        """
+        self._waiting = deque([runs] if len(runs) else [])
+        with interruptions_noted() as interrupted:
+            self._ending = interrupted
+            while self._waiting or self._running or self._suspect:
+                while self._waiting and not self._suspect and self._has_room():
+                    self._submit(self._next())
+                if self._suspect and not self._running:
+                    self._submit(self._suspect.pop())
+                yield from self._completed()
+                if interrupted():
+                    stopping(len(self._running))
+                    yield from self.rest()
+                    raise KeyboardInterrupt
+                if self._stopped:
+                    yield from self.rest()
+                    raise self._stopped
+
+    def rest(self) -> Iterator[Runs]:
+        """What is running, when it is done; what is not begun is taken back."""
+        self._waiting.clear()
+        self._suspect.clear()
+        self._running = {f: runs for f, runs in self._running.items() if not f.cancel()}
+        while self._running:
+            yield from self._completed()
+            self._waiting.clear()
+            self._suspect.clear()
+
+    def _has_room(self) -> bool:
+        return len(self._running) < self._batching.waiting * self.slots
+
+    def _next(self) -> Runs:
+        """The next batch: half a second of runs, fewer at the end, so that all workers end alike.
+
+        Of a simulator that takes arrays whole blocks, because their last digits may depend on
+        their length: so outcomes do not depend on the time that anything took.
+        """
+        runs, block = self._waiting.popleft(), self._simulator.block
+        left = len(runs) + sum(map(len, self._waiting))
+        share = left / (self._batching.waiting * self.slots)
+        size = max(1.0, min(self._batching.workers / self._each, share)) if self._each else 1
+        size = min(int(size), self._most)
+        if getattr(self._simulator, "vectorized", False):
+            size = max(size // block, 1) * block
+        if len(runs) > size:
+            self._waiting.appendleft(runs.some(slice(size, None)))
+        return runs.some(slice(size))
+
+    def _submit(self, runs: Runs) -> None:
+        batch, limit = Batch.of(self._bound, runs), 2.0 * self._batching.workers
+        self._running[self._executor.submit(make_packed, self._parcel, batch, limit)] = runs
+
+    def _completed(self) -> Iterator[Runs]:
+        ready, _ = wait(self._running, self._batching.listening, return_when=FIRST_COMPLETED)
+        # those with outcomes first: an executor that is lost must not take them along
+        for future in sorted(ready, key=lambda future: future.exception() is not None):
+            batch = self._running.pop(future)
+            try:
+                made = future.result()
+            except WorkerLost as death:
+                if self._ending():
+                    continue  # what ends this process may end its workers: no run is at fault
+                if len(batch) == 1:
+                    yield _dead(batch, death)
+                else:
+                    self._waiting.extendleft(batch.halves())
+                continue
+            except BrokenExecutor as death:
+                if self._ending():
+                    continue
+                # small batches for a while: the next death then costs fewer runs
+                self._most = max(1, len(batch) // 4)
+                if len(batch) == 1 and not self._running and len(ready) == 1:
+                    self._require_life()
+                    yield _dead(batch, death)
+                else:
+                    self._suspect += batch.halves()
+                continue
+            except AleatorError:
+                raise
+            except BaseException as error:
+                if future.exception() is not error:  # Ctrl-C here, and not the worker's trouble
+                    raise
+                raise SimulatorError(
+                    f"simulator '{self._simulator.name}' cannot run on a worker: {describe(error)}",
+                    "let the workers have the same Python, packages and files as this process",
+                ) from error
+            if len(made):
+                self._each = float(made.seconds.mean()) + _INSTANT
+            self._most = min(2 * self._most, self._batching.most)
+            self._stopped = self._stopped or made.stopped
+            if len(made) < len(batch):
+                self._waiting.appendleft(batch.some(slice(len(made), None)))
+            yield made
+
+    def _require_life(self) -> None:
+        """Raise SurroundingsError where a worker dies without any run, too."""
+        try:
+            self._executor.submit(os.getpid).result()
+        except BrokenExecutor as death:
+            raise SurroundingsError(
+                f"the workers end before they have run anything ({death})",
+                'let a script begin its work under `if __name__ == "__main__":`; or ask for fewer '
+                "workers, if memory or processes run out",
+            ) from death
+
+
+@contextmanager
+def interruptions_noted() -> Iterator[Callable[[], bool]]:
+    """The first Ctrl-C is noted, so that it cannot come between a run and its keeping."""
+    noted: list[int] = []
+
+    def note(signum: int, _frame: object) -> None:
+        noted.append(signum)
+        if len(noted) > 1:
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False  # Ctrl-C is the main thread's
+        return
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: bool(noted)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _dead(run: Runs, death: BaseException) -> Runs:
+    message = f"the worker process died ({death})" if str(death) else "the worker process died"
+    return replace(run, failures={0: Failure(message, kind="WorkerDied")})
+
+
+def _packed(simulator: Simulator) -> bytes:
+    import cloudpickle
+
+    try:
+        return bytes(cloudpickle.dumps(simulator))
+    except Exception as error:
+        raise SimulatorError(
+            f"simulator '{simulator.name}' cannot be sent to other processes: {describe(error)}",
+            "let it hold no open file, connection or lock, or run it here: without workers",
+        ) from error

@@ -1,0 +1,294 @@
+"""Execution of runs: tried again if they fail, remembered, and kept in the store."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import replace
+from datetime import timedelta
+from typing import Any
+
+import numpy as np
+
+from aleator.errors import StoreError
+from aleator.progress import Progress
+from aleator.simulators.dispatch import (
+    BATCHING,
+    Batching,
+    Dispatcher,
+    made_here,
+    without_outcome,
+)
+from aleator.simulators.runs import NOT_FINITE, Failure, Memory, Runs, row_bytes
+from aleator.simulators.store import MOVE_ASIDE, Case, Identity, Store
+from aleator.simulators.units import Bound, Units
+from aleator.types import Array
+
+
+class RunProgress:
+    """Says to `progress`, after `patience` s, how `total` runs come along beside `known` ones.
+
+    >>> RunProgress.text(30, 100, known=10, failed=2, retried=0, rate=4.0)
+    '30 of 100 runs, 10 of them known, 2 failed, 4 runs/s, about 18 s left'
+    """
+
+    def __init__(self, progress: Progress, total: int, known: int, patience: float = 1.0) -> None:
+        self._patience = patience
+        self._progress, self._total, self._known = progress, total + known, known
+        self._done = self._failed = self._retried = 0
+        self._began = time.monotonic()
+
+    def count(self, done: int, failed: int) -> None:
+        """So many runs more are done; `failed` of these have no outcome."""
+        self._done, self._failed = self._done + done, self._failed + failed
+        seconds = time.monotonic() - self._began
+        if seconds > self._patience and self._done + self._known < self._total:
+            text = self.text(
+                self._done + self._known, self._total, self._known, self._failed, self._retried,
+                self._done / seconds,
+            )  # fmt: skip
+            self._progress.update(text, self._done + self._known, self._total)
+
+    def retry(self, number: int) -> None:
+        """So many failed runs are tried again."""
+        self._retried = number
+        self._done, self._failed = self._done - number, self._failed - number
+
+    def stopping(self, batches: int) -> None:
+        """Ctrl-C came: what is at work is waited for."""
+        self._progress.update(
+            f"stopping: {batches} batches of runs are still at work and will be kept; Ctrl-C "
+            "again leaves them"
+        )
+
+    @staticmethod
+    def text(done: int, total: int, known: int, failed: int, retried: int, rate: float) -> str:
+        """The line that is told."""
+        parts = [f"{done:,} of {total:,} runs"]
+        parts += [f"{known:,} of them known"] if known else []
+        parts += [f"{failed:,} failed"] if failed else []
+        parts += [f"{retried:,} tried again"] if retried else []
+        parts.append(f"{rate:.3g} runs/s")
+        parts.append(f"about {_duration((total - done) / rate)} left")
+        return ", ".join(parts)
+
+
+def _duration(seconds: float) -> str:
+    minute, hour = (timedelta(**{unit: 1}).total_seconds() for unit in ("minutes", "hours"))
+    if seconds < 1.5 * minute:
+        return f"{seconds:.0f} s"
+    return f"{seconds / minute:.0f} min" if seconds < 1.5 * hour else f"{seconds / hour:.1f} h"
+
+
+class RunCache:
+    """The runs of one simulator under the cases of one table, in a store.
+
+    `at_start` is what the store held of the simulator, `added`
+    counts the runs that were new to it.
+
+    What came with the names of its responses is kept under a case that has these names, so that a
+    study of another response does not take it for its own. `together` runs are sought in one query
+    (by judgement: what it takes in memory stays small).
+    """
+
+    def __init__(self, store: Store, bound: Bound, units: Units, together: int = 8192) -> None:
+        self._together = together
+        self.store, self.identity = store, Identity.of(bound.simulator)
+        self._bound, names = bound, bound.parameters
+        self._order = sorted(range(len(names)), key=lambda k: names[k])
+        self._responses = units.names
+        self._rows = units.rows[bound.cases.first]
+        self._sizes = self._rows * len(units.responses)
+        self._series = units.series
+        # one response may have come without its name
+        self._ways = (False, True) if len(units.responses) == 1 else (True,)
+        self._cases: dict[tuple[bool, int], Case] = {}
+        self.at_start = store.counts(self.identity)
+        self.added = 0
+
+    def find(self, runs: Runs) -> Runs:
+        """The same runs with outcomes and failures where the store has them."""
+        outcome, failures = runs.outcome.copy(), dict[int, Failure]()
+        for named in self._ways:
+            for start in range(0, len(runs), self._together):
+                rows = slice(start, start + self._together)
+                cases, keys = self._keys(runs.some(rows), named)
+                for place, value, message, attempts in self.store.find(
+                    self.identity.fingerprint, cases, keys
+                ):
+                    if message is not None:
+                        failures[start + place] = Failure(message, attempts=attempts)
+                        continue
+                    outcome[start + place] = self._read(value, outcome.shape[1])
+        worked = {k: failure for k, failure in failures.items() if np.isnan(outcome[k]).all()}
+        return replace(runs, outcome=outcome, failures=worked)
+
+    def _read(self, value: float | bytes | None, width: int) -> Array:
+        """The values of a run as the store has them, NaN behind the last; raises StoreError."""
+        values = np.full(width, np.nan)
+        try:
+            found = np.frombuffer(value, "<f8") if isinstance(value, bytes) else np.array([value])
+            values[: len(found)] = found
+        except (TypeError, ValueError):
+            raise StoreError(
+                f"{self.store.path}: a run of '{self.identity.name}' is damaged",
+                MOVE_ASIDE,
+            ) from None
+        return values
+
+    def add(self, made: Runs) -> None:
+        """Commit runs as they were made."""
+        if not self.store.writable or not len(made):
+            return
+        now = time.time()
+        named = made.named or False not in self._ways
+        cases, keys = self._keys(made, named)
+        rows: list[tuple[Any, ...]] = [
+            (case, x, None, fault.message, fault.log, seconds, made.host, now, 1)
+            if (fault := made.failures.get(k))
+            else (case, x, value, None, None, seconds, made.host, now, 1)
+            for k, ((case, x), value, seconds) in enumerate(
+                zip(keys, self._values(made), made.seconds.tolist(), strict=True)
+            )
+        ]
+        try:
+            self.added += self.store.add(self.identity, cases, rows)
+        except KeyboardInterrupt:
+            # Ctrl-C came while they were written, and took the transaction back.
+            self.added += self.store.add(self.identity, cases, rows)
+            raise
+
+    def _values(self, made: Runs) -> list[float | bytes]:
+        """The outcome of each run as the store has it: a number, or the bytes of several."""
+        sizes = self._sizes[made.case]
+        if np.all(sizes == 1):
+            return made.outcome[:, 0].tolist()  # type: ignore[no-any-return]
+        whole = np.ascontiguousarray(made.outcome, dtype="<f8")
+        return [row[:size].tobytes() for row, size in zip(whole, sizes.tolist(), strict=True)]
+
+    def _keys(self, runs: Runs, named: bool) -> tuple[list[Case], list[tuple[int, bytes]]]:
+        """The different cases of some runs; of each run the position of its case there, and x."""
+        chosen, position = np.unique(runs.case, return_inverse=True)
+        x = row_bytes(runs.x[:, self._order])
+        cases = [self._case(named, k) for k in chosen.tolist()]
+        return cases, [*zip(position.tolist(), x, strict=True)]
+
+    def _case(self, named: bool, case: int) -> Case:
+        """A case as the store knows it, made when it is asked for first."""
+        if (named, case) not in self._cases:
+            self._cases[named, case] = Case.of(
+                self._bound.cases.values(case),
+                self._bound.parameters,
+                int(self._rows[case]) if self._series else None,
+                self._responses if named else (),
+            )
+        return self._cases[named, case]
+
+
+class Execution:
+    """Makes the runs of a `bound` simulator here, or by the workers of an `executor`.
+
+    What comes of them is kept in `memory` and, where there is one, in the store of `cache`. One
+    that fails is tried again `retries` times. `fresh` counts those made here that have an outcome;
+    `tried` counts all that were made here, which took `seconds` together, in `waited`
+    seconds of the clock.
+    """
+
+    def __init__(
+        self,
+        bound: Bound,
+        units: Units,
+        cache: RunCache | None,
+        executor: Executor | None,
+        retries: int,
+        batching: Batching = BATCHING,
+    ) -> None:
+        self._batching = batching
+        self._bound, self._units, self._cache = bound, units, cache
+        self._executor, self._retries = executor, retries
+        self.memory = Memory(len(bound.parameters), units.width)
+        self.fresh = self.tried = 0
+        self.seconds = self.waited = 0.0
+
+    def recall(self, keys: Sequence[bytes], failures: bool) -> None:
+        """Remember what the store knows of some runs; `failures` too, unless retries are left."""
+        if self._cache is None:
+            return
+        known = self.memory if failures else self.memory.places
+        unknown = [key for key in keys if key not in known]
+        found = self._judged(self._cache.find(self.memory.planned(unknown)))
+        settled = {
+            k: failure
+            for k, failure in found.failures.items()
+            if failures and (failure.attempts > self._retries or failure.kind == NOT_FINITE)
+        }
+        self.memory.keep(unknown, replace(found, failures=settled))
+
+    def make(self, keys: Sequence[bytes], progress: RunProgress) -> Generator[Runs, None, None]:
+        """Make runs and remember them; those that are not tried again are yielded."""
+        began = time.perf_counter()
+        for left in reversed(range(1 + self._retries)):
+            with closing(self.made(self.memory.planned(keys), progress)) as batches:
+                for made in batches:
+                    received = self._received(made)
+                    self.waited, began = (
+                        self.waited + time.perf_counter() - began,
+                        time.perf_counter(),
+                    )
+                    progress.count(len(received), len(received.failures))
+                    if not left:
+                        yield received
+            keys = [key for key in keys if key in self.memory.failures]
+            if not keys:
+                return
+            progress.retry(len(keys))
+
+    def made(self, runs: Runs, progress: RunProgress | None = None) -> Generator[Runs, None, None]:
+        """The runs as they are made; after Ctrl-C those that were at work are waited for."""
+        if self._executor is None:
+            yield from made_here(self._bound, runs, self._batching)
+            return
+        workers = Dispatcher(self._bound, self._executor, self._batching)
+        try:
+            yield from workers.make(runs, progress.stopping if progress else lambda _: None)
+        except GeneratorExit:
+            for made in workers.rest():
+                self._received(made)
+            raise
+
+    def again(self, runs: Runs) -> Array:
+        """Outcomes (R, W) of runs that are made once more and kept nowhere, NaN if they fail."""
+        found = {
+            key: row
+            for made in self.made(runs.some(slice(None)))
+            for key, row in zip(made.keys(), made.outcome, strict=True)
+        }
+        lost = np.full(runs.outcome.shape[1], np.nan)
+        return np.array([found.get(key, lost) for key in runs.keys()])  # noqa: SIM118  a method
+
+    def _received(self, made: Runs) -> Runs:
+        """Keep runs that were made, in the store and here; with the failures of the transform."""
+        if self._cache is not None:
+            self._cache.add(made)
+        judged = self._judged(made)
+        self.tried += len(made)
+        self.seconds += float(np.sum(made.seconds))
+        self.fresh += len(judged) - len(judged.failures)
+        self.memory.keep(judged.keys(), judged)
+        return judged
+
+    def _judged(self, runs: Runs) -> Runs:
+        """Runs have failed that lack a value which is measured, or that the transform cannot take.
+
+        A store may have such runs: another study does not measure it, or does not transform it.
+        """
+        form, responses = self._bound.form.some(runs.case), self._units.responses
+        lost = form.missing(self._units.transformed(runs.outcome)) & ~runs.empty[:, None]
+
+        def why(column: int, value: float) -> str:
+            fault = responses[column % len(responses)].transform.fault(value)
+            return f": {fault}" if fault else ""
+
+        return without_outcome(runs, form, lost, why)

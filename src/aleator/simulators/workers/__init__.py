@@ -1,1 +1,0 @@
-"""Who makes the runs: this process, or the workers of any executor, and the executors there are."""
