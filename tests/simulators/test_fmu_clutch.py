@@ -1,4 +1,4 @@
-"""The wet clutch as an FMU against aleator.clutch: the same model, integrated another way."""
+"""The wet clutch as an FMU against the function: the same model, integrated another way."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,10 +19,10 @@ from aleator import (
     ResponseSurface,
     TruncatedNormal,
 )
-from aleator.clutch import shifting_time
 from aleator.simulators import FunctionSimulator, Simulator
 from aleator.simulators.fmu import Course, Crossing, FMUSimulator
 from aleator.study import load_study
+from examples.wet_clutch.model import shifting_time
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "wet_clutch"
 

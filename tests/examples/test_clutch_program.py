@@ -1,4 +1,4 @@
-"""The wet clutch as a program against aleator.clutch: one model, integrated two ways."""
+"""The wet clutch as a program against the function: one model, integrated two ways."""
 
 import importlib.util
 import os
@@ -11,10 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aleator.clutch import shifting_time
-from aleator.clutch.converter import capacity
-from aleator.clutch.parameters import CLUTCH
 from aleator.study import load_study
+from examples.wet_clutch.model import CLUTCH, shifting_time
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "wet_clutch"
 PROGRAM = EXAMPLE / "command" / "clutch.py"
@@ -92,13 +90,6 @@ def test_the_numbers_are_those_of_the_package(program: ModuleType) -> None:
     ] == [*vars(hydraulics).values(), *vars(plates).values(), *vars(CLUTCH.shafts).values()]
     assert CLUTCH.converter.torque_ratio == program.TORQUE_RATIO
     assert CLUTCH.converter.k_factor == program.K_FACTOR
-
-
-def test_the_converter_is_that_of_the_package(program: ModuleType) -> None:
-    nu = np.linspace(-0.1, 1.1, 301)
-    assert [program.capacity(value) for value in nu] == pytest.approx(
-        capacity(nu).tolist(), rel=1e-12, abs=1e-18
-    )
 
 
 def test_both_studies_of_the_program_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,8 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
-from aleator.clutch.parameters import CLUTCH
-from aleator.types import Array
+from examples.wet_clutch.model import CLUTCH, Array
 
 #: Typical size of p_hc [Pa], its rate [Pa/s], z~ [m], w_1 and w_2 [rad/s]: scales the tolerances.
 _SCALE = np.array([1e5, 1e6, 1e-3, 100.0, 50.0])

@@ -8,22 +8,24 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import BarycentricInterpolator
 
-from aleator.clutch.converter import capacity
-from aleator.clutch.current import breakpoints, current_at
-from aleator.clutch.hydraulics import windows
-from aleator.clutch.parameters import CLUTCH
-from aleator.clutch.plates import constants, increments, positions
-from aleator.clutch.runs import Runs, make_runs
-from aleator.clutch.shafts import Stepper
-from aleator.clutch.simulator import (
+from examples.wet_clutch.model import (
+    CLUTCH,
     STEPS,
+    Array,
+    Runs,
+    Stepper,
     advance,
+    breakpoints,
+    capacity,
+    constants,
+    increments,
     initial_speed,
+    make_runs,
+    positions,
     signals_of,
     synchronization_time,
+    windows,
 )
-from aleator.errors import SimulatorError
-from aleator.types import Array
 
 
 def trajectories(
@@ -37,44 +39,19 @@ def trajectories(
     zp_scale: float = 1.0,
     until: float = 2.0,
 ) -> pd.DataFrame:
-    """Return the course of one engagement, from the start of the current to `until` [s].
+    """The course of one engagement, from the start of the current to `until` [s], at most 5.
 
-    Until the shafts have equal speeds, the equations of the paper's asynchronous phase; from then
-    on (J_1 + J_2 / R^2) w_1' = T_1 - T_b(w_1 / R) / R of its synchronous phase, in which
-    T_2 = R T_1 by the paper's assumption of a perfect transmission.
+    The other arguments are those of `shifting_time`, one number each. Until the shafts have equal
+    speeds, the equations of the paper's asynchronous phase; from then on
+    (J_1 + J_2 / R^2) w_1' = T_1 - T_b(w_1 / R) / R of its synchronous phase, in which T_2 = R T_1
+    by the paper's assumption of a perfect transmission. A run that does not synchronize has no
+    synchronous row.
 
-    Parameters
-    ----------
-    pulse_duration, hold_current, pulse_current, motor_speed, brake_torque, c2_scale, zp_scale
-        As in `shifting_time`, one number each.
-    until
-        Time of the last row [s], more than 0 and at most 5.
-
-    Returns
-    -------
-    DataFrame
-        Rows every 2 ms or less, and one at the shifting time. Columns `time` [s], `current` [A],
-        `pressure` p_hc [Pa], `plate_pressure` p [Pa], `piston` z [m], `input_torque` T_1,
-        `clutch_torque` T_c, `output_torque` T_2 [N m], `input_speed` w_1, `output_speed` w_2
-        [rad/s], `synchronous` (True from the shifting time on).
-
-    Raises
-    ------
-    SimulatorError
-        Conditions that are not admissible, or more than one run.
-
-    Notes
-    -----
-    Takes some 30 ms. A run that does not synchronize has no synchronous row.
-
-    Examples
-    --------
-    >>> course = trajectories(
-    ...     pulse_duration=0.070, hold_current=0.248, pulse_current=0.070,
-    ...     motor_speed=1200, brake_torque=20,
-    ... )
-    >>> float(course.time[course.synchronous].iloc[0].round(4))
-    1.1445
+    Rows every 2 ms or less, and one at the shifting time: `time` [s], `current` [A], `pressure`
+    p_hc [Pa], `plate_pressure` p [Pa], `piston` z [m], `input_torque` T_1, `clutch_torque` T_c,
+    `output_torque` T_2 [N m], `input_speed` w_1, `output_speed` w_2 [rad/s], `synchronous` (True
+    from the shifting time on). Raises ValueError for conditions that are not admissible, and for
+    more than one run.
     """
     runs = make_runs(
         pulse_duration=pulse_duration,
@@ -87,9 +64,9 @@ def trajectories(
     )
     end = CLUTCH.current.end
     if len(runs.c2_scale) != 1:
-        raise SimulatorError("trajectories follows a single run", "give one number per argument")
+        raise ValueError("trajectories follows a single run: give one number per argument")
     if not 0.0 < until <= end:
-        raise SimulatorError(f"until = {until:g} is not admissible", f"use 0 < until <= {end:g} s")
+        raise ValueError(f"until = {until:g}: use 0 < until <= {end:g} s")
     sync = float(synchronization_time(runs)[0])
     nodes = _nodes(runs, until, sync)
     late = nodes[0] > sync
@@ -158,7 +135,7 @@ def _table(runs: Runs, nodes: Array, late: NDArray[np.bool_]) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "time": time,
-            "current": current_at(time, times[:, 0], levels[:, 0]),
+            "current": np.interp(time, times[:, 0], levels[:, 0]),
             "pressure": pressure,
             "plate_pressure": np.maximum(sigma, 0.0) * np.maximum(pressure, 0.0),
             "piston": contact + sigma * (plates.z_max - contact),

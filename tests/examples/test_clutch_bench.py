@@ -7,12 +7,9 @@ import pandas as pd
 import pytest
 from scipy.integrate import cumulative_simpson
 
-from aleator.clutch import design, measure, shifting_time, trajectories
-from aleator.clutch.bench import BOX, oil_temperature
-from aleator.clutch.parameters import CLUTCH
-from aleator.clutch.runs import make_runs
-from aleator.clutch.simulator import synchronization_time
-from aleator.errors import AleatorError, SimulatorError
+from examples.wet_clutch.bench import BOX, design, measure, oil_temperature
+from examples.wet_clutch.course import trajectories
+from examples.wet_clutch.model import CLUTCH, make_runs, shifting_time, synchronization_time
 
 CONDITIONS = ["pulse_duration", "hold_current", "pulse_current", "motor_speed", "brake_torque"]
 
@@ -45,12 +42,6 @@ def test_numbering_of_the_experiments(experiment: int, conditions: list[float]) 
     assert design().set_index("id").loc[experiment].tolist() == conditions
 
 
-def test_nominal_shifting_times_span_what_is_documented() -> None:
-    times = times_of(design(), 1.0, 1.0)
-    assert times.min() == pytest.approx(0.55, abs=0.01)
-    assert times.max() == pytest.approx(1.29, abs=0.01)
-
-
 @pytest.mark.parametrize(
     ("experiment", "skewness", "excess"),
     [(16, 0.31, -1.18), (9, 0.02, -0.92), (13, -2.0, 6.4), (15, 1.55, 4.2)],
@@ -72,12 +63,6 @@ def test_a_seed_fixes_the_measurements(kind: str) -> None:
     pd.testing.assert_frame_equal(first[["id", *CONDITIONS]], design())
 
 
-def test_measuring_leaves_global_randomness_alone() -> None:
-    before = np.random.get_state()[1].copy()  # noqa: NPY002
-    measure(1)
-    assert np.array_equal(before, np.random.get_state()[1])  # noqa: NPY002
-
-
 def test_the_benches_do_not_change_unnoticed() -> None:
     # A valve delay, say, moves every outcome by 4 ms; published results would no longer repeat.
     realistic, model = (measure(0, kind=kind)["shifting_time"] for kind in ("realistic", "model"))
@@ -85,14 +70,6 @@ def test_the_benches_do_not_change_unnoticed() -> None:
     assert realistic.mean() == pytest.approx(0.76363, abs=1e-4)
     assert model.head(3).to_numpy() == pytest.approx([0.891066, 1.040649, 0.700143], abs=3e-6)
     assert model.mean() == pytest.approx(0.736202, abs=3e-6)
-
-
-def test_realistic_measurements_are_rounded_up_to_milliseconds() -> None:
-    bench = measure(5)
-    milliseconds = bench["shifting_time"] * 1000
-    assert np.allclose(milliseconds, milliseconds.round(), rtol=0, atol=1e-9)
-    assert sorted(bench["run_order"]) == list(range(108))
-    assert bench["shifting_time"].between(0.4, 1.4).all()
 
 
 def test_the_oil_warms_up_and_then_wanders_about_80_degrees() -> None:
@@ -113,20 +90,6 @@ def test_model_measurements_lie_in_the_reach_of_the_model() -> None:
         # the outcome grows with both parameters, so the corners of the box bound it
         assert (times >= corners.min(axis=0)).all()
         assert (times <= corners.max(axis=0)).all()
-
-
-def test_model_measurements_follow_alpha() -> None:
-    tight = measure(0, kind="model", alpha=(0.8, 0.6, 1e-9, 1e-9))
-    assert tight["shifting_time"].to_numpy() == pytest.approx(
-        times_of(design(), 0.8, 0.6), abs=1e-6
-    )
-
-
-def test_model_noise_is_added_to_the_same_draw() -> None:
-    quiet, loud = (measure(8, kind="model", noise_sd=sd)["shifting_time"] for sd in (0.0, 0.01))
-    noise = (loud - quiet).to_numpy()
-    assert noise.std() == pytest.approx(0.01, rel=0.3)
-    assert abs(noise.mean()) < 0.004
 
 
 def test_the_realistic_bench_is_slower_than_the_model() -> None:
@@ -169,9 +132,8 @@ def test_every_deviation_of_the_bench_has_its_effect(
     ],
 )
 def test_misuse_of_the_bench_is_named(arguments: dict[str, object]) -> None:
-    with pytest.raises(AleatorError) as caught:
+    with pytest.raises(ValueError, match=r"kind|noise_sd|alpha"):
         measure(0, **arguments)
-    assert caught.value.remedy
 
 
 @pytest.fixture(scope="module")
@@ -224,16 +186,6 @@ def test_the_clutch_only_loses_energy(course: pd.DataFrame) -> None:
     assert (energy - energy.iloc[0]).to_numpy() == pytest.approx(gained, abs=1.0)  # J of 2 kJ
 
 
-def test_the_course_stays_in_its_bounds(course: pd.DataFrame) -> None:
-    plates = CLUTCH.plates
-    assert course["piston"].between(0, plates.z_max * (1 + 1e-12)).all()
-    assert (course["plate_pressure"] <= course["pressure"].clip(lower=0) + 1e-6).all()
-    assert course["output_torque"].to_numpy() == pytest.approx(2 * course["clutch_torque"])
-    assert course["current"].max() == pytest.approx(0.65)
-    late = course[course["synchronous"]]
-    assert late["clutch_torque"].to_numpy() == pytest.approx(late["input_torque"])
-
-
 @pytest.mark.parametrize("duration", np.linspace(0.07, 0.09, 6))
 def test_the_course_is_whole_wherever_the_shifting_time_falls(duration: float) -> None:
     conditions = {**design().set_index("id").loc[20].to_dict(), "pulse_duration": duration}
@@ -255,7 +207,7 @@ def test_a_course_that_never_synchronizes_has_no_synchronous_phase() -> None:
 )
 def test_misuse_of_trajectories_is_named(change: dict[str, object]) -> None:
     conditions = design().set_index("id").loc[1].to_dict()
-    with pytest.raises(SimulatorError):
+    with pytest.raises(ValueError, match=r"until|single|motor_speed"):
         trajectories(**{**conditions, **change})
 
 
@@ -266,5 +218,5 @@ def test_other_conditions_are_measured_as_the_design_is(kind: str) -> None:
     pd.testing.assert_frame_equal(whole, again)
     one = measure(3, kind=kind, conditions=design().drop(columns="id").iloc[[5, 5, 5]])
     assert one["shifting_time"].nunique() == 3
-    with pytest.raises(SimulatorError, match="brake_torque"):
+    with pytest.raises(ValueError, match="brake_torque"):
         measure(3, kind=kind, conditions=design().drop(columns="brake_torque"))
