@@ -20,7 +20,7 @@ from aleator.laws.inputs import Inputs
 from aleator.moments.densities import FittedDensity
 from aleator.moments.densities.moments import Moments, weighted_moments
 from aleator.moments.expansion.projection import expansion_map
-from aleator.polynomials.recurrence import evaluate
+from aleator.polynomials import evaluate
 from aleator.types import Array
 
 Polynomials = Literal["own", "hermite"]

@@ -9,9 +9,9 @@ from scipy import special, stats
 from aleator import Free, ScipyLaw
 from aleator.errors import InputsError
 from aleator.laws.discretized import Support, discretize
-from aleator.polynomials.gauss import gauss
-from aleator.polynomials.recurrence import (
+from aleator.polynomials import (
     evaluate,
+    gauss,
     hermite_recurrence,
     jacobi_recurrence,
     laguerre_recurrence,

@@ -10,15 +10,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aleator.polynomials.gauss import gauss, gauss_with_gradient, tensor
-from aleator.polynomials.recurrence import (
+from aleator.polynomials import (
     evaluate,
+    gauss,
+    gauss_with_gradient,
     hermite_recurrence,
     jacobi_recurrence,
     laguerre_recurrence,
     legendre_recurrence,
     recurrence_with_gradient,
     stieltjes,
+    tensor,
 )
 from aleator.types import Array
 

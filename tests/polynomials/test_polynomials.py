@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 from scipy import special
 
-from aleator.polynomials.gauss import gauss, gauss_hermite, gauss_legendre, tensor
-from aleator.polynomials.recurrence import evaluate, hermite_recurrence, stieltjes
+from aleator.polynomials import (
+    evaluate,
+    gauss,
+    gauss_hermite,
+    gauss_legendre,
+    hermite_recurrence,
+    stieltjes,
+    tensor,
+)
 
 
 def test_hermite_polynomials_are_those_of_scipy() -> None:

@@ -15,7 +15,7 @@ from aleator.moments.densities.moments import (
     weighted_moments_with_gradient,
 )
 from aleator.moments.quadrature import TensorGauss
-from aleator.polynomials.gauss import gauss_hermite
+from aleator.polynomials import gauss_hermite
 from aleator.types import Array
 
 

@@ -26,8 +26,7 @@ from aleator.errors import InputsError
 from aleator.moments.expansion import Basis
 from aleator.moments.expansion.moments import ExactQuadrature, Galerkin, cheapest, prepare
 from aleator.moments.expansion.moments.cheapest import estimated_seconds
-from aleator.polynomials.gauss import polished_rule
-from aleator.polynomials.recurrence import evaluate, hermite_recurrence, symmetric
+from aleator.polynomials import evaluate, hermite_recurrence, polished_rule, symmetric
 from aleator.types import Indices
 
 # ------------------------------------------------------------------------------ truths

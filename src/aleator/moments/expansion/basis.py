@@ -8,8 +8,7 @@ import numpy as np
 
 from aleator.errors import InputsError
 from aleator.laws import Inputs, Law, Normal, Rule
-from aleator.polynomials.gauss import polished_rule
-from aleator.polynomials.recurrence import evaluate, symmetric
+from aleator.polynomials import evaluate, polished_rule, symmetric
 from aleator.types import Array, Indices
 
 

@@ -12,7 +12,7 @@ from aleator.moments.expansion.basis import Basis
 from aleator.moments.expansion.design import Design
 from aleator.moments.expansion.expansion import Expansion, checked
 from aleator.moments.expansion.indices import IndexSet, TotalDegree
-from aleator.polynomials.gauss import tensor
+from aleator.polynomials import tensor
 from aleator.types import Array, Indices
 
 

@@ -13,7 +13,7 @@ from aleator.errors import InputsError
 from aleator.laws import Inputs
 from aleator.moments.quadrature.interface import MOST_NODES, affordable, check_whole
 from aleator.moments.quadrature.nodes import Nodes
-from aleator.polynomials.gauss import tensor
+from aleator.polynomials import tensor
 from aleator.types import Array
 
 SOBOL_BITS = 30

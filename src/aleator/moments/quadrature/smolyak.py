@@ -11,7 +11,7 @@ import numpy as np
 from aleator.laws import Inputs, Rule
 from aleator.moments.quadrature.interface import affordable, check_whole
 from aleator.moments.quadrature.nodes import Nodes, axes, combined
-from aleator.polynomials.gauss import tensor
+from aleator.polynomials import tensor
 from aleator.types import Array, Indices
 
 ALIKE = 1e-12

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from aleator.laws import Inputs
 from aleator.moments.quadrature.interface import affordable, check_whole
 from aleator.moments.quadrature.nodes import Nodes, axes, combined
-from aleator.polynomials.gauss import tensor
+from aleator.polynomials import tensor
 from aleator.types import Array
 
 
