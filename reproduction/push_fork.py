@@ -15,9 +15,8 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.moments.densities.moments import Moments
-from aleator.moments.expansion import Basis
-from aleator.moments.expansion.indices import highest
+from aleator.moments.expansion import Basis, highest
+from aleator.moments.moments import Moments
 from aleator.types import Array
 
 Integers = NDArray[np.int64]

@@ -10,7 +10,7 @@ import pandas as pd
 
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem, prepare
-from aleator.moments.densities import MaximumEntropy
+from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
 from aleator.progress import Progress
 from aleator.search import (

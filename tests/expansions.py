@@ -14,16 +14,16 @@ from aleator.laws import (
     Uniform,
 )
 from aleator.moments.expansion import (
+    Anisotropic,
     Basis,
-    Design,
     Expanding,
     Expansion,
-    Projection,
-    Regression,
-    SparseProjection,
+    ExpansionDesign,
+    Hyperbolic,
+    TotalDegree,
+    induced,
 )
-from aleator.moments.expansion.design import induced
-from aleator.moments.expansion.indices import Anisotropic, Hyperbolic, TotalDegree
+from aleator.moments.projection import Projection, Regression, SparseProjection
 from aleator.types import Array
 
 
@@ -59,7 +59,7 @@ def fitted(way: Expanding, basis: Basis, *functions: Callable[[Array], Array]) -
     return way.fit(basis, design, np.stack([function(design.x) for function in functions]))
 
 
-def drawn(basis: Basis, runs: int, seed: int) -> Design:
+def drawn(basis: Basis, runs: int, seed: int) -> ExpansionDesign:
     """Points of the law itself: those that the constant polynomial induces."""
     return induced(basis, np.zeros((1, len(basis.laws)), dtype=int), runs, seed)
 

@@ -93,7 +93,7 @@ def test_every_command_and_option_is_documented() -> None:
 
 def test_the_help_and_the_docs_name_every_law_density_search_and_propagation() -> None:
     words = {word for kinds in (LAWS, DENSITIES, SEARCHES, PROPAGATIONS) for word in kinds.known}
-    assert {"beta", "gaussian_mixture", "genetic", "collocation"} <= words
+    assert {"beta", "gaussian", "genetic", "collocation"} <= words
     shown = run("identify", "--help").output
     docs = (Path(__file__).parents[1] / "docs" / "study.md").read_text(encoding="utf-8")
     for text in (shown, docs):

@@ -81,10 +81,10 @@ def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
         "def late():\n"
         "    from aleator.laws import gamma\n"
     )
-    assert list(imports("moments.densities.mixture", module)) == [
+    assert list(imports("search.local.mixture", module)) == [
         "numpy",
         "aleator.simulators",
-        "aleator.moments.densities.gaussian",
+        "aleator.search.local.gaussian",
         "aleator.laws.normal.Normal",
         "aleator.laws.gamma",
     ]

@@ -6,9 +6,10 @@ import pytest
 
 from aleator.errors import AleatorError, ExperimentsError, SimulatorError, StudyError
 from aleator.laws import Constant, Free, Normal, TruncatedNormal
-from aleator.moments.densities import Gaussian, MaximumEntropy
-from aleator.moments.expansion import Regression, SparseProjection
-from aleator.moments.expansion.indices import Hyperbolic, TotalDegree
+from aleator.moments.densities import Gaussian
+from aleator.moments.expansion import Hyperbolic, TotalDegree
+from aleator.moments.maximum_entropy import MaximumEntropy
+from aleator.moments.projection import Regression, SparseProjection
 from aleator.moments.propagation import Collocation
 from aleator.moments.quadrature import Smolyak, SobolPoints, TensorGauss
 from aleator.search import GradientMultistart

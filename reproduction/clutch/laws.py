@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.moments.densities import Density, FittedDensity
-from aleator.moments.densities.moments import Moments
+from aleator.moments.moments import Moments
 from aleator.progress import Progress
 from aleator.surrogates import ResponseSurface, Surface
 from aleator.tasks.identification import Identification

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from aleator import Free, Inputs, Normal, TruncatedNormal
-from aleator.moments.expansion import Projection, Regression, SparseProjection
-from aleator.moments.expansion.indices import Anisotropic, TotalDegree
+from aleator.moments.expansion import Anisotropic, TotalDegree
+from aleator.moments.projection import Projection, Regression, SparseProjection
 from aleator.moments.propagation import (
     Collocation,
     ExpandedPropagation,

@@ -20,19 +20,17 @@ from problems import (
     title,
 )
 
-from aleator import Collocation, Constant, Free, Inputs, Normal, ResponseSurface, TruncatedNormal
+from aleator import Collocation, Free, Inputs, Normal, ResponseSurface
 from aleator.errors import InputsError
-from aleator.moments.densities.moments import Moments, weighted_moments
-from aleator.moments.expansion import Regression
-from aleator.moments.expansion.indices import TotalDegree
+from aleator.moments.expansion import TotalDegree
+from aleator.moments.moments import Moments, weighted_moments
+from aleator.moments.projection import Regression
 from aleator.moments.propagation import (
     ProjectedPropagation,
     QuadraturePropagation,
     check_nodes,
-    default_cubature,
-    finer,
 )
-from aleator.moments.quadrature import Smolyak, SobolPoints, TensorGauss
+from aleator.moments.quadrature import SobolPoints, TensorGauss
 from aleator.surrogates import build_surface
 from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array
@@ -139,16 +137,6 @@ def test_simulator_differences_survive_nodes_beyond_the_box_of_an_open_law() -> 
     assert found.mean_jac[0, 1] == pytest.approx(0.005 * math.exp(0.00125), rel=1e-7)
 
 
-def test_a_parameter_without_width_is_not_moved() -> None:
-    inputs = Inputs({"x": Normal(Free(0.0, 1.0), 0.1), "k": Constant(3.0)})
-    response = DirectResponse(lambda _, x: x[:, 0] * x[:, 1], 2, inputs.box)
-    found = QuadraturePropagation(inputs, response, TensorGauss(4)).moments(
-        np.array([0.5, 0.1, 3.0]), 4, gradient=True
-    )
-    assert found.mean_jac is not None
-    np.testing.assert_allclose(found.mean_jac[:, 0], 3.0, rtol=1e-9)
-
-
 # ------------------------------------------------------------------------------ both ways agree
 
 
@@ -241,22 +229,6 @@ def test_the_error_of_the_mean_falls_as_theory_says(s) -> None:
 
 
 # ------------------------------------------------------------------------------ choices, misuse
-
-
-def test_default_nodes_follow_the_number_of_scattering_parameters() -> None:
-    constant = Inputs({"k": Constant(Free(0.0, 1.0))})
-    five = Inputs({name: TruncatedNormal((0.0, 1.0)) for name in "abcde"})
-    assert default_cubature(REGRESSION.inputs, runs=True) == TensorGauss(20)
-    assert default_cubature(constant, runs=False) == TensorGauss(1)
-    assert default_cubature(five, runs=False) == SobolPoints(2048)
-    with pytest.raises(InputsError, match="5 "):
-        default_cubature(five, runs=True)
-
-
-def test_a_finer_rule_has_more_nodes_where_that_is_known() -> None:
-    assert finer(TensorGauss(20)) == TensorGauss(30)
-    assert finer(SobolPoints(1024)) == SobolPoints(2048)
-    assert finer(TensorGauss(100)) is finer(Smolyak(2)) is None
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from scipy.integrate import quad
 from scipy.stats import truncnorm
 
 from aleator.moments.densities import Gaussian
-from aleator.moments.densities.distances import earth_movers_distance
+from aleator.moments.distances import earth_movers_distance
 from reproduction.illustrative.outcome import POLE, Camelback, raw
 
 LIMIT = 6.0

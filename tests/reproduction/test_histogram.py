@@ -7,15 +7,15 @@ import pytest
 from scipy import integrate, stats
 
 from aleator.errors import AleatorError
-from aleator.moments.densities.outcomes import Outcomes
+from aleator.moments.moments import NodeOutcomes
 from aleator.status import Status
 from reproduction.sampling.histogram import HistogramSpline
 
 
-def sampled(law, size: int, count: int = 1) -> Outcomes:
+def sampled(law, size: int, count: int = 1) -> NodeOutcomes:
     p = (np.arange(size) + 0.5) / size
     y = np.stack([law.ppf(p) * (1.0 + k) for k in range(count)])
-    return Outcomes(y, np.full(size, 1.0 / size))
+    return NodeOutcomes(y, np.full(size, 1.0 / size))
 
 
 def test_bins_keep_their_mass_and_the_density_integrates_to_one() -> None:
@@ -55,7 +55,7 @@ def test_outside_the_sample_there_is_no_density() -> None:
 
 
 def test_equal_samples_are_a_status() -> None:
-    fitted = HistogramSpline(8).fit_sample(Outcomes(np.ones((1, 50)), np.full(50, 0.02)))
+    fitted = HistogramSpline(8).fit_sample(NodeOutcomes(np.ones((1, 50)), np.full(50, 0.02)))
     assert fitted.status.tolist() == [Status.DEGENERATE]
     assert fitted.log_pdf([1.0])[0] == -np.inf
 
@@ -64,4 +64,4 @@ def test_wrong_choices_are_refused() -> None:
     with pytest.raises(AleatorError, match="bins"):
         HistogramSpline(2)
     with pytest.raises(AleatorError, match="negative"):
-        HistogramSpline().fit_sample(Outcomes(np.ones((1, 2)), np.array([2.0, -1.0])))
+        HistogramSpline().fit_sample(NodeOutcomes(np.ones((1, 2)), np.array([2.0, -1.0])))

@@ -13,9 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aleator.laws import Gamma, Law, Normal, Uniform
-from aleator.moments.expansion import Basis
-from aleator.moments.expansion.indices import TotalDegree
-from aleator.moments.expansion.moments import prepare
+from aleator.moments.exact_moments import prepare
+from aleator.moments.expansion import Basis, TotalDegree
 from aleator.types import Indices
 from reproduction.push_fork import (
     count,

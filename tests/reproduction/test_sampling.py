@@ -8,8 +8,9 @@ from problems import BINDING, GROWTH, PRODUCT, REGRESSION, SAMPLE, SQUARE, Exact
 from scipy import stats
 
 from aleator.errors import InputsError
-from aleator.moments.densities import Gaussian, MaximumEntropy
-from aleator.moments.densities.outcomes import Outcomes
+from aleator.moments.densities import Gaussian
+from aleator.moments.maximum_entropy import MaximumEntropy
+from aleator.moments.moments import NodeOutcomes
 from aleator.moments.quadrature import (
     Cubature,
     MonteCarloPoints,
@@ -183,7 +184,7 @@ def test_several_densities_share_their_samples() -> None:
 
 
 def test_outcomes_beyond_all_samples_are_counted_and_floored() -> None:
-    sample = Outcomes(np.linspace(0.0, 1.0, 101)[None, :], np.full(101, 1.0 / 101.0))
+    sample = NodeOutcomes(np.linspace(0.0, 1.0, 101)[None, :], np.full(101, 1.0 / 101.0))
     assert density_of(sample, HistogramSpline(10)).log_pdf([2.0])[0] == -np.inf
 
     y = np.array([1.0, 20.0])

@@ -60,8 +60,8 @@ def collocation(
     terms: Literal["total_degree", "hyperbolic"] | None = None,
 ) -> Any:
     """The simulator runs at the nodes of the law for every alpha."""
-    from aleator.moments.expansion import Projection, Regression, SparseProjection
-    from aleator.moments.expansion.indices import Hyperbolic, IndexSet, TotalDegree
+    from aleator.moments.expansion import Hyperbolic, IndexSet, TotalDegree
+    from aleator.moments.projection import Projection, Regression, SparseProjection
     from aleator.moments.propagation import Collocation
 
     if fit is None:
