@@ -237,7 +237,7 @@ def _tridiagonal(diagonal: Array, off: Array) -> Array:
     return matrix
 
 
-@lru_cache(maxsize=64)
+@lru_cache
 def gauss_hermite(q: int) -> tuple[Array, Array]:
     """The q-point Gauss rule of the standard normal law; read-only arrays (q,), (q,).
 
@@ -248,7 +248,7 @@ def gauss_hermite(q: int) -> tuple[Array, Array]:
     return _frozen(gauss(*hermite_recurrence(q)))
 
 
-@lru_cache(maxsize=64)
+@lru_cache
 def gauss_legendre(q: int) -> tuple[Array, Array]:
     """The q-point Gauss rule of the uniform law on [-1, 1]; weights sum to one.
 

@@ -97,12 +97,6 @@ def expectations(multipliers: Array, rule: LegendreRule) -> Expectations:
     return Expectations(np.log(z) + top, mean, covariance)
 
 
-def node_probabilities(multipliers: Array, log_z: Array, rule: LegendreRule) -> Array:
-    """Probabilities (N, Q) of the nodes of a rule under exp(multipliers.phi)/Z."""
-    probability: Array = np.exp(multipliers @ rule.basis - log_z[:, None]) * rule.weights
-    return probability
-
-
 def gaussian_start(a: Array, b: Array, order: int) -> Array:
     """Multipliers (N, M) of exp(-u^2/2) on [a, b]: the Gaussian of the same mean and sd.
 
@@ -145,7 +139,7 @@ class _Descent:
         slack = 1e-15 * (1.0 + np.abs(law.log_z) + largest)
         promised = 0.5 * (self.decrement + self.extra)
         ratio = (self.value - trial_value + slack) / (promised + slack)
-        accepted = ratio > 1e-3
+        accepted = ratio > 0.0
         self.position = np.where(accepted[:, None], trial, self.position)
         self.value = np.where(accepted, trial_value, self.value)
         self.gradient = np.where(accepted[:, None], law.mean - self.target, self.gradient)
@@ -156,7 +150,7 @@ class _Descent:
         self.step = substitute(factor, -self.gradient)
         self.decrement = -_dot(self.gradient, self.step)
         self.extra = self.damping * _dot(self.step, self.step)
-        rows = np.flatnonzero((ratio > 0.7) & (self.decrement < near))
+        rows = np.flatnonzero((ratio > 0.5) & (self.decrement < near))
         if rows.size == 0:
             return
         # the undamped step, where its decrement too says that the end is near; should it fail,
@@ -169,9 +163,9 @@ class _Descent:
         self.extra[rows[sure]] = 0.0
 
 
-def damping_factor(ratio: Array) -> Array:
+def damping_factor(ratio: Array, fair: float = 0.25, less: float = 0.1) -> Array:
     """Of Levenberg's damping, by the part of the promised fall that came true."""
-    return np.where(ratio > 0.7, 0.1, np.where(ratio >= 0.25, 1.0, 4.0))
+    return np.where(ratio > 1.0 - fair, less, np.where(ratio >= fair, 1.0, 4.0))
 
 
 def minimize_dual(
@@ -287,6 +281,8 @@ def polish(
     start: Array,
     rule: LegendreRule,
     settings: EntropySettings = SETTINGS,
+    rounding: float = 1e-16,
+    undamped: float = 1e-6,
 ) -> tuple[Array, Flags]:
     """Multipliers (N, M) in phi with the standardized moments, and whether they were reached.
 
@@ -315,9 +311,9 @@ def polish(
                 a[active], b[active], standardized[active],
                 multipliers[active], damping[active], rule,
             )  # fmt: skip
-        accepted = ratio > 1e-3
+        accepted = ratio > 0.0
         multipliers[active[accepted]] += step[accepted]
-        arrived = accepted & (predicted < 1e-16) & (damping[active] < 1e-6)
+        arrived = accepted & (predicted < rounding) & (damping[active] < undamped)
         damping[active] *= damping_factor(ratio)
         converged[active[arrived]] = True
         active = active[~arrived]
@@ -361,7 +357,7 @@ def predicted(exponent: Array, powers: Array, change: Array, in_powers: Array) -
     """Multipliers (N, M) where the moments have changed by `change` (N, M+1): where Newton begins.
 
     A search asks for one alpha after the other, and most are near the last one. In powers of u the
-    exponent p(u) = lambda.phi(t(u)) of a density that is known changes with the moments c by
+    exponent p(u) = lambda.phi(t(u)) of a density changes with the moments c by
     dp = sum_k (P_k . dc) psi_k(u), with psi_k orthonormal under it and P_k their coefficients in
     powers of u. The dual is convex and has one minimum, so that what is found does not depend on
     where the way began.
@@ -462,12 +458,12 @@ def solve(
     standardized: Array,
     least: float,
     nodes: int,
-    known: Solution | None = None,
+    nearby: Solution | None = None,
     settings: EntropySettings = SETTINGS,
 ) -> Solution:
     """Densities with the standardized moments (N, M+1) on lower, upper (N,), each with a status.
 
-    Where densities of the same experiments are `known` for moments nearby, they are the start.
+    Densities of the same experiments for moments that are `nearby` are the start.
 
     The range, in standard deviations from the mean, is cut at the reach, at least `least`. Where
     the check refutes a solve it is polished in a basis orthonormal under the density itself; where
@@ -477,7 +473,7 @@ def solve(
     parts = [
         _solve_block(
             lower[rows], upper[rows], standardized[rows], least, nodes,
-            known and known.take(rows), settings,
+            nearby and nearby.take(rows), settings,
         )
         for rows in blocks(max(lower.size, 1), 1, settings.block)
     ]  # fmt: skip
@@ -494,14 +490,14 @@ def _solve_block(
     standardized: Array,
     least: float,
     nodes: int,
-    known: Solution | None,
+    nearby: Solution | None,
     settings: EntropySettings,
 ) -> Solution:
     order = standardized.shape[1] - 1
     a, b, lower_moves, upper_moves, slope = support_of(lower, upper, standardized, least)
     in_powers = legendre_in_powers(a, b, order)
     multipliers, residual, status, finest = _multipliers(
-        a, b, standardized, in_powers, nodes, known, settings
+        a, b, standardized, in_powers, nodes, nearby, settings
     )
     multipliers[status != Status.SOLVED] = 0.0
     check = panel_rule(order, settings.panels, finest)
@@ -536,7 +532,7 @@ def _multipliers(
     standardized: Array,
     in_powers: Array,
     nodes: int,
-    known: Solution | None,
+    nearby: Solution | None,
     settings: EntropySettings,
 ) -> tuple[Array, Array, Codes, int]:
     """Multipliers (N, M) of one order on the support, what they miss of the moments (N,), their
@@ -558,10 +554,10 @@ def _multipliers(
         answer[hard[taken]], residual[hard[taken]] = found[taken], missed[taken]
         return hard[~honest]
 
-    if known is not None:
-        change = standardized - known.standardized
-        guess = predicted(known.exponent, known.powers, change, in_powers)
-        guess[known.status != Status.SOLVED] = np.nan
+    if nearby is not None:
+        change = standardized - nearby.standardized
+        guess = predicted(nearby.exponent, nearby.powers, change, in_powers)
+        guess[nearby.status != Status.SOLVED] = np.nan
         rule = gauss_rule(order, nodes)
         hard = judge(*follow(target[hard, 1:], guess[hard], rule, settings), settings.exact)
     if hard.size > 0:

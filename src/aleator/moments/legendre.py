@@ -52,14 +52,14 @@ class LegendreRule:
     edges: Array
 
 
-@lru_cache(maxsize=64)
+@lru_cache
 def gauss_rule(order: int, nodes: int) -> LegendreRule:
     """Gauss-Legendre rule on the whole support: exact to degree 2 nodes - 1."""
     t, w = np.polynomial.legendre.leggauss(nodes)
     return _rule(t, 0.5 * w, order, np.array([-1.0, 1.0]))
 
 
-@lru_cache(maxsize=64)
+@lru_cache
 def panel_rule(order: int, panels: int, nodes: int) -> LegendreRule:
     """Gauss-Legendre rule on each panel: nodes that `gauss_rule` does not have.
 
@@ -80,7 +80,7 @@ def _rule(t: Array, w: Array, order: int, edges: Array) -> LegendreRule:
     return LegendreRule(t, w, basis, w[:, None] * phi, edges)
 
 
-@lru_cache(maxsize=64)
+@lru_cache
 def linearization(rows: int, factor: str, degree: int) -> Array:
     """Coefficients (degree+1, rows*rows) of g(t) phi_i phi_j, i, j < rows, in phi_0..phi_degree.
 

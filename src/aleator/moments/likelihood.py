@@ -18,11 +18,11 @@ from aleator.moments.densities import Density, FittedMomentDensity, Gaussian
 from aleator.moments.distances import distance_on_grid
 from aleator.moments.maximum_entropy import FittedMaximumEntropy, MaximumEntropy
 from aleator.moments.moments import Moments, joined
-from aleator.moments.propagation import NodePropagation, Propagation, QuadraturePropagation, finer
+from aleator.moments.propagation import Propagation, QuadraturePropagation, finer
 from aleator.results.values import DensityDistance
 from aleator.search.value import LogLikelihood
 from aleator.status import Status
-from aleator.surrogates.responses import Predicted
+from aleator.surrogates.responses import Divisible, Predicted
 from aleator.types import Array, Indices
 
 
@@ -112,15 +112,15 @@ class Predictive:
         moments = self.moments(alpha)
         return FittedOutcomes(alpha, moments, self.density.fit(moments, self.lower, self.upper))
 
-    def at(self, alpha: Array, known: FittedOutcomes | None = None) -> FittedOutcomes:
-        """The same with derivatives by alpha; sooner where densities nearby are known."""
-        if known is not None and np.array_equal(known.alpha, alpha):
-            return known
+    def at(self, alpha: Array, nearby: FittedOutcomes | None = None) -> FittedOutcomes:
+        """The same with derivatives by alpha; sooner from those of an alpha nearby."""
+        if nearby is not None and np.array_equal(nearby.alpha, alpha):
+            return nearby
         moments, ends = self.moments(alpha, gradient=True), (self.lower, self.upper)
         fitted: FittedMomentDensity
-        if isinstance(self.density, MaximumEntropy) and known is not None:
-            assert isinstance(known.fitted, FittedMaximumEntropy)
-            fitted = self.density.fit(moments, *ends, known.fitted)
+        if isinstance(self.density, MaximumEntropy) and nearby is not None:
+            assert isinstance(nearby.fitted, FittedMaximumEntropy)
+            fitted = self.density.fit(moments, *ends, nearby.fitted)
         else:
             fitted = self.density.fit(moments, *ends)
         return FittedOutcomes(alpha.copy(), moments, fitted)
@@ -134,15 +134,15 @@ class Predictive:
         return np.asarray(value.reshape(-1, y.size).sum(axis=1))
 
     def nodes(self, alpha: Array) -> Array:
-        """The nodes x (J, n) of the law. Raises TypeError for a propagation that has none."""
-        if not isinstance(self.propagation, NodePropagation):
-            raise TypeError(f"{type(self.propagation).__name__} has no nodes")
+        """The points x (J, n) at which the response is evaluated."""
         return self.propagation.at(alpha)
 
     def take(self, rows: Indices) -> Predictive:
         """The distributions of some of the experiments, without a thought of the others."""
         propagation, condition = self.propagation, self.condition[rows]
-        if isinstance(propagation, QuadraturePropagation) and propagation.divisible:
+        if isinstance(propagation, QuadraturePropagation) and isinstance(
+            propagation.response, Divisible
+        ):
             asked, condition = np.unique(condition, return_inverse=True)
             propagation = propagation.take(asked)
         return replace(
@@ -194,8 +194,8 @@ class Likelihood:
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood without its score, at about a third of the cost."""
         fitted = self.predictive.under(alpha).fitted
-        found = LogLikelihood(fitted.log_pdf(self.outcomes), None, fitted.status)
-        return found.believed(self.hyperparameters, alpha)
+        value = LogLikelihood(fitted.log_pdf(self.outcomes), None, fitted.status)
+        return value.believed(self.hyperparameters, alpha)
 
     def gap(self, alpha: Array) -> float:
         """Change of the log-likelihood with half as many nodes again; zero where there are none."""
@@ -228,14 +228,15 @@ class Continued:
     that it remembers: values depend on it by rounding only.
     """
 
-    def __init__(self, likelihood: Likelihood, known: FittedOutcomes | None = None) -> None:
-        self.likelihood, self._last = likelihood, known
+    def __init__(self, likelihood: Likelihood) -> None:
+        self.likelihood = likelihood
+        self._last: FittedOutcomes | None = None
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The continued log-likelihood at alpha (K,) with its score."""
         self._last = self.likelihood.predictive.at(alpha, self._last)
-        found = self._last.scored(self.likelihood.outcomes)
-        return found.believed(self.likelihood.hyperparameters, alpha)
+        value = self._last.scored(self.likelihood.outcomes)
+        return value.believed(self.likelihood.hyperparameters, alpha)
 
     def values(self, alphas: Array) -> Array:
         """The continued totals (A,) at alphas (A, K), without scores."""

@@ -21,7 +21,7 @@ from aleator.moments.densities import (
     in_sds,
     range_end,
 )
-from aleator.moments.entropy_solver import SETTINGS, Solution, node_probabilities, solve
+from aleator.moments.entropy_solver import SETTINGS, Solution, density_at, solve
 from aleator.moments.legendre import legendre
 from aleator.moments.moments import Moments
 from aleator.status import Status
@@ -86,11 +86,11 @@ class MaximumEntropy:
         moments: Moments,
         lower: ArrayLike,
         upper: ArrayLike,
-        known: FittedMaximumEntropy | None = None,
+        nearby: FittedMaximumEntropy | None = None,
     ) -> FittedMaximumEntropy:
         """Fit N densities on the physical ranges lower, upper (N,), each possibly infinite.
 
-        Sooner where those of nearby moments and this choice are `known`: some 3 Newton steps
+        Sooner where those of moments `nearby` and this choice are given: some 3 Newton steps
         instead of 7 and more; what is solved differs by rounding. Raises InputsError for too few
         moments or a wrong shape. A mean outside its range, or moments that no density on the
         support has, are a status.
@@ -106,7 +106,7 @@ class MaximumEntropy:
         none = np.array([1.0, 0.0, -1.0, *np.zeros(self.order - 2)])
         standardized = np.where(usable[:, None], standardized, none)
         lower, upper = np.where(usable, lower, -np.inf), np.where(usable, upper, np.inf)
-        start = known.solution if known else None
+        start = nearby.solution if nearby else None
         found = solve(lower, upper, standardized, self.reach, self.nodes, start)
         return FittedMaximumEntropy(moments, found)
 
@@ -226,7 +226,7 @@ def inverse(solution: Solution, p: Array, largest: int = 10**6) -> Array:
 
 def _below_panels(solution: Solution) -> Array:
     """Probability below each edge of the panels, (N, panels+1)."""
-    probability = node_probabilities(solution.multipliers, solution.log_z, solution.check)
+    probability = density_at(solution.multipliers, solution.check)
     panels = solution.check.edges.size - 1
     masses = probability.reshape(probability.shape[0], panels, -1).sum(axis=2)
     below = np.zeros((masses.shape[0], panels + 1))

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -166,40 +166,25 @@ class Propagation(Protocol):
         """The joint law."""
         ...
 
+    def at(self, alpha: Array) -> Array:
+        """The points x (J, n) at which the response is evaluated."""
+        ...
+
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
         """Moments up to `order`, with jacobians by alpha if asked for."""
         ...
 
 
-@runtime_checkable
-class NodePropagation(Propagation, Protocol):
-    """A propagation that knows the outcomes at nodes, which moments are computed from."""
-
-    def outcomes(self, alpha: Array, *, gradient: bool) -> NodeOutcomes:
-        """NodeOutcomes at the nodes of the law, with derivatives by alpha if asked for."""
-        ...
-
-    def at(self, alpha: Array) -> Array:
-        """The nodes x (J, n)."""
-        ...
-
-
 @dataclass(frozen=True)
 class QuadraturePropagation:
-    """NodeOutcomes of a response at the nodes of the law, and their moments.
+    """Moments of the outcomes of a response, as weighted sums at the nodes of the law.
 
-    The moments are the weighted sums at the nodes. Cost: one evaluation of the response at J points
-    and O(N J K M).
+    Cost: one evaluation of the response at J points and O(N J K M).
     """
 
     inputs: Inputs
     response: Response
     cubature: Cubature
-
-    @property
-    def divisible(self) -> bool:
-        """Whether some of the conditions can be asked for alone."""
-        return isinstance(self.response, Divisible)
 
     def take(self, conditions: Indices) -> QuadraturePropagation:
         """Of some of the conditions, each at most once."""
@@ -208,25 +193,20 @@ class QuadraturePropagation:
 
     def at(self, alpha: Array) -> Array:
         """The nodes of the law (J, n)."""
-        return self.nodes(alpha).x
-
-    def nodes(self, alpha: Array) -> CubatureNodes:
-        """The nodes of the law with their weights."""
-        return self.cubature.nodes(self.inputs, alpha)
+        return self.cubature.nodes(self.inputs, alpha).x
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
         """Moments of the N outcomes, with the derivatives of just what is computed."""
-        return self.outcomes(alpha, gradient=gradient).moments(order)
+        nodes = self.cubature.nodes(self.inputs, alpha)
+        return outcomes_at(self.response, nodes, gradient=gradient).moments(order)
 
-    def outcomes(self, alpha: Array, *, gradient: bool) -> NodeOutcomes:
-        """The outcomes of the response at the nodes."""
-        nodes = self.nodes(alpha)
-        if not gradient:
-            outcome = self.response.evaluate(nodes.x)
-            return NodeOutcomes(outcome, nodes.weights)
-        outcome, slope = self.response.evaluate_with_gradient(nodes.x)
-        dy = along_alpha(slope, nodes.dx)
-        return NodeOutcomes(outcome, nodes.weights, dy, nodes.dweights)
+
+def outcomes_at(response: Response, nodes: CubatureNodes, *, gradient: bool) -> NodeOutcomes:
+    """The outcomes of a response at nodes of the law, with derivatives by alpha if asked for."""
+    if not gradient:
+        return NodeOutcomes(response.evaluate(nodes.x), nodes.weights)
+    outcome, slope = response.evaluate_with_gradient(nodes.x)
+    return NodeOutcomes(outcome, nodes.weights, along_alpha(slope, nodes.dx), nodes.dweights)
 
 
 def along_alpha(slope: Array, dx: Array) -> Array:
@@ -256,7 +236,8 @@ class ProjectedPropagation:
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
         """Moments of the N expansions, with the derivatives of just what is computed."""
-        outcomes = self.outcomes(alpha, gradient=gradient)
+        nodes = TensorGauss(self.nodes).nodes(self.inputs, alpha)
+        outcomes = outcomes_at(self.response, nodes, gradient=gradient)
         matrix, weights = self._expansion(alpha, order)
         fine = outcomes.y @ matrix.T
         if outcomes.dy is None:
@@ -275,17 +256,9 @@ class ProjectedPropagation:
             dweights[:, k] = (weights_up - weights_down) / (2.0 * step[k])
         return NodeOutcomes(fine, weights, dfine, dweights).moments(order)
 
-    def outcomes(self, alpha: Array, *, gradient: bool) -> NodeOutcomes:
-        """The outcomes of the response at the nodes, not expanded."""
-        return self._plain.outcomes(alpha, gradient=gradient)
-
     def at(self, alpha: Array) -> Array:
         """The nodes of the tensor rule (J, n)."""
-        return self._plain.at(alpha)
-
-    @property
-    def _plain(self) -> QuadraturePropagation:
-        return QuadraturePropagation(self.inputs, self.response, TensorGauss(self.nodes))
+        return TensorGauss(self.nodes).nodes(self.inputs, alpha).x
 
     def _expansion(self, alpha: Array, order: int) -> tuple[Array, Array]:
         return expansion_map(self.inputs, alpha, self.nodes, self.degree, order)
@@ -328,7 +301,10 @@ class ExpandedPropagation:
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
         """Moments of the expansions of the N outcomes, with derivatives if asked for."""
-        outcomes = self.outcomes(alpha, gradient=gradient)
+        x, dx = self.inputs.image(alpha, self.design.t)
+        none = np.zeros((len(self.design), self.inputs.size))
+        points = CubatureNodes(x, self.design.weights, dx, none)
+        outcomes = outcomes_at(self.response, points, gradient=gradient)
         coefficients = outcomes.y @ self._operator
         if outcomes.dy is None:
             return self._exact.moments(coefficients).lowered(order)
@@ -349,15 +325,6 @@ class ExpandedPropagation:
     def at(self, alpha: Array) -> Array:
         """The points of the design as parameters (J, n)."""
         return self.inputs.image(alpha, self.design.t)[0]
-
-    def outcomes(self, alpha: Array, *, gradient: bool) -> NodeOutcomes:
-        """The outcomes at the points of the design, with its weights."""
-        x, dx = self.inputs.image(alpha, self.design.t)
-        if not gradient:
-            return NodeOutcomes(self.response.evaluate(x), self.design.weights)
-        outcome, slope = self.response.evaluate_with_gradient(x)
-        none = np.zeros((len(self.design), self.inputs.size))
-        return NodeOutcomes(outcome, self.design.weights, along_alpha(slope, dx), none)
 
 
 # ---------------------------------------------------------------------------- which way

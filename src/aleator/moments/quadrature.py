@@ -320,7 +320,7 @@ class _Grid:
     first: Indices
 
 
-@lru_cache(maxsize=8)
+@lru_cache
 def _grid(level: int, identities: tuple[tuple[int, ...], ...]) -> _Grid:
     """Combine the stacks: rule l of a stack begins at l (l + 1)/2; a constant's stack has one."""
     moving = [i for i, identity in enumerate(identities) if len(identity) > 1]
