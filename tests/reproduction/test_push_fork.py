@@ -145,15 +145,6 @@ def test_the_counts_are_the_paper_s() -> None:
     np.testing.assert_allclose(square.coefficients, 1.0, rtol=1e-14)
 
 
-def test_both_sets_of_the_paper_s_figure() -> None:
-    found = nonzero_set(*hermite(2, 3), 5)
-    every = exponents(stacks(5, 10), 10)
-    kept = {tuple(row) for row in found.exponents.tolist()}
-    assert (every.shape, found.exponents.shape) == ((2002, 10), (388, 10))
-    assert kept < {tuple(row) for row in every.tolist()}
-    assert np.all(every.sum(axis=1) == 5)
-
-
 @pytest.mark.parametrize("name", LAWS)
 def test_the_multinomial_sum_is_the_moment_of_another_way(name) -> None:
     basis, (_, indices) = basis_of(name, 2), hermite(2, 3)
