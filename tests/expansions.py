@@ -14,7 +14,6 @@ from aleator.laws import (
     Uniform,
 )
 from aleator.moments.expansion import (
-    Anisotropic,
     Basis,
     Expanding,
     Expansion,
@@ -23,7 +22,7 @@ from aleator.moments.expansion import (
     TotalDegree,
     induced,
 )
-from aleator.moments.projection import Projection, Regression, SparseProjection
+from aleator.moments.projection import Projection, Regression
 from aleator.types import Array
 
 
@@ -45,9 +44,6 @@ MIXED = basis_of(
 )
 EVERY_WAY = [
     Projection(TotalDegree(3)),
-    SparseProjection(TotalDegree(3)),
-    SparseProjection(Hyperbolic(4, 0.6)),
-    SparseProjection(Anisotropic(3, (1.0, 1.5, 1.0, 1.0))),
     Regression(TotalDegree(3)),
     Regression(TotalDegree(3), adaptive=False),
     Regression(Hyperbolic(4, 0.6)),

@@ -21,14 +21,12 @@ if TYPE_CHECKING:
     from aleator.laws.inputs import Inputs as Inputs
     from aleator.moments.densities import Gaussian as Gaussian
     from aleator.moments.distances import earth_movers_distance as earth_movers_distance
-    from aleator.moments.expansion import Anisotropic as Anisotropic
     from aleator.moments.expansion import Hyperbolic as Hyperbolic
     from aleator.moments.expansion import TotalDegree as TotalDegree
     from aleator.moments.expansion import sobol_indices as sobol_indices
     from aleator.moments.maximum_entropy import MaximumEntropy as MaximumEntropy
     from aleator.moments.projection import Projection as Projection
     from aleator.moments.projection import Regression as Regression
-    from aleator.moments.projection import SparseProjection as SparseProjection
     from aleator.moments.propagation import Collocation as Collocation
     from aleator.moments.quadrature import MonteCarloPoints as MonteCarloPoints
     from aleator.moments.quadrature import ProbabilityGrid as ProbabilityGrid
@@ -102,8 +100,8 @@ _HOMES = {
     "moments.quadrature": [
         "TensorGauss", "Smolyak", "SobolPoints", "MonteCarloPoints", "ProbabilityGrid",
     ],
-    "moments.projection": ["Projection", "SparseProjection", "Regression"],
-    "moments.expansion": ["TotalDegree", "Hyperbolic", "Anisotropic", "sobol_indices"],
+    "moments.projection": ["Projection", "Regression"],
+    "moments.expansion": ["TotalDegree", "Hyperbolic", "sobol_indices"],
     "moments.maximum_entropy": ["MaximumEntropy"],
     "moments.densities": ["Gaussian"],
     "moments.distances": ["earth_movers_distance"],

@@ -156,7 +156,7 @@ def cheapest(
 
     With few parameters quadrature wins, with five or more Galerkin products. A node costs as much
     as ten bounded entries (`nodes_an_entry`), by seconds on one core for 1 to 10 parameters,
-    degrees 2 to 8, orders 4 to 8, Hermite and Laguerre (`python -m benchmarks.moments`).
+    degrees 2 to 8, orders 4 to 8, Hermite and Laguerre (`python -m benchmarks moments`).
 
     >>> from aleator.moments.expansion import TotalDegree
     >>> def choice(n, d, order):

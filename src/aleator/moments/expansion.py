@@ -1,7 +1,7 @@
 """Polynomial chaos expansions of the outcomes of many experiments in many parameters.
 
 Products of the orthonormal polynomials of the parameters (`Basis`), by multi-indices of a set
-(`TotalDegree`, `Hyperbolic`, `Anisotropic`): a multi-index k (n,) stands for
+(`TotalDegree`, `Hyperbolic`): a multi-index k (n,) stands for
 p_k1(theta_1) .. p_kn(theta_n), and every set is downward closed, with k it holds each k' <= k.
 A design says where to run the simulator; `Expansion` is what its outcomes give, by a way of
 `projection`; from it come the parameters' shares of the variance.
@@ -9,7 +9,6 @@ A design says where to run the simulator; `Expansion` is what its outcomes give,
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, Self
@@ -98,46 +97,6 @@ class Hyperbolic:
         """Multi-indices (P, n) in the order of their sum. Cost O(P n)."""
         costs = [steps**self.norm for steps in _steps(limits, self.degree)]
         return _below(costs, self.degree**self.norm)
-
-
-@dataclass(frozen=True)
-class Anisotropic:
-    """sum_i weights_i k_i <= degree: a parameter of weight 2 goes to half the degree.
-
-    `weights` (n,) are at least 1, so that `degree` stays the largest degree of any parameter.
-    Raises InputsError for a negative degree, a weight below 1, or weights of another number than
-    the parameters.
-
-    >>> Anisotropic(2, (1.0, 2.0)).indices((None, None)).tolist()
-    [[0, 0], [0, 1], [1, 0], [2, 0]]
-    """
-
-    degree: int
-    weights: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
-        _check_degree(self.degree)
-        if not all(1.0 <= weight < math.inf for weight in self.weights):
-            raise InputsError(
-                f"weights {self.weights} are not all at least 1",
-                "divide them by the smallest: it belongs to the most important parameter",
-            )
-
-    def lowered(self, degree: int) -> Anisotropic:
-        """The same choice with another degree."""
-        return Anisotropic(degree, self.weights)
-
-    def indices(self, limits: Sequence[int | None]) -> Indices:
-        """Multi-indices (P, n) in the order of their sum. Cost O(P n)."""
-        if len(self.weights) != len(limits):
-            raise InputsError(
-                f"{len(self.weights)} weights for {len(limits)} parameters",
-                "give one weight a parameter",
-            )
-        steps = _steps(limits, self.degree)
-        costs = [weight * k for weight, k in zip(self.weights, steps, strict=True)]
-        return _below(costs, self.degree)
 
 
 def highest(indices: Indices) -> tuple[int, ...]:

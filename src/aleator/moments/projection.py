@@ -1,4 +1,4 @@
-"""Ways to the coefficients of an expansion: projection, on full and sparse grids, and regression.
+"""Ways to the coefficients of an expansion: projection on a tensor rule, and regression.
 
 A way is an `Expanding`: `design` says where to run, `fit` makes the expansion of the outcomes.
 `Projection` on a tensor rule is the paper's; `Regression` takes few runs in many parameters.
@@ -61,20 +61,9 @@ class Projection:
 
     def fit(self, basis: Basis, design: ExpansionDesign, outcomes: Array) -> Expansion:
         """The expansion from outcomes (N, J) at the nodes."""
-        return project(basis, self.terms.indices(basis.limits), design, outcomes)
-
-
-def project(basis: Basis, indices: Indices, design: ExpansionDesign, outcomes: Array) -> Expansion:
-    """Coefficients c_k = sum_j weights_j y_j psi_k(theta_j) for any design.
-
-    As good as the weights integrate the product of outcome and polynomial: on a sparse grid they
-    do not, and errors of order one alias into the coefficients (Constantine, Eldred and Phipps
-    2012); use `SparseProjection` there.
-    """
-    outcomes = checked(design, outcomes)
-    psi = basis.evaluate(design.t, indices)
-    coefficients = (outcomes * design.weights) @ psi
-    return Expansion(basis, indices, coefficients, np.full(len(outcomes), np.nan))
+        outcomes, indices = checked(design, outcomes), self.terms.indices(basis.limits)
+        coefficients = (outcomes * design.weights) @ basis.evaluate(design.t, indices)
+        return Expansion(basis, indices, coefficients, np.full(len(outcomes), np.nan))
 
 
 def expansion_map(
@@ -103,81 +92,6 @@ def tensor_design(basis: Basis, sizes: list[int]) -> ExpansionDesign:
         np.stack([rule.x[pick] for rule, pick in columns], axis=1),
         np.prod([rule.weights[pick] for rule, pick in columns], axis=0),
     )
-
-
-@dataclass(frozen=True)
-class SparseProjection:
-    """Smolyak's combination of projections on small tensor grids.
-
-    For every multi-index l of `terms` a tensor Gauss rule with l_i + 1 nodes of parameter i gives
-    the polynomials k <= l; the expansion is sum_l s_l times the l-th of these, with the signs
-    s_l = sum_z (-1)^|z| over z in {0, 1}^n with l + z in the set. Each grid projects only what it
-    integrates exactly with its own polynomials, so that the expansion is exact for every
-    polynomial in the set (Constantine, Eldred and Phipps, CMAME 229 (2012); Conrad and Marzouk,
-    SIAM J. Sci. Comput. 35 (2013)). The plain weights of the same sparse grid are as good for
-    `TotalDegree`, but alias for sets such as `Hyperbolic`, where the product of two terms is
-    beyond their exactness. There is no leave-one-out error. The points grow fast with the degree:
-    for ten symmetric laws 221 of degree 2 and 1,581 of degree 3.
-
-    >>> from aleator.moments.expansion import TotalDegree
-    >>> basis = Basis.normal(2)
-    >>> way = SparseProjection(TotalDegree(2))
-    >>> design = way.design(basis)
-    >>> y = way.fit(basis, design, (design.x[:, 0] * design.x[:, 1])[None])
-    >>> y.coefficients.round(12).tolist()                      # nothing but psi_(1, 1)
-    [[0.0, 0.0, 0.0, 0.0, 1.0, 0.0]]
-    """
-
-    terms: IndexSet
-
-    def design(self, basis: Basis) -> ExpansionDesign:
-        """The different nodes of all grids; the weights are those of Smolyak's quadrature."""
-        return self._combined(basis)[0]
-
-    def fit(self, basis: Basis, design: ExpansionDesign, outcomes: Array) -> Expansion:
-        """The expansion from outcomes (N, J) at the nodes."""
-        outcomes = checked(design, outcomes)
-        indices, (_, operator) = self.terms.indices(basis.limits), self._combined(basis)
-        return Expansion(basis, indices, outcomes @ operator, np.full(len(outcomes), np.nan))
-
-    def _combined(self, basis: Basis) -> tuple[ExpansionDesign, Array]:
-        """The grid of all nodes, and the matrix (J, P) from outcomes there to coefficients."""
-        indices = self.terms.indices(basis.limits)
-        signs = combination(indices)
-        used = np.flatnonzero(signs)
-        grids = [tensor_design(basis, (indices[row] + 1).tolist()) for row in used]
-        t = np.concatenate([grid.t for grid in grids])
-        _, first, place = np.unique(
-            np.round(t, 10) + 0.0, axis=0, return_index=True, return_inverse=True
-        )
-        operator = np.zeros((len(first), len(indices)))
-        begin = 0
-        for row, grid in zip(used, grids, strict=True):
-            points = place.reshape(-1)[begin : begin + len(grid)]
-            begin += len(grid)
-            own = np.flatnonzero(np.all(indices <= indices[row], axis=1))
-            psi = basis.evaluate(grid.t, indices[own])
-            operator[np.ix_(points, own)] += signs[row] * grid.weights[:, None] * psi
-        x = np.concatenate([grid.x for grid in grids])
-        return ExpansionDesign(t[first], x[first], operator[:, 0].copy()), operator
-
-
-def combination(indices: Indices) -> Indices:
-    """Signs s (P,) of the combination technique for a downward closed set (P, n).
-
-    The indicator of the set, differenced once along every parameter.
-
-    >>> combination(np.array([[0, 0], [0, 1], [1, 0]])).tolist()
-    [-1, 1, 1]
-    """
-    place = {tuple(row): k for k, row in enumerate(indices.tolist())}
-    signs = np.ones(len(indices), dtype=np.intp)
-    for i in range(indices.shape[1]):
-        above = indices.copy()
-        above[:, i] += 1
-        next_up = np.array([place.get(tuple(row), -1) for row in above.tolist()])
-        signs = signs - np.where(next_up >= 0, signs[next_up], 0)
-    return signs
 
 
 @dataclass(frozen=True)

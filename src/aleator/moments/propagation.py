@@ -20,13 +20,13 @@ from aleator.laws import Inputs
 from aleator.moments.exact_moments import ExpansionMoments, prepare
 from aleator.moments.expansion import Basis, ExpansionDesign, TotalDegree
 from aleator.moments.moments import Moments, NodeOutcomes
-from aleator.moments.projection import Projection, Regression, SparseProjection, expansion_map
+from aleator.moments.projection import Projection, Regression, expansion_map
 from aleator.moments.quadrature import Cubature, CubatureNodes, SobolPoints, TensorGauss
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.responses import Divisible, Response
 from aleator.types import Array, Indices
 
-Fit = Projection | SparseProjection | Regression
+Fit = Projection | Regression
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class Collocation:
     paper's `ProbabilityGrid(30)`. `moments` takes them by plain "quadrature" of the outcomes or
     from the polynomial chaos "expansion" of total degree `degree` (default q - 1), as the paper
     does with q = 5 and degree 4, in the laws' own polynomials. `fit`, instead, is an expansion in
-    standard normal variates for many parameters: `Regression(TotalDegree(2))` or
-    `SparseProjection(TotalDegree(2))`, whose moments are exact too.
+    standard normal variates for many parameters, `Regression(TotalDegree(2))`, whose moments are
+    exact too.
 
     `difference_step` is the step of the central differences that give the derivative by the
     parameters, relative to the spread of the nodes; a gradient costs 2 n times the runs more.
@@ -89,7 +89,7 @@ class Collocation:
             raise InputsError(
                 f"fit {type(self.fit).__name__} is not linear in the outcomes, so that a "
                 "likelihood with it would jump",
-                "use Regression, SparseProjection or Projection",
+                "use Regression or Projection",
             )
         if self.nodes is not None or self.degree is not None:
             raise InputsError("fit brings nodes and degree of its own", "leave them out")
