@@ -25,11 +25,8 @@ from examples.wet_clutch.model import (
     capacity,
     capacity_table,
     constants,
-    idle_speed,
     increments,
-    initial_speed,
     make_runs,
-    offsets,
     positions,
     shifting_time,
     synchronization_time,
@@ -121,13 +118,6 @@ def test_error_falls_with_the_step_and_stays_below_a_microsecond() -> None:
     assert np.abs(shifting_time(**given) - fine).max() < 1e-6
 
 
-def test_runs_begin_in_the_steady_state_of_the_open_clutch() -> None:
-    speeds = initial_speed(
-        make_runs(**{**CONDITIONS, "motor_speed": [1200, 1350, 1500]}, c2_scale=1, zp_scale=1)
-    )
-    assert speeds == pytest.approx([123.95851, 139.66789, 155.37694], abs=5e-6)
-
-
 def test_vectorized_equals_one_by_one() -> None:
     runs = sample(12, seed=2)
     together = shifting_time(**runs)
@@ -159,22 +149,6 @@ def test_every_experiment_is_feasible_over_the_box() -> None:
     assert np.isfinite(times).all()
     assert times.min() == pytest.approx(0.389, abs=2e-3)
     assert times.max() == pytest.approx(1.412, abs=2e-3)
-
-
-def test_every_condition_has_the_effect_that_physics_says() -> None:
-    scales = {"c2_scale": 1.0, "zp_scale": 0.8}
-    base = shifting_time(**CONDITIONS, **scales)[0]
-
-    def changed(**change: float) -> float:
-        return float(shifting_time(**{**CONDITIONS, **scales, **change})[0])
-
-    assert changed(pulse_duration=0.110) < base - 0.01
-    assert changed(hold_current=0.272) < base - 0.01
-    assert changed(pulse_current=0.135) < base - 0.01
-    assert changed(motor_speed=1500.0) > base + 0.01
-    assert changed(brake_torque=80.0) > base + 0.01
-    assert changed(c2_scale=1.2) > base + 0.01
-    assert changed(zp_scale=1.0) > base + 0.01
 
 
 def test_runs_that_do_not_synchronize_are_nan_and_harm_no_others() -> None:
@@ -236,33 +210,12 @@ def signals(runs: Runs) -> Signals:
     return Signals(*(getattr(runs, name) for name in Signals.__dataclass_fields__))
 
 
-def test_converter_passes_through_its_nodes() -> None:
-    nodes = CLUTCH.converter
-    f_c = np.array([14.396, 14.354, 14.227, 14.206, 14.406, 14.700])
-    f_c = np.append(f_c, [15.213, 16.009, 17.067, 20.702])
-    expected = np.array(nodes.torque_ratio[:-1]) / f_c**2
-    values = capacity(np.array(nodes.speed_ratio))
-    assert values[:-1] == pytest.approx(expected, rel=2e-4)
-    assert values[-1] == pytest.approx(0.0, abs=1e-15)
-
-
 def test_table_of_the_converter_is_accurate_and_continuous() -> None:
     table, cells = capacity_table(), np.linspace(0, CELLS, 123_457)[:-1]
     cell = cells.astype(int)
     values = table.real[cell] + table.imag[cell] * (cells - cell)
     assert np.abs(values - capacity(cells / CELLS)).max() < 1e-10
     assert table.real[:-1] + table.imag[:-1] == pytest.approx(table.real[1:], abs=1e-16)
-
-
-def test_idle_speed_balances_the_drag() -> None:
-    w_m, drag = np.array([100.0, 140.0, 140.0]), np.array([0.05, 0.05, 0.2])
-    w_1 = idle_speed(w_m, drag)
-    assert w_m**2 * capacity(w_1 / w_m) == pytest.approx(drag * w_1, rel=1e-12)
-
-
-def test_windows_can_align_to_every_breakpoint() -> None:
-    ratio = offsets() / WINDOW
-    assert ratio == pytest.approx(np.rint(ratio), abs=1e-9)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.004])
@@ -421,14 +374,3 @@ def test_a_scale_is_that_of_its_parameter(
     found = shifting_time(**NOMINAL, **{name: factor})[0]
     assert found == pytest.approx(expected, abs=1e-6)
     assert abs(found - shifting_time(**NOMINAL)[0]) > 2e-5  # it has an effect
-
-
-def test_runs_with_different_scales_do_not_touch_each_other() -> None:
-    rng = np.random.default_rng(0)
-    scales = {name: rng.uniform(0.8, 1.2, 7) for name in FACTORS}
-    together = shifting_time(**NOMINAL, **scales)
-    alone = [
-        shifting_time(**NOMINAL, **{name: values[k] for name, values in scales.items()})[0]
-        for k in range(7)
-    ]
-    np.testing.assert_allclose(together, alone, rtol=0.0, atol=1e-11)

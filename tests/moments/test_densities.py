@@ -335,13 +335,6 @@ def test_gaussian() -> None:
     check_all(Gaussian(), m, low, high, m.mean + 2.3 * m.sd)
 
 
-def test_fewer_moments_used_than_given() -> None:
-    m, low, high = smooth(5, range_known=True)
-    found = check_all(MaximumEntropy(3), m, low, high, m.mean + 0.2 * m.sd)
-    assert found.d_standardized.shape == m.standardized.shape
-    np.testing.assert_allclose(found.d_standardized[:, 4:], 0.0, atol=0)
-
-
 @pytest.mark.parametrize(
     ("section", "choice"),
     [

@@ -15,7 +15,7 @@ from scipy.linalg import eigh
 
 from aleator.moments.densities import FittedDensity, Gaussian
 from aleator.moments.entropy_solver import predicted
-from aleator.moments.legendre import legendre_in_powers, reach_of, support_of
+from aleator.moments.legendre import legendre_in_powers, reach_of
 from aleator.moments.likelihood import Continued
 from aleator.moments.maximum_entropy import FittedMaximumEntropy, MaximumEntropy
 from aleator.moments.moments import Moments
@@ -141,14 +141,6 @@ def test_gaussian_is_the_normal_law() -> None:
         fitted.quantile([0.1, 0.9]), np.array([law.ppf(0.1), law.ppf(0.9)]).T
     )
     assert fitted.quantile([0.0, 1.0]).tolist() == [[-np.inf, np.inf]] * 2
-
-
-def test_order_two_on_a_wide_support_tends_to_the_gaussian() -> None:
-    moments = Moments(np.array([3.0]), np.array([2.0]), np.array([[1.0, 0.0, 1.0]]))
-    wide = MaximumEntropy(2).fit(moments, [-np.inf], [np.inf])
-    normal = Gaussian().fit(moments, [-np.inf], [np.inf])
-    y = 3.0 + 2.0 * np.linspace(-5, 5, 21)[None]
-    np.testing.assert_allclose(wide.log_pdf(y), normal.log_pdf(y), atol=1e-8)
 
 
 def moments_by_quad(fitted: FittedDensity, index: int, moments: Moments, order: int) -> list[float]:
@@ -347,23 +339,6 @@ def test_the_reach_of_the_normal_law_and_of_its_cube() -> None:
     cube = np.array([[1.0, 0.0, 1.0, 0.0, 10395.0 / 225.0]])
     r = reach_of(cube, 8.0)[0]
     np.testing.assert_allclose(r, (8.0**4 + 4 * (1 + 46.2) ** 2) ** 0.25, rtol=1e-12)
-
-
-def test_moments_of_no_law_get_the_least_reach() -> None:
-    impossible = np.array([[1.0, 0.0, 1.0, 2.0, 1.5, 0.0, 3.0], [1.0, 0.0, -1.0, 0.0, 0.0, 0, 0]])
-    width, slope = reach_of(impossible, 8.0)
-    assert width.tolist() == [8.0, 8.0]
-    assert not slope.any()
-
-
-def test_the_physical_range_wins_where_it_is_nearer() -> None:
-    c = np.array([[1.0, 0.0, 1.0, 0.0, 3.0]] * 2)
-    a, b, lower, upper, _ = support_of(np.array([-2.0, -np.inf]), np.array([np.inf, 30.0]), c, 8.0)
-    r = reach_of(c, 8.0)[0]
-    np.testing.assert_allclose(a, [-2.0, -r[1]])
-    np.testing.assert_allclose(b, [r[0], r[1]])
-    assert lower.tolist() == [True, False]
-    assert upper.tolist() == [False, False]
 
 
 @pytest.mark.parametrize("order", [4, 6])

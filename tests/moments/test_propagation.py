@@ -23,7 +23,7 @@ from problems import (
 from aleator import Collocation, Free, Inputs, Normal, ResponseSurface
 from aleator.errors import InputsError
 from aleator.moments.expansion import TotalDegree
-from aleator.moments.moments import Moments, weighted_moments
+from aleator.moments.moments import Moments
 from aleator.moments.projection import Regression
 from aleator.moments.propagation import (
     ProjectedPropagation,
@@ -100,16 +100,6 @@ def test_simulator_differences_converge_with_the_square_of_the_step() -> None:
     np.testing.assert_allclose(orders, 2.0, atol=0.01)
 
 
-def test_simulator_differences_are_good_to_seven_digits_by_default() -> None:
-    for problem in (GROWTH, SQUARE, PRODUCT, BINDING):
-        points = TensorGauss(6).nodes(problem.inputs, problem.alpha).x
-        value, exact = Exact(problem).evaluate_with_gradient(points)
-        outcome, found = direct(problem).evaluate_with_gradient(points)
-        np.testing.assert_array_equal(outcome, value)
-        # a step h of 1e-4 spreads: h^2/6 of truncation, 1e-16/h of rounding
-        np.testing.assert_allclose(found, exact, atol=1e-7 * np.abs(exact).max())
-
-
 def test_simulator_differences_stay_inside_the_box() -> None:
     seen: list[Array] = []
 
@@ -183,34 +173,6 @@ def test_an_expansion_is_exact_where_plain_quadrature_with_its_nodes_is_not() ->
     coarse = plain.moments(SQUARE.alpha, 8, gradient=False)
     np.testing.assert_allclose(coarse.sd, truth[1], rtol=1e-12)  # degree 4 of at most 5
     assert np.all(np.abs(coarse.standardized[:, 4] / truth[2][:, 4] - 1.0) > 1e-3)
-
-
-@pytest.mark.parametrize(
-    ("outcome", "plain_wins"), [(np.tanh, True), (np.exp, False)], ids=["saturating", "growing"]
-)
-def test_neither_plain_quadrature_nor_expansion_is_always_better(outcome, plain_wins) -> None:
-    """Order 4 through 8 nodes, against a sum over 20001 points.
-
-    A polynomial of degree 7 explodes in the tails where the outcome saturates; where it grows, the
-    powers that plain quadrature misses are what matters.
-    """
-    inputs = Inputs({"x": Normal(mean=Free(-1.0, 1.0), sd=Free(0.1, 2.0))})
-    response = DirectResponse(lambda _, x: outcome(x[:, 0]), 1, inputs.box)
-    theta = np.linspace(-12.0, 12.0, 20_001)
-    weights = np.exp(-0.5 * theta**2)
-    dense = weighted_moments(outcome(0.3 + theta)[None, :], weights / weights.sum(), 4)
-    plain, expanded = (
-        abs(
-            collocated(inputs, response, 8, degree)
-            .moments(np.array([0.3, 1.0]), 4, gradient=False)
-            .standardized[0, 4]
-            / dense.standardized[0, 4]
-            - 1.0
-        )
-        for degree in (None, 7)
-    )
-    better, worse = (plain, expanded) if plain_wins else (expanded, plain)
-    assert better < 0.5 * worse
 
 
 @pytest.mark.parametrize("s", [0.3, 1.0])

@@ -231,19 +231,6 @@ def test_random_points_have_the_error_of_monte_carlo() -> None:
     assert errors(MonteCarloPoints, 1024) == pytest.approx(expected, rel=4.0 / np.sqrt(48.0))
 
 
-@pytest.mark.parametrize("make", [SobolPoints, MonteCarloPoints])
-def test_a_seed_chooses_the_points(make) -> None:
-    inputs = mixed()
-    first = make(64, 1).nodes(inputs, ALPHA)
-    np.testing.assert_array_equal(first.x, make(64, 1).nodes(inputs, ALPHA).x)
-    assert np.all(first.x[:, 0] != make(64, 2).nodes(inputs, ALPHA).x[:, 0])
-    # theta is fixed: another alpha moves the same points
-    moved = ALPHA + np.array([0.1, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
-    again = make(64, 1).nodes(inputs, moved).x[:, 0]
-    theta = (first.x[:, 0] - ALPHA[0]) / ALPHA[1]
-    np.testing.assert_allclose((again - moved[0]) / moved[1], theta, rtol=1e-12)
-
-
 def test_sobol_points_are_balanced_and_never_infinite() -> None:
     """Each of the J intervals of equal probability holds one point, in every dimension."""
     inputs, alpha = standard_normals(10)
@@ -252,18 +239,6 @@ def test_sobol_points_are_balanced_and_never_infinite() -> None:
         assert np.all(np.isfinite(nodes.x))
         cells = np.sort(np.floor(1024 * special.ndtr(nodes.x)), axis=0)
         np.testing.assert_array_equal(cells, np.tile(np.arange(1024.0)[:, None], 10))
-
-
-def test_the_probability_grid_is_made_of_midpoints() -> None:
-    inputs = mixed()
-    nodes = ProbabilityGrid(4).nodes(inputs, ALPHA)
-    middles = (np.arange(4) + 0.5) / 4
-    expected = [ALPHA[0] + ALPHA[1] * special.ndtri(middles)]
-    low, high = special.ndtr((np.array(BOX) - ALPHA[3]) / ALPHA[4])
-    expected.append(ALPHA[3] + ALPHA[4] * special.ndtri(low + middles * (high - low)))
-    for column, values in zip((0, 2), expected, strict=True):
-        np.testing.assert_allclose(np.unique(nodes.x[:, column].round(10)), values, atol=1e-9)
-    np.testing.assert_array_equal(nodes.weights, 1.0 / 64)
 
 
 def test_the_probability_grid_misses_the_tails_at_first_order() -> None:
