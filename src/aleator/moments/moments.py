@@ -176,10 +176,3 @@ class NodeOutcomes:
         if self.dy is None or self.dweights is None:
             return weighted_moments(self.y, self.weights, order)
         return weighted_moments_with_gradient(self.y, self.weights, order, self.dy, self.dweights)
-
-    def take(self, index: NDArray[np.intp]) -> NodeOutcomes:
-        """The outcomes of the experiments at `index` (any number of times each), in that order."""
-        if np.array_equal(index, np.arange(self.y.shape[0])):
-            return self
-        dy = None if self.dy is None else self.dy[index]
-        return NodeOutcomes(self.y[index], self.weights, dy, self.dweights)
