@@ -21,8 +21,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy import integrate, optimize, stats
 
-from aleator.moments.densities import MaximumEntropy
-from aleator.moments.densities.moments import Moments
+from aleator.moments.maximum_entropy import MaximumEntropy
+from aleator.moments.moments import Moments
 from aleator.types import Array
 from benchmarks.row import Row
 

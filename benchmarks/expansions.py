@@ -9,9 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from aleator.laws import Uniform
-from aleator.moments.expansion import Basis, Design, Regression
-from aleator.moments.expansion.indices import TotalDegree
-from aleator.moments.expansion.sobol import sobol_indices
+from aleator.moments.expansion import Basis, ExpansionDesign, TotalDegree, sobol_indices
+from aleator.moments.projection import Regression
 from aleator.types import Array
 from benchmarks.row import Row
 
@@ -55,13 +54,13 @@ def expansion_rows() -> list[Row]:
     ]  # fmt: skip
 
 
-def own_first(way: Regression, basis: Basis, design: Design, outcomes: Array) -> Array:
+def own_first(way: Regression, basis: Basis, design: ExpansionDesign, outcomes: Array) -> Array:
     """First-order indices (N, 3) by this library."""
     expansion = way.fit(basis, design, outcomes)
     return sobol_indices(expansion.indices, expansion.coefficients).first
 
 
-def openturns_first(design: Design, outcomes: Array) -> Array:
+def openturns_first(design: ExpansionDesign, outcomes: Array) -> Array:
     """The same by OpenTURNS: all experiments are outputs of one functional chaos."""
     import openturns as ot
 

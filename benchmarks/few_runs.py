@@ -27,8 +27,8 @@ from aleator.inference.check import Check
 from aleator.inference.information import infer
 from aleator.laws.region import law_region
 from aleator.likelihood.problem import Problem, prepare
-from aleator.moments.densities import MaximumEntropy
 from aleator.moments.likelihood import Continued, Likelihood
+from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.propagation import Collocation
 from aleator.moments.quadrature import MonteCarloPoints
 from aleator.search import GradientMultistart

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from aleator.likelihood.problem import Problem, prepare
-from aleator.moments.densities import MaximumEntropy
 from aleator.moments.likelihood import Likelihood
+from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.search import GradientMultistart
 from aleator.study import load_study
 from aleator.surrogates import ResponseSurface

@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from aleator.moments.expansion.moments import ExactQuadrature, Galerkin, prepare
+from aleator.moments.exact_moments import ExactQuadrature, Galerkin, prepare
 from aleator.types import Array, Indices
 from benchmarks.row import Row, ms
 from reproduction.index_sets import LARGE, PAPER_SECONDS, hermite

@@ -25,9 +25,9 @@ from aleator import (
     identify,
     next_experiments,
 )
-from aleator.clutch import design, measure, shifting_time
-from aleator.clutch.bench import BOX
 from aleator.tasks.next_experiment import NextExperiments
+from examples.wet_clutch.bench import BOX, design, measure
+from examples.wet_clutch.model import shifting_time
 
 TRUTH = (0.91, 0.55, 0.081, 0.046)
 """Means and standard deviations that the bench draws its two parameters by."""

@@ -6,13 +6,13 @@ import time
 
 import numpy as np
 
-from aleator.clutch.reference import reference_shifting_time
-from aleator.clutch.simulator import shifting_time
 from aleator.study import load_study
 from aleator.types import Array
 from benchmarks.identifications import CLUTCH
 from benchmarks.likelihood import median_seconds
 from benchmarks.row import Row
+from examples.wet_clutch.model import shifting_time
+from examples.wet_clutch.reference import reference_shifting_time
 
 MANY, FEW = 5_000, 60
 TARGET_ERROR = 1e-6  # s

@@ -152,7 +152,7 @@ OPTIONS: tuple[tuple[tuple[str, ...], tuple[Any, ...]], ...] = (
     (("noise",), ({"sd": 0.05}, {"sd": 0.1, "kind": "student_t", "df": 5}, {"relative": 0.05})),
     (("noise",), ({"sd": {"lower": 0.01, "upper": 0.5}},)),
     (("density",), ({"kind": "gaussian"}, {"kind": "maximum_entropy", "order": 6})),
-    (("density",), ({"kind": "automatic"}, {"kind": "gaussian_mixture"})),
+    (("density",), ({"kind": "automatic"},)),
     (("propagation",), ({"method": "collocation", "nodes": 7}, {"method": "response_surface"})),
     (("propagation",), ({"method": "response_surface", "nodes": 4, "max_runs": 60},)),
     (("experiments", "transform"), ("none", "log")),

@@ -11,9 +11,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aleator.moments.expansion import Basis
-from aleator.moments.expansion.indices import TotalDegree
-from aleator.moments.expansion.moments import ExactQuadrature, Galerkin, prepare
+from aleator.moments.exact_moments import ExactQuadrature, Galerkin, prepare
+from aleator.moments.expansion import Basis, TotalDegree
 from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
 from aleator.types import Indices
 from reproduction.canvas import explain, powers_of_ten

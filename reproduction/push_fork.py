@@ -15,9 +15,8 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.moments.densities.moments import Moments
-from aleator.moments.expansion import Basis
-from aleator.moments.expansion.indices import highest
+from aleator.moments.expansion import Basis, highest
+from aleator.moments.moments import Moments
 from aleator.types import Array
 
 Integers = NDArray[np.int64]
@@ -181,7 +180,7 @@ def raw_moment(terms: NonzeroSet, coefficients: Array) -> Array:
 def raw_moments(moments: Moments) -> Array:
     """E[Y^m] = sum_j C(m, j) mean^(m-j) E[(Y - mean)^j] for m = 0..M (paper, eq. (momentdef)).
 
-    >>> from aleator.moments.densities.moments import weighted_moments
+    >>> from aleator.moments.moments import weighted_moments
     >>> raw_moments(weighted_moments(np.array([[1.0, 5.0]]), np.array([0.5, 0.5]), 3)).tolist()
     [[1.0, 3.0, 13.0, 63.0]]
     """

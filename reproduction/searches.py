@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aleator.clutch import shifting_time
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem, prepare
-from aleator.moments.densities import MaximumEntropy
+from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
 from aleator.progress import Progress
 from aleator.search import (
@@ -25,6 +24,7 @@ from aleator.search import (
 )
 from aleator.simulators import as_runner
 from aleator.surrogates import ResponseSurface
+from examples.wet_clutch.model import shifting_time
 from reproduction.canvas import explain, powers_of_ten
 from reproduction.clutch.laws import SEARCH_TOLERANCE
 from reproduction.clutch.study import PARAMETERS, ClutchStudy

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from problems import from_raw
 
 from aleator.laws import Beta, Gamma, Law, Normal, Uniform
+from aleator.moments.exact_moments import ExactQuadrature, Galerkin
 from aleator.moments.expansion import Basis
-from aleator.moments.expansion.moments import ExactQuadrature, Galerkin
-from aleator.polynomials.recurrence import hermite_recurrence
+from aleator.polynomials import hermite_recurrence
 from aleator.types import Array
 
 Recurrence = tuple[Array, Array]

@@ -15,15 +15,14 @@ from aleator.laws import (
 )
 from aleator.moments.expansion import (
     Basis,
-    Design,
     Expanding,
     Expansion,
-    Projection,
-    Regression,
-    SparseProjection,
+    ExpansionDesign,
+    Hyperbolic,
+    TotalDegree,
+    induced,
 )
-from aleator.moments.expansion.design import induced
-from aleator.moments.expansion.indices import Anisotropic, Hyperbolic, TotalDegree
+from aleator.moments.projection import Projection, Regression
 from aleator.types import Array
 
 
@@ -45,9 +44,6 @@ MIXED = basis_of(
 )
 EVERY_WAY = [
     Projection(TotalDegree(3)),
-    SparseProjection(TotalDegree(3)),
-    SparseProjection(Hyperbolic(4, 0.6)),
-    SparseProjection(Anisotropic(3, (1.0, 1.5, 1.0, 1.0))),
     Regression(TotalDegree(3)),
     Regression(TotalDegree(3), adaptive=False),
     Regression(Hyperbolic(4, 0.6)),
@@ -59,7 +55,7 @@ def fitted(way: Expanding, basis: Basis, *functions: Callable[[Array], Array]) -
     return way.fit(basis, design, np.stack([function(design.x) for function in functions]))
 
 
-def drawn(basis: Basis, runs: int, seed: int) -> Design:
+def drawn(basis: Basis, runs: int, seed: int) -> ExpansionDesign:
     """Points of the law itself: those that the constant polynomial induces."""
     return induced(basis, np.zeros((1, len(basis.laws)), dtype=int), runs, seed)
 

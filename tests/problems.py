@@ -19,9 +19,9 @@ from scipy.special import log_ndtr
 
 from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal
 from aleator.laws import Hyperparameter
-from aleator.moments.densities import Density, MaximumEntropy
-from aleator.moments.likelihood import Likelihood
-from aleator.moments.predictive import Predictive
+from aleator.moments.densities import Density
+from aleator.moments.likelihood import Likelihood, Predictive
+from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.propagation import (
     ProjectedPropagation,
     Propagation,

@@ -72,7 +72,7 @@ def test_every_command_and_option_is_documented() -> None:
     found = dict(commands(cli.main))
     assert set(found) == {
         "aleator", "aleator identify", "aleator predict", "aleator recover",
-        "aleator ceiling", "aleator clutch", "aleator clutch bench",
+        "aleator ceiling",
         "aleator sensitivity", "aleator box", "aleator compare",
         "aleator bootstrap", "aleator posterior", "aleator next", "aleator report",
         "aleator runs", "aleator runs list", "aleator runs show", "aleator runs export",
@@ -93,7 +93,7 @@ def test_every_command_and_option_is_documented() -> None:
 
 def test_the_help_and_the_docs_name_every_law_density_search_and_propagation() -> None:
     words = {word for kinds in (LAWS, DENSITIES, SEARCHES, PROPAGATIONS) for word in kinds.known}
-    assert {"beta", "gaussian_mixture", "genetic", "collocation"} <= words
+    assert {"beta", "gaussian", "genetic", "collocation"} <= words
     shown = run("identify", "--help").output
     docs = (Path(__file__).parents[1] / "docs" / "study.md").read_text(encoding="utf-8")
     for text in (shown, docs):
@@ -321,17 +321,6 @@ def test_a_truth_that_is_none_is_told(study: Path, truth: str, name: str) -> Non
     done = run("recover", study, "--truth", truth)
     assert done.exit_code == 2
     assert name in done.stderr
-
-
-def test_the_bench_measures_the_same_for_the_same_seed(study: Path) -> None:  # noqa: ARG001
-    printed = run("clutch", "bench", "--seed", 1)
-    assert printed.exit_code == 0
-    written = run("clutch", "bench", "--seed", 1, "--output", "bench.csv")
-    assert written.output == "Written: bench.csv\n"
-    assert Path("bench.csv").read_text() == printed.stdout
-    assert len(pd.read_csv("bench.csv")) == 108
-    other = run("clutch", "bench", "--seed", 1, "--kind", "model")
-    assert other.stdout != printed.stdout
 
 
 def test_a_defect_keeps_its_traceback(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -48,7 +48,6 @@ def test_words_are_completed(tmp_path: Path) -> None:
     assert completed("ident") == [("plain", "identify")]
     assert completed("new", "--par") == [("plain", "--parameter")]
     assert completed("runs", "ex") == [("plain", "export")]
-    assert completed("clutch", "bench", "--kind", "re") == [("plain", "realistic")]
     assert completed("identify", str(tmp_path)) == [("file", str(tmp_path))]
     assert completed("report", str(tmp_path)) == [("dir", str(tmp_path))]
 

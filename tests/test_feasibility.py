@@ -10,12 +10,13 @@ import pytest
 from click.testing import CliRunner
 
 from aleator.cli import main
-from aleator.clutch import design, shifting_time
 from aleator.errors import SimulatorError
 from aleator.laws import TruncatedNormal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions
 from aleator.tasks.box import FeasibleBox, feasible_box, largest_box
+from examples.wet_clutch.bench import design
+from examples.wet_clutch.model import shifting_time
 
 TWO = Conditions(("mild", "hard"), pd.DataFrame({"load": [1.0, 2.0]}))
 

@@ -79,14 +79,14 @@ def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
         "from . import gaussian\n"
         "from ...laws.normal import Normal\n"
         "def late():\n"
-        "    from aleator.clutch import bench\n"
+        "    from aleator.laws import gamma\n"
     )
-    assert list(imports("moments.densities.mixture", module)) == [
+    assert list(imports("search.local.mixture", module)) == [
         "numpy",
         "aleator.simulators",
-        "aleator.moments.densities.gaussian",
+        "aleator.search.local.gaussian",
         "aleator.laws.normal.Normal",
-        "aleator.clutch.bench",
+        "aleator.laws.gamma",
     ]
 
 

@@ -7,13 +7,14 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from aleator.clutch import design, shifting_time
 from aleator.errors import InputsError, SimulatorError
 from aleator.laws import Constant, Free, Normal, TruncatedNormal, Uniform
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner
 from aleator.tasks.screen import CONFOUNDED, screen
+from examples.wet_clutch.bench import design
+from examples.wet_clutch.model import shifting_time
 
 Z = np.array([0.5, 1.0, 2.0, 4.0])
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aleator.moments.densities.moments import weighted_moments
+from aleator.moments.moments import weighted_moments
 from aleator.moments.quadrature import TensorGauss
 from aleator.plot.style import BLUE, GRAY, VERMILION
 from aleator.status import Status

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aleator.clutch.parameters import CLUTCH
 from aleator.plot.style import BLACK, BLUE, GRAY, GREEN, VERMILION
+from examples.wet_clutch.model import CLUTCH
 from reproduction.canvas import DASHES, DOTS, explain
 from reproduction.clutch.study import SHOWN
 from reproduction.context import Context

@@ -16,17 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from aleator.moments.densities import (
-    Density,
-    FittedDensity,
-    Gaussian,
-    GaussianMixture,
-    MaximumEntropy,
-)
-from aleator.moments.densities.distances import earth_movers_distance
-from aleator.moments.densities.moments import Moments, joined, weighted_moments
-from aleator.moments.densities.outcomes import Outcomes
-from aleator.moments.expansion.projection import expansion_map
+from aleator.moments.densities import Density, FittedDensity, Gaussian
+from aleator.moments.distances import earth_movers_distance
+from aleator.moments.maximum_entropy import MaximumEntropy
+from aleator.moments.moments import Moments, NodeOutcomes, joined, weighted_moments
+from aleator.moments.projection import expansion_map
 from aleator.moments.quadrature import TensorGauss
 from aleator.progress import Progress
 from aleator.status import Status
@@ -34,6 +28,7 @@ from aleator.surrogates import ResponseSurface, Surface, build_surface
 from aleator.types import Array
 from reproduction.clutch.study import ClutchStudy
 from reproduction.sampling.histogram import FittedHistogram, HistogramSpline
+from reproduction.two_normals import TwoNormals
 
 SAMPLES = 2**18
 REACH = 5.0  # standard deviations of the parameters within which surfaces are built
@@ -42,9 +37,9 @@ CHECKED = 200  # runs an experiment at points of the law, to measure the surface
 ORDER = 6
 NODES, DEGREE = 5, 4  # the paper's expansion: 25 runs an experiment
 
-DENSITIES: dict[str, Density] = {
+DENSITIES: dict[str, Density | TwoNormals] = {
     "Gaussian": Gaussian(),
-    "mixture": GaussianMixture(),
+    "mixture": TwoNormals(),
     "maximum entropy": MaximumEntropy(order=4),
 }
 
@@ -118,7 +113,7 @@ def of_sample(alpha: Array, y: Array, lower: Array, upper: Array, error: Array) 
     return Reference(
         alpha=alpha,
         moments=joined([weighted_moments(row[None], weights, ORDER) for row in y]),
-        histogram=HistogramSpline().fit_sample(Outcomes(y, weights)),
+        histogram=HistogramSpline().fit_sample(NodeOutcomes(y, weights)),
         lower=np.minimum(lower, [low for low, _ in ends]),
         upper=np.maximum(upper, [high for _, high in ends]),
         error=error,

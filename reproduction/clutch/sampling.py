@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from aleator.moments.densities import Gaussian, MaximumEntropy
+from aleator.moments.densities import Gaussian
+from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.quadrature import (
     Cubature,
     MonteCarloPoints,

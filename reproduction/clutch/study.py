@@ -14,12 +14,13 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from aleator.clutch import measure, shifting_time, trajectories
-from aleator.clutch.bench import BOX
 from aleator.laws import Free, TruncatedNormal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Experiments
 from aleator.types import Array, Indices
+from examples.wet_clutch.bench import BOX, measure
+from examples.wet_clutch.course import trajectories
+from examples.wet_clutch.model import shifting_time
 
 PARAMETERS = ("c2_scale", "zp_scale")
 CONDITIONS = ("pulse_duration", "hold_current", "pulse_current", "motor_speed", "brake_torque")

@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from aleator.moments.densities import Density, Gaussian, GaussianMixture, MaximumEntropy
-from aleator.moments.densities.distances import earth_movers_distance
-from aleator.moments.densities.moments import Moments, weighted_moments
+from aleator.moments.densities import Density, Gaussian
+from aleator.moments.distances import earth_movers_distance
+from aleator.moments.maximum_entropy import MaximumEntropy
+from aleator.moments.moments import Moments, weighted_moments
 from aleator.plot.style import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from aleator.status import Status
 from reproduction.canvas import DASHES, PALE, explain
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict
 from reproduction.illustrative.outcome import Camelback
+from reproduction.two_normals import TwoNormals
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,9 +30,9 @@ QUADRATURE = "quadrature, q = 5"
 SHOWN = (4, 5)  # degree and runs of the expansion that is drawn, those of the wet clutch
 EXACT = "exact"
 
-CHOICES: dict[str, Density] = {
+CHOICES: dict[str, Density | TwoNormals] = {
     "Gaussian": Gaussian(),
-    "two-component mixture": GaussianMixture(),
+    "two-component mixture": TwoNormals(),
     **{f"maximum entropy, M = {order}": MaximumEntropy(order=order) for order in ORDERS},
 }
 DRAWN = ("Gaussian", "two-component mixture", "maximum entropy, M = 4")

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from aleator.plot.style import BLUE, ORANGE, VERMILION
-from aleator.polynomials.recurrence import evaluate
+from aleator.polynomials import evaluate
 from aleator.types import Array
 from reproduction.canvas import explain, powers_of_ten
 from reproduction.context import Context

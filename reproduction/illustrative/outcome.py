@@ -18,9 +18,9 @@ from scipy.special import ndtr
 from aleator.laws import TruncatedNormal
 from aleator.laws.inputs import Inputs
 from aleator.moments.densities import FittedDensity
-from aleator.moments.densities.moments import Moments, weighted_moments
-from aleator.moments.expansion.projection import expansion_map
-from aleator.polynomials.recurrence import evaluate
+from aleator.moments.moments import Moments, weighted_moments
+from aleator.moments.projection import expansion_map
+from aleator.polynomials import evaluate
 from aleator.types import Array
 
 Polynomials = Literal["own", "hermite"]

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtr
 
-from aleator.moments.densities import MaximumEntropy
-from aleator.moments.densities.distances import earth_movers_distance
+from aleator.moments.distances import earth_movers_distance
+from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.plot.style import BLACK, BLUE, VERMILION
 from aleator.types import Array
 from reproduction.canvas import LIGHT

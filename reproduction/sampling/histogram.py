@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from aleator.errors import InputsError
-from aleator.moments.densities.interface import Codes, by_experiment, probabilities
-from aleator.moments.densities.outcomes import Outcomes
+from aleator.moments.densities import Codes, by_experiment, probabilities
+from aleator.moments.moments import NodeOutcomes
 from aleator.status import Status
 from aleator.types import Array, Flags
 
@@ -30,7 +30,7 @@ class HistogramSpline:
     A reference, not a density to search with: it has no derivative by alpha. Its error falls as
     S^(-1/3) at best. Raises InputsError for fewer than four bins.
 
-    >>> grid = Outcomes(np.linspace(0.0, 1.0, 1001)[None, :], np.full(1001, 1.0 / 1001.0))
+    >>> grid = NodeOutcomes(np.linspace(0.0, 1.0, 1001)[None, :], np.full(1001, 1.0 / 1001.0))
     >>> HistogramSpline(bins=10).fit_sample(grid).pdf([[0.5]]).round(2).tolist()
     [[1.0]]
     """
@@ -47,7 +47,7 @@ class HistogramSpline:
         """Name for reports."""
         return "histogram_spline"
 
-    def fit_sample(self, outcomes: Outcomes) -> FittedHistogram:
+    def fit_sample(self, outcomes: NodeOutcomes) -> FittedHistogram:
         """The densities of N samples (weighted nodes, none of negative weight); cost O(N S)."""
         y, weights = outcomes.y, outcomes.weights
         if np.any(weights < 0.0):

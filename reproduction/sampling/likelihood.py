@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
 from aleator.moments.densities import Density, FittedDensity
-from aleator.moments.densities.outcomes import Outcomes
+from aleator.moments.moments import NodeOutcomes
 from aleator.moments.quadrature import Cubature, MonteCarloPoints, SobolPoints
 from aleator.surrogates.responses import Response
 from aleator.types import Array
@@ -44,13 +44,13 @@ class Sampling:
     inputs: Inputs
     cubature: Cubature
 
-    def outcomes(self, alpha: Array) -> Outcomes:
+    def outcomes(self, alpha: Array) -> NodeOutcomes:
         """Outcomes (N, S) at the samples of the law alpha (K,), with their weights.
 
         Cost: S runs of every experiment.
         """
         nodes = self.cubature.nodes(self.inputs, alpha)
-        return Outcomes(self.response.evaluate(nodes.x), nodes.weights)
+        return NodeOutcomes(self.response.evaluate(nodes.x), nodes.weights)
 
     def replicate(self, number: int) -> Sampling:
         """The same with the seed of its samples moved by `number`.
@@ -72,14 +72,14 @@ class Sampling:
 
 
 def density_of(
-    outcomes: Outcomes, density: Choice, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf
+    outcomes: NodeOutcomes, density: Choice, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf
 ) -> FittedDensity:
     """The density of sampled outcomes: a histogram, or one fitted to their moments.
 
     `lower` and `upper` are the range of the outcome, a number or (N,).
 
     >>> from aleator.moments.densities import Gaussian
-    >>> two = Outcomes(np.array([[-1.0, 1.0]]), np.array([0.5, 0.5]))
+    >>> two = NodeOutcomes(np.array([[-1.0, 1.0]]), np.array([0.5, 0.5]))
     >>> float(density_of(two, Gaussian()).pdf([0.0])[0])  # 1/sqrt(2 pi)
     0.398942
     """
@@ -203,7 +203,7 @@ def samples_needed(samples: ArrayLike, errors: ArrayLike, wanted: float) -> floa
     return float(s[k - 1] * (s[k] / s[k - 1]) ** share)
 
 
-def _floor(fitted: FittedDensity, outcomes: Outcomes) -> Array:
+def _floor(fitted: FittedDensity, outcomes: NodeOutcomes) -> Array:
     count, samples = outcomes.y.shape
     if not isinstance(fitted, FittedHistogram):
         return np.full(count, -np.inf)

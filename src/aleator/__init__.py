@@ -20,16 +20,13 @@ if TYPE_CHECKING:
     from aleator.laws.correlation import full as full
     from aleator.laws.inputs import Inputs as Inputs
     from aleator.moments.densities import Gaussian as Gaussian
-    from aleator.moments.densities import GaussianMixture as GaussianMixture
-    from aleator.moments.densities import MaximumEntropy as MaximumEntropy
-    from aleator.moments.densities.distances import earth_movers_distance as earth_movers_distance
-    from aleator.moments.expansion import Projection as Projection
-    from aleator.moments.expansion import Regression as Regression
-    from aleator.moments.expansion import SparseProjection as SparseProjection
-    from aleator.moments.expansion.indices import Anisotropic as Anisotropic
-    from aleator.moments.expansion.indices import Hyperbolic as Hyperbolic
-    from aleator.moments.expansion.indices import TotalDegree as TotalDegree
-    from aleator.moments.expansion.sobol import sobol_indices as sobol_indices
+    from aleator.moments.distances import earth_movers_distance as earth_movers_distance
+    from aleator.moments.expansion import Hyperbolic as Hyperbolic
+    from aleator.moments.expansion import TotalDegree as TotalDegree
+    from aleator.moments.expansion import sobol_indices as sobol_indices
+    from aleator.moments.maximum_entropy import MaximumEntropy as MaximumEntropy
+    from aleator.moments.projection import Projection as Projection
+    from aleator.moments.projection import Regression as Regression
     from aleator.moments.propagation import Collocation as Collocation
     from aleator.moments.quadrature import MonteCarloPoints as MonteCarloPoints
     from aleator.moments.quadrature import ProbabilityGrid as ProbabilityGrid
@@ -103,11 +100,11 @@ _HOMES = {
     "moments.quadrature": [
         "TensorGauss", "Smolyak", "SobolPoints", "MonteCarloPoints", "ProbabilityGrid",
     ],
-    "moments.expansion": ["Projection", "SparseProjection", "Regression"],
-    "moments.expansion.sobol": ["sobol_indices"],
-    "moments.expansion.indices": ["TotalDegree", "Hyperbolic", "Anisotropic"],
-    "moments.densities": ["MaximumEntropy", "Gaussian", "GaussianMixture"],
-    "moments.densities.distances": ["earth_movers_distance"],
+    "moments.projection": ["Projection", "Regression"],
+    "moments.expansion": ["TotalDegree", "Hyperbolic", "sobol_indices"],
+    "moments.maximum_entropy": ["MaximumEntropy"],
+    "moments.densities": ["Gaussian"],
+    "moments.distances": ["earth_movers_distance"],
     "search": [
         "GradientMultistart", "GeneticAlgorithm", "DifferentialEvolution", "CMAES", "CustomSearch",
     ],

@@ -21,7 +21,6 @@ class Status(enum.IntEnum):
     OUTSIDE_SUPPORT = 3
     DEGENERATE = 4
     TOO_COARSE = 5
-    NO_MIXTURE = 6
 
     @property
     def explanation(self) -> str:
@@ -49,8 +48,5 @@ _EXPLANATIONS = {
     ),
     Status.TOO_COARSE: (
         "too few nodes for an outcome that changes this fast: use more nodes ([propagation] nodes)"
-    ),
-    Status.NO_MIXTURE: (
-        'no mixture of two normals has these moments: use kind = "maximum_entropy"'
     ),
 }

@@ -32,24 +32,8 @@ def test_the_notebook_shows_results_with_units_and_both_verdicts(outputs: list[s
     assert "Computed soundly" in answer
     assert "onsistent with the experiments" in answer
     assert "<table" in answer
-
-
-@pytest.mark.slow
-def test_progress_is_one_line_that_is_written_anew(outputs: list[str]) -> None:
-    lines = [text for text in outputs[2].split("<pre>") if text.startswith("aleator: ")]
-    assert len(lines) == 1
-    assert "pictures" in lines[0] or "best possible law" in lines[0]
-
-
-@pytest.mark.slow
-def test_charts_are_pictures(outputs: list[str]) -> None:
     assert outputs[3] == "image"
-
-
-@pytest.mark.slow
-def test_tables_are_tables(outputs: list[str]) -> None:
     assert "q0.975" in outputs[4]
-    assert "40 replicates" in outputs[5]
     assert "<table" in outputs[5]
 
 

@@ -8,7 +8,7 @@ import pytest
 from identifications import of_study
 
 from aleator import Check, Identification
-from aleator.clutch import measure
+from examples.wet_clutch.bench import measure
 
 CLUTCH = Path(__file__).parents[2] / "examples" / "wet_clutch"
 

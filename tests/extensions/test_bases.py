@@ -12,8 +12,8 @@ from scipy import stats
 
 from aleator import Free
 from aleator.errors import InputsError
-from aleator.moments.densities.moments import Moments
-from aleator.polynomials.recurrence import evaluate
+from aleator.moments.moments import Moments
+from aleator.polynomials import evaluate
 from aleator.status import DEGENERATE_VALUE, Status
 
 PLUGINS = Path(__file__).parent / "plugins"

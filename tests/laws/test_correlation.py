@@ -14,8 +14,8 @@ from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
 from aleator.errors import InputsError
 from aleator.laws import Beta, Gamma, LogNormal, Uniform
 from aleator.laws.correlation import Correlation, between
-from aleator.moments.densities.moments import weighted_moments
-from aleator.moments.expansion.projection import expansion_map
+from aleator.moments.moments import weighted_moments
+from aleator.moments.projection import expansion_map
 from aleator.moments.quadrature import ProbabilityGrid, Smolyak, SobolPoints, TensorGauss
 from aleator.types import Array
 

@@ -9,10 +9,10 @@ from scipy import special
 
 from aleator import Constant, Free, Inputs, Normal, TensorGauss, TruncatedNormal
 from aleator.errors import InputsError
-from aleator.moments.densities.moments import weighted_moments
 from aleator.moments.expansion import Basis
-from aleator.moments.expansion.projection import expansion_map, tensor_design
-from aleator.polynomials.recurrence import evaluate
+from aleator.moments.moments import weighted_moments
+from aleator.moments.projection import expansion_map, tensor_design
+from aleator.polynomials import evaluate
 from aleator.types import Array
 
 BOX = (-1.0, 1.0)

@@ -15,7 +15,7 @@ from scipy import stats
 from aleator import Constant, Free, Noise, Normal, TruncatedNormal
 from aleator.errors import InputsError
 from aleator.laws import Law
-from aleator.polynomials.recurrence import evaluate
+from aleator.polynomials import evaluate
 from aleator.types import Array
 
 INF = math.inf

@@ -16,7 +16,7 @@ from scipy import special, stats
 from aleator import Beta, Constant, Free, Gamma, LogNormal, Normal, TruncatedNormal, Uniform
 from aleator.errors import InputsError
 from aleator.laws import Law
-from aleator.polynomials.recurrence import evaluate
+from aleator.polynomials import evaluate
 from aleator.types import Array
 
 THETA = np.linspace(-6.0, 6.0, 25)

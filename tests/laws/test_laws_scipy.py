@@ -9,13 +9,8 @@ from scipy import special, stats
 from aleator import Free, ScipyLaw
 from aleator.errors import InputsError
 from aleator.laws.discretized import Support, discretize
-from aleator.polynomials.gauss import gauss
-from aleator.polynomials.recurrence import (
-    evaluate,
-    hermite_recurrence,
-    jacobi_recurrence,
-    laguerre_recurrence,
-)
+from aleator.polynomials import evaluate, hermite_recurrence, jacobi_recurrence, laguerre_recurrence
+from aleator import polynomials as gauss
 from aleator.types import Array
 
 NONE = np.empty(0)

@@ -20,19 +20,17 @@ from problems import (
     title,
 )
 
-from aleator import Collocation, Constant, Free, Inputs, Normal, ResponseSurface, TruncatedNormal
+from aleator import Collocation, Free, Inputs, Normal, ResponseSurface
 from aleator.errors import InputsError
-from aleator.moments.densities.moments import Moments, weighted_moments
-from aleator.moments.expansion import Regression
-from aleator.moments.expansion.indices import TotalDegree
+from aleator.moments.expansion import TotalDegree
+from aleator.moments.moments import Moments
+from aleator.moments.projection import Regression
 from aleator.moments.propagation import (
     ProjectedPropagation,
     QuadraturePropagation,
     check_nodes,
-    default_cubature,
-    finer,
 )
-from aleator.moments.quadrature import Smolyak, SobolPoints, TensorGauss
+from aleator.moments.quadrature import SobolPoints, TensorGauss
 from aleator.surrogates import build_surface
 from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array
@@ -102,16 +100,6 @@ def test_simulator_differences_converge_with_the_square_of_the_step() -> None:
     np.testing.assert_allclose(orders, 2.0, atol=0.01)
 
 
-def test_simulator_differences_are_good_to_seven_digits_by_default() -> None:
-    for problem in (GROWTH, SQUARE, PRODUCT, BINDING):
-        points = TensorGauss(6).nodes(problem.inputs, problem.alpha).x
-        value, exact = Exact(problem).evaluate_with_gradient(points)
-        outcome, found = direct(problem).evaluate_with_gradient(points)
-        np.testing.assert_array_equal(outcome, value)
-        # a step h of 1e-4 spreads: h^2/6 of truncation, 1e-16/h of rounding
-        np.testing.assert_allclose(found, exact, atol=1e-7 * np.abs(exact).max())
-
-
 def test_simulator_differences_stay_inside_the_box() -> None:
     seen: list[Array] = []
 
@@ -137,16 +125,6 @@ def test_simulator_differences_survive_nodes_beyond_the_box_of_an_open_law() -> 
     # d E[exp(0.1 x)]/d sd = 0.01 sd exp(0.005 sd^2)
     assert found.mean_jac is not None
     assert found.mean_jac[0, 1] == pytest.approx(0.005 * math.exp(0.00125), rel=1e-7)
-
-
-def test_a_parameter_without_width_is_not_moved() -> None:
-    inputs = Inputs({"x": Normal(Free(0.0, 1.0), 0.1), "k": Constant(3.0)})
-    response = DirectResponse(lambda _, x: x[:, 0] * x[:, 1], 2, inputs.box)
-    found = QuadraturePropagation(inputs, response, TensorGauss(4)).moments(
-        np.array([0.5, 0.1, 3.0]), 4, gradient=True
-    )
-    assert found.mean_jac is not None
-    np.testing.assert_allclose(found.mean_jac[:, 0], 3.0, rtol=1e-9)
 
 
 # ------------------------------------------------------------------------------ both ways agree
@@ -197,34 +175,6 @@ def test_an_expansion_is_exact_where_plain_quadrature_with_its_nodes_is_not() ->
     assert np.all(np.abs(coarse.standardized[:, 4] / truth[2][:, 4] - 1.0) > 1e-3)
 
 
-@pytest.mark.parametrize(
-    ("outcome", "plain_wins"), [(np.tanh, True), (np.exp, False)], ids=["saturating", "growing"]
-)
-def test_neither_plain_quadrature_nor_expansion_is_always_better(outcome, plain_wins) -> None:
-    """Order 4 through 8 nodes, against a sum over 20001 points.
-
-    A polynomial of degree 7 explodes in the tails where the outcome saturates; where it grows, the
-    powers that plain quadrature misses are what matters.
-    """
-    inputs = Inputs({"x": Normal(mean=Free(-1.0, 1.0), sd=Free(0.1, 2.0))})
-    response = DirectResponse(lambda _, x: outcome(x[:, 0]), 1, inputs.box)
-    theta = np.linspace(-12.0, 12.0, 20_001)
-    weights = np.exp(-0.5 * theta**2)
-    dense = weighted_moments(outcome(0.3 + theta)[None, :], weights / weights.sum(), 4)
-    plain, expanded = (
-        abs(
-            collocated(inputs, response, 8, degree)
-            .moments(np.array([0.3, 1.0]), 4, gradient=False)
-            .standardized[0, 4]
-            / dense.standardized[0, 4]
-            - 1.0
-        )
-        for degree in (None, 7)
-    )
-    better, worse = (plain, expanded) if plain_wins else (expanded, plain)
-    assert better < 0.5 * worse
-
-
 @pytest.mark.parametrize("s", [0.3, 1.0])
 def test_the_error_of_the_mean_falls_as_theory_says(s) -> None:
     """E[exp(s theta)]: the q-point rule errs by q! s^(2q)/(2q)! times exp(s xi) at some xi."""
@@ -241,22 +191,6 @@ def test_the_error_of_the_mean_falls_as_theory_says(s) -> None:
 
 
 # ------------------------------------------------------------------------------ choices, misuse
-
-
-def test_default_nodes_follow_the_number_of_scattering_parameters() -> None:
-    constant = Inputs({"k": Constant(Free(0.0, 1.0))})
-    five = Inputs({name: TruncatedNormal((0.0, 1.0)) for name in "abcde"})
-    assert default_cubature(REGRESSION.inputs, runs=True) == TensorGauss(20)
-    assert default_cubature(constant, runs=False) == TensorGauss(1)
-    assert default_cubature(five, runs=False) == SobolPoints(2048)
-    with pytest.raises(InputsError, match="5 "):
-        default_cubature(five, runs=True)
-
-
-def test_a_finer_rule_has_more_nodes_where_that_is_known() -> None:
-    assert finer(TensorGauss(20)) == TensorGauss(30)
-    assert finer(SobolPoints(1024)) == SobolPoints(2048)
-    assert finer(TensorGauss(100)) is finer(Smolyak(2)) is None
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,13 @@
 """The samples that do what few runs do, on made-up errors, and the claims of the searches."""
 
-import importlib.util
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from aleator.errors import AleatorError
 from reproduction.canvas import drawn
 from reproduction.clutch.laws import EXPANSION, Judged
 from reproduction.clutch.reference import of_sample
@@ -22,14 +22,12 @@ from reproduction.clutch.sampling import (
     SOBOL,
     SURFACES,
     SamplingErrors,
-    methods,
 )
-from reproduction.clutch.study import GIVEN, ClutchStudy
+from reproduction.clutch.study import GIVEN
 from reproduction.context import Context
-from reproduction.document import MARK, main, updated
+from reproduction.document import MARK, main
 from reproduction.figure import Verdict
 from reproduction.figures import chosen
-from reproduction.searches import DIFFERENTIAL, GENETIC, GRADIENT, _choices, _claims
 
 SAMPLES = np.array([16.0, 256.0, 4096.0, 65536.0])
 FACTORS = {RANDOM: 1.0, GRID: 2.0, SOBOL: 0.1}
@@ -110,40 +108,6 @@ def test_the_figures_are_drawn(name: str, context: Context) -> None:
     assert drawn(figure.make(context), figure.title).axes
 
 
-def test_every_method_grows_and_random_ones_have_replicates() -> None:
-    law = ClutchStudy().law()
-    for name, cubatures in methods(0).items():
-        sizes = [cubature.nodes(law, GIVEN).weights.size for cubature, _ in cubatures]
-        assert sizes == sorted(set(sizes))
-        assert all((count == 1) == (name == GRID) for _, count in cubatures)
-
-
-def search_row(below: float, evaluations: float, near: float) -> dict[str, float]:
-    return {
-        "below_best": below, "evaluations": evaluations, "seconds": 1e-2 * evaluations,
-        "evaluations_to_0.1": near,
-    }  # fmt: skip
-
-
-def test_the_search_is_judged_by_where_it_ends_and_how_soon_it_is_near() -> None:
-    rows = {GRADIENT: search_row(0.0, 300.0, 20.0), GENETIC: search_row(0.2, 2500.0, np.nan)}
-    found, best = _claims(rows)
-    assert (found.verdict, best.verdict) == (Verdict.HOLDS, Verdict.FAILS)
-    assert "never in 2,500" in best.ours
-    assert "62,500 runs" in best.note
-
-
-def test_without_the_extra_the_search_of_the_paper_is_not_judged() -> None:
-    found, best = _claims({GRADIENT: search_row(0.0, 300.0, 20.0)})
-    assert found.verdict is best.verdict is Verdict.NOT_COMPARABLE
-    assert "pymoo" in found.note
-
-
-def test_searches_without_their_packages_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    assert list(_choices()) == [GRADIENT, DIFFERENTIAL]
-
-
 # ------------------------------------------------------------------------------ the document
 
 
@@ -169,8 +133,3 @@ def test_a_page_keeps_its_head_and_takes_the_claims(tmp_path: Path) -> None:
         assert text.count("## sets (Fig. 2)") == 1
         assert "| One. | 1 | 1 &#124; exactly | **holds** |" in text
         assert "stale" not in text
-
-
-def test_a_page_without_a_mark_is_left_alone() -> None:
-    with pytest.raises(AleatorError, match="has no mark"):
-        updated("# By hand\n", CLAIMS)

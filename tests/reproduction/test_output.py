@@ -1,5 +1,7 @@
 """What a reproduction writes, also where it is interrupted or cannot draw."""
 
+from __future__ import annotations
+
 import importlib.util
 from pathlib import Path
 
@@ -10,9 +12,8 @@ from click.testing import CliRunner
 from aleator.errors import AleatorError
 from reproduction.__main__ import main
 from reproduction.context import Context
-from reproduction.document import counts, page
 from reproduction.figure import Claim, Figure, Reproduction, Verdict
-from reproduction.figures import FIGURES, chosen
+from reproduction.figures import FIGURES
 from reproduction.output import reproduce
 
 CLAIM = Claim("Two is more than one.", "1", "2 | exactly", Verdict.HOLDS, "by counting")
@@ -53,14 +54,6 @@ def test_the_same_figure_has_the_same_bytes(tmp_path: Path) -> None:
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
 
 
-def test_the_page_shows_the_figure_and_keeps_the_columns_of_the_table(tmp_path: Path) -> None:
-    text = page(reproduce([LINE], Context(), tmp_path))
-    assert "![A line](line.png)" in text
-    row = next(row for row in text.splitlines() if row.startswith("| Two"))
-    assert row.count("|") == 5
-    assert "**holds**" in row
-
-
 def test_what_is_done_is_kept_when_ctrl_c_comes(tmp_path: Path) -> None:
     figures = [LINE, Figure("stopped", "Stopped", "Fig. 1", stopped)]
     with pytest.raises(KeyboardInterrupt):
@@ -85,24 +78,6 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(AleatorError, match="the folder cannot be made"):
         reproduce([LINE], Context(), tmp_path / "file" / "out")
-
-
-def test_claims_are_counted(tmp_path: Path) -> None:
-    assert counts(reproduce([LINE], Context(), tmp_path)[0].claims) == (
-        "1 claims: 1 hold, 0 do not hold, 0 not comparable."
-    )
-
-
-def test_names_are_unique_and_say_no_path() -> None:
-    names = [figure.name for figure in FIGURES]
-    assert len(set(names)) == len(names)
-    assert all(name.replace("-", "").isalnum() for name in names)
-
-
-def test_figures_are_chosen_by_name_in_the_order_of_the_paper() -> None:
-    assert chosen([]) == FIGURES
-    backwards = [FIGURES[3].name, FIGURES[1].name]
-    assert chosen(backwards) == (FIGURES[1], FIGURES[3])
 
 
 def test_an_unknown_figure_is_told_with_the_nearest_name() -> None:

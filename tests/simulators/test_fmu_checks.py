@@ -22,7 +22,7 @@ from aleator import (
     ResponseSurface,
     TruncatedNormal,
 )
-from aleator.clutch import shifting_time
+from examples.wet_clutch.model import shifting_time
 from aleator.errors import SimulatorError
 from aleator.simulators import FunctionSimulator, RunFailed, Simulator
 from aleator.simulators.derived import parse

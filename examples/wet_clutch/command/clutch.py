@@ -1,11 +1,11 @@
 """The wet clutch as a program: `python3 clutch.py pulse_duration=0.11 ...` prints one number.
 
-The asynchronous phase of the model in aleator.clutch, in plain Python, and integrated another way:
+The asynchronous phase of the model in ../model.py, in plain Python, and integrated another way:
 all five states together by the method of Dormand and Prince with steps of their own length, where
-aleator.clutch propagates the hydraulics exactly and takes equal steps. It knows nothing of Aleator
+model.py propagates the hydraulics exactly and takes equal steps. It knows nothing of Aleator
 and imports next to nothing, so that it starts fast. The FMU beside it runs the same equations.
 
-Every number is that of aleator/clutch/parameters.py, which says where it comes from.
+Every number is that of ../model.py, which says where it comes from.
 """
 
 import math

@@ -104,7 +104,7 @@ Further keys, with their defaults:
   [density]     left out, or kind = "automatic": the exact likelihood, by level sets
                 without noise, by an integral over individual parameters with it.
                 Without noise one of moments may be chosen: "maximum_entropy"
-                (order), "gaussian" or "gaussian_mixture"
+                (order) or "gaussian"
   [search]      method = "gradient" ({_defaults(GradientMultistart, "starts", "evaluations")}),
                 "genetic", "differential_evolution" or "cmaes"
   [verification] samples: runs of each row or series, at most, for the check on the

@@ -46,7 +46,6 @@ GROUPS = {
     "go on": {
         "next": "Tell which experiments should be made next.",
         "runs": "See, export, import or forget the runs that are kept.",
-        "clutch": "The wet clutch: a benchmark with synthetic measurements.",
     },
 }
 """The commands as `aleator --help` lists them, which imports none of them: by what a user does."""

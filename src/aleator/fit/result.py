@@ -187,8 +187,7 @@ def _distances(
     """How far densities of moments are from the exact one, where one of them was chosen."""
     if exact is None or not np.isfinite(exact.total) or not np.all(exact.status == Status.SOLVED):
         return ()
-    from aleator.moments.comparison import density_distances
-    from aleator.moments.likelihood import Likelihood
+    from aleator.moments.likelihood import Likelihood, density_distances
 
     assert isinstance(problem.likelihood, Likelihood)
     points = PointPredictor(

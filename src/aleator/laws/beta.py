@@ -22,8 +22,7 @@ from aleator.laws.image import (
     to_score,
 )
 from aleator.laws.law import ByMeanAndSd, Rule, Standard
-from aleator.polynomials.gauss import gauss_with_gradient
-from aleator.polynomials.recurrence import jacobi_recurrence, recurrence_with_gradient
+from aleator.polynomials import gauss_with_gradient, jacobi_recurrence, recurrence_with_gradient
 from aleator.types import Array
 
 NARROWEST = 1e-3

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.polynomials.gauss import gauss_legendre
+from aleator.polynomials import gauss_legendre
 from aleator.types import Array
 
 NEAR = 1e-8

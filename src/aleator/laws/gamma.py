@@ -27,8 +27,7 @@ from aleator.laws.image import (
     to_score,
 )
 from aleator.laws.law import ByMeanAndSd, Rule, Standard
-from aleator.polynomials.gauss import gauss_with_gradient
-from aleator.polynomials.recurrence import laguerre_recurrence, recurrence_with_gradient
+from aleator.polynomials import gauss_with_gradient, laguerre_recurrence, recurrence_with_gradient
 from aleator.types import Array
 
 LARGEST_VARIATION = 5.0**0.5

@@ -102,7 +102,7 @@ class Law(Protocol):
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
         """The first coefficients a (count,), b (count,) of the law's orthonormal polynomials.
 
-        They belong to the variable t of `Rule`; see `aleator.polynomials.recurrence`. A constant
+        They belong to the variable t of `Rule`; see `aleator.polynomials`. A constant
         has one pair, whatever the count.
         """
         ...

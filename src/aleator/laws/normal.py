@@ -16,8 +16,7 @@ from aleator.laws.hyperparameter import (
 )
 from aleator.laws.image import normal_log_density
 from aleator.laws.law import ByMeanAndSd, Rule, Standard
-from aleator.polynomials.gauss import gauss_hermite
-from aleator.polynomials.recurrence import hermite_recurrence
+from aleator.polynomials import gauss_hermite, hermite_recurrence
 from aleator.types import Array
 
 REACH = 8.0

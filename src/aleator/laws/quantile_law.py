@@ -13,8 +13,8 @@ from aleator.laws.distinct import by_distinct
 from aleator.laws.hyperparameter import Hyperparameter, limits_of, within
 from aleator.laws.image import STEP, difference, from_tails, slope
 from aleator.laws.law import MeanSd, Rule, Standard
-from aleator.polynomials.gauss import gauss, gauss_legendre
-from aleator.polynomials.recurrence import stieltjes
+from aleator import polynomials as gauss
+from aleator.polynomials import gauss_legendre, stieltjes
 from aleator.types import Array
 
 FAR = 1e-15

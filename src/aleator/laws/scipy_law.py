@@ -20,8 +20,8 @@ from aleator.laws.hyperparameter import (
 )
 from aleator.laws.image import Tail, from_probability, from_tails, slope, to_score
 from aleator.laws.law import MeanSd, Rule, Standard
-from aleator.polynomials.gauss import gauss
-from aleator.polynomials.recurrence import stieltjes
+from aleator import polynomials as gauss
+from aleator.polynomials import stieltjes
 from aleator.types import Array
 
 FAR = 1e-15

@@ -18,8 +18,7 @@ from aleator.laws.hyperparameter import (
 )
 from aleator.laws.image import to_score
 from aleator.laws.law import ByMeanAndSd, Rule, Standard
-from aleator.polynomials.gauss import gauss_legendre
-from aleator.polynomials.recurrence import legendre_recurrence
+from aleator.polynomials import gauss_legendre, legendre_recurrence
 from aleator.types import Array
 
 HALF = math.sqrt(3.0)

@@ -53,7 +53,7 @@ class Model:
             )
         own = isinstance(propagation, ResponseSurface) and propagation.nodes is None
         if density is None and not own:
-            from aleator.moments.densities import MaximumEntropy
+            from aleator.moments.maximum_entropy import MaximumEntropy
 
             density = MaximumEntropy(order=4)
         return cls(inputs, propagation, density)

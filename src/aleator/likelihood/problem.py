@@ -33,8 +33,7 @@ from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
-    from aleator.moments.likelihood import Likelihood
-    from aleator.moments.predictive import Predictive
+    from aleator.moments.likelihood import Likelihood, Predictive
 
 
 class Predictor(Protocol):
@@ -166,7 +165,7 @@ class Problem(Forward):
 
     def nodes(self, alpha: Array) -> Array:
         """The nodes x (J, n) of the law, with collocation."""
-        from aleator.moments.predictive import Predictive
+        from aleator.moments.likelihood import Predictive
 
         assert isinstance(self.predictor, Predictive)
         return self.predictor.nodes(alpha)
@@ -274,8 +273,8 @@ def _by_moments(
     region: Array,
 ) -> Predictive:
     """The paper's way: moments of the outcome, and a density that is fitted to them."""
-    from aleator.moments.nodes import propagated
-    from aleator.moments.predictive import Predictive
+    from aleator.moments.likelihood import Predictive
+    from aleator.moments.propagation import propagated
 
     order = max(density.order, 4)
     way = propagated(model.inputs, model.propagation, order, response, region)
@@ -286,8 +285,7 @@ def _likelihood(forward: Forward, outcomes: Array) -> Likelihood | LevelLikeliho
     """The one place that decides: level sets, or a density of moments where one was chosen."""
     if forward.model.density is None:
         return level_sets(forward, outcomes)
-    from aleator.moments.likelihood import Likelihood
-    from aleator.moments.predictive import Predictive
+    from aleator.moments.likelihood import Likelihood, Predictive
 
     assert isinstance(forward.predictor, Predictive)
     return Likelihood(forward.predictor, outcomes)

@@ -1,9 +1,11 @@
-"""The paper's way: chaos expansion or nodes of the law, moments, a density, the likelihood.
+"""The paper's way: moments of the outcome, a density that is fitted to them, the likelihood.
 
-    alpha -> E[Y^m], m = 0..M  (expansion, quadrature, propagation)
-          -> f_Y               (densities: maximum entropy, Gaussian, two Gaussians)
-          -> sum_l log f_Y     (predictive, likelihood)
+    alpha -> E[Y^m], m = 0..M  (propagation: nodes of the law, or an expansion)
+          -> f_Y               (densities: maximum entropy, Gaussian)
+          -> sum_l log f_Y     (likelihood)
 
-It is asked for by `[density]` or collocation. Without them no module of this room is imported: the
-likelihood is that of level sets, or an integral over individual parameters.
+Its nouns are `Moments` of N outcomes with their derivatives, `Density`, a choice that is fitted to
+them, and `Propagation`, alpha to moments. It is asked for by `[density]` or collocation. Without
+them no module of this room is imported: the likelihood is that of level sets, or an integral over
+individual parameters.
 """

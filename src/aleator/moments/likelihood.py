@@ -1,7 +1,8 @@
-"""Log-likelihood of alpha and its exact score.
+"""The paper's likelihood: densities that are fitted to moments, as functions of alpha, and data.
 
-log L(alpha) = sum_l log f_Yl(y_l | alpha)   (paper, eq. (MLE)), and log priors where given.
-A predictive distribution and data: it never sees a simulator.
+log L(alpha) = sum_l log f_Yl(y_l | alpha)   (paper, eqs. (PDF) and (MLE)), and log priors where
+given. `Predictive` has law and response, but no data; it carries the derivatives by alpha, so that
+the `Likelihood` made of it has its exact score. Neither sees a simulator.
 """
 
 from __future__ import annotations
@@ -9,13 +10,158 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from aleator.laws import Hyperparameter
 from aleator.laws.prior import log_prior
-from aleator.moments.located import Located
-from aleator.moments.predictive import Predictive
+from aleator.moments.densities import Density, FittedMomentDensity, Gaussian
+from aleator.moments.distances import distance_on_grid
+from aleator.moments.maximum_entropy import FittedMaximumEntropy, MaximumEntropy
+from aleator.moments.moments import Moments, joined
+from aleator.moments.propagation import Propagation, QuadraturePropagation, finer
+from aleator.results.values import DensityDistance
 from aleator.search.value import LogLikelihood
+from aleator.status import Status
+from aleator.surrogates.responses import Divisible, Predicted
 from aleator.types import Array, Indices
+
+
+@dataclass(frozen=True, eq=False)
+class FittedOutcomes:
+    """The distributions of N outcomes under one law alpha (K,); see `PredictedOutcomes`."""
+
+    alpha: Array
+    moments: Moments
+    fitted: FittedMomentDensity
+
+    @property
+    def mean(self) -> Array:
+        """(N,)."""
+        return self.moments.mean
+
+    @property
+    def sd(self) -> Array:
+        """(N,)."""
+        return self.moments.sd
+
+    @property
+    def standardized(self) -> Array:
+        """Standardized moments (N, 5) of orders zero to four."""
+        return self.moments.standardized[:, :5]
+
+    @property
+    def status(self) -> NDArray[np.int64]:
+        """(N,) `Status` codes."""
+        return self.fitted.status
+
+    def cdf(self, y: Array) -> Array:
+        """P(outcome < y) (N,)."""
+        return self.fitted.cdf(y)
+
+    def quantile(self, p: ArrayLike) -> Array:
+        """Outcomes (N, Q) that are not exceeded with probabilities p (Q,)."""
+        return self.fitted.quantile(p)
+
+    def scored(self, y: Array) -> LogLikelihood:
+        """Continued log-densities at y (N,) with their scores, by the chain rule over moments."""
+        s, moments = self.fitted.sensitivity(y), self.moments
+        assert moments.mean_jac is not None
+        assert moments.sd_jac is not None
+        assert moments.standardized_jac is not None
+        scores = (
+            s.d_mean[:, None] * moments.mean_jac
+            + s.d_sd[:, None] * moments.sd_jac
+            + (s.d_standardized[:, None] @ moments.standardized_jac)[:, 0]
+        )
+        return LogLikelihood(s.value, np.asarray(scores), s.status)
+
+
+@dataclass(frozen=True)
+class Predictive:
+    """The distributions of N outcomes as functions of alpha (K,).
+
+    `propagation` gives the moments of U distinct conditions, and `condition` (N,) says which of
+    them each experiment is made under: repetitions are propagated once. `lower` and `upper` (N,)
+    are the range of the outcome, possibly infinite. `hyperparameters` (K) are those of the inputs.
+    """
+
+    propagation: Propagation
+    density: Density
+    condition: Indices
+    lower: Array
+    upper: Array
+    hyperparameters: tuple[Hyperparameter, ...]
+
+    @property
+    def name(self) -> str:
+        """What the densities are made of, for reports."""
+        return self.density.name
+
+    @property
+    def order(self) -> int:
+        """Moments that are needed: those that are matched, and the four of a report."""
+        return max(self.density.order, 4)
+
+    def moments(self, alpha: Array, *, gradient: bool = False) -> Moments:
+        """Moments of the outcomes."""
+        moments = self.propagation.moments(alpha, self.order, gradient=gradient)
+        return moments.take(self.condition)
+
+    def under(self, alpha: Array) -> FittedOutcomes:
+        """The N densities with these moments on the range of the outcome."""
+        moments = self.moments(alpha)
+        return FittedOutcomes(alpha, moments, self.density.fit(moments, self.lower, self.upper))
+
+    def at(self, alpha: Array, nearby: FittedOutcomes | None = None) -> FittedOutcomes:
+        """The same with derivatives by alpha; sooner from those of an alpha nearby."""
+        if nearby is not None and np.array_equal(nearby.alpha, alpha):
+            return nearby
+        moments, ends = self.moments(alpha, gradient=True), (self.lower, self.upper)
+        fitted: FittedMomentDensity
+        if isinstance(self.density, MaximumEntropy) and nearby is not None:
+            assert isinstance(nearby.fitted, FittedMaximumEntropy)
+            fitted = self.density.fit(moments, *ends, nearby.fitted)
+        else:
+            fitted = self.density.fit(moments, *ends)
+        return FittedOutcomes(alpha.copy(), moments, fitted)
+
+    def continued(self, alphas: Array, y: Array) -> Array:
+        """Sums (A,) of the continuation at y (N,), for alphas (A, K): a batch of A N densities."""
+        every = joined([self.moments(alpha) for alpha in alphas])
+        lower, upper = (np.tile(end, len(alphas)) for end in (self.lower, self.upper))
+        fitted = self.density.fit(every, lower, upper)
+        value = fitted.sensitivity(np.tile(y, len(alphas))).value
+        return np.asarray(value.reshape(-1, y.size).sum(axis=1))
+
+    def nodes(self, alpha: Array) -> Array:
+        """The points x (J, n) at which the response is evaluated."""
+        return self.propagation.at(alpha)
+
+    def take(self, rows: Indices) -> Predictive:
+        """The distributions of some of the experiments, without a thought of the others."""
+        propagation, condition = self.propagation, self.condition[rows]
+        if isinstance(propagation, QuadraturePropagation) and isinstance(
+            propagation.response, Divisible
+        ):
+            asked, condition = np.unique(condition, return_inverse=True)
+            propagation = propagation.take(asked)
+        return replace(
+            self,
+            propagation=propagation,
+            condition=condition,
+            lower=self.lower[rows],
+            upper=self.upper[rows],
+        )
+
+    def finer(self) -> Predictive | None:
+        """The same with half as many nodes again a parameter; None where that is not known."""
+        way = self.propagation
+        if not isinstance(way, QuadraturePropagation):
+            return None
+        more = finer(way.cubature)
+        if more is None:
+            return None
+        return replace(self, propagation=QuadraturePropagation(way.inputs, way.response, more))
 
 
 @dataclass(frozen=True)
@@ -48,8 +194,8 @@ class Likelihood:
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood without its score, at about a third of the cost."""
         fitted = self.predictive.under(alpha).fitted
-        found = LogLikelihood(fitted.log_pdf(self.outcomes), None, fitted.status)
-        return found.believed(self.hyperparameters, alpha)
+        value = LogLikelihood(fitted.log_pdf(self.outcomes), None, fitted.status)
+        return value.believed(self.hyperparameters, alpha)
 
     def gap(self, alpha: Array) -> float:
         """Change of the log-likelihood with half as many nodes again; zero where there are none."""
@@ -82,18 +228,62 @@ class Continued:
     that it remembers: values depend on it by rounding only.
     """
 
-    def __init__(self, likelihood: Likelihood, known: Located | None = None) -> None:
-        self.likelihood, self._last = likelihood, known
+    def __init__(self, likelihood: Likelihood) -> None:
+        self.likelihood = likelihood
+        self._last: FittedOutcomes | None = None
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The continued log-likelihood at alpha (K,) with its score."""
         self._last = self.likelihood.predictive.at(alpha, self._last)
-        found = self._last.scored(self.likelihood.outcomes)
-        return found.believed(self.likelihood.hyperparameters, alpha)
+        value = self._last.scored(self.likelihood.outcomes)
+        return value.believed(self.likelihood.hyperparameters, alpha)
 
     def values(self, alphas: Array) -> Array:
         """The continued totals (A,) at alphas (A, K), without scores."""
-        own = self.likelihood
-        totals = own.predictive.continued(np.asarray(alphas), own.outcomes)
-        priors = [log_prior(own.hyperparameters, alpha) for alpha in alphas]
+        likelihood = self.likelihood
+        totals = likelihood.predictive.continued(np.asarray(alphas), likelihood.outcomes)
+        priors = [log_prior(likelihood.hyperparameters, alpha) for alpha in alphas]
         return np.asarray(totals + np.array(priors))
+
+
+COMPARED: tuple[Density, ...] = (
+    Gaussian(),
+    MaximumEntropy(order=4),
+    MaximumEntropy(order=6),
+)
+
+
+def density_distances(
+    likelihood: Likelihood,
+    alpha: Array,
+    exact: float,
+    outcomes: Predicted,
+    most: int = 25,
+    sds: float = 8.0,
+    points: int = 401,
+) -> tuple[DensityDistance, ...]:
+    """Each density by moments at alpha against the exact one, all from the same surfaces.
+
+    `exact` is the log-likelihood of the density of the outcome itself, and `outcomes` are its
+    distributions. Distances are means over `most` experiments, more would say the same, on `points`
+    points over `sds` standard deviations to either side: good to a thousandth of one.
+    """
+    chosen = np.unique(np.linspace(0, likelihood.outcomes.size - 1, most).astype(np.intp))
+    steps = np.linspace(-sds, sds, points)
+    grid = outcomes.mean[:, None] + outcomes.sd[:, None] * steps
+    y, truth = grid[chosen], outcomes.cdf(grid)[chosen]
+    rows = []
+    for density in COMPARED:
+        other = replace(likelihood, predictive=replace(likelihood.predictive, density=density))
+        fitted = other.take(chosen).predictive.under(alpha).fitted
+        distance, value = distance_on_grid(fitted.cdf(y), truth, steps), other.evaluate(alpha)
+        rows.append(
+            DensityDistance(
+                density.name,
+                value.total - exact,
+                float(np.mean(distance)),
+                float(np.max(distance)),
+                int(np.sum(value.status != Status.SOLVED)),
+            )
+        )
+    return tuple(rows)

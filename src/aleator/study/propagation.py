@@ -56,12 +56,12 @@ def collocation(
     nodes: Nodes | None = None,
     moments: Literal["quadrature", "expansion"] = "quadrature",
     degree: int | None = None,
-    fit: Literal["projection", "sparse_grid", "regression"] | None = None,
+    fit: Literal["projection", "regression"] | None = None,
     terms: Literal["total_degree", "hyperbolic"] | None = None,
 ) -> Any:
     """The simulator runs at the nodes of the law for every alpha."""
-    from aleator.moments.expansion import Projection, Regression, SparseProjection
-    from aleator.moments.expansion.indices import Hyperbolic, IndexSet, TotalDegree
+    from aleator.moments.expansion import Hyperbolic, IndexSet, TotalDegree
+    from aleator.moments.projection import Projection, Regression
     from aleator.moments.propagation import Collocation
 
     if fit is None:
@@ -71,9 +71,8 @@ def collocation(
     if degree is None:
         raise StudyError(f'fit = "{fit}" lacks degree', "add degree = 2")
     kept: IndexSet = Hyperbolic(degree) if terms == "hyperbolic" else TotalDegree(degree)
-    fits: dict[str, type[Projection] | type[SparseProjection] | type[Regression]] = {
+    fits: dict[str, type[Projection] | type[Regression]] = {
         "projection": Projection,
-        "sparse_grid": SparseProjection,
         "regression": Regression,
     }
     return Collocation(nodes=_nodes(nodes, folder), moments=moments, fit=fits[fit](kept))

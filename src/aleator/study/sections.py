@@ -81,9 +81,8 @@ DENSITIES: Kinds[Any] = Kinds(
     "kind",
     {
         "automatic": automatic,
-        "maximum_entropy": "aleator.moments.densities:MaximumEntropy",
+        "maximum_entropy": "aleator.moments.maximum_entropy:MaximumEntropy",
         "gaussian": "aleator.moments.densities:Gaussian",
-        "gaussian_mixture": "aleator.moments.densities:GaussianMixture",
     },
     "automatic",
 )

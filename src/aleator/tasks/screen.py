@@ -13,9 +13,8 @@ import pandas as pd
 from aleator.errors import InputsError, nearest
 from aleator.laws import Law, Uniform
 from aleator.laws.inputs import Inputs
-from aleator.moments.expansion import Basis, Expansion, Regression
-from aleator.moments.expansion.indices import TotalDegree
-from aleator.moments.expansion.sobol import SobolIndices, sobol_indices
+from aleator.moments.expansion import Basis, Expansion, SobolIndices, TotalDegree, sobol_indices
+from aleator.moments.projection import Regression
 from aleator.observations.experiments import Conditions
 from aleator.progress import Progress, Silent
 from aleator.results import printed

@@ -11,8 +11,7 @@ import numpy as np
 
 from aleator.likelihood.individual.modes import ARRIVED, NEAR, Curved, Modes, Valued, modes
 from aleator.likelihood.individual.panels import Panels
-from aleator.polynomials.gauss import polished_rule
-from aleator.polynomials.recurrence import hermite_recurrence
+from aleator.polynomials import hermite_recurrence, polished_rule
 from aleator.types import Array
 
 MOST = 3000

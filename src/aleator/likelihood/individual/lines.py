@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from aleator.polynomials.gauss import gauss_legendre
+from aleator.polynomials import gauss_legendre
 from aleator.types import Array, Flags, Indices
 
 LogDensity = Callable[[Indices, Array], Array]

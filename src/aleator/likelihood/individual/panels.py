@@ -16,7 +16,7 @@ from aleator.likelihood.individual.lines import (
 )
 from aleator.likelihood.individual.modes import Curved, Modes, Valued, modes
 from aleator.likelihood.individual.rule import AsManyAsNeeded
-from aleator.polynomials.gauss import gauss_legendre
+from aleator.polynomials import gauss_legendre
 from aleator.types import Array, Flags
 
 POINTS = 8

@@ -18,7 +18,7 @@ from aleator.blocks import blocks
 from aleator.laws.individual import parameters_at
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual.parameters import scattered_density
-from aleator.polynomials.gauss import gauss_hermite
+from aleator.polynomials import gauss_hermite
 from aleator.surrogates.responses import Divisible
 from aleator.types import Array, Flags, Indices
 

@@ -1,0 +1,623 @@
+"""Maximum-entropy densities of standardized outcomes: solved, checked, with their fallback.
+
+With phi_k orthonormal on t in [-1, 1] and targets p = E phi, the multipliers minimize the convex
+dual log Z(lambda) - lambda.p, Z = (1/2) int exp(lambda.phi) dt (paper, appendix "Maximum entropy
+distribution", with the other sign of lambda). Its gradient is E phi - p and its Hessian is the
+covariance of phi. Products phi_i phi_j are sums of phi_k, k <= 2M, so that one product of the
+exponentials with a table gives value, gradient and Hessian of all experiments.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from aleator.blocks import blocks
+from aleator.moments.densities import Codes
+from aleator.moments.legendre import (
+    LegendreRule,
+    cholesky,
+    forward,
+    gauss_rule,
+    legendre_in_powers,
+    linearization,
+    panel_rule,
+    realizable,
+    substitute,
+    support_of,
+)
+from aleator.status import Status
+from aleator.types import Array, Flags
+
+
+@dataclass(frozen=True)
+class EntropySettings:
+    """How the solves are made and checked; chosen by tests/moments/test_maximum_entropy.py.
+
+    `panels` (a power of two) of `panel_nodes` nodes at 200 of the solve, more in proportion, serve
+    the check, the cdf and the quantile. A solve whose check leaves a residual above `exact` is
+    polished on so many times the nodes of the check and checked on the second multiple, up to the
+    third residual (`polished`): first for digits, then for modes narrower than those nodes lie
+    apart. Nodes too coarse for a mode mislead a solve and its check alike, so that only the last
+    may leave as much as 1e-6.
+
+    Newton's method takes `passes` at most, with a first Levenberg `damping`; undamped from a
+    decrement (twice the distance in entropy) below `near`; one step reaches rounding below `close`.
+    From a density nearby it takes `followed` undamped passes, from a decrement below `farthest`.
+    `block` experiments are solved at once: their exponentials at the nodes fit a core's cache.
+
+    `penalty` is subtracted from the value that a search sees where a density could not be solved: a
+    factor e^5 = 150 in likelihood, more than any plausible gain of a fallback over the density that
+    it replaces, so that the search is repelled from places where it would be guessing. An outcome
+    beyond an edge by less than the part `touch` of half the support lies on the edge.
+    """
+
+    panels: int = 32
+    panel_nodes: int = 14
+    exact: float = 1e-8
+    polished: tuple[tuple[int, int, float], ...] = ((2, 3, 1e-7), (6, 8, 1e-6))
+    passes: int = 150
+    damping: float = 0.02
+    near: float = 1e-6
+    close: float = 1e-12
+    followed: int = 6
+    farthest: float = 0.3
+    block: int = 128
+    penalty: float = 5.0
+    touch: float = 1e-12
+
+
+SETTINGS = EntropySettings()
+
+
+@dataclass(frozen=True)
+class Expectations:
+    """Of N laws exp(lambda.phi)/Z: log Z (N,), E phi_1..phi_M (N, M) and the covariance (N, M, M)
+    of phi."""
+
+    log_z: Array
+    mean: Array
+    covariance: Array
+
+
+def expectations(multipliers: Array, rule: LegendreRule) -> Expectations:
+    """Expectations under exp(multipliers.phi)/Z by a rule; the exponent is shifted by its top."""
+    order = multipliers.shape[1]
+    exponent = multipliers @ rule.basis
+    top = exponent.max(axis=1)
+    exponent -= top[:, None]
+    density = np.exp(exponent, out=exponent)
+    sums = density @ rule.weighted
+    z = sums[:, 0].copy()
+    sums /= z[:, None]
+    second = (sums @ linearization(order + 1, "1", 2 * order)).reshape(-1, order + 1, order + 1)
+    mean = sums[:, 1 : order + 1]
+    covariance = second[:, 1:, 1:] - mean[:, :, None] * mean[:, None, :]
+    return Expectations(np.log(z) + top, mean, covariance)
+
+
+def gaussian_start(a: Array, b: Array, order: int) -> Array:
+    """Multipliers (N, M) of exp(-u^2/2) on [a, b]: the Gaussian of the same mean and sd.
+
+    u = h t + c gives -u^2/2 = -h c t - h^2 t^2/2 + const, and t^2 = 2 phi_2/(3 sqrt 5) + const.
+    """
+    half, center = 0.5 * (b - a), 0.5 * (a + b)
+    start = np.zeros((a.size, order))
+    start[:, 0] = -half * center / np.sqrt(3.0)
+    start[:, 1] = -(half**2) / (3.0 * np.sqrt(5.0))
+    return start
+
+
+@dataclass
+class _Descent:
+    """Rows still on their way down: position, value, gradient, Hessian, damping, next step."""
+
+    rows: Codes
+    target: Array
+    position: Array
+    value: Array
+    gradient: Array
+    hessian: Array
+    damping: Array
+    step: Array
+    decrement: Array
+    extra: Array
+
+    def keep(self, stays: Flags) -> None:
+        """Drop the rows that have arrived."""
+        for name, values in vars(self).items():
+            setattr(self, name, values[stays])
+
+    def advance(self, rule: LegendreRule, near: float) -> None:
+        """Try the step, keep it where the dual falls as promised, and prepare the next one."""
+        trial = self.position + self.step
+        law = expectations(trial, rule)
+        trial_value = law.log_z - _dot(trial, self.target)
+        # exponents cancel that are as large as the multipliers allow
+        largest = np.abs(trial) @ np.sqrt(2.0 * np.arange(1, trial.shape[1] + 1) + 1.0)
+        slack = 1e-15 * (1.0 + np.abs(law.log_z) + largest)
+        promised = 0.5 * (self.decrement + self.extra)
+        ratio = (self.value - trial_value + slack) / (promised + slack)
+        accepted = ratio > 0.0
+        self.position = np.where(accepted[:, None], trial, self.position)
+        self.value = np.where(accepted, trial_value, self.value)
+        self.gradient = np.where(accepted[:, None], law.mean - self.target, self.gradient)
+        self.hessian = np.where(accepted[:, None, None], law.covariance, self.hessian)
+        self.damping *= damping_factor(ratio)
+        identity = np.eye(trial.shape[1])
+        factor, _ = cholesky(self.hessian + self.damping[:, None, None] * identity)
+        self.step = substitute(factor, -self.gradient)
+        self.decrement = -_dot(self.gradient, self.step)
+        self.extra = self.damping * _dot(self.step, self.step)
+        rows = np.flatnonzero((ratio > 0.5) & (self.decrement < near))
+        if rows.size == 0:
+            return
+        # the undamped step, where its decrement too says that the end is near; should it fail,
+        # the next one is damped
+        gradient = self.gradient[rows]
+        step = substitute(cholesky(self.hessian[rows])[0], -gradient)
+        decrement = -_dot(gradient, step)
+        sure = decrement < near
+        self.step[rows[sure]], self.decrement[rows[sure]] = step[sure], decrement[sure]
+        self.extra[rows[sure]] = 0.0
+
+
+def damping_factor(ratio: Array, fair: float = 0.25, less: float = 0.1) -> Array:
+    """Of Levenberg's damping, by the part of the promised fall that came true."""
+    return np.where(ratio > 1.0 - fair, less, np.where(ratio >= fair, 1.0, 4.0))
+
+
+def minimize_dual(
+    target: Array, start: Array, rule: LegendreRule, settings: EntropySettings = SETTINGS
+) -> tuple[Array, Flags]:
+    """Multipliers (N, M) with E phi = target (N, M), and whether Newton's decrement vanished.
+
+    Newton's method with Levenberg's damping: (H + mu I) step = p - E phi, mu raised where the dual
+    falls short of its quadratic model. A full Newton step fits the bulk and lets the exponent
+    explode in the tails, which the Hessian does not see; the damping weighs the support evenly
+    (phi is orthonormal for the uniform law) and needs half the passes of a line search. A row
+    leaves the batch as soon as it has converged. Cost: some 7 passes of O(N Q M) at M = 4.
+    """
+    answer, converged = start.copy(), np.zeros(start.shape[0], dtype=bool)
+    count, order = start.shape
+    # a first step of length zero is accepted since the value starts at infinity
+    descent = _Descent(
+        rows=np.arange(count),
+        target=target,
+        position=start,
+        value=np.full(count, np.inf),
+        gradient=np.zeros((count, order)),
+        hessian=np.zeros((count, order, order)),
+        damping=np.full(count, 10.0 * settings.damping),
+        step=np.zeros((count, order)),
+        decrement=np.ones(count),
+        extra=np.zeros(count),
+    )
+    for _ in range(settings.passes):
+        if descent.rows.size == 0:
+            break
+        # a trial that overflows is refused
+        with np.errstate(over="ignore", invalid="ignore"):
+            descent.advance(rule, settings.near)
+        close = descent.decrement < settings.close
+        answer[descent.rows[close]] = (descent.position + descent.step)[close]
+        converged[descent.rows[close]] = True
+        if close.any():
+            descent.keep(~close)
+    answer[descent.rows] = descent.position
+    return answer, converged
+
+
+def _dot(x: Array, y: Array) -> Array:
+    product: Array = np.einsum("nk,nk->n", x, y)
+    return product
+
+
+@dataclass(frozen=True)
+class Orthonormal:
+    """psi_0..psi_M of N measures: `values` (M+1, N, Q) at the nodes, their coefficients in
+    phi_0..phi_M `legendre` and in 1, u, ..u^M `powers`, both (N, M+1, M+1) and triangular."""
+
+    values: Array
+    legendre: Array
+    powers: Array
+
+
+def orthonormal(probability: Array, u: Array, a: Array, b: Array, order: int) -> Orthonormal:
+    """Polynomials orthonormal under the probabilities (N, Q) of the outcomes u (N, Q).
+
+    By their recurrence (Stieltjes; Gautschi 2004, sec. 2.2), which never forms a moment above M:
+    beta_(k+1) psi_(k+1) = (u - alpha_k) psi_k - beta_k psi_(k-1), on nodes and coefficients alike;
+    u = h t + c acts on coefficients by t phi_j = s_(j+1) phi_(j+1) + s_j phi_(j-1),
+    s_j = j/sqrt(4 j^2 - 1). Cost O(N Q M).
+    """
+    count = a.size
+    half, center = 0.5 * (b - a), 0.5 * (a + b)
+    j = np.arange(1, order + 1)
+    coupling = j / np.sqrt(4.0 * j**2 - 1.0)
+    values = np.ones((order + 1, *u.shape))
+    legendre, powers = np.zeros((2, count, order + 1, order + 1))
+    legendre[:, 0, 0] = powers[:, 0, 0] = 1.0
+    beta = np.zeros(count)
+    for k in range(order):
+        alpha = _weighted(probability, values[k] ** 2 * u)
+        previous = max(k - 1, 0)
+        raised = (u - alpha[:, None]) * values[k] - beta[:, None] * values[previous]
+        by_t = np.zeros((count, order + 1))
+        by_t[:, 1:] = coupling * legendre[:, k, :-1]
+        by_t[:, :-1] += coupling * legendre[:, k, 1:]
+        in_phi = half[:, None] * by_t + (center - alpha)[:, None] * legendre[:, k]
+        in_phi -= beta[:, None] * legendre[:, previous]
+        in_u = -alpha[:, None] * powers[:, k] - beta[:, None] * powers[:, previous]
+        in_u[:, 1:] += powers[:, k, :-1]
+        beta = np.maximum(np.sqrt(_weighted(probability, raised**2)), 1e-150)
+        values[k + 1] = raised / beta[:, None]
+        legendre[:, k + 1] = in_phi / beta[:, None]
+        powers[:, k + 1] = in_u / beta[:, None]
+    return Orthonormal(values, legendre, powers)
+
+
+def outcomes_at(rule: LegendreRule, a: Array, b: Array) -> Array:
+    """Outcomes u (N, Q) at the nodes of a rule."""
+    u: Array = 0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * rule.nodes
+    return u
+
+
+def density_at(multipliers: Array, rule: LegendreRule) -> Array:
+    """Probabilities (N, Q) of the nodes, normalized on them."""
+    exponent = multipliers @ rule.basis
+    exponent -= exponent.max(axis=1)[:, None]
+    np.maximum(exponent, -500.0, out=exponent)  # less only costs time, as denormal numbers do
+    probability = rule.weights * np.exp(exponent)
+    probability /= probability.sum(axis=1)[:, None]
+    return np.asarray(probability)
+
+
+def polish(
+    a: Array,
+    b: Array,
+    standardized: Array,
+    start: Array,
+    rule: LegendreRule,
+    settings: EntropySettings = SETTINGS,
+    rounding: float = 1e-16,
+    undamped: float = 1e-6,
+) -> tuple[Array, Flags]:
+    """Multipliers (N, M) in phi with the standardized moments, and whether they were reached.
+
+    In the Legendre basis the covariance of a density that is narrow, or has two modes, on a wide
+    support loses its digits: its condition number grows like the 2M-th power of the support over
+    the modes. In polynomials psi_k orthonormal under the present density f (re-orthogonalized at
+    each step, as in Abramov, J. Comput. Phys. 226 (2007) 621) the Hessian of the dual is the
+    identity, E_f psi_k = 0, and the step is the expectation that the moments ask for:
+    lambda.phi += sum_k delta_k psi_k, delta_k = P_k . c, P_k the coefficients in powers of u.
+    Levenberg's damping mu adds the uniform law to the measure of orthogonality, so that the step is
+    bounded where the density has no mass yet. A row arrives where the promised fall of the dual is
+    rounding and the step is Newton's own.
+
+    Cost O(N Q M) a step, some 10 times that of `minimize_dual`, and 10 to 100 steps. It fails
+    where the density is narrower than the nodes of the rule lie apart.
+    """
+    multipliers, converged = start.copy(), np.zeros(a.size, dtype=bool)
+    damping = np.full(a.size, settings.damping)
+    active = np.arange(a.size)
+    for _ in range(settings.passes):
+        if active.size == 0:
+            break
+        # a trial that overflows is refused
+        with np.errstate(all="ignore"):
+            step, predicted, ratio = _trial(
+                a[active], b[active], standardized[active],
+                multipliers[active], damping[active], rule,
+            )  # fmt: skip
+        accepted = ratio > 0.0
+        multipliers[active[accepted]] += step[accepted]
+        arrived = accepted & (predicted < rounding) & (damping[active] < undamped)
+        damping[active] *= damping_factor(ratio)
+        converged[active[arrived]] = True
+        active = active[~arrived]
+    return multipliers, converged
+
+
+def _trial(
+    a: Array,
+    b: Array,
+    standardized: Array,
+    multipliers: Array,
+    damping: Array,
+    rule: LegendreRule,
+    rounding: float = 1e-14,
+) -> tuple[Array, Array, Array]:
+    """Damped step (N, M), the fall of the dual that it promises (N,), and the part that is true."""
+    order = multipliers.shape[1]
+    density = density_at(multipliers, rule)
+    mu = damping[:, None]
+    measure = (density + mu * rule.weights) / (1.0 + mu)
+    psi = orthonormal(measure, outcomes_at(rule, a, b), a, b, order)
+    asked = np.einsum("nkm,nm->nk", psi.powers, standardized)[:, 1:]
+    found = np.einsum("nq,knq->nk", density, psi.values[1:])
+    delta = (asked - found) / (1.0 + mu)
+    change = np.einsum("nk,knq->nq", delta, psi.values[1:])
+    top = change.max(axis=1)
+    log_z = np.log(_weighted(density, np.exp(change - top[:, None]))) + top
+    fall = np.einsum("nk,nk->n", delta, asked) - log_z
+    predicted = 0.5 * (1.0 + damping) * np.einsum("nk,nk->n", delta, delta)
+    ratio = (fall + rounding) / (predicted + rounding)
+    step = np.einsum("nk,nkj->nj", delta, psi.legendre[:, 1:, 1:])
+    return step, predicted, ratio
+
+
+def _weighted(probability: Array, values: Array) -> Array:
+    mean: Array = np.einsum("nq,nq->n", probability, values)
+    return mean
+
+
+def predicted(exponent: Array, powers: Array, change: Array, in_powers: Array) -> Array:
+    """Multipliers (N, M) where the moments have changed by `change` (N, M+1): where Newton begins.
+
+    A search asks for one alpha after the other, and most are near the last one. In powers of u the
+    exponent p(u) = lambda.phi(t(u)) of a density changes with the moments c by
+    dp = sum_k (P_k . dc) psi_k(u), with psi_k orthonormal under it and P_k their coefficients in
+    powers of u. The dual is convex and has one minimum, so that what is found does not depend on
+    where the way began.
+
+    `exponent` (N, M+1) and psi, `powers` (N, M+1, M+1), are in powers of u, `in_powers` (N, M+1,
+    M+1) has phi there on the new support: a triangular matrix.
+    """
+    delta = (powers @ change[:, :, None])[:, 1:]
+    moved = exponent + (delta * powers[:, 1:]).sum(axis=1)
+    multipliers: Array = np.empty_like(moved)
+    for k in reversed(range(moved.shape[1])):
+        multipliers[:, k] = moved[:, k] / in_powers[:, k, k]
+        moved -= multipliers[:, k, None] * in_powers[:, k]
+    return multipliers[:, 1:]
+
+
+def follow(
+    target: Array, start: Array, rule: LegendreRule, settings: EntropySettings = SETTINGS
+) -> tuple[Array, Flags]:
+    """Multipliers (N, M) with E phi = target (N, M), and whether Newton's steps led there.
+
+    They are given up where the start is far, or where the decrement does not shrink to a quarter
+    and less, as it does near a minimum. Cost: some 3 passes of O(N Q M).
+    """
+    position, least = start.copy(), np.full(len(start), settings.farthest)
+    followed = np.isfinite(start).all(axis=1)
+    for _ in range(settings.followed):
+        with np.errstate(all="ignore"):
+            law = expectations(position, rule)
+            gradient = law.mean - target
+            step = -substitute(cholesky(law.covariance)[0], gradient)
+            decrement = -np.einsum("nk,nk->n", gradient, step)
+        followed &= decrement < least
+        np.add(position, step, out=position, where=followed[:, None])
+        arrived = followed & (decrement < settings.close)
+        if np.all(arrived | ~followed):
+            break
+        least = np.maximum(0.25 * decrement, settings.close)
+    return position, arrived
+
+
+# ---------------------------------------------------------------------------- solution
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Densities f(u) = exp(multipliers.phi(t(u)) - log_z)/(b - a) on [a, b] of N experiments.
+
+    `a`, `b` (N,) are the edges in standard deviations from the mean; `lower_moves`, `upper_moves`
+    (N,) tell those that the physical range has set. The others lie at the reach, whose derivatives
+    by the standardized moments are `reach_slope` (N, M+1). `psi` and `powers` (N, M+1, M+1) hold
+    the polynomials orthonormal under f, in phi_0..phi_M and in the powers of u, so that
+    H^-1 = T^T T with T = psi without row and column 0. `exponent` (N, M+1) is multipliers.phi in
+    powers of u. `order_used` (N,) is M or that of the fallback, whose rows end in zeros, or 0 where
+    none could be solved: then the row is a uniform law that stands for nothing. `standardized`
+    (N, M+1) are the moments asked for, `residual` (N,) what the solve misses of them by `check`, a
+    rule independent of that of the solve.
+    """
+
+    a: Array
+    b: Array
+    lower_moves: Flags
+    upper_moves: Flags
+    reach_slope: Array
+    multipliers: Array
+    log_z: Array
+    psi: Array
+    powers: Array
+    exponent: Array
+    order_used: Codes
+    standardized: Array
+    residual: Array
+    status: Codes
+    check: LegendreRule
+
+    def take(self, rows: slice) -> Solution:
+        """Some of the densities."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in _ARRAYS})
+
+    def with_fallback(self, rows: Codes, lower: Solution, check: LegendreRule) -> Solution:
+        """With the densities of a lower order in these rows, where they could be solved."""
+        kept = np.flatnonzero(lower.order_used)
+        changed = {}
+        for name in _ARRAYS[:-3]:
+            own, other = getattr(self, name).copy(), getattr(lower, name)[kept]
+            own[rows[kept]] = 0
+            own[(rows[kept], *(slice(size) for size in other.shape[1:]))] = other
+            changed[name] = own
+        return replace(self, **changed, check=check)
+
+
+_ARRAYS = [field.name for field in fields(Solution) if field.name != "check"]
+
+
+def solve(
+    lower: Array,
+    upper: Array,
+    standardized: Array,
+    least: float,
+    nodes: int,
+    nearby: Solution | None = None,
+    settings: EntropySettings = SETTINGS,
+) -> Solution:
+    """Densities with the standardized moments (N, M+1) on lower, upper (N,), each with a status.
+
+    Densities of the same experiments for moments that are `nearby` are the start.
+
+    The range, in standard deviations from the mean, is cut at the reach, at least `least`. Where
+    the check refutes a solve it is polished in a basis orthonormal under the density itself; where
+    that fails too, order M-2, M-4, .. 2 within its own reach takes its place and `status` keeps the
+    failure. Cost O(N nodes M) a Newton step.
+    """
+    parts = [
+        _solve_block(
+            lower[rows], upper[rows], standardized[rows], least, nodes,
+            nearby and nearby.take(rows), settings,
+        )
+        for rows in blocks(max(lower.size, 1), 1, settings.block)
+    ]  # fmt: skip
+    if len(parts) == 1:
+        return parts[0]
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
+    # the finest check serves all
+    return Solution(**joined, check=max((part.check for part in parts), key=_size))
+
+
+def _solve_block(
+    lower: Array,
+    upper: Array,
+    standardized: Array,
+    least: float,
+    nodes: int,
+    nearby: Solution | None,
+    settings: EntropySettings,
+) -> Solution:
+    order = standardized.shape[1] - 1
+    a, b, lower_moves, upper_moves, slope = support_of(lower, upper, standardized, least)
+    in_powers = legendre_in_powers(a, b, order)
+    multipliers, residual, status, finest = _multipliers(
+        a, b, standardized, in_powers, nodes, nearby, settings
+    )
+    multipliers[status != Status.SOLVED] = 0.0
+    check = panel_rule(order, settings.panels, finest)
+    law = expectations(multipliers, check)
+    psi, powers = _orthonormal(a, b, multipliers, law, check, in_powers)
+    exponent = (multipliers[:, None] @ in_powers[:, 1:])[:, 0]
+    used = np.where(status == Status.SOLVED, order, 0)
+    solution = Solution(
+        a, b, lower_moves, upper_moves, slope, multipliers, law.log_z, psi, powers, exponent, used,
+        standardized, residual, status, check,
+    )  # fmt: skip
+    failed = np.flatnonzero(status)
+    if failed.size == 0 or order == 2:
+        return solution
+    fewer = max(order - 2, 2)
+    second = _solve_block(
+        lower[failed],
+        upper[failed],
+        standardized[failed, : fewer + 1],
+        least,
+        nodes,
+        None,
+        settings,
+    )
+    finest = max(finest, _size(second.check) // settings.panels)
+    return solution.with_fallback(failed, second, panel_rule(order, settings.panels, finest))
+
+
+def _multipliers(
+    a: Array,
+    b: Array,
+    standardized: Array,
+    in_powers: Array,
+    nodes: int,
+    nearby: Solution | None,
+    settings: EntropySettings,
+) -> tuple[Array, Array, Codes, int]:
+    """Multipliers (N, M) of one order on the support, what they miss of the moments (N,), their
+    status (N,), and the nodes in a panel of the finest check that was needed."""
+    order, panels = standardized.shape[1] - 1, settings.panels
+    target = (in_powers @ standardized[:, :, None])[:, :, 0]
+    possible = realizable(target)
+    start = gaussian_start(a, b, order)
+    answer, residual = start.copy(), np.full(a.size, np.inf)
+    hard = np.flatnonzero(possible)
+    first = check = max(settings.panel_nodes, nodes // 15)
+
+    def judge(found: Array, converged: Flags, allowed: float) -> Codes:
+        """Keep what is nearer to the moments; the rows whose check does not hold remain."""
+        rule = panel_rule(order, panels, check)
+        missed = _residual(found, rule, a[hard], b[hard], standardized[hard])
+        honest = converged & (missed <= allowed)
+        taken = honest | (missed < residual[hard])
+        answer[hard[taken]], residual[hard[taken]] = found[taken], missed[taken]
+        return hard[~honest]
+
+    if nearby is not None:
+        change = standardized - nearby.standardized
+        guess = predicted(nearby.exponent, nearby.powers, change, in_powers)
+        guess[nearby.status != Status.SOLVED] = np.nan
+        rule = gauss_rule(order, nodes)
+        hard = judge(*follow(target[hard, 1:], guess[hard], rule, settings), settings.exact)
+    if hard.size > 0:
+        rule = gauss_rule(order, nodes)
+        hard = judge(*minimize_dual(target[hard, 1:], start[hard], rule, settings), settings.exact)
+    for polished_on, checked_on, allowed in settings.polished:
+        if hard.size > 0:
+            check, rule = checked_on * first, panel_rule(order, panels, polished_on * first)
+            rows = a[hard], b[hard], standardized[hard], answer[hard]
+            hard = judge(*polish(*rows, rule, settings), allowed)
+    status = np.where(possible, Status.SOLVED, Status.NOT_REALIZABLE).astype(np.int64)
+    status[hard] = Status.NOT_CONVERGED
+    return answer, residual, status, check
+
+
+def _orthonormal(
+    a: Array,
+    b: Array,
+    multipliers: Array,
+    law: Expectations,
+    check: LegendreRule,
+    in_powers: Array,
+    smallest_pivot: float = 1e-8,
+) -> tuple[Array, Array]:
+    """Coefficients (N, M+1, M+1) of the polynomials orthonormal under the densities, in phi and in
+    the powers of u: from the factors of the covariance, or by recurrence where these have lost half
+    their digits."""
+    count, order = multipliers.shape
+    factor, pivot = cholesky(law.covariance)
+    psi = np.zeros((count, order + 1, order + 1))
+    psi[:, 0, 0] = 1.0
+    for k in range(order):
+        unit = np.zeros((count, order))
+        unit[:, k] = 1.0
+        psi[:, 1:, k + 1] = forward(factor, unit)
+    psi[:, 1:, 0] = -np.einsum("nkj,nj->nk", psi[:, 1:, 1:], law.mean)
+    powers = psi @ in_powers
+    lost = np.flatnonzero(pivot < smallest_pivot)
+    if lost.size > 0:
+        density = density_at(multipliers[lost], check)
+        exact = orthonormal(density, outcomes_at(check, a[lost], b[lost]), a[lost], b[lost], order)
+        psi[lost], powers[lost] = exact.legendre, exact.powers
+    return psi, powers
+
+
+def _residual(
+    multipliers: Array, check: LegendreRule, a: Array, b: Array, standardized: Array
+) -> Array:
+    """Distance of the moments of u, summed at the nodes of the check, from those asked for.
+
+    Powers of u itself are summed, so that a wrong conversion to Legendre moments shows as well.
+    """
+    u, probability = outcomes_at(check, a, b), density_at(multipliers, check)
+    found = np.empty_like(standardized)
+    for m in range(standardized.shape[1]):
+        found[:, m] = probability.sum(axis=1)
+        probability = probability * u
+    distance = np.abs(found - standardized) / np.maximum(1.0, np.abs(standardized))
+    return np.asarray(distance.max(axis=1))
+
+
+def _size(rule: LegendreRule) -> int:
+    return int(rule.nodes.size)

@@ -1,0 +1,377 @@
+"""Nodes and weights of the joint law, by which averages over it are computed.
+
+Each choice turns a joint law at alpha into `CubatureNodes`, whose derivatives by alpha are those
+of just what is computed: a weighted sum over the nodes has an exact gradient however coarse the
+rule is. Gauss rules are exact in polynomials of x where a law has its own, and in polynomials of
+the standard normal variate for a law that goes through it (lognormal, and every correlated one).
+
+| choice | nodes for d scattering parameters | error for a smooth outcome |
+|---|---|---|
+| `TensorGauss(q)` | q^d | geometric in q; exact to degree 2q - 1 in each parameter |
+| `Smolyak(L)` | about (2d)^L / L! | exact to total degree 2L + 1; some weights are negative |
+| `SobolPoints(J)` | J | about J^-1 and better, any d |
+| `MonteCarloPoints(J)` | J | J^-1/2, any d |
+| `ProbabilityGrid(m)` | m^d | m^-1 where the outcome is unbounded; the paper's |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from math import comb
+from typing import Protocol
+
+import numpy as np
+from scipy import special
+from scipy.stats import qmc
+
+from aleator.errors import InputsError
+from aleator.laws import Inputs, Rule
+from aleator.laws.inputs import zeros
+from aleator.polynomials import tensor
+from aleator.threads import single_threaded
+from aleator.types import Array, Indices
+
+
+@dataclass(frozen=True)
+class CubatureNodes:
+    """A cubature rule of J nodes in n parameters with K hyperparameters.
+
+    `x` (J, n), `weights` (J,) that sum to one, and the derivatives by alpha: `dx` (J, n, K),
+    `dweights` (J, K). `dx[:, i, k]` lies in one piece in memory.
+    """
+
+    x: Array
+    weights: Array
+    dx: Array
+    dweights: Array
+
+
+def axes(inputs: Inputs, alpha: Array, per_dimension: int) -> list[Rule]:
+    """A Gauss rule for each parameter (n of them), whose product is a rule of the joint law.
+
+    A constant has one node; a correlated parameter has the rule of its standard normal variate.
+    """
+    laws, values = inputs.independent(alpha)
+    rules = [law.rule(v, per_dimension) for law, v in zip(laws, values, strict=True)]
+    for i in inputs.correlated:
+        own = np.zeros((per_dimension, inputs.slices[i].stop - inputs.slices[i].start))
+        rules[i] = Rule(rules[i].x, rules[i].weights, rules[i].t, own, own)
+    return rules
+
+
+@single_threaded
+def combined(inputs: Inputs, alpha: Array, rules: Sequence[Rule], picks: Indices) -> CubatureNodes:
+    """Nodes that combine one node of each parameter's rule (n of them), by `picks` (J, n).
+
+    The weights are the products of those of the rules. Cost O(J n K).
+    """
+    count, n = picks.shape
+    x, dx = zeros(count, n, inputs.size)
+    weights, dweights = np.ones(count), np.zeros((count, inputs.size))
+    factors = [rule.weights[picks[:, i]] for i, rule in enumerate(rules)]
+    for i, (rule, part) in enumerate(zip(rules, inputs.slices, strict=True)):
+        x[:, i] = rule.x[picks[:, i]]
+        dx[:, i, part] = rule.dx[picks[:, i]]
+        weights *= factors[i]
+        if np.any(rule.dweights):
+            others = np.prod([np.ones(count), *factors[:i], *factors[i + 1 :]], axis=0)
+            dweights[:, part] = others[:, None] * rule.dweights[picks[:, i]]
+    if inputs.correlated:
+        tied = list(inputs.correlated)
+        x[:, tied], dx[:, tied] = inputs.tied(alpha, x[:, tied])
+    return CubatureNodes(x, weights, dx, dweights)
+
+
+class Cubature(Protocol):
+    """A choice of nodes for the joint law."""
+
+    def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
+        """Nodes and weights of the law alpha (K,), with their derivatives by alpha."""
+        ...
+
+
+def check_whole(name: str, value: int, lower: int, upper: int | None) -> None:
+    """Raise InputsError unless the value is a whole number within its limits."""
+    if type(value) is not int or value < lower or (upper is not None and value > upper):
+        limits = f"between {lower} and {upper}" if upper is not None else f"of at least {lower}"
+        raise InputsError(
+            f"{name} = {value!r} is not a whole number {limits}", "choose one in that range"
+        )
+
+
+def affordable(count: int, most: int = 10**6) -> None:
+    """Raise InputsError for more nodes than fit the memory."""
+    if count > most:
+        raise InputsError(
+            f"this rule has {count:.3g} nodes, more than {most:.0e}",
+            "use fewer nodes a dimension, Smolyak(level) or SobolPoints(points)",
+        )
+
+
+@dataclass(frozen=True)
+class TensorGauss:
+    """The tensor product of the laws' Gauss rules (paper, eq. (quadrature)).
+
+    J = per_dimension^d for d scattering parameters; exact for polynomials of degree
+    2 per_dimension - 1 in each of them. `per_dimension` from 1 to 100. Raises InputsError beyond
+    that, and where J is above 1e6.
+
+    >>> import numpy as np
+    >>> from aleator.laws import Normal
+    >>> rule = TensorGauss(3).nodes(Inputs({"x": Normal(0.0, 1.0)}), np.array([0.0, 1.0]))
+    >>> round(float(rule.weights @ rule.x[:, 0] ** 4), 9)
+    3.0
+    """
+
+    per_dimension: int
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        check_whole("per_dimension", self.per_dimension, 1, 100)
+
+    def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
+        """The rule at alpha. Cost O(J n K)."""
+        affordable(self.per_dimension**inputs.scattering)
+        rules = axes(inputs, alpha, self.per_dimension)
+        return combined(inputs, alpha, rules, tensor(tuple(rule.x.size for rule in rules)))
+
+
+@dataclass(frozen=True)
+class SobolPoints:
+    """Scrambled Sobol' points of standard normal variates, mapped by the laws; equal weights.
+
+    theta = Phi^-1(u) for points u of (0, 1)^d that do not depend on alpha (Sobol', 1967; Owen,
+    1998), so that every average is smooth in alpha and its derivative exact. `points` J is a power
+    of two from 2 to 2^20, `seed` chooses the scrambling: other seeds show the error.
+    Raises InputsError for other sizes.
+
+    >>> from aleator.laws import Normal
+    >>> rule = SobolPoints(1024).nodes(Inputs({"x": Normal(0.0, 1.0)}), np.array([3.0, 2.0]))
+    >>> bool(abs(rule.weights @ rule.x[:, 0] - 3.0) < 1e-3)
+    True
+    """
+
+    points: int
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        check_whole("points", self.points, 2, 2**20)
+        check_whole("seed", self.seed, 0, None)
+        if self.points & (self.points - 1):
+            below = 1 << (int(self.points).bit_length() - 1)
+            raise InputsError(
+                f"{self.points} Sobol' points lose the balance that powers of two have",
+                f"use {below} or {2 * below}",
+            )
+
+    def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
+        """The points at alpha. Cost O(J n K)."""
+        return _equal(inputs, alpha, _sobol_variates(self.points, inputs.scattering, self.seed))
+
+
+@dataclass(frozen=True)
+class MonteCarloPoints:
+    """Independent standard normal variates, drawn once, mapped by the laws; equal weights.
+
+    The error falls with J^(-1/2) whatever the outcome; here to compare with. `points` J from 2 to
+    1e6. Raises InputsError beyond that.
+
+    >>> from aleator.laws import Normal
+    >>> rule = MonteCarloPoints(4096).nodes(Inputs({"x": Normal(0.0, 1.0)}), np.array([3.0, 2.0]))
+    >>> bool(abs(rule.weights @ rule.x[:, 0] - 3.0) < 4 * 2.0 / 64)
+    True
+    """
+
+    points: int
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        check_whole("points", self.points, 2, 10**6)
+        check_whole("seed", self.seed, 0, None)
+
+    def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
+        """The points at alpha. Cost O(J n K)."""
+        return _equal(inputs, alpha, _random_variates(self.points, inputs.scattering, self.seed))
+
+
+@dataclass(frozen=True)
+class ProbabilityGrid:
+    """A regular grid in probability, (i + 1/2)/m in each dimension, with equal weights.
+
+    The paper's quasi-Monte Carlo: J = m^d. Misses the tails, whose share of a moment vanishes only
+    slowly with m. `per_dimension` m from 1 to 10^4. Raises InputsError beyond that, and where J is
+    above 1e6.
+
+    >>> from aleator.laws import Normal
+    >>> rule = ProbabilityGrid(2).nodes(Inputs({"x": Normal(0.0, 1.0)}), np.array([0.0, 1.0]))
+    >>> rule.x[:, 0].round(4).tolist(), rule.weights.tolist()
+    ([-0.6745, 0.6745], [0.5, 0.5])
+    """
+
+    per_dimension: int
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        check_whole("per_dimension", self.per_dimension, 1, 10_000)
+
+    def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
+        """The grid at alpha. Cost O(J n K)."""
+        affordable(self.per_dimension**inputs.scattering)
+        return _equal(inputs, alpha, _grid_variates(self.per_dimension, inputs.scattering))
+
+
+def _equal(inputs: Inputs, alpha: Array, xi: Array) -> CubatureNodes:
+    x, dx = inputs.image(alpha, xi)
+    count = xi.shape[0]
+    return CubatureNodes(x, np.full(count, 1.0 / count), dx, np.zeros((count, inputs.size)))
+
+
+@lru_cache(maxsize=16)
+def _sobol_variates(points: int, dimensions: int, seed: int, bits: int = 30) -> Array:
+    if not dimensions:
+        return np.zeros((1, 0))
+    engine = qmc.Sobol(dimensions, bits=bits, rng=np.random.default_rng(seed))
+    # the points are multiples of 2^-bits, zero among them: half a step keeps them inside
+    return _frozen(special.ndtri(engine.random(points) + 0.5 ** (bits + 1)))
+
+
+@lru_cache(maxsize=16)
+def _random_variates(points: int, dimensions: int, seed: int) -> Array:
+    if not dimensions:
+        return np.zeros((1, 0))
+    return _frozen(np.random.default_rng(seed).standard_normal((points, dimensions)))
+
+
+@lru_cache(maxsize=16)
+def _grid_variates(per_dimension: int, dimensions: int) -> Array:
+    if not dimensions:
+        return np.zeros((1, 0))
+    middles = special.ndtri((np.arange(per_dimension) + 0.5) / per_dimension)
+    return _frozen(middles[tensor((per_dimension,) * dimensions)])
+
+
+def _frozen(xi: Array) -> Array:
+    xi.setflags(write=False)
+    return xi
+
+
+@dataclass(frozen=True)
+class Smolyak:
+    """A sparse grid of the laws' own Gauss rules (Smolyak, 1963), by the combination technique.
+
+    sum over l with L - d < |l| <= L of (-1)^(L - |l|) C(d - 1, L - |l|) U_l1 x ... x U_ld, where
+    U_l is the Gauss rule of l + 1 nodes (Gerstner and Griebel, 1998; linear growth). Exact for
+    monomials with sum_i floor(k_i / 2) <= L, hence to total degree 2L + 1; not for x_i^(2L + 2).
+    Nodes that rules of fixed nodes share, such as the middle of normal laws, are merged.
+    `level` L from 0 to 20. Raises InputsError beyond that, and where there are above 1e6 nodes.
+
+    Some weights are negative: a variance or another even moment can come out negative for an
+    outcome that is not smooth at this level, and a density of such moments has no solution.
+
+    >>> from aleator.laws import Normal
+    >>> inputs = Inputs({name: Normal(0.0, 1.0) for name in "abcdefgh"})
+    >>> alpha = np.tile([0.0, 1.0], 8)
+    >>> rule = Smolyak(2).nodes(inputs, alpha)
+    >>> rule.weights.size                               # a tensor rule of 3 nodes has 6561
+    145
+    >>> round(float(rule.weights @ (rule.x[:, 0] * rule.x[:, 1]) ** 2), 9)
+    1.0
+    """
+
+    level: int
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        check_whole("level", self.level, 0, 20)
+
+    def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
+        """The rule at alpha. Cost O(J n K), besides the grid, which is made once."""
+        # before merging: the coefficients of t^0..t^L in (sum_l (l + 1) t^l)^d = (1 - t)^(-2d)
+        affordable(comb(2 * inputs.scattering + self.level, self.level))
+        levels = [axes(inputs, alpha, q) for q in range(1, self.level + 2)]
+        stacks = [
+            _stacked([rules[i] for rules in levels] if scatters else [levels[0][i]])
+            for i, scatters in enumerate(law.scatters for law in inputs.laws.values())
+        ]
+        grid = _grid(self.level, tuple(_identity(stack) for stack in stacks))
+        every = combined(inputs, alpha, stacks, grid.picks)
+        weights = np.asarray(np.bincount(grid.node, grid.factor * every.weights), dtype=float)
+        dweights = np.zeros((weights.size, inputs.size))
+        for k in np.flatnonzero(np.any(every.dweights, axis=0)):
+            dweights[:, k] = np.bincount(grid.node, grid.factor * every.dweights[:, k])
+        return CubatureNodes(every.x[grid.first], weights, every.dx[grid.first], dweights)
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """The tensor grids of a sparse grid one after the other (E nodes), merged into J nodes.
+
+    `picks` (E, n) into each parameter's stack of rules, `factor` (E,) of the combination, `node`
+    (E,) which of the J it is, and `first` (J,) one of the E for each.
+    """
+
+    picks: Indices
+    factor: Array
+    node: Indices
+    first: Indices
+
+
+@lru_cache
+def _grid(level: int, identities: tuple[tuple[int, ...], ...]) -> _Grid:
+    """Combine the stacks: rule l of a stack begins at l (l + 1)/2; a constant's stack has one."""
+    moving = [i for i, identity in enumerate(identities) if len(identity) > 1]
+    if not moving:
+        zero = np.zeros((1, len(identities)), dtype=np.intp)
+        return _Grid(zero, np.ones(1), zero[:, 0], zero[:, 0])
+    picks, factors = [], []
+    for levels in _levels(len(moving), level):
+        left = level - sum(levels)
+        if left >= len(moving):
+            continue
+        sizes = [1] * len(identities)
+        begin = np.zeros(len(identities), dtype=np.intp)
+        for i, l in zip(moving, levels, strict=True):
+            sizes[i], begin[i] = l + 1, l * (l + 1) // 2
+        picks.append(tensor(tuple(sizes)) + begin)
+        sign = (-1.0) ** left * comb(len(moving) - 1, left)
+        factors.append(np.full(picks[-1].shape[0], sign))
+    chosen = np.concatenate(picks)
+    ids = np.stack([np.array(identity)[chosen[:, i]] for i, identity in enumerate(identities)], 1)
+    _, first, node = np.unique(ids, axis=0, return_index=True, return_inverse=True)
+    return _Grid(chosen, np.concatenate(factors), node.reshape(-1), first)
+
+
+def _levels(dimensions: int, total: int) -> list[tuple[int, ...]]:
+    """Every tuple of that many levels with a sum of at most total."""
+    if dimensions == 1:
+        return [(l,) for l in range(total + 1)]
+    return [(l, *rest) for l in range(total + 1) for rest in _levels(dimensions - 1, total - l)]
+
+
+def _stacked(rules: list[Rule]) -> Rule:
+    """Rules of one parameter one after the other."""
+    return Rule(
+        np.concatenate([rule.x for rule in rules]),
+        np.concatenate([rule.weights for rule in rules]),
+        np.concatenate([rule.t for rule in rules]),
+        np.concatenate([rule.dx for rule in rules]),
+        np.concatenate([rule.dweights for rule in rules]),
+    )
+
+
+def _identity(stack: Rule) -> tuple[int, ...]:
+    """For each node of a stack the first one that it is equal to, whatever alpha is.
+
+    Equal t are equal nodes where the law maps a t that does not depend on alpha, as is seen
+    by weights without derivative; other laws' nodes may meet at one alpha but part at the next.
+    Nodes closer than 1e-12 in t are one: they differ by rounding.
+    """
+    own = np.arange(stack.x.size)
+    if np.any(stack.dweights):
+        return tuple(own.tolist())
+    near = np.abs(stack.t[:, None] - stack.t[None, :]) <= 1e-12
+    return tuple(np.argmax(near, axis=1).tolist())
