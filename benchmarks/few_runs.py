@@ -25,7 +25,7 @@ from aleator.errors import AleatorError
 from aleator.fit.search import by_tangent
 from aleator.inference.check import Check
 from aleator.inference.information import infer
-from aleator.laws.region import law_region
+from aleator.laws.inputs import law_region
 from aleator.likelihood.problem import Problem, prepare
 from aleator.moments.likelihood import Continued, Likelihood
 from aleator.moments.maximum_entropy import MaximumEntropy

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from aleator.laws.covariates import DesignMatrix
 
 from aleator.errors import AleatorError
-from aleator.laws.design import Design
 from aleator.simulators.derived import parse
 from hardening.judging import DONE, SLOW, TOLD, TRACEBACK
 from hardening.mutation import Damage
@@ -106,7 +106,7 @@ def hostile(number: int, seed: int) -> str:
 
 
 def _as_covariates(text: str) -> None:
-    Design.of(text, TABLE).at(TABLE)
+    DesignMatrix.of(text, TABLE).at(TABLE)
 
 
 def _as_derived(text: str) -> None:

@@ -28,7 +28,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from aleator.laws.inversion import invert
+from aleator.laws.law import invert
 from aleator.moments.moments import Moments
 from aleator.status import Status
 from aleator.types import Array

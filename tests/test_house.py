@@ -85,8 +85,8 @@ def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
         "numpy",
         "aleator.simulators",
         "aleator.search.local.gaussian",
-        "aleator.laws.normal.Normal",
-        "aleator.laws.gamma",
+        "aleator.laws.marginals.Normal",
+        "aleator.laws.marginals",
     ]
 
 

@@ -33,11 +33,11 @@ if TYPE_CHECKING:
     from aleator.moments.quadrature import Smolyak as Smolyak
     from aleator.moments.quadrature import SobolPoints as SobolPoints
     from aleator.moments.quadrature import TensorGauss as TensorGauss
-    from aleator.observations.censoring import Censoring as Censoring
+    from aleator.observations.errors import Noise as Noise
     from aleator.observations.experiments import Conditions as Conditions
     from aleator.observations.experiments import Experiments as Experiments
-    from aleator.observations.noise import Noise as Noise
-    from aleator.observations.student import StudentError as StudentError
+    from aleator.observations.model import StudentError as StudentError
+    from aleator.observations.outcomes import Censoring as Censoring
     from aleator.report.progress_line import ProgressLine as ProgressLine
     from aleator.search import CMAES as CMAES
     from aleator.search import CustomSearch as CustomSearch

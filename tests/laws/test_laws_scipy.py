@@ -7,10 +7,10 @@ import pytest
 from scipy import special, stats
 
 from aleator import Free, ScipyLaw
-from aleator.errors import InputsError
-from aleator.laws.discretized import Support, discretize
-from aleator.polynomials import evaluate, hermite_recurrence, jacobi_recurrence, laguerre_recurrence
 from aleator import polynomials as gauss
+from aleator.errors import InputsError
+from aleator.laws.scipy_law import Support, discretize
+from aleator.polynomials import evaluate, hermite_recurrence, jacobi_recurrence, laguerre_recurrence
 from aleator.types import Array
 
 NONE = np.empty(0)

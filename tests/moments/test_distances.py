@@ -12,7 +12,7 @@ from scipy import optimize, stats
 
 from aleator import Inputs, Normal, ResponseSurface
 from aleator.errors import InputsError
-from aleator.laws.region import law_region
+from aleator.laws.inputs import law_region
 from aleator.likelihood.level_sets.predicted import Predictor
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem as Prepared

@@ -4,9 +4,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from aleator.observations.outcomes import Censoring
 
 from aleator.errors import ExperimentsError
-from aleator.observations.censoring import Censoring
 from aleator.observations.experiments import Experiments
 
 INF = np.inf

@@ -11,8 +11,19 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from aleator.polynomials import evaluate, gauss_hermite, gauss_with_gradient, hermite_recurrence, jacobi_recurrence, laguerre_recurrence, legendre_recurrence, recurrence_with_gradient, stieltjes, tensor
 from aleator import polynomials as gauss
+from aleator.polynomials import (
+    evaluate,
+    gauss_hermite,
+    gauss_with_gradient,
+    hermite_recurrence,
+    jacobi_recurrence,
+    laguerre_recurrence,
+    legendre_recurrence,
+    recurrence_with_gradient,
+    stieltjes,
+    tensor,
+)
 from aleator.types import Array
 
 

@@ -22,7 +22,6 @@ from aleator import (
     ResponseSurface,
     TruncatedNormal,
 )
-from examples.wet_clutch.model import shifting_time
 from aleator.errors import SimulatorError
 from aleator.simulators import FunctionSimulator, RunFailed, Simulator
 from aleator.simulators.derived import parse
@@ -39,7 +38,8 @@ from aleator.simulators.fmu import (
 )
 from aleator.simulators.fmu.description import read_description
 from aleator.study import load_study
-from aleator.study.fmu import signals
+from aleator.study.simulators import signals
+from examples.wet_clutch.model import shifting_time
 
 K = {"k": "surface.k"}
 

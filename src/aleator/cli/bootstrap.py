@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from aleator.cli.ending import told
 from aleator.cli.running import (
     FILE,
     OUTPUT,
@@ -18,9 +17,10 @@ from aleator.cli.running import (
     make_place,
     makes_runs,
     running,
+    show_answer,
+    shown,
     units_in,
 )
-from aleator.cli.showing import shown
 from aleator.report import bootstrap as report
 from aleator.results import documents
 from aleator.study import load_study
@@ -82,4 +82,4 @@ def bootstrap(
     documents.write_json(document, folder / "bootstrap.json")
     documents.write_text(found.replicates().to_csv(), folder / "bootstrap.csv")
     files = [folder / name for name in ("bootstrap.json", "bootstrap.csv", FINISHED)]
-    told(report, document, files, options.quiet)
+    show_answer(report, document, files, options.quiet)

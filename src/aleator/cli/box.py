@@ -16,9 +16,9 @@ from aleator.cli.running import (
     make_place,
     makes_runs,
     running,
+    shown,
     units_in,
 )
-from aleator.cli.showing import shown
 from aleator.errors import short
 from aleator.report import box as report
 from aleator.results import documents

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import click
 
-from aleator.cli.ending import ended
 from aleator.cli.running import (
     FILE,
     OUTPUT,
     SEED,
     RunOptions,
+    ended,
     folder_of,
     identified,
     make_place,
     makes_runs,
     running,
+    shown,
 )
-from aleator.cli.showing import shown
 from aleator.plot.ceiling import save_ceiling
 from aleator.report import ceiling as report
 from aleator.study import load_study

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import click
 
-from aleator.cli.ending import ended
 from aleator.cli.running import (
     FILE,
     OUTPUT,
     SEED,
     RunOptions,
+    ended,
     folder_of,
     make_place,
     makes_runs,
     running,
+    shown,
 )
-from aleator.cli.showing import shown
 from aleator.errors import short
 from aleator.plot.first_look import save_check
 from aleator.report import first_look as report

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from aleator.cli.asking import Questions
+from aleator.cli.new import Questions
 from aleator.errors import AleatorError, SimulatorError, nearest
 from aleator.report.proposal import variables
 from aleator.report.rows import Rows
@@ -20,8 +20,14 @@ from aleator.study.offers import (
     offered_by_fmu,
     offered_by_function,
 )
-from aleator.study.proposal import outcome_of, require_outcome, responses_of
-from aleator.study.proposed_laws import Limits, around, parameters_of
+from aleator.study.proposal import (
+    Limits,
+    nominal_limits,
+    outcome_of,
+    parameters_of,
+    require_outcome,
+    responses_of,
+)
 from aleator.study.roles import Roles, Sheet
 
 LISTED = 40
@@ -125,7 +131,9 @@ def chosen_parameters(
         [law.name for law in laws if law.scatters],
     )  # fmt: skip
     limits: dict[str, Limits | float | None] = {
-        name: asked.questions.limits(f"  {name} lies between (two numbers)", around(known[name]))
+        name: asked.questions.limits(
+            f"  {name} lies between (two numbers)", nominal_limits(known[name])
+        )
         for name in names
     }
     for law in laws:

@@ -13,13 +13,14 @@ from aleator.cli.running import (
     FOLDER,
     SEED,
     RunOptions,
+    can_draw,
     identified,
     make_place,
     makes_runs,
     name_of,
     running,
+    shown,
 )
-from aleator.cli.showing import can_draw, shown
 from aleator.errors import AleatorError, short
 from aleator.plot.compare import save_compare
 from aleator.report import compare as report

@@ -9,8 +9,7 @@ from typing import Any, Protocol
 import click
 from rich.console import Console, RenderableType
 
-from aleator.cli.running import linked, units_in
-from aleator.cli.showing import can_draw
+from aleator.cli.running import can_draw, linked, units_in
 from aleator.errors import short
 from aleator.results import documents
 from aleator.study import Study

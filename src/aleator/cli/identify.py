@@ -9,12 +9,14 @@ from typing import Any
 import click
 from rich.console import Console
 
-from aleator.cli.reporting import write_report
+from aleator.cli.identify import write_report
 from aleator.cli.running import (
     FILE,
     OUTPUT,
     SEED,
     RunOptions,
+    can_draw,
+    can_report,
     described,
     folder_of,
     identified,
@@ -22,8 +24,9 @@ from aleator.cli.running import (
     make_place,
     makes_runs,
     running,
+    say,
+    shown,
 )
-from aleator.cli.showing import can_draw, can_report, say, shown
 from aleator.errors import short
 from aleator.inference.check import Check
 from aleator.laws import LogNormal
@@ -33,9 +36,8 @@ from aleator.results import documents, printed
 from aleator.search import GradientMultistart
 from aleator.simulators import Budget
 from aleator.study import load_study
-from aleator.study.experiments import ExperimentsSection
-from aleator.study.keys import in_toml
-from aleator.study.sections import StudyFile
+from aleator.study.kinds import in_toml
+from aleator.study.sections import ExperimentsSection, StudyFile
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.pictures import pictured
 

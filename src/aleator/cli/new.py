@@ -7,22 +7,22 @@ from pathlib import Path
 
 import click
 
-from aleator.cli.asking import Questions, at_terminal
-from aleator.cli.choosing import (
+from aleator.cli.new import (
     Asked,
+    Questions,
+    at_terminal,
     chosen_offer,
     chosen_outcomes,
     chosen_parameters,
     chosen_table,
+    schema_text,
 )
 from aleator.cli.running import FILE, RESULT
-from aleator.cli.schema import schema_text
 from aleator.errors import AleatorError, short
 from aleator.report.proposal import notes, study_text
 from aleator.results import documents
 from aleator.study.offers import bound
-from aleator.study.proposal import proposed, roles_of
-from aleator.study.proposed_laws import laws_for
+from aleator.study.proposal import laws_for, proposed, roles_of
 from aleator.study.roles import count_of, sheet_of
 
 SCHEMA = "study.schema.json"

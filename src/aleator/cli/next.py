@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 
-from aleator.cli.ending import told
 from aleator.cli.running import (
     FILE,
     FOLDER,
@@ -18,9 +17,10 @@ from aleator.cli.running import (
     make_place,
     makes_runs,
     running,
+    show_answer,
+    shown,
     units_in,
 )
-from aleator.cli.showing import shown
 from aleator.errors import AleatorError
 from aleator.report import next as report
 from aleator.results import documents
@@ -109,7 +109,7 @@ def next(
     """
     value, study_file = load_study(study).overridden(seed, verified=False), study.absolute()
     table = value.read_conditions(candidates)
-    # what is wrong here is told before a slow simulator is run
+    # what is wrong here is show_answer before a slow simulator is run
     require_enough_candidates(count, len(table.ids), repeat)
     require_free(about, value.hyperparameters)
     wanted = _predicted(value, for_prediction, quantile, above, below)
@@ -140,7 +140,7 @@ def next(
         text = plan.table().to_csv(index_label="id", lineterminator="\n")
         documents.write_text(text, output / "next.csv")
         files = [output / "next.json", output / "next.csv"]
-    told(report, document, files, options.quiet)
+    show_answer(report, document, files, options.quiet)
 
 
 def _predicted(

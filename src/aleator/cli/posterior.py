@@ -18,9 +18,9 @@ from aleator.cli.running import (
     make_place,
     makes_runs,
     running,
+    shown,
     units_in,
 )
-from aleator.cli.showing import shown
 from aleator.errors import short
 from aleator.inference.chains import SAMPLER, installed
 from aleator.report import posterior as report

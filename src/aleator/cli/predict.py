@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from aleator.cli.deciding import Asked, asks
-from aleator.cli.predict_notes import expected_runs, held, made_runs, untested
+from aleator.cli.predict import Asked, asks, expected_runs, held, made_runs, untested
 from aleator.cli.running import (
     FILE,
     RESULT,
@@ -22,9 +21,9 @@ from aleator.cli.running import (
     make_place,
     makes_runs,
     running,
+    shown,
     units_in,
 )
-from aleator.cli.showing import shown
 from aleator.errors import AleatorError, short
 from aleator.inference.decisions.alpha_draws import AlphaDraws, alpha_draws
 from aleator.observations.experiments import Conditions

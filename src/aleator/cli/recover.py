@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 
-from aleator.cli.ending import told
 from aleator.cli.running import (
     FILE,
     FOLDER,
@@ -19,8 +18,9 @@ from aleator.cli.running import (
     make_place,
     makes_runs,
     running,
+    show_answer,
+    shown,
 )
-from aleator.cli.showing import shown
 from aleator.errors import AleatorError, nearest
 from aleator.progress import Progress
 from aleator.report import recovery
@@ -103,7 +103,7 @@ def recover(
         document = linked(document, value, study_file, output)
         documents.write_json(document, output / RECOVERY)
         files.append(output / RECOVERY)
-    told(recovery, document, files, options.quiet)
+    show_answer(recovery, document, files, options.quiet)
 
 
 def _truth(

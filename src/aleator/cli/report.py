@@ -6,9 +6,8 @@ from pathlib import Path
 
 import click
 
-from aleator.cli.reporting import study_of, write_compared, write_report
-from aleator.cli.running import FOLDER
-from aleator.cli.showing import require_report
+from aleator.cli.identify import study_of, write_compared, write_report
+from aleator.cli.running import FOLDER, require_report
 from aleator.errors import short
 from aleator.results.schema import read_answer
 

@@ -15,7 +15,7 @@ from typing import Any
 import click
 import numpy as np
 
-from aleator.cli.showing import say
+from aleator.cli.running import say
 from aleator.errors import AleatorError
 from aleator.fit.question import start_point
 from aleator.observations.experiments import Conditions

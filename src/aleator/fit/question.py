@@ -19,10 +19,8 @@ from aleator.likelihood.individual import (
     Predictor,
 )
 from aleator.likelihood.model import Model
-from aleator.observations.covariates import covariates
-from aleator.observations.errors import MeasurementErrors
-from aleator.observations.experiments import Conditions, Experiments
-from aleator.observations.noise import Noise
+from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.observations.responses import Observations
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner

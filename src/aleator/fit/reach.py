@@ -16,8 +16,7 @@ from aleator.fit.question import Question
 from aleator.fit.regions import hull, within
 from aleator.inference import diagnostics
 from aleator.laws.hyperparameter import limits_of
-from aleator.laws.inputs import Inputs
-from aleator.laws.region import law_region
+from aleator.laws.inputs import Inputs, law_region
 from aleator.likelihood.problem import Problem, prepare
 from aleator.progress import Progress
 from aleator.surrogates import AdaptiveSurfaces

@@ -24,8 +24,8 @@ from aleator.inference.diagnostics.surfaces import judged
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import has_prior
 from aleator.laws.inputs import Inputs
-from aleator.laws.prior import has_prior
 from aleator.likelihood.individual import (
     IndividualLikelihood,
     IndividualParameters,

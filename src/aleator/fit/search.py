@@ -17,10 +17,11 @@ from scipy import optimize
 from aleator.fit.ledger import SEARCH, Ledger
 from aleator.fit.question import Question, start_point
 from aleator.fit.settle import AnyLikelihood, climbed
-from aleator.laws import Hyperparameter, classes
-from aleator.laws.classes import apart, undivided
+from aleator.laws import Hyperparameter
+from aleator.laws import mixture as classes
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs
+from aleator.laws.mixture import apart, undivided
 from aleator.likelihood.individual import (
     Direct,
     GaussHermite,

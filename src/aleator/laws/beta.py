@@ -11,9 +11,12 @@ from scipy import special
 
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
-from aleator.laws.image import (
+from aleator.laws.law import (
     FARTHEST,
     MANY,
+    ByMeanAndSd,
+    Rule,
+    Standard,
     Tabulated,
     difference,
     from_probability,
@@ -21,7 +24,6 @@ from aleator.laws.image import (
     slope,
     to_score,
 )
-from aleator.laws.law import ByMeanAndSd, Rule, Standard
 from aleator.polynomials import gauss_with_gradient, jacobi_recurrence, recurrence_with_gradient
 from aleator.types import Array
 

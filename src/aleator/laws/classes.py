@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from aleator.laws.constant import Constant
 from aleator.laws.inputs import Inputs
 from aleator.laws.law import Law
+from aleator.laws.marginals import Constant, Normal
 from aleator.laws.mixture import Mixture
-from aleator.laws.normal import Normal
 from aleator.types import Array
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.errors import InputsError, nearest
-from aleator.laws.design import Design, Table
+from aleator.laws.covariates import DesignMatrix, Table
 from aleator.laws.hyperparameter import Beside, By, Hyperparameter, Specification, resolve, within
 from aleator.types import Array, Indices
 
@@ -22,7 +22,7 @@ class Entry:
 
     own: Hyperparameter
     places: slice
-    design: Design | None
+    design: DesignMatrix | None
 
     def value(self, alpha: Array, experiments: slice) -> Array:
         """The value (B,), or () where it is the same in every experiment; within its limits."""
@@ -56,7 +56,7 @@ class CovariateModel:
     def of(cls, own: Sequence[Hyperparameter], covariates: Table) -> CovariateModel:
         """From the hyperparameters of the laws, and covariates with a row for each experiment.
 
-        Raises InputsError, with the name of the hyperparameter, as `Design.of` does.
+        Raises InputsError, with the name of the hyperparameter, as `DesignMatrix.of` does.
         """
         entries: list[Entry] = []
         found: list[Hyperparameter] = []
@@ -116,7 +116,7 @@ class CovariateModel:
         return found
 
 
-def coefficients(own: Hyperparameter, design: Design) -> list[Hyperparameter]:
+def coefficients(own: Hyperparameter, design: DesignMatrix) -> list[Hyperparameter]:
     """The coefficients of a formula, as hyperparameters ``mean[temperature]``.
 
     The columns that add up to one (the intercept, or the levels that stand for it) have the limits
@@ -179,9 +179,9 @@ def _require_terms(own: Hyperparameter, by: By, names: Sequence[str]) -> None:
             )
 
 
-def _design(own: Hyperparameter, covariates: Table) -> Design:
+def _design(own: Hyperparameter, covariates: Table) -> DesignMatrix:
     assert own.by is not None
     try:
-        return Design.of(own.by.formula, covariates)
+        return DesignMatrix.of(own.by.formula, covariates)
     except InputsError as error:
         raise InputsError(f"{own.name} = {error.problem}", error.remedy) from None

@@ -16,9 +16,12 @@ from aleator.laws.hyperparameter import (
     require_above,
     widest_above,
 )
-from aleator.laws.image import (
+from aleator.laws.law import (
     FARTHEST,
     MANY,
+    ByMeanAndSd,
+    Rule,
+    Standard,
     Tabulated,
     difference,
     from_probability,
@@ -26,7 +29,6 @@ from aleator.laws.image import (
     slope,
     to_score,
 )
-from aleator.laws.law import ByMeanAndSd, Rule, Standard
 from aleator.polynomials import gauss_with_gradient, laguerre_recurrence, recurrence_with_gradient
 from aleator.types import Array
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aleator.errors import InputsError
-from aleator.laws.prior import Prior
+from aleator.laws.hyperparameter import Prior
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aleator.laws.inputs import image_at
 from aleator.laws.law import Law, Standard
 from aleator.laws.mixture import Mixture
-from aleator.laws.tabulated import image_at
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:

@@ -13,13 +13,12 @@ from scipy import special
 
 from aleator.errors import InputsError, require_filled
 from aleator.laws.correlation import Correlation, Pair, between
-from aleator.laws.covariate_model import CovariateModel
-from aleator.laws.design import Table, variables
+from aleator.laws.covariates import CovariateModel, Table, variables
 from aleator.laws.hyperparameter import Hyperparameter, Specification
-from aleator.laws.individual import Individual
+from aleator.laws.inputs import Individual
 from aleator.laws.law import Law
+from aleator.laws.marginals import Normal
 from aleator.laws.mixture import Mixture
-from aleator.laws.normal import Normal
 from aleator.threads import single_threaded
 from aleator.types import Array, Indices
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from aleator.laws.hyperparameter import Hyperparameter, about
+from aleator.laws.hyperparameter import Hyperparameter, filled
 from aleator.types import Array
 
 
@@ -159,4 +159,4 @@ class ByMeanAndSd(ABC):
 
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The center and the sd, within their limits."""
-        return about(self.hyperparameters, center, sd)
+        return filled(self.hyperparameters, center, sd)

@@ -12,9 +12,8 @@ from scipy.optimize import elementwise
 
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import OPEN, Free, Hyperparameter, Specification, resolve, within
-from aleator.laws.image import slope, to_score
-from aleator.laws.law import Law, MeanSd, Standard
-from aleator.laws.quantile_law import QuantileLaw, fine_points, standardized
+from aleator.laws.law import Law, MeanSd, Standard, slope, to_score
+from aleator.laws.mixture import QuantileLaw, fine_points, standardized
 from aleator.types import Array, Indices
 
 LEAST = 1e-6

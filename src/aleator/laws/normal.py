@@ -14,8 +14,7 @@ from aleator.laws.hyperparameter import (
     Specification,
     location_and_scale,
 )
-from aleator.laws.image import normal_log_density
-from aleator.laws.law import ByMeanAndSd, Rule, Standard
+from aleator.laws.law import ByMeanAndSd, Rule, Standard, normal_log_density
 from aleator.polynomials import gauss_hermite, hermite_recurrence
 from aleator.types import Array
 

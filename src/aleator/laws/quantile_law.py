@@ -9,11 +9,18 @@ from itertools import product
 import numpy as np
 from scipy import optimize
 
-from aleator.laws.distinct import by_distinct
-from aleator.laws.hyperparameter import Hyperparameter, limits_of, within
-from aleator.laws.image import STEP, difference, from_tails, slope
-from aleator.laws.law import MeanSd, Rule, Standard
 from aleator import polynomials as gauss
+from aleator.laws.hyperparameter import Hyperparameter, limits_of, within
+from aleator.laws.law import (
+    STEP,
+    MeanSd,
+    Rule,
+    Standard,
+    by_distinct,
+    difference,
+    from_tails,
+    slope,
+)
 from aleator.polynomials import gauss_legendre, stieltjes
 from aleator.types import Array
 

@@ -10,17 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from aleator.errors import InputsError
-from aleator.laws.discretized import Support, discretize
-from aleator.laws.hyperparameter import (
-    Hyperparameter,
-    Specification,
-    about,
-    location_and_scale,
-)
-from aleator.laws.image import Tail, from_probability, from_tails, slope, to_score
-from aleator.laws.law import MeanSd, Rule, Standard
 from aleator import polynomials as gauss
+from aleator.errors import InputsError
+from aleator.laws.hyperparameter import Hyperparameter, Specification, filled, location_and_scale
+from aleator.laws.law import (
+    MeanSd,
+    Rule,
+    Standard,
+    Tail,
+    from_probability,
+    from_tails,
+    slope,
+    to_score,
+)
+from aleator.laws.scipy_law import Support, discretize
 from aleator.polynomials import stieltjes
 from aleator.types import Array
 
@@ -148,7 +151,7 @@ class ScipyLaw:
 
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The center and the sd, within their limits; nothing for a known law."""
-        return about(self.hyperparameters, center, sd) if self.hyperparameters else np.empty(0)
+        return filled(self.hyperparameters, center, sd) if self.hyperparameters else np.empty(0)
 
     @cached_property
     def _shape(self) -> Any:

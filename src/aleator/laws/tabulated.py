@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aleator.laws.image import FARTHEST, Tabulated
-from aleator.laws.law import Law
-from aleator.laws.normal import Normal
+from aleator.laws.law import FARTHEST, Law, Tabulated
+from aleator.laws.marginals import Normal
 from aleator.types import Array
 
 if TYPE_CHECKING:

@@ -10,11 +10,10 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
-from aleator.errors import InputsError
-from aleator.laws.hyperparameter import OPEN, ZERO, Hyperparameter, Specification, about, resolve
-from aleator.laws.image import normal_log_density
-from aleator.laws.law import MeanSd, Rule, Standard
 from aleator import polynomials as gauss
+from aleator.errors import InputsError
+from aleator.laws.hyperparameter import OPEN, ZERO, Hyperparameter, Specification, filled, resolve
+from aleator.laws.law import MeanSd, Rule, Standard, normal_log_density
 from aleator.polynomials import gauss_hermite, gauss_legendre, hermite_recurrence, stieltjes
 from aleator.types import Array
 
@@ -166,7 +165,7 @@ class TruncatedNormal:
 
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The center and the sd as those of the normal law before truncation."""
-        return about(self.hyperparameters, center, sd)
+        return filled(self.hyperparameters, center, sd)
 
     def _own_rule(self, values: Array, nodes: int) -> Rule:
         a, b = self._standard_limits(values)

@@ -16,8 +16,7 @@ from aleator.laws.hyperparameter import (
     Specification,
     location_and_scale,
 )
-from aleator.laws.image import to_score
-from aleator.laws.law import ByMeanAndSd, Rule, Standard
+from aleator.laws.law import ByMeanAndSd, Rule, Standard, to_score
 from aleator.polynomials import gauss_legendre, legendre_recurrence
 from aleator.types import Array
 

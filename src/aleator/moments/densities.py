@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
 from aleator.errors import InputsError
-from aleator.laws.inversion import invert
+from aleator.laws.law import invert
 from aleator.moments.moments import Moments
 from aleator.status import DEGENERATE_VALUE, Status
 from aleator.types import Array, Flags

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aleator.laws import Hyperparameter
-from aleator.laws.prior import log_prior
+from aleator.laws.hyperparameter import log_prior
 from aleator.moments.densities import Density, FittedMomentDensity, Gaussian
 from aleator.moments.distances import distance_on_grid
 from aleator.moments.maximum_entropy import FittedMaximumEntropy, MaximumEntropy

@@ -11,7 +11,7 @@ from scipy.special import ndtr, ndtri
 
 from aleator.blocks import blocks
 from aleator.errors import InputsError
-from aleator.laws.inversion import invert
+from aleator.laws.law import invert
 from aleator.moments.densities import (
     Codes,
     DensityPartials,

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aleator.errors import ExperimentsError
-from aleator.observations import files, tables
-from aleator.observations.columns import Rows, rows_of
-from aleator.observations.responses import Observations, Response
-from aleator.observations.transform import Transform
+from aleator.observations import tables
+from aleator.observations import tables as files
+from aleator.observations.experiments import TableRows, rows_of
+from aleator.observations.responses import Observations, Response, Transform
 from aleator.types import Indices
 
 if TYPE_CHECKING:
@@ -132,7 +132,9 @@ class Conditions:
         return cls._of(rows, Transform.named(transform), responses)
 
     @classmethod
-    def _of(cls, rows: Rows, transform: Transform, responses: Sequence[Response]) -> Conditions:
+    def _of(
+        cls, rows: TableRows, transform: Transform, responses: Sequence[Response]
+    ) -> Conditions:
         return cls(
             rows.ids, rows.conditions, transform, responses=responses,
             table=rows.table, experiment=rows.experiment, places=rows.source.rows,

@@ -12,8 +12,7 @@ from aleator.errors import ExperimentsError, nearest
 if TYPE_CHECKING:
     import pandas as pd
 
-    from aleator.observations.conditions import Conditions
-    from aleator.observations.experiments import Experiments
+    from aleator.observations.experiments import Conditions, Experiments
 
 
 def covariates(experiments: Experiments | Conditions, names: Sequence[str]) -> pd.DataFrame:

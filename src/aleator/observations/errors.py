@@ -12,15 +12,12 @@ import numpy as np
 from aleator.blocks import blocks
 from aleator.errors import ExperimentsError
 from aleator.laws import Hyperparameter
-from aleator.observations.known import known_sds
-from aleator.observations.noise import Noise
-from aleator.observations.response_errors import ResponseErrors
-from aleator.observations.responses import Observations, require_known
+from aleator.observations.errors import Noise, ResponseErrors, sds_of_column
+from aleator.observations.responses import Observations, require_responses
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
-    from aleator.observations.conditions import Conditions
-    from aleator.observations.experiments import Experiments
+    from aleator.observations.experiments import Conditions, Experiments
 
 BLOCK = 32768
 """Numbers of one operation: what is between them stays in the cache."""
@@ -69,7 +66,7 @@ class MeasurementErrors:
         for k, name in enumerate(seen.names):
             rows = np.flatnonzero(seen.response == k)
             lower, upper = seen.lower[rows, None], seen.upper[rows, None]
-            known = known_sds(noises[name], name, experiments, seen.row[rows])
+            known = sds_of_column(noises[name], name, experiments, seen.row[rows])
             parts.append(ResponseErrors(noises[name], rows, lower, upper, known))
         return cls(tuple(parts), seen.names)
 
@@ -225,7 +222,7 @@ def _each(noise: Noise | Mapping[str, Noise], names: tuple[str, ...]) -> Mapping
                 f"[noise.{names[0]}] and so on",
             )
         return {names[0]: noise}
-    require_known(noise, names, "noise")
+    require_responses(noise, names, "noise")
     for name in names:
         if name not in noise:
             raise ExperimentsError(

@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aleator.errors import ExperimentsError
-from aleator.observations import files, tables
-from aleator.observations.columns import Rows, rows_of
-from aleator.observations.conditions import Conditions as Conditions
-from aleator.observations.conditions import check_sizes
-from aleator.observations.numbers import real_numbers
-from aleator.observations.reading import Censored, Outcomes
-from aleator.observations.responses import Observations
-from aleator.observations.tables import Table
-from aleator.observations.transform import Transform
+from aleator.observations import tables
+from aleator.observations import tables as files
+from aleator.observations.experiments import Conditions as Conditions
+from aleator.observations.experiments import TableRows, check_sizes, rows_of
+from aleator.observations.outcomes import Censored, OutcomeColumns
+from aleator.observations.responses import Observations, Transform
+from aleator.observations.tables import Table, real_numbers
 from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
@@ -170,7 +168,7 @@ class Experiments:
         >>> Experiments.from_frame(frame, outcome="time").conditions.columns.tolist()
         ['load']
         """
-        outcomes = Outcomes(_names(outcome), response, transform, censored)
+        outcomes = OutcomeColumns(_names(outcome), response, transform, censored)
         return cls._from_table(tables.from_frame(frame), outcomes, id, conditions, beside)
 
     @classmethod
@@ -195,7 +193,7 @@ class Experiments:
         Raises ExperimentsError as `from_frame` does, with the row as a spreadsheet counts it (the
         header is row 1), and for a file that is absent, empty, no text, or differently delimited.
         """
-        outcomes = Outcomes(_names(outcome), response, transform, censored)
+        outcomes = OutcomeColumns(_names(outcome), response, transform, censored)
         table = files.read(path, delimiter, decimal)
         return cls._from_table(table, outcomes, id, conditions, beside)
 
@@ -203,13 +201,13 @@ class Experiments:
     def _from_table(
         cls,
         table: Table,
-        outcomes: Outcomes,
+        outcomes: OutcomeColumns,
         id: str | None,
         names: Sequence[str] | None,
         beside: Collection[str],
     ) -> Experiments:
         outcomes.require(table, names)
-        rows: Rows = rows_of(table, id, names, outcomes.taken, beside)
+        rows: TableRows = rows_of(table, id, names, outcomes.taken, beside)
         return cls(
             rows.ids, rows.conditions, outcomes.read(rows.source, rows.experiment),
             table=rows.table, experiment=rows.experiment, places=rows.source.rows,

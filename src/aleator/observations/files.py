@@ -13,8 +13,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from aleator.errors import ExperimentsError, nearest
-from aleator.observations.cells import short
-from aleator.observations.tables import Table, check_header
+from aleator.observations.tables import Table, check_header, short
 
 DELIMITERS = {",": "a comma", ";": "a semicolon", "\t": "a tab", "|": "a vertical bar"}
 _KEY = {"\t": r"\t"}

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aleator.errors import ExperimentsError, nearest
-from aleator.observations.noise import Noise
+from aleator.observations.errors import Noise
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
-    from aleator.observations.conditions import Conditions
-    from aleator.observations.experiments import Experiments
+    from aleator.observations.experiments import Conditions, Experiments
 
 
 def known_sds(

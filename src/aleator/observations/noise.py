@@ -7,8 +7,7 @@ from functools import cached_property
 
 from aleator.errors import InputsError, require_filled
 from aleator.laws import Hyperparameter, Specification, resolve
-from aleator.observations.model import ObservationModel, is_shaped
-from aleator.observations.normal import NormalError
+from aleator.observations.model import NormalError, ObservationModel, is_shaped
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from aleator.observations.bounds import outward
-from aleator.observations.model import Observed
+from aleator.observations.model import Observed, outward
 from aleator.types import Array
 
 HALF_LOG_2_PI = 0.5 * float(np.log(2.0 * np.pi))

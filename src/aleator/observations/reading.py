@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.errors import ExperimentsError
-from aleator.observations.cells import UNMEASURED
-from aleator.observations.censoring import Censoring, Values
-from aleator.observations.responses import Observations, Response, require_known, responses_of
-from aleator.observations.tables import Table
+from aleator.observations.outcomes import Censoring, ColumnValues
+from aleator.observations.responses import Observations, Response, require_responses, responses_of
+from aleator.observations.tables import UNMEASURED, Table
 from aleator.types import Array, Indices
 
 Censored = Censoring | Mapping[str, Censoring] | None
@@ -81,7 +80,7 @@ class Outcomes:
         rows = self._long(table) if self.response else dict.fromkeys(self.columns, None)
         responses = responses_of([*rows], self.transform)
         if isinstance(self.censored, Mapping):
-            require_known(self.censored, [*rows], "censored")
+            require_responses(self.censored, [*rows], "censored")
         every = np.arange(len(table))
         found = [self._values(table, r, every if of is None else of) for r, of in rows.items()]
         self._require_values(table, found)
@@ -107,15 +106,15 @@ class Outcomes:
         of = np.array(words)
         return {name: np.flatnonzero(of == name) for name in dict.fromkeys(words)}
 
-    def _values(self, table: Table, response: str, rows: Indices) -> Values:
+    def _values(self, table: Table, response: str, rows: Indices) -> ColumnValues:
         column, censoring = self._columns(response)[0], self._censoring(response)
         if censoring is not None:
             return censoring.read(table, column, rows)
         values = table.numbers_or_blank(column)[rows]
         given = ~np.isnan(values)
-        return Values(rows[given], values[given], values[given])
+        return ColumnValues(rows[given], values[given], values[given])
 
-    def _require_values(self, table: Table, found: Sequence[Values]) -> None:
+    def _require_values(self, table: Table, found: Sequence[ColumnValues]) -> None:
         """Raise ExperimentsError for a row without any value."""
         given = np.zeros(len(table), dtype=bool)
         for values in found:
@@ -140,8 +139,8 @@ class Outcomes:
 
 
 def _transformed(
-    table: Table, values: Values, columns: tuple[str, str], response: Response
-) -> Values:
+    table: Table, values: ColumnValues, columns: tuple[str, str], response: Response
+) -> ColumnValues:
     """The values as the likelihood sees them; raises ExperimentsError where it cannot."""
     ends: list[Array] = []
     for raw, column in zip((values.lower, values.upper), columns, strict=True):
@@ -153,4 +152,4 @@ def _transformed(
                 f"{table.where(int(values.row[k]), column)}: {response.transform.fault(raw[k])}",
                 f'correct the outcome, or leave out transform = "{response.transform}"',
             )
-    return Values(values.row, ends[0], ends[1])
+    return ColumnValues(values.row, ends[0], ends[1])

@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aleator.observations.bounds import observed
-from aleator.observations.model import ObservationModel, Observed, is_curved, is_shaped
-from aleator.observations.noise import Noise
+from aleator.observations.errors import Noise
+from aleator.observations.model import ObservationModel, Observed, is_curved, is_shaped, observed
 from aleator.types import Array, Flags, Indices
 
 FARTHEST = 1e140

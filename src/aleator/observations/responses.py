@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from aleator.errors import ExperimentsError, nearest
-from aleator.observations.transform import Transform
+from aleator.observations.responses import Transform
 from aleator.types import Array, Flags, Indices
 
 

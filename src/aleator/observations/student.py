@@ -11,8 +11,7 @@ from scipy import special
 
 from aleator.errors import InputsError
 from aleator.laws import Free, Hyperparameter, Specification, resolve
-from aleator.observations.bounds import from_ends, outward
-from aleator.observations.model import Observed
+from aleator.observations.model import Observed, from_ends, outward
 from aleator.types import Array
 
 LIMITS = (1.0, 100.0)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import ExperimentsError, nearest
-from aleator.observations.cells import (
+from aleator.observations.tables import (
     bound_of,
     has_decimal_comma,
     is_blank,

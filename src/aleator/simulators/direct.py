@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from aleator.blocks import blocks
 from aleator.errors import AleatorError, SurroundingsError
-from aleator.observations.numbers import real_numbers
+from aleator.observations.tables import real_numbers
 from aleator.simulators.dispatch import Batch, make
 from aleator.simulators.function import FunctionSimulator
 from aleator.simulators.protocol import BLOCKS, RunStopped

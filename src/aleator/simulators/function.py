@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from aleator.errors import SimulatorError, nearest
-from aleator.observations.numbers import real_numbers
+from aleator.observations.tables import real_numbers
 from aleator.simulators.protocol import (
     BLOCKS,
     Columns,

@@ -30,7 +30,7 @@ from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
     from aleator.observations.experiments import Conditions, Experiments
-    from aleator.observations.transform import Transform
+    from aleator.observations.responses import Transform
 
 
 HOUR = timedelta(hours=1).total_seconds()

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError, nearest
-from aleator.observations.numbers import real_numbers
-from aleator.observations.responses import Response
-from aleator.observations.transform import Transform
+from aleator.observations.responses import Response, Transform
+from aleator.observations.tables import real_numbers
 from aleator.simulators.protocol import Columns, Simulator
 from aleator.types import Array, Flags, Indices
 

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from aleator.observations.censoring import Censoring
+from aleator.observations.outcomes import Censoring
 from aleator.observations.tables import Table
-from aleator.study.columns import numbers_of
+from aleator.study.roles import numbers_of
 
 _RIGHT = re.compile(
     r"run-?outs?|(right-?)?censored|right|suspen(ded|sion)|surviv(ed|or|al)|no-?failure|intact|"

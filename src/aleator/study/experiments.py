@@ -8,12 +8,11 @@ from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from aleator.observations import files
-from aleator.observations.censoring import Censoring
+from aleator.observations import tables as files
 from aleator.observations.experiments import Experiments
-from aleator.observations.reading import Censored
-from aleator.observations.transform import Transform
-from aleator.study.keys import Section, fault, in_toml, missing
+from aleator.observations.outcomes import Censored, Censoring
+from aleator.observations.responses import Transform
+from aleator.study.kinds import Section, fault, in_toml, missing
 
 TransformName = Annotated[Transform, Field(strict=False)]
 

@@ -25,22 +25,17 @@ from aleator.inference.check import Check
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
-from aleator.observations.covariates import covariates
-from aleator.observations.errors import MeasurementErrors
-from aleator.observations.experiments import Conditions, Experiments
+from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.observations.model import ObservationModel
-from aleator.observations.noise import Noise
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
 from aleator.simulators.derived import Derivation, Derived, derived
 from aleator.simulators.fmu import FMUSimulator
-from aleator.study.experiments import ExperimentsSection
-from aleator.study.kinds import Choice
-from aleator.study.messages import study_error
-from aleator.study.noise import columns_of, scales_of
-from aleator.study.sections import StudyFile, pairs
+from aleator.study.file import study_error, units_of
+from aleator.study.kinds import ChosenKind
+from aleator.study.sections import ExperimentsSection, StudyFile, columns_of, pairs, scales_of
 from aleator.study.simulators import RunsSection
-from aleator.study.units import units_of
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.individual.observed import varying_conditions
 
@@ -209,10 +204,10 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     def made(key: str, make: Callable[[], T]) -> T:
         return _made(path, key, make)
 
-    def built(key: str, choice: Choice[T]) -> T:
+    def built(key: str, choice: ChosenKind[T]) -> T:
         return made(key, lambda: choice.build(folder))
 
-    def noise(key: str, choice: Choice[ObservationModel]) -> Noise:
+    def noise(key: str, choice: ChosenKind[ObservationModel]) -> Noise:
         kind = built(key, choice)
         made(f"{key}.kind", lambda: require_filled(kind, ObservationModel, choice.kind))
         sd, relative = scales_of(choice)

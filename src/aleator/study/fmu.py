@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 from aleator.simulators.fmu import Crossing, Extreme, Final, Hook, Reduction, Signal, read_signal
 from aleator.simulators.fmu.description import Description
 from aleator.simulators.fmu.settings import columns_of
-from aleator.study.keys import Section, fault
+from aleator.study.kinds import Section, fault
 
 _CROSSING = ("value", "direction", "after", "interpolation")
 

@@ -50,7 +50,7 @@ class Section(BaseModel):
 
 def _law(value: Any) -> Any:
     """A law by its keys; the table of laws is made with these sections, and therefore later."""
-    from aleator.study.laws import LAWS
+    from aleator.study.sections import LAWS
 
     return LAWS.read(value)
 

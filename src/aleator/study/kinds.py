@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field, PydanticSchemaGenerationError, TypeA
 
 from aleator.errors import AleatorError, StudyError, nearest
 from aleator.laws import Free
-from aleator.study.keys import LawSpec, Section, fault, missing, specification, unknown
+from aleator.study.kinds import LawSpec, Section, fault, missing, specification, unknown
 
 T = TypeVar("T")
 

@@ -23,8 +23,7 @@ from aleator.laws import (
     TruncatedNormal,
     Uniform,
 )
-from aleator.study.keys import Section
-from aleator.study.kinds import Choice, Kinds
+from aleator.study.kinds import ChosenKind, Kinds, Section
 
 
 def uniform(
@@ -77,12 +76,12 @@ def scipy_law(
     return ScipyLaw(kind(**given), mean, sd)
 
 
-def _of_component(value: Any) -> Choice[Law]:
+def _of_component(value: Any) -> ChosenKind[Law]:
     return LAWS.read(value)
 
 
 def mixture(
-    components: tuple[Annotated[Choice[Law], PlainValidator(_of_component)], ...],
+    components: tuple[Annotated[ChosenKind[Law], PlainValidator(_of_component)], ...],
     shares: tuple[Specification, ...] | None = None,
     folder: Path = Path(),
 ) -> Mixture:

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from aleator.errors import StudyError, key_path, nearest
-from aleator.study.keys import TOLD, in_toml
+from aleator.study.kinds import TOLD, in_toml
 
 
 def study_error(error: ValidationError, document: Mapping[str, Any], path: Path) -> StudyError:

@@ -8,12 +8,17 @@ from typing import Annotated, Any, Self
 from pydantic import Discriminator, FiniteFloat, PlainValidator, Tag, model_validator
 
 from aleator.laws import Specification
-from aleator.observations.model import ObservationModel
-from aleator.observations.noise import Noise
-from aleator.observations.normal import NormalError
-from aleator.observations.student import StudentError
-from aleator.study.keys import FreeSection, Section, Spec, missing, specification
-from aleator.study.kinds import Choice, Kinds
+from aleator.observations.errors import Noise
+from aleator.observations.model import NormalError, ObservationModel, StudentError
+from aleator.study.kinds import (
+    ChosenKind,
+    FreeSection,
+    Kinds,
+    Section,
+    Spec,
+    missing,
+    specification,
+)
 
 
 def _kind(value: Any) -> str:
@@ -57,7 +62,7 @@ OBSERVATIONS: Kinds[ObservationModel] = Kinds(
 )
 """`[noise] kind = "..."`: how a measured outcome is distributed about the simulated one."""
 
-OneNoise = Annotated[Choice[ObservationModel], PlainValidator(OBSERVATIONS.read)]
+OneNoise = Annotated[ChosenKind[ObservationModel], PlainValidator(OBSERVATIONS.read)]
 
 
 def _form(value: Any) -> str:
@@ -76,7 +81,7 @@ NoiseChoice = Annotated[
 
 
 def scales_of(
-    choice: Choice[ObservationModel],
+    choice: ChosenKind[ObservationModel],
 ) -> tuple[Specification | str | None, Specification | None]:
     """The sd and the relative part, as the library takes them."""
     assert isinstance(choice.keys, NoiseSection)

@@ -15,7 +15,7 @@ from aleator.simulators.command.inputs import Text
 from aleator.simulators.command.simulator import STUDY
 from aleator.simulators.fmu.description import REALS, Description, Variable, read_description
 from aleator.simulators.function import load_function
-from aleator.study.arguments import arrays_among, is_array, returned_by
+from aleator.study.offers import arrays_among, is_array, returned_by
 
 INPUT = "input"
 """The placeholder of a program's input file."""

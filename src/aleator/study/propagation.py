@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, PlainValidator, Tag
 
 from aleator.errors import StudyError
-from aleator.study.kinds import Choice, Kinds
+from aleator.study.kinds import ChosenKind, Kinds
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.choice import Surfaces
 
@@ -33,7 +33,7 @@ def _kind(value: Any) -> str:
 
 Nodes = Annotated[
     Annotated[int, Tag("number")]
-    | Annotated[Choice[Any], PlainValidator(RULES.read), Tag("table")],
+    | Annotated[ChosenKind[Any], PlainValidator(RULES.read), Tag("table")],
     Discriminator(_kind),
 ]
 
@@ -78,8 +78,8 @@ def collocation(
     return Collocation(nodes=_nodes(nodes, folder), moments=moments, fit=fits[fit](kept))
 
 
-def _nodes(value: int | Choice[Any] | None, folder: Path) -> Any:
-    return value.build(folder) if isinstance(value, Choice) else value
+def _nodes(value: int | ChosenKind[Any] | None, folder: Path) -> Any:
+    return value.build(folder) if isinstance(value, ChosenKind) else value
 
 
 PROPAGATIONS: Kinds[Any] = Kinds(

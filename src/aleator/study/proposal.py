@@ -9,13 +9,22 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from aleator.errors import ExperimentsError
-from aleator.observations.censoring import Censoring
+from aleator.observations.outcomes import Censoring
 from aleator.observations.tables import Table
-from aleator.study.bounded import censoring_of, shows_bounds
-from aleator.study.columns import covariates_in, varies_within
-from aleator.study.offers import Given, Offer
-from aleator.study.proposed_laws import Limits, Proposed, laws_for, parameters_of
-from aleator.study.roles import Roles, Sheet, count_of, decades_of, roles_in, spread_of
+from aleator.study.offers import Offer, SimulatorInput
+from aleator.study.proposal import Limits, Proposed, laws_for, parameters_of
+from aleator.study.roles import (
+    Roles,
+    Sheet,
+    censoring_of,
+    count_of,
+    covariates_in,
+    decades_of,
+    roles_in,
+    shows_bounds,
+    spread_of,
+    varies_within,
+)
 
 TIMES = ("time", "Time", "t")
 """What a column of times is called; T is rather a temperature."""
@@ -56,7 +65,7 @@ class Proposal:
     experiments: int
     offer: Offer
     parameters: tuple[Proposed, ...]
-    untouched: tuple[Given, ...]
+    untouched: tuple[SimulatorInput, ...]
     noise: Mapping[str, Limits | str | float]
     decades: tuple[str, ...]
     log: bool

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from aleator.errors import SimulatorError, nearest
-from aleator.study.offers import Given, Offer
+from aleator.study.offers import Offer, SimulatorInput
 from aleator.study.roles import Roles
 
 Limits = tuple[float, float]
@@ -26,7 +26,7 @@ class Proposed:
     `nominal` is what the limits were made of; None where the user gave them.
     """
 
-    given: Given
+    given: SimulatorInput
     scatters: bool
     limits: Limits | None = None
     value: float | None = None
@@ -48,7 +48,7 @@ def parameters_of(
     roles: Roles,
     most: int,
     chosen: Mapping[str, Limits | float | None],
-) -> tuple[tuple[Proposed, ...], tuple[Given, ...]]:
+) -> tuple[tuple[Proposed, ...], tuple[SimulatorInput, ...]]:
     """The parameters, and what keeps the value that the simulator gives it.
 
     Those `chosen` scatter between their limits, or, where these are None, about the nominal value;
@@ -88,10 +88,10 @@ def laws_for(experiments: int, rows: int) -> int:
     return min(max(experiments // each, 1), MOST)
 
 
-def around(given: Given) -> Limits | None:
+def around(given: SimulatorInput) -> Limits | None:
     """Limits of a factor of three about the nominal value, within those that an FMU states.
 
-    >>> around(Given("stiffness", 2.0)), around(Given("offset", 0.0))
+    >>> around(SimulatorInput("stiffness", 2.0)), around(SimulatorInput("offset", 0.0))
     ((0.67, 6.0), None)
     """
     if not given.nominal:
@@ -103,13 +103,13 @@ def around(given: Given) -> Limits | None:
     return (low, high) if low < high else None
 
 
-def _scattering(free: Sequence[Given], most: int) -> list[Given]:
+def _scattering(free: Sequence[SimulatorInput], most: int) -> list[SimulatorInput]:
     """Those that a law is proposed for."""
     required = [each for each in free if each.required]
     return (required or [each for each in free if around(each)] or [*free])[:most]
 
 
-def _proposed(given: Given, scatters: bool, asked: Limits | float | None) -> Proposed:
+def _proposed(given: SimulatorInput, scatters: bool, asked: Limits | float | None) -> Proposed:
     if not scatters:
         return Proposed(given, False, value=asked if isinstance(asked, float) else given.nominal)
     if isinstance(asked, tuple):

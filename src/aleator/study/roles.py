@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from aleator.observations import files
-from aleator.observations.columns import DEFAULT_ID
+from aleator.observations import tables as files
+from aleator.observations.experiments import DEFAULT_ID
 from aleator.observations.tables import Table
-from aleator.study.bounded import tells_bounds
-from aleator.study.columns import numbers_of, varies_within
+from aleator.study.roles import numbers_of, tells_bounds, varies_within
 from aleator.types import Array
 
 MANY = 5

@@ -18,12 +18,8 @@ from aleator.search import (
     Search,
 )
 from aleator.simulators import Simulator
-from aleator.study.experiments import ExperimentsSection
-from aleator.study.keys import Section, Spec, fault, specification
-from aleator.study.kinds import Choice, Kinds
-from aleator.study.laws import LAWS
-from aleator.study.noise import NoiseChoice
-from aleator.study.propagation import PROPAGATIONS
+from aleator.study.kinds import ChosenKind, Kinds, Section, Spec, fault, specification
+from aleator.study.sections import LAWS, PROPAGATIONS, ExperimentsSection, NoiseChoice
 from aleator.study.simulators import SIMULATORS
 
 ALL = "all"
@@ -118,14 +114,16 @@ class StudyFile(Section):
     title: str = ""
     seed: Annotated[int, Field(ge=0)] = 0
     experiments: ExperimentsSection
-    simulator: Annotated[Choice[Simulator], PlainValidator(SIMULATORS.read)]
+    simulator: Annotated[ChosenKind[Simulator], PlainValidator(SIMULATORS.read)]
     parameters: Annotated[
-        dict[str, Annotated[Choice[Law], PlainValidator(LAWS.read)]], Field(min_length=1)
+        dict[str, Annotated[ChosenKind[Law], PlainValidator(LAWS.read)]], Field(min_length=1)
     ]
     correlation: CorrelationSection = Field(default_factory=dict)
     derived: dict[str, str] = Field(default_factory=dict)
     noise: NoiseChoice | None = None
-    propagation: Annotated[Choice[Any], PlainValidator(PROPAGATIONS.read)] = PROPAGATIONS.read({})
-    density: Annotated[Choice[Any], PlainValidator(DENSITIES.read)] = DENSITIES.read({})
-    search: Annotated[Choice[Search], PlainValidator(SEARCHES.read)] = SEARCHES.read({})
+    propagation: Annotated[ChosenKind[Any], PlainValidator(PROPAGATIONS.read)] = PROPAGATIONS.read(
+        {}
+    )
+    density: Annotated[ChosenKind[Any], PlainValidator(DENSITIES.read)] = DENSITIES.read({})
+    search: Annotated[ChosenKind[Search], PlainValidator(SEARCHES.read)] = SEARCHES.read({})
     verification: VerificationSection = VerificationSection()

@@ -29,9 +29,8 @@ from aleator.simulators.command import (
 from aleator.simulators.fmu import Course, FMUSimulator, Operation
 from aleator.simulators.fmu.description import read_description
 from aleator.simulators.surroundings import STOP_ON
-from aleator.study.fmu import Inputs, Outcome, Time, reductions, signals
-from aleator.study.keys import Section, fault
-from aleator.study.kinds import Kinds
+from aleator.study.kinds import Kinds, Section, fault
+from aleator.study.simulators import Inputs, Outcome, Time, reductions, signals
 
 
 class RunsSection(Section):

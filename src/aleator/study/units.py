@@ -10,8 +10,7 @@ from aleator.results.units import checked_units
 from aleator.simulators import Simulator
 from aleator.simulators.derived import Derived
 from aleator.simulators.fmu import FMUSimulator
-from aleator.study.laws import LawSection
-from aleator.study.sections import StudyFile
+from aleator.study.sections import LawSection, StudyFile
 
 
 def units_of(

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from aleator.fit.question import Choices
 from aleator.laws.inputs import Inputs
+from aleator.observations.errors import Noise
 from aleator.observations.experiments import Experiments
-from aleator.observations.noise import Noise
 from aleator.surrogates import ResponseSurface
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from aleator.fit.way import grids_each, runs_each, way_of, way_of_outcomes
 from aleator.inference.check import Check
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
+from aleator.observations.errors import Noise
 from aleator.observations.experiments import Experiments
-from aleator.observations.noise import Noise
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import few_runs, first_runs

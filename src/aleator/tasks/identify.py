@@ -17,8 +17,8 @@ from aleator.fit.result import result_of
 from aleator.inference.check import Check
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
+from aleator.observations.errors import Noise
 from aleator.observations.experiments import Experiments
-from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
 from aleator.results.units import checked_units
 from aleator.search import Search

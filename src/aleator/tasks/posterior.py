@@ -16,8 +16,8 @@ from aleator.inference.chains import SAMPLER, WARM_UP, Chains, installed, sample
 from aleator.inference.convergence import LARGEST_R_HAT, LEAST_ESS, Convergence, convergence
 from aleator.inference.fit import Fit
 from aleator.inference.posterior import RealLine, scaled
-from aleator.laws import classes
-from aleator.laws.individual import drawn
+from aleator.laws import mixture as classes
+from aleator.laws.inputs import drawn
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.tasks.identification import Identification
