@@ -24,7 +24,7 @@ from rich.table import Table
 from aleator.errors import AleatorError
 from aleator.inference.check import Check
 from aleator.inference.information import infer
-from aleator.laws.region import law_region
+from aleator.laws.inputs import law_region
 from aleator.likelihood.problem import Problem, prepare
 from aleator.moments.densities import MaximumEntropy
 from aleator.moments.likelihood import Continued, Likelihood

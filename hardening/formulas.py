@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from aleator.errors import AleatorError
-from aleator.laws.design import Design
+from aleator.laws.covariates import Design
 from aleator.simulators.expression import parse
 from hardening.judging import DONE, SLOW, TOLD, TRACEBACK
 from hardening.mutation import Damage

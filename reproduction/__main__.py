@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from aleator.cli.program import misuse_told
-from aleator.cli.showing import can_draw, shown
+from aleator.cli.running import can_draw, shown
 from reproduction.context import Context
 from reproduction.document import counts
 from reproduction.figure import Made

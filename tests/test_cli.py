@@ -14,9 +14,7 @@ from click.testing import CliRunner, Result
 
 from aleator import cli
 from aleator.simulators.repeats import MOST
-from aleator.study.laws import LAWS
-from aleator.study.propagation import PROPAGATIONS
-from aleator.study.sections import DENSITIES, SEARCHES, StudyFile
+from aleator.study.sections import DENSITIES, LAWS, PROPAGATIONS, SEARCHES, StudyFile
 
 pytestmark = pytest.mark.usefixtures("unreported")
 

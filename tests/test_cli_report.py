@@ -106,7 +106,7 @@ def test_without_bokeh_it_says_what_it_needs(
     written: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from aleator import AleatorError, load
-    from aleator.cli.showing import can_report
+    from aleator.cli.running import can_report
 
     for name in [name for name in sys.modules if name.startswith("aleator.report.html")]:
         monkeypatch.delitem(sys.modules, name)

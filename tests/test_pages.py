@@ -17,13 +17,18 @@ from typing import Any
 import pytest
 
 import aleator
-from aleator.study.experiments import ExperimentsSection
-from aleator.study.keys import Section
-from aleator.study.kinds import Kinds
-from aleator.study.laws import LAWS
-from aleator.study.noise import OBSERVATIONS
-from aleator.study.propagation import PROPAGATIONS, RULES
-from aleator.study.sections import DENSITIES, SEARCHES, StudyFile, VerificationSection
+from aleator.study.kinds import Kinds, Section
+from aleator.study.sections import (
+    DENSITIES,
+    LAWS,
+    OBSERVATIONS,
+    PROPAGATIONS,
+    RULES,
+    SEARCHES,
+    ExperimentsSection,
+    StudyFile,
+    VerificationSection,
+)
 from aleator.study.simulators import SIMULATORS
 
 ROOT = Path(__file__).parents[1]

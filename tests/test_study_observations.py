@@ -7,9 +7,8 @@ import pytest
 
 from aleator.errors import AleatorError
 from aleator.laws import Free
-from aleator.observations.errors import MeasurementErrors
-from aleator.observations.noise import Noise
-from aleator.observations.student import StudentError
+from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.model import StudentError
 from aleator.study import Study, load_study
 
 REST = """

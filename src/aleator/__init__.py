@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from aleator.moments.quadrature import Smolyak as Smolyak
     from aleator.moments.quadrature import SobolPoints as SobolPoints
     from aleator.moments.quadrature import TensorGauss as TensorGauss
-    from aleator.observations.censoring import Censoring as Censoring
+    from aleator.observations.errors import Noise as Noise
     from aleator.observations.experiments import Conditions as Conditions
     from aleator.observations.experiments import Experiments as Experiments
-    from aleator.observations.noise import Noise as Noise
-    from aleator.observations.student import StudentError as StudentError
+    from aleator.observations.model import StudentError as StudentError
+    from aleator.observations.outcomes import Censoring as Censoring
     from aleator.report.progress_line import ProgressLine as ProgressLine
     from aleator.search import CMAES as CMAES
     from aleator.search import CustomSearch as CustomSearch
@@ -85,9 +85,9 @@ _HOMES = {
     "tasks.box": ["feasible_box"],
     "tasks.ceiling": ["ceiling"],
     "observations.experiments": ["Experiments", "Conditions"],
-    "observations.censoring": ["Censoring"],
-    "observations.noise": ["Noise"],
-    "observations.student": ["StudentError"],
+    "observations.outcomes": ["Censoring"],
+    "observations.errors": ["Noise"],
+    "observations.model": ["StudentError"],
     "simulators": ["Runner", "Store", "Budget"],
     "simulators.command": ["CommandSimulator"],
     "simulators.derived": ["derived"],

@@ -7,10 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from aleator.study.laws import LAWS
-from aleator.study.noise import OBSERVATIONS
-from aleator.study.propagation import PROPAGATIONS, RULES
-from aleator.study.sections import DENSITIES, SEARCHES
+from aleator.study.sections import DENSITIES, LAWS, OBSERVATIONS, PROPAGATIONS, RULES, SEARCHES
 from aleator.study.simulators import SIMULATORS
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ import pytest
 from aleator import By, Constant, Free, LogNormal, Normal, TruncatedNormal
 from aleator.errors import InputsError
 from aleator.laws import Law
-from aleator.laws.design import Design, variables
+from aleator.laws.covariates import Design, variables
 from aleator.laws.inputs import Inputs
 from aleator.types import Array
 

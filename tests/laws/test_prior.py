@@ -7,7 +7,7 @@ from scipy import stats
 from aleator import Beta, Constant, Free, Gamma, LogNormal, Normal, TruncatedNormal, Uniform
 from aleator.errors import InputsError
 from aleator.laws import Law, resolve
-from aleator.laws.prior import Prior, curvatures, log_prior, prior_score
+from aleator.laws.hyperparameter import Prior, curvatures, log_prior, prior_score
 
 
 def of_gamma(mean: float, sd: float) -> stats.rv_continuous:

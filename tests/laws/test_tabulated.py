@@ -17,7 +17,7 @@ from aleator import (
 )
 from aleator.laws import QuantileLaw
 from aleator.laws.hyperparameter import resolve
-from aleator.laws.individual import Individual, parameters_at
+from aleator.laws.inputs import Individual, parameters_at
 
 
 class Kinked(QuantileLaw):

@@ -11,8 +11,7 @@ from identifications import unjudged
 from scipy import optimize, stats
 
 from aleator import Check, Free, Inputs, Noise, Normal
-from aleator.observations.model import Observed
-from aleator.observations.normal import NormalError
+from aleator.observations.model import NormalError, Observed
 
 TOP = stats.t.logpdf(0.0, 5)
 

@@ -7,7 +7,7 @@ from problems import GROWTH, SQUARE, Problem
 from scipy import stats
 
 from aleator import Inputs, MaximumEntropy, Normal, ResponseSurface
-from aleator.laws.region import law_region
+from aleator.laws.inputs import law_region
 from aleator.likelihood.level_sets.predicted import Predictor
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem as Prepared

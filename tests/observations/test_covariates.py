@@ -7,7 +7,7 @@ import pytest
 
 from aleator import Experiments
 from aleator.errors import ExperimentsError
-from aleator.observations.covariates import covariates
+from aleator.observations.experiments import covariates
 
 FRAME = pd.DataFrame(
     {

@@ -8,13 +8,10 @@ from scipy import integrate, stats
 
 from aleator.errors import ExperimentsError, InputsError
 from aleator.laws import Free
-from aleator.observations.errors import MeasurementErrors
+from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Conditions, Experiments
-from aleator.observations.model import Observed
-from aleator.observations.noise import Noise
-from aleator.observations.normal import NormalError
+from aleator.observations.model import NormalError, Observed, StudentError
 from aleator.observations.responses import Observations, Response
-from aleator.observations.student import StudentError
 from aleator.types import Array
 
 ENDS = [

@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 
 from aleator.errors import ExperimentsError
-from aleator.observations.censoring import Censoring
 from aleator.observations.experiments import Experiments
+from aleator.observations.outcomes import Censoring
 
 INF = np.inf
 

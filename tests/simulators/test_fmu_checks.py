@@ -27,7 +27,7 @@ from aleator.simulators.fmu import (
 )
 from aleator.simulators.fmu.description import read_description
 from aleator.study import load_study
-from aleator.study.fmu import signals
+from aleator.study.simulators import signals
 
 K = {"k": "surface.k"}
 RAMP = Signal(np.array([0.0, 2.0]), np.array([300.0, 400.0]))

@@ -15,8 +15,8 @@ from aleator.errors import SimulatorError
 from aleator.inference.check import Check
 from aleator.laws import Free, Normal, TruncatedNormal
 from aleator.laws.inputs import Inputs
+from aleator.observations.errors import Noise
 from aleator.observations.experiments import Conditions
-from aleator.observations.noise import Noise
 from aleator.simulators import as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.direct import fails_here_and_there

@@ -21,7 +21,7 @@ from aleator import (
 )
 from aleator.inference.diagnostics.individual import Rival, rival_warnings
 from aleator.laws import Hyperparameter
-from aleator.observations.censoring import Censoring
+from aleator.observations.outcomes import Censoring
 
 FRAME = table(straight_line, experiments=12)
 NOISE = Noise(Free(0.01, 5.0))

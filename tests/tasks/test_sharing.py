@@ -12,7 +12,7 @@ from aleator import Check, Free, Inputs, MaximumEntropy, Normal, ResponseSurface
 from aleator.errors import InputsError
 from aleator.observations.experiments import Experiments
 from aleator.simulators import FunctionSimulator, Runner
-from aleator.study.propagation import PROPAGATIONS
+from aleator.study.sections import PROPAGATIONS
 from aleator.surrogates import AdaptiveSurfaces, surfaces_of
 from aleator.surrogates.choice import Surfaces
 from aleator.surrogates.own import OwnSurfaces

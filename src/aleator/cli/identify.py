@@ -1,45 +1,142 @@
-"""`aleator identify`."""
+"""`aleator identify` and `aleator report`: an answer, and its page of charts."""
 
 from __future__ import annotations
 
+import hashlib
 import inspect
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.console import Console
 
-from aleator.cli.reporting import write_report
 from aleator.cli.running import (
     FILE,
+    FOLDER,
     OUTPUT,
     SEED,
     RunOptions,
+    can_draw,
+    can_report,
     described,
     folder_of,
     identified,
     linked,
     make_place,
     makes_runs,
+    require_report,
     running,
+    say,
+    shown,
 )
-from aleator.cli.showing import can_draw, can_report, say, shown
-from aleator.errors import short
+from aleator.errors import AleatorError, short
 from aleator.inference.check import Check
 from aleator.laws import LogNormal
 from aleator.plot.identification import save_figures
 from aleator.report import terminal
 from aleator.results import documents, printed
+from aleator.results.schema import read_answer, read_ceiling
 from aleator.search import GradientMultistart
 from aleator.simulators import Budget
 from aleator.study import load_study
-from aleator.study.experiments import ExperimentsSection
-from aleator.study.keys import in_toml
-from aleator.study.sections import StudyFile
+from aleator.study.kinds import in_toml
+from aleator.study.sections import ExperimentsSection, StudyFile
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.pictures import pictured
 
+REPORT = "report.html"
+COMPARED = "compared.html"
+CEILING = "ceiling.json"
+
+Document = Mapping[str, Any]
+
+
+def write_report(document: Document, folder: Path, study: Path | None = None) -> Path:
+    """Write report.html of an identification into its folder, with what stands there beside it.
+
+    `study` is its study file. Raises AleatorError where Bokeh is not installed.
+    """
+    from aleator.report.html.page import page
+
+    path = folder / REPORT
+    documents.write_text(
+        page(document, _ceiling(document, folder), _study_text(document, study)), path
+    )
+    return path
+
+
+def write_compared(document: Document, other: Document, folder: Path, beside: Path) -> Path:
+    """Write compared.html of two identifications, which are called as their folders are."""
+    from aleator.report.html.compared import compared_page
+
+    names = [folder.name, beside.name]
+    if names[0] == names[1]:
+        names = [str(folder), str(beside)]
+    if names[0] == names[1]:
+        raise AleatorError(f"{folder}: it is compared with itself", "name another folder")
+    path = folder / COMPARED
+    pair = dict(zip(names, (document, other), strict=True))
+    documents.write_text(compared_page(pair), path)
+    return path
+
+
+def study_of(document: Document, folder: Path) -> Path | None:
+    """The study file that a document names, if it is there."""
+    file = documents.study_entry(document).get("file")
+    return folder / file if isinstance(file, str) else None
+
+
+def _ceiling(document: Document, folder: Path) -> Document | None:
+    """The ceiling of the same study that was written beside it; that of another is none."""
+    if not (folder / CEILING).exists():
+        return None
+    found = read_ceiling(folder / CEILING)
+    same = documents.study_entry(found).get("sha256")
+    return found if same == documents.study_entry(document).get("sha256") else None
+
+
+def _study_text(document: Document, study: Path | None) -> str | None:
+    """The text of the study file; none where it is not the one that was identified."""
+    try:
+        content = b"" if study is None else study.read_bytes()
+    except OSError:
+        return None
+    if hashlib.sha256(content).hexdigest() != documents.study_entry(document).get("sha256"):
+        return None
+    return content.decode("utf-8", "replace")
+
+
 IDENTIFICATION = "identification.json"
+
+
+@click.command()
+@click.argument("folder", type=FOLDER, metavar="DIR")
+@click.option(
+    "--compare",
+    "other",
+    type=FOLDER,
+    metavar="OTHER",
+    help="Put the identification in OTHER beside it: DIR/compared.html.",
+)
+def report(folder: Path, other: Path | None) -> None:
+    """Write report.html of an answer, or of two side by side.
+
+    DIR/report.html is a page of charts in one file that needs no network: the law, the estimates,
+    measured against predicted, calibration, warnings, and how it was computed. `aleator identify`
+    writes it too; this command writes it anew from DIR/identification.json, with DIR/ceiling.json
+    where `aleator ceiling` has written that. No run of the simulator is made.
+
+    With --compare it writes DIR/compared.html: both verdicts, estimates, laws and predictions side
+    by side.
+    """
+    require_report()
+    document = read_answer(folder / IDENTIFICATION)
+    if other is None:
+        path = write_report(document, folder, study_of(document, folder))
+    else:
+        path = write_compared(document, read_answer(other / IDENTIFICATION), folder, other)
+    click.echo(f"Written: {short(path)}")
 
 
 def _defaults(choice: type, *names: str) -> str:

@@ -51,6 +51,14 @@ GROUPS = {
 }
 """The commands as `aleator --help` lists them, which imports none of them: by what a user does."""
 
+MODULES = {
+    "report": "identify",
+    "schema": "new",
+    **dict.fromkeys(("check", "sensitivity", "box", "next"), "exploring"),
+    **dict.fromkeys(("compare", "ceiling", "bootstrap", "posterior", "recover"), "judging"),
+}
+"""The module of a command that is not called as its module is."""
+
 COMMANDS = {name: told for group in GROUPS.values() for name, told in group.items()}
 """All of them, in that order."""
 
@@ -101,7 +109,8 @@ class _Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         with ended_at_once():
-            command: click.Command = getattr(import_module(f"aleator.cli.{cmd_name}"), cmd_name)
+            module = import_module(f"aleator.cli.{MODULES.get(cmd_name, cmd_name)}")
+        command: click.Command = getattr(module, cmd_name)
         return command
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:

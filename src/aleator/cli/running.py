@@ -1,24 +1,27 @@
-"""Where a command's runs are made and kept: the options that say so, and what they open."""
+"""What commands share: options, the workers and store of their runs, progress, and how they end."""
 
 from __future__ import annotations
 
 import errno
 import functools
+import importlib
+import importlib.util
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import click
 import numpy as np
+from rich.console import Console, RenderableType
 
-from aleator.cli.showing import say
-from aleator.errors import AleatorError
+from aleator.errors import AleatorError, installing, short
 from aleator.observations.experiments import Conditions
-from aleator.progress import Progress
+from aleator.progress import Progress, Silent
+from aleator.report import live
 from aleator.results import documents
 from aleator.results.units import seen_label
 from aleator.simulators import Budget, ProcessPool, Runner, Store, notified
@@ -28,6 +31,47 @@ from aleator.study import Study
 from aleator.tasks.baselines import start_point
 from aleator.tasks.identification import Identification
 from aleator.tasks.identify import UNLIMITED, identify
+
+
+def say(text: str) -> None:
+    """A note on the standard error."""
+    click.echo(f"aleator: {text}", err=True)
+
+
+@contextmanager
+def shown(quiet: bool) -> Iterator[Progress]:
+    """Progress on the standard error, or none."""
+    with nullcontext(Silent()) if quiet else live.shown_on(Console(stderr=True)) as progress:
+        yield progress
+
+
+def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = False) -> bool:
+    """Whether matplotlib is there; says what is `missing` where it is not, unless `quiet`."""
+    found = importlib.util.find_spec("matplotlib") is not None
+    if not (found or quiet):
+        say(f"{missing} matplotlib (pip install matplotlib)")
+    return found
+
+
+def can_report(quiet: bool = False) -> bool:
+    """Whether Bokeh is there, which draws the charts of report.html; says so where it is not."""
+    try:
+        require_report()
+    except AleatorError as error:
+        if not quiet:
+            say(f"no report.html is written: {error.problem}. {error.remedy}")
+        return False
+    return True
+
+
+def require_report() -> None:
+    """Raise AleatorError where Bokeh is not installed, which draws the charts of report.html."""
+    try:
+        importlib.import_module("bokeh")
+    except ModuleNotFoundError:
+        raise AleatorError(
+            "report.html needs bokeh, which is not installed", installing("report")
+        ) from None
 
 
 class _Named(click.Path):
@@ -270,3 +314,52 @@ def _processes(number: int) -> Iterator[Executor]:
         raise
     finally:
         pool.shutdown()
+
+
+Document = Mapping[str, Any]
+
+
+class Told(Protocol):
+    """How a document is told: a module of `report`."""
+
+    def verdict(self, document: Document, /) -> str:
+        """A line."""
+
+    def render(self, document: Document, files: Sequence[str], /) -> RenderableType:
+        """A page, with the files that were written."""
+
+
+def ended(
+    name: str,
+    made: Document,
+    report: Told,
+    *,
+    study: Study,
+    file: Path,
+    folder: Path,
+    quiet: bool,
+    draw: Callable[[Document, Path], Path] | None,
+    table: str | None = None,
+) -> None:
+    """Write name.json of what was made of a study and its `file`, and tell it.
+
+    A `table` is written as name.csv; `draw` writes a figure of the document into the folder, where
+    matplotlib is installed.
+    """
+    entry = linked({**made, **units_in(study)}, study, file, folder)
+    document, files = documents.plain(entry), [folder / f"{name}.json"]
+    documents.write_json(document, files[0])
+    if table is not None:
+        files.append(folder / f"{name}.csv")
+        documents.write_text(table, files[-1])
+    if draw is not None and can_draw("no figure is drawn: it needs", quiet):
+        files.append(draw(document, folder))
+    told(report, document, files, quiet)
+
+
+def told(report: Told, document: Document, files: Sequence[Path], quiet: bool) -> None:
+    """The page, or of a quiet command the verdict alone."""
+    if quiet:
+        click.echo(report.verdict(document))
+    else:
+        Console().print(report.render(document, [short(file) for file in files]))

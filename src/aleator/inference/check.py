@@ -26,9 +26,7 @@ from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import mean_of
 from aleator.likelihood.individual.moments import values_under_law
 from aleator.likelihood.level_sets import LevelLikelihood
-from aleator.observations.errors import MeasurementErrors
-from aleator.observations.noise import Noise
-from aleator.observations.response_errors import ResponseErrors
+from aleator.observations.errors import MeasurementErrors, Noise, ResponseErrors
 from aleator.simulators import Runner
 from aleator.status import Status
 from aleator.surrogates import AdaptiveSurfaces

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.laws.prior import curvatures
+from aleator.laws.hyperparameter import Hyperparameter, curvatures, limits_of
 from aleator.search import Objective
 from aleator.types import Array
 

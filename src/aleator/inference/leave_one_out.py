@@ -12,8 +12,7 @@ import numpy as np
 from aleator.inference.fit import Fit
 from aleator.inference.information import BOUND, DIFFERENCES
 from aleator.inference.refit import refitted
-from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.laws.prior import curvatures
+from aleator.laws.hyperparameter import Hyperparameter, curvatures, limits_of
 from aleator.progress import Progress, Silent
 from aleator.types import Array, Flags, Indices
 

@@ -1,8 +1,5 @@
 """Laws of the parameters: one file for each marginal law, and `Inputs`, the joint law."""
 
-from aleator.laws.beta import Beta
-from aleator.laws.constant import Constant
-from aleator.laws.gamma import Gamma
 from aleator.laws.hyperparameter import (
     OPEN,
     By,
@@ -14,13 +11,10 @@ from aleator.laws.hyperparameter import (
 )
 from aleator.laws.inputs import Inputs
 from aleator.laws.law import Law, MeanSd, Rule, Standard
-from aleator.laws.lognormal import LogNormal
-from aleator.laws.mixture import Mixture
-from aleator.laws.normal import Normal
-from aleator.laws.quantile_law import QuantileLaw
+from aleator.laws.marginals import Beta, Constant, Gamma, LogNormal, Normal, Uniform
+from aleator.laws.mixture import Mixture, QuantileLaw
 from aleator.laws.scipy_law import ScipyLaw
 from aleator.laws.truncated_normal import TruncatedNormal
-from aleator.laws.uniform import Uniform
 
 __all__ = [
     "Beta",

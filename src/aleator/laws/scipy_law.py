@@ -12,14 +12,17 @@ import numpy as np
 
 from aleator.errors import InputsError
 from aleator.laws.discretized import Support, discretize
-from aleator.laws.hyperparameter import (
-    Hyperparameter,
-    Specification,
-    about,
-    location_and_scale,
+from aleator.laws.hyperparameter import Hyperparameter, Specification, about, location_and_scale
+from aleator.laws.law import (
+    MeanSd,
+    Rule,
+    Standard,
+    Tail,
+    from_probability,
+    from_tails,
+    slope,
+    to_score,
 )
-from aleator.laws.image import Tail, from_probability, from_tails, slope, to_score
-from aleator.laws.law import MeanSd, Rule, Standard
 from aleator.polynomials.gauss import gauss
 from aleator.polynomials.recurrence import stieltjes
 from aleator.types import Array

@@ -12,8 +12,7 @@ from scipy import special
 
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import OPEN, ZERO, Hyperparameter, Specification, about, resolve
-from aleator.laws.image import normal_log_density
-from aleator.laws.law import MeanSd, Rule, Standard
+from aleator.laws.law import MeanSd, Rule, Standard, normal_log_density
 from aleator.polynomials.gauss import gauss, gauss_hermite, gauss_legendre
 from aleator.polynomials.recurrence import hermite_recurrence, stieltjes
 from aleator.types import Array

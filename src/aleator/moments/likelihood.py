@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.laws import Hyperparameter
-from aleator.laws.prior import log_prior
+from aleator.laws.hyperparameter import log_prior
 from aleator.moments.located import Located
 from aleator.moments.predictive import Predictive
 from aleator.search.value import LogLikelihood

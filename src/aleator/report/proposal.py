@@ -7,8 +7,7 @@ from dataclasses import asdict
 
 from aleator.report.toml_lines import ends, fill, key, line, off, remarked, written
 from aleator.study.offers import Given, Offer
-from aleator.study.proposal import Proposal
-from aleator.study.proposed_laws import Proposed
+from aleator.study.proposal import Proposal, Proposed
 
 LAST = r"(\S+)\s*\Z"
 """What a program prints last."""

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 import pandas as pd
 
-from aleator.observations.transform import Transform
+from aleator.observations.responses import Transform
 from aleator.results import documents, printed
 from aleator.results.values import (
     Consistency,

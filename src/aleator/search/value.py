@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.laws.hyperparameter import Hyperparameter
-from aleator.laws.prior import has_prior, log_prior, prior_score
+from aleator.laws.hyperparameter import Hyperparameter, has_prior, log_prior, prior_score
 from aleator.types import Array
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import SurroundingsError
-from aleator.observations.numbers import real_numbers
+from aleator.observations.tables import real_numbers
 from aleator.simulators.bound import Bound
 from aleator.types import Array, Indices
 

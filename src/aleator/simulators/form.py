@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import SimulatorError, nearest
-from aleator.observations.numbers import real_numbers
+from aleator.observations.tables import real_numbers
 from aleator.simulators.cases import Cases
 from aleator.simulators.protocol import Simulator
 from aleator.simulators.units import Units

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from aleator.errors import SimulatorError, nearest
-from aleator.observations.numbers import real_numbers
+from aleator.observations.tables import real_numbers
 from aleator.simulators.loading import digests, load_function, require_same, source, sources
 from aleator.simulators.protocol import (
     ARRAY_BLOCK,

@@ -33,7 +33,7 @@ from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
     from aleator.observations.experiments import Conditions, Experiments
-    from aleator.observations.transform import Transform
+    from aleator.observations.responses import Transform
 
 MAX_FAILED = 0.2
 """Share of failed runs at which a study stops."""

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.observations.responses import Response
-from aleator.observations.transform import Transform
+from aleator.observations.responses import Response, Transform
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 from aleator.study.kinds import Kinds
-from aleator.study.laws import LAWS
-from aleator.study.sections import StudyFile
+from aleator.study.sections import LAWS, StudyFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _KINDS = "x-kinds"

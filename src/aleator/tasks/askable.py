@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from aleator.laws.inputs import Inputs
+from aleator.observations.errors import Noise
 from aleator.observations.experiments import Experiments
-from aleator.observations.noise import Noise
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import DEFAULT_SEARCH, require_enough
 from aleator.tasks.replicates import job_of

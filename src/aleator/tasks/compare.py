@@ -17,7 +17,7 @@ from aleator.inference.fit import Fit
 from aleator.inference.leave_one_out import LeaveOneOut, leave_one_out, summed_error
 from aleator.inference.likelihood_ratio import LikelihoodRatio
 from aleator.inference.refit import refitted
-from aleator.laws.prior import has_prior
+from aleator.laws.hyperparameter import has_prior
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.tasks.ceiling import gap_of

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from aleator.inference.check import Check
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
+from aleator.observations.errors import Noise
 from aleator.observations.experiments import Experiments
-from aleator.observations.noise import Noise
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import few_runs, first_runs

@@ -9,10 +9,8 @@ from itertools import product
 import numpy as np
 
 from aleator.laws.inputs import Inputs
-from aleator.observations.covariates import covariates
-from aleator.observations.errors import MeasurementErrors
-from aleator.observations.experiments import Experiments
-from aleator.observations.noise import Noise
+from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.experiments import Experiments, covariates
 from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
 from aleator.surrogates.responses import moving_parameters

@@ -17,8 +17,8 @@ from aleator.inference.diagnostics.individual import rival_warnings
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import Layout, OnSurfaces
 from aleator.likelihood.model import Model
+from aleator.observations.errors import Noise
 from aleator.observations.experiments import Experiments
-from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
 from aleator.results.units import checked_units
 from aleator.search import Search

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 from aleator.errors import AleatorError, InputsError
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
+from aleator.observations.errors import Noise
 from aleator.observations.experiments import Experiments
-from aleator.observations.noise import Noise
-from aleator.observations.responses import Response
-from aleator.observations.transform import Transform
+from aleator.observations.responses import Response, Transform
 from aleator.results.schema import read_answer
 from aleator.results.values import in_order
 from aleator.simulators import Runner, Simulator, as_simulator

@@ -16,8 +16,8 @@ from aleator.inference.chains import SAMPLER, WARM_UP, Chains, installed, sample
 from aleator.inference.convergence import LARGEST_R_HAT, LEAST_ESS, Convergence, convergence
 from aleator.inference.fit import Fit
 from aleator.inference.posterior import RealLine, scaled
-from aleator.laws import classes
-from aleator.laws.individual import drawn
+from aleator.laws import mixture
+from aleator.laws.inputs import drawn
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.tasks.identification import Identification
@@ -340,7 +340,7 @@ def _listener(progress: Progress) -> Callable[[int, int], None]:
 def _in_order(alpha: Array, fit: Fit) -> Array:
     """Equal components of a mixture in one order: which of them is the first is arbitrary."""
     size = fit.inputs.size
-    return np.concatenate([classes.ordered(fit.inputs, alpha[:size]), alpha[size:]])
+    return np.concatenate([mixture.ordered(fit.inputs, alpha[:size]), alpha[size:]])
 
 
 def _nodes_error(fit: Fit, alphas: Array) -> float:

@@ -9,8 +9,8 @@ import pandas as pd
 
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
+from aleator.observations.errors import Noise
 from aleator.observations.experiments import Conditions
-from aleator.observations.noise import Noise
 from aleator.observations.responses import responses_of
 from aleator.progress import Progress
 from aleator.results.values import QUANTILES, Estimate, in_order

@@ -18,8 +18,8 @@ from aleator.errors import InputsError, SurroundingsError
 from aleator.inference.information import LEVEL
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
+from aleator.observations.errors import Noise
 from aleator.observations.experiments import Conditions, Experiments
-from aleator.observations.noise import Noise
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.search import Search

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.inference.information import infer
-from aleator.laws.inputs import Inputs
-from aleator.laws.region import TAIL, law_region
+from aleator.laws.inputs import TAIL, Inputs, law_region
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem
 from aleator.search import GradientMultistart

@@ -13,8 +13,8 @@ from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
+from aleator.observations.errors import Noise
 from aleator.observations.experiments import Conditions, Experiments
-from aleator.observations.noise import Noise
 from aleator.observations.responses import Observations, responses_of
 from aleator.progress import Silent
 from aleator.search import Search

@@ -10,7 +10,7 @@ import numpy as np
 from aleator.errors import ExperimentsError
 from aleator.inference.fit import Fit
 from aleator.observations.experiments import Experiments
-from aleator.observations.transform import Transform
+from aleator.observations.responses import Transform
 from aleator.types import Array
 
 SAME = 1e-9

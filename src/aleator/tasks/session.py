@@ -16,7 +16,7 @@ from aleator.inference.fit import AnyFit, Fit
 from aleator.laws import Hyperparameter
 from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions, Experiments, unmeasured
-from aleator.observations.transform import Transform
+from aleator.observations.responses import Transform
 from aleator.progress import Progress
 from aleator.results.law import JointLaw
 from aleator.results.values import Estimate, in_order

@@ -18,8 +18,8 @@ from aleator.inference.check import Checked
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import has_prior
 from aleator.laws.inputs import Inputs
-from aleator.laws.prior import has_prior
 from aleator.likelihood.level_sets.predicted import Predictor as PointPredictor
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments

@@ -9,8 +9,7 @@ from scipy import special
 
 from aleator.inference.consistency.columns import ORDER, RESPONSE, Column
 from aleator.observations.experiments import Experiments
-from aleator.observations.responses import Observations
-from aleator.observations.transform import Transform
+from aleator.observations.responses import Observations, Transform
 from aleator.types import Array, Flags, Indices
 
 DISTINCT = 7

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from aleator.inference.fit import Fit
-from aleator.observations.limits import ends_of, limits_of
+from aleator.observations.responses import ends_of, limits_of
 from aleator.progress import Progress
 from aleator.types import Array, Indices
 

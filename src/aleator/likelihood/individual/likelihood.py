@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.laws.hyperparameter import Hyperparameter
-from aleator.laws.individual import Individual, parameters_at, variates_of
-from aleator.laws.inputs import Inputs
+from aleator.laws.inputs import Individual, Inputs, parameters_at, variates_of
 from aleator.likelihood.individual.following import Following
 from aleator.likelihood.individual.gauss_hermite import GaussHermite
 from aleator.likelihood.individual.layout import Block, Layout

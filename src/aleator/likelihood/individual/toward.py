@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aleator.laws.prior import log_prior
+from aleator.laws.hyperparameter import log_prior
 from aleator.types import Array, Flags
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from aleator.laws import Hyperparameter
-from aleator.laws.inputs import Inputs
-from aleator.laws.tabulated import image_at
+from aleator.laws.inputs import Inputs, image_at
 from aleator.likelihood.individual.parameters import moving
 from aleator.likelihood.level_sets.grid import Grid, Values, in_rows
 from aleator.likelihood.level_sets.lines import traced

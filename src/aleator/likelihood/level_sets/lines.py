@@ -15,8 +15,7 @@ from scipy import special
 from scipy.stats import qmc
 
 from aleator.blocks import blocks
-from aleator.laws.individual import parameters_at
-from aleator.laws.inputs import Inputs
+from aleator.laws.inputs import Inputs, parameters_at
 from aleator.likelihood.individual.parameters import scattered_density
 from aleator.polynomials.gauss import gauss_hermite
 from aleator.surrogates.responses import Divisible

@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aleator.laws.individual import parameters_at
-from aleator.laws.inputs import Inputs
+from aleator.laws.inputs import Inputs, parameters_at
 from aleator.likelihood.individual.importance import standard_points
 from aleator.status import Status
 from aleator.surrogates.responses import Response

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from aleator.blocks import blocks
-from aleator.laws.inversion import invert
+from aleator.laws.law import invert
 from aleator.moments.densities.interface import FARTHEST
 from aleator.types import Array
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aleator.laws.inversion import invert
+from aleator.laws.law import invert
 from aleator.moments.densities.gaussian import FittedGaussian
 from aleator.moments.densities.interface import (
     Codes,

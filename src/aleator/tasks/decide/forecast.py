@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.laws.inputs import Inputs
-from aleator.laws.inversion import invert
+from aleator.laws.law import invert
 from aleator.likelihood.individual import (
     IndividualLikelihood,
     Layout,

@@ -8,7 +8,7 @@ import numpy as np
 
 from aleator.errors import InputsError, nearest
 from aleator.inference.decisions.event import Event
-from aleator.observations.transform import Transform
+from aleator.observations.responses import Transform
 from aleator.tasks.decide.ground import Ground
 from aleator.types import Indices
 

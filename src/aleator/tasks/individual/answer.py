@@ -19,9 +19,8 @@ from aleator.likelihood.individual import (
     Layout,
     Predictor,
 )
-from aleator.observations.errors import MeasurementErrors
+from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Experiments
-from aleator.observations.noise import Noise
 from aleator.search import Optimum, Search, SearchResult, WarmStart
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface

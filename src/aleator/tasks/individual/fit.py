@@ -15,8 +15,7 @@ from aleator.inference.diagnostics.surfaces import relative_errors
 from aleator.inference.fit import SPAN
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
-from aleator.laws.individual import drawn
-from aleator.laws.inputs import Inputs
+from aleator.laws.inputs import Inputs, drawn
 from aleator.likelihood.individual import (
     Direct,
     IndividualLikelihood,

@@ -11,9 +11,8 @@ import pandas as pd
 from aleator.errors import InputsError
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
-from aleator.observations.errors import noise_hyperparameters
+from aleator.observations.errors import Noise, noise_hyperparameters
 from aleator.observations.experiments import Conditions
-from aleator.observations.noise import Noise
 from aleator.progress import Progress
 from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from aleator.laws.classes import apart, undivided
 from aleator.laws.hyperparameter import limits_of
+from aleator.laws.inputs import apart, undivided
 from aleator.likelihood.individual import (
     GaussHermite,
     IndividualLikelihood,

@@ -13,10 +13,8 @@ from aleator.inference import diagnostics
 from aleator.inference.check import Check, checked
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.observations.covariates import covariates
-from aleator.observations.errors import MeasurementErrors
-from aleator.observations.experiments import Conditions, Experiments
-from aleator.observations.noise import Noise
+from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.observations.responses import Observations
 from aleator.search import Search
 from aleator.simulators import Runner

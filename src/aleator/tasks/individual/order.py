@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aleator.laws import classes
+from aleator.laws import mixture
 from aleator.laws.inputs import Inputs
 from aleator.search import Optimum, SearchResult
 from aleator.types import Array
@@ -17,7 +17,7 @@ SAME = 1e-2
 
 def ordered(found: SearchResult, inputs: Inputs) -> SearchResult:
     """Optima that differ in the order of equal components only are one."""
-    if not classes.exchangeable(inputs):
+    if not mixture.exchangeable(inputs):
         return found
     optima: list[Optimum] = []
     for optimum in found.optima:
@@ -34,4 +34,4 @@ def ordered(found: SearchResult, inputs: Inputs) -> SearchResult:
 
 def in_order(alpha: Array, inputs: Inputs) -> Array:
     """The same alpha (K,) with equal components in the order of their first hyperparameters."""
-    return np.concatenate([classes.ordered(inputs, alpha[: inputs.size]), alpha[inputs.size :]])
+    return np.concatenate([mixture.ordered(inputs, alpha[: inputs.size]), alpha[inputs.size :]])

@@ -8,11 +8,9 @@ from dataclasses import replace
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import IndividualLikelihood, Layout, Predictor
 from aleator.likelihood.individual.gauss_hermite import GaussHermite
-from aleator.observations.covariates import covariates
-from aleator.observations.errors import MeasurementErrors
-from aleator.observations.experiments import Conditions, unmeasured
-from aleator.observations.limits import limited_alike
-from aleator.observations.noise import Noise
+from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.experiments import Conditions, covariates, unmeasured
+from aleator.observations.responses import limited_alike
 from aleator.simulators import Runner
 from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.population import draws

@@ -14,12 +14,9 @@ from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Layout, Predictor
-from aleator.observations.covariates import covariates
-from aleator.observations.errors import MeasurementErrors, noise_hyperparameters
-from aleator.observations.experiments import Conditions, Experiments
-from aleator.observations.noise import Noise
-from aleator.observations.responses import Response
-from aleator.observations.transform import Transform
+from aleator.observations.errors import MeasurementErrors, Noise, noise_hyperparameters
+from aleator.observations.experiments import Conditions, Experiments, covariates
+from aleator.observations.responses import Response, Transform
 from aleator.progress import Progress
 from aleator.results.law import JointLaw
 from aleator.results.values import Estimate, in_order

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aleator.laws.individual import drawn
-from aleator.laws.inputs import Inputs
+from aleator.laws.inputs import Inputs, drawn
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Observations

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from aleator.inference.fit import Fit
-from aleator.laws.individual import drawn as of_law
+from aleator.laws.inputs import drawn as of_law
 from aleator.tasks.pictures.numbers import PLACES, drawn
 from aleator.types import Array, Indices
 

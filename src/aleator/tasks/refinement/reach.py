@@ -13,8 +13,7 @@ from scipy import optimize
 from scipy.stats import qmc
 
 from aleator.laws.hyperparameter import limits_of
-from aleator.laws.inputs import Inputs
-from aleator.laws.region import law_region
+from aleator.laws.inputs import Inputs, law_region
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.surrogates.axes import Axes, logarithms
 from aleator.surrogates.responses import Run, moving_parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aleator.laws.inversion import invert
+from aleator.laws.law import invert
 from aleator.moments.densities.interface import Codes
 from aleator.moments.densities.maximum_entropy.dual import node_probabilities
 from aleator.moments.densities.maximum_entropy.legendre import panel_edges
