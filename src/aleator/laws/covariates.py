@@ -26,8 +26,6 @@ Table = pd.DataFrame
 """Covariates: a row for each experiment, named by the index."""
 LEVEL = re.compile(r"(?:C\((\w+)\)|\b(\w+))\[(?:T\.)?([^\]]*)\]")
 """A level as formulaic names its column: C(supplier)[T.b], supplier[T.b], C(supplier)[b]."""
-DEPENDENT = 1e-9
-"""A column is a sum of the ones before it where less than this share of it is left."""
 TRANSFORMS = ("center", "scale", "standardize", "poly", "bs", "cs", "cr", "cc", "log2", "exp2")
 """Functions of formulaic that make columns of a column, beside the arithmetic of `FUNCTIONS`."""
 CODINGS = ("treatment", "sum", "helmert", "diff", "poly")
@@ -40,12 +38,14 @@ class FormulaBounds:
 
     characters: of its text; the time to read one grows with the square of them. terms: before
     equal ones are joined, so that a power of a sum has many. degree: of a power, a polynomial or a
-    spline, and degrees of freedom.
+    spline, and degrees of freedom. dependent: a column is a sum of the ones before it where less
+    than this share of it is left (by judgement).
     """
 
     characters: int = 2000
     terms: int = 1000
     degree: int = 50
+    dependent: float = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,7 +364,7 @@ def _require_levels(design: Design, covariates: Table) -> None:
             )
 
 
-def _require_independent(design: Design) -> None:
+def _require_independent(design: Design, bounds: FormulaBounds = FormulaBounds()) -> None:
     """Raise where a column is a sum of those before it."""
     basis = np.empty((len(design.matrix), 0))
     for k, name in enumerate(design.names):
@@ -373,7 +373,7 @@ def _require_independent(design: Design) -> None:
         rest = column - basis @ (basis.T @ column)
         rest -= basis @ (basis.T @ rest)
         size = float(np.linalg.norm(rest))
-        if size <= DEPENDENT * max(float(np.linalg.norm(column)), 1e-300):
+        if size <= bounds.dependent * max(float(np.linalg.norm(column)), 1e-300):
             raise InputsError(
                 f"'{design.formula}': {name} says nothing beyond {', '.join(design.names[:k])} "
                 f"in these {len(design.matrix)} experiments",

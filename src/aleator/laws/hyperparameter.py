@@ -73,10 +73,21 @@ Specification = float | Free
 """A hyperparameter as the user states it: a number fixes it, `Free` identifies it."""
 
 
-ZERO = 1e-6
-"""A scale's lower limit below this share of the upper one stands for zero."""
-FURTHEST = 1e-3
-"""Share of the upper limit from which a scale that may be zero is searched."""
+@dataclass(frozen=True)
+class Limits:
+    """What limits stand for; by judgement, and held by tests/laws/test_scale_of_zero.py.
+
+    zero: a scale's lower limit below this share of the upper one stands for zero. nearest: share of
+    the upper limit from which a scale that may be zero is searched. sd: the limits of an sd that
+    has none, over the width of its mean's.
+    """
+
+    zero: float = 1e-6
+    nearest: float = 1e-3
+    sd: tuple[float, float] = (1e-3, 0.5)
+
+
+LIMITS = Limits()
 
 
 @dataclass(frozen=True)
@@ -115,7 +126,7 @@ class Hyperparameter:
     @property
     def reaches_zero(self) -> bool:
         """Whether it is a scale whose lower limit stands for zero."""
-        return self.log and self.lower <= ZERO * self.upper
+        return self.log and self.lower <= LIMITS.zero * self.upper
 
     def named(self, prefix: str) -> Hyperparameter:
         """The same hyperparameter as ``prefix.name``."""
@@ -175,7 +186,7 @@ def resolve(
             f"{name}: lower {lower} is not above zero",
             "give a small positive lower limit, such as a thousandth of the upper one",
         )
-    nearest_zero = max(lower, FURTHEST * upper) if lower <= ZERO * upper else lower
+    nearest_zero = max(lower, LIMITS.nearest * upper) if lower <= LIMITS.zero * upper else lower
     middle = math.sqrt(nearest_zero * upper) if positive else 0.5 * (lower + upper)
     start = middle if specification.start is None else float(specification.start)
     _require(
@@ -190,7 +201,7 @@ def resolve(
 
 
 def location_and_scale(
-    mean: Specification, sd: Specification, least: float = ZERO
+    mean: Specification, sd: Specification, least: float = LIMITS.zero
 ) -> tuple[Hyperparameter, Hyperparameter]:
     """`mean` and `sd` of a law without a box: the mean needs limits of its own.
 
@@ -199,7 +210,7 @@ def location_and_scale(
     """
     center = resolve("mean", mean, (None, None))
     width = center.upper - center.lower
-    limits = (1e-3 * width, 0.5 * width) if width > 0.0 else (None, None)
+    limits = (LIMITS.sd[0] * width, LIMITS.sd[1] * width) if width > 0.0 else (None, None)
     return center, resolve("sd", sd, limits, positive=True, least=least)
 
 
@@ -230,7 +241,7 @@ def widest_above(
     ]
 
 
-def about(hyperparameters: Sequence[Hyperparameter], center: float, sd: float | None) -> Array:
+def filled(hyperparameters: Sequence[Hyperparameter], center: float, sd: float | None) -> Array:
     """`center` and `sd` as the values of a mean and an sd, or the sd's start where it is None."""
     spread = hyperparameters[1].start if sd is None else sd
     return within(hyperparameters, [center, spread])
@@ -263,17 +274,24 @@ def _require(condition: bool, problem: str, remedy: str) -> None:
         raise InputsError(problem, remedy)
 
 
-STEP = 1e-3
-"""Step of the differences of a log-density, over a quarter of the width of the central half of the
-prior, and over the distance to an end where the density vanishes or is infinite."""
-PLACES = np.array([-2.0, -1.0, 1.0, 2.0])
-WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
-"""The central difference of fourth order."""
-ONWARD = np.arange(5.0)
-ONWARD_WEIGHTS = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
-"""The one on one side, for the end of a support."""
-LEAST = 1e-3
-"""Share of a prior that its hyperparameter's limits must hold."""
+@dataclass(frozen=True)
+class PriorSteps:
+    """How the log-density of a prior is differentiated; chosen by tests/laws/test_prior.py.
+
+    step: over a quarter of the width of the central half of the prior, and over the distance to an
+    end where the density vanishes or is infinite. wider: step of the curvature over that of the
+    slope. held: share of a prior that its hyperparameter's limits must hold.
+    """
+
+    step: float = 1e-3
+    wider: float = 10.0
+    held: float = 1e-3
+
+
+STEPS = PriorSteps()
+_CENTRAL = np.array([[-2.0, -1.0, 1.0, 2.0], [1 / 12, -2 / 3, 2 / 3, -1 / 12]])
+_ONWARD = np.array([[0.0, 1.0, 2.0, 3.0, 4.0], [-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4]])
+"""Places and weights of differences of fourth order; one-sided where a density stops short."""
 
 
 @dataclass(frozen=True)
@@ -323,7 +341,7 @@ class Prior:
                     f"move the {end} limit to where the prior has one",
                 )
         held = _held(law, values, lower, upper)
-        if held < LEAST:
+        if held < STEPS.held:
             raise InputsError(
                 f"{name}: the limits [{lower:g}, {upper:g}] hold {held:.2g} of the prior",
                 "move the limits to where the prior is, or mend the prior",
@@ -333,7 +351,7 @@ class Prior:
             stops = np.isfinite(law.log_density(values, np.array([low, high])))
         return cls(
             law,
-            STEP * 0.25 * (third - first),
+            STEPS.step * 0.25 * (third - first),
             (-math.inf if stops[0] else low, math.inf if stops[1] else high),
             (low if stops[0] else -math.inf, high if stops[1] else math.inf),
         )
@@ -344,20 +362,24 @@ class Prior:
 
     def slope(self, value: float) -> float:
         """d log p/dv, by a difference of fourth order: to some 1e-8 of its size."""
-        step = min(self.step, STEP * (value - self.soft[0]), STEP * (self.soft[1] - value))
+        step = min(
+            self.step, STEPS.step * (value - self.soft[0]), STEPS.step * (self.soft[1] - value)
+        )
         if not step > 0.0:
             return 0.0
-        places, weights = PLACES, WEIGHTS
+        places, weights = _CENTRAL
         if value - self.hard[0] < 3.0 * step:
-            places, weights = ONWARD, ONWARD_WEIGHTS
+            places, weights = _ONWARD
         elif self.hard[1] - value < 3.0 * step:
-            places, weights = -ONWARD, -ONWARD_WEIGHTS
+            places, weights = -_ONWARD[0], -_ONWARD[1]
         found = self.law.log_density(_values_of(self.law), value + step * places)
         return float(found @ weights / step)
 
     def curvature(self, value: float) -> float:
         """-d2 log p/dv2, by a difference of slopes; zero where the prior is not bent down."""
-        step = min(10.0 * self.step, 0.5 * (value - self.soft[0]), 0.5 * (self.soft[1] - value))
+        step = min(
+            STEPS.wider * self.step, 0.5 * (value - self.soft[0]), 0.5 * (self.soft[1] - value)
+        )
         if not step > 0.0:
             return 0.0
         bent = (self.slope(value - step) - self.slope(value + step)) / (2.0 * step)

@@ -15,7 +15,7 @@ from aleator.errors import InputsError, require_filled
 from aleator.laws.correlation import Correlation, Pair, between
 from aleator.laws.covariates import CovariateModel, Table, variables
 from aleator.laws.hyperparameter import Hyperparameter, Specification
-from aleator.laws.law import FARTHEST, Law, Standard, Tabulated
+from aleator.laws.law import NUMERICS, Law, Standard, Tabulated
 from aleator.laws.marginals import Normal
 from aleator.laws.mixture import Mixture
 from aleator.threads import single_threaded
@@ -23,8 +23,24 @@ from aleator.types import Array, Indices
 
 STANDARD_NORMAL: Law = Normal(0.0, 1.0)
 """The law of the variate that a correlated parameter is made of."""
-SMALLEST, LARGEST = 1e-300, 1.0 - 2.0**-53
-"""Probabilities between which a standard normal variate is finite."""
+
+
+@dataclass(frozen=True)
+class Images:
+    """How parameters are made of very many variates; chosen by tests/laws/test_tabulated.py.
+
+    knots: of the table of a law, 1/160 apart, which costs less than the law at `worth` times as
+    many variates. exact: error between the knots, as a share of the distance between the quartiles,
+    that is none. region: probability left out at either end of a law's region, 5.2 sds of a normal.
+    """
+
+    knots: int = 3041
+    worth: int = 4
+    exact: float = 1e-9
+    region: float = 1e-7
+
+
+IMAGES = Images()
 
 
 class Inputs:
@@ -286,7 +302,7 @@ class Inputs:
         x = self.marginal(alpha, uniform)
         if self.correlated:
             at = list(self.correlated)
-            theta = special.ndtri(np.clip(uniform[:, at], SMALLEST, LARGEST))
+            theta = special.ndtri(np.clip(uniform[:, at], 1e-300, 1.0 - 2.0**-53))
             x[:, at], _ = self.tied(alpha, theta)
         return x
 
@@ -616,16 +632,6 @@ def _standard(law: Law, values: Array, theta: Array) -> Standard:
     )
 
 
-KNOTS = 3041
-"""Knots of a table, 1/160 apart."""
-WORTH_A_TABLE = 4 * KNOTS
-"""Variates from where on a table of the law costs less than the law at each of them."""
-EXACT = 1e-9
-"""Error between the knots, as a share of the distance between the quartiles, that is none."""
-QUARTILE = 0.6745
-"""The upper quartile of a standard normal variate."""
-
-
 def image_at(inputs: Inputs, i: int, values: Array, theta: Array, *, often: bool = False) -> Array:
     """x(theta) of the law of parameter i at variates theta of any shape, as `law.standard` has it.
 
@@ -635,25 +641,31 @@ def image_at(inputs: Inputs, i: int, values: Array, theta: Array, *, often: bool
     """
     law = _law(inputs, i)
     if isinstance(law, Normal):
-        return np.asarray(values[0] + values[1] * np.clip(theta, -FARTHEST, FARTHEST))
-    table = _table(inputs, i, values.tobytes()) if often or theta.size >= WORTH_A_TABLE else None
+        return np.asarray(
+            values[0] + values[1] * np.clip(theta, -NUMERICS.farthest, NUMERICS.farthest)
+        )
+    table = (
+        _table(inputs, i, values.tobytes())
+        if often or theta.size >= IMAGES.worth * IMAGES.knots
+        else None
+    )
     if table is None:
         found = law.standard(values, theta.ravel())
         return np.asarray(found.x.reshape(theta.shape))
-    return table(np.clip(theta, -FARTHEST, FARTHEST))
+    return table(np.clip(theta, -NUMERICS.farthest, NUMERICS.farthest))
 
 
 @lru_cache(maxsize=64)
 def _table(inputs: Inputs, i: int, values: bytes) -> Tabulated | None:
     """The table of a law with these values (k,), or None where it would not be exact."""
-    law, own, knots = _law(inputs, i), np.frombuffer(values), Tabulated.knots(KNOTS)
+    law, own, knots = _law(inputs, i), np.frombuffer(values), Tabulated.knots(IMAGES.knots)
     middle = 0.5 * (knots[:-1] + knots[1:])
     with np.errstate(all="ignore"):
         found, between = law.standard(own, knots), law.standard(own, middle).x
         table = Tabulated(found.x, found.dtheta)
-        quartiles = table(np.array([-QUARTILE, QUARTILE]))
+        quartiles = table(special.ndtri(np.array([0.25, 0.75])))
         error = np.max(np.abs(table(middle) - between))
-    exact = table.finite and error <= EXACT * (quartiles[1] - quartiles[0])
+    exact = table.finite and error <= IMAGES.exact * (quartiles[1] - quartiles[0])
     return table if exact else None
 
 
@@ -661,11 +673,7 @@ def _law(inputs: Inputs, i: int) -> Law:
     return list(inputs.laws.values())[i]
 
 
-TAIL = 1e-7
-"""Probability left out at either end of a law's region: 5.2 standard deviations of a normal."""
-
-
-def law_region(inputs: Inputs, alphas: list[Array], tail: float = TAIL) -> Array:
+def law_region(inputs: Inputs, alphas: list[Array], tail: float = IMAGES.region) -> Array:
     """The smallest region (n, 2) that holds each parameter's law but for its tails, for all alphas.
 
     >>> from aleator.laws import Constant, Normal

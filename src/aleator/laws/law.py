@@ -2,16 +2,44 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from scipy import special
 
-from aleator.laws.hyperparameter import Hyperparameter, about
+from aleator.laws.hyperparameter import Hyperparameter, Specification, filled, location_and_scale
+from aleator.polynomials.gauss import gauss_hermite
+from aleator.polynomials.recurrence import hermite_recurrence
 from aleator.types import Array
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """How exactly laws are computed; chosen by tests/laws, or by judgement where it says so.
+
+    sds: standard deviations of a box that has no end of its own (by judgement: 1e-15 is beyond).
+    tail: probability left beyond such a box. step: of differences, relative; their error is of
+    the order of its fourth power. farthest, knots: a quantile that is tabulated has so many knots,
+    at standard normal variates up to this size. worth: values of one law for which a table is made,
+    which costs some thousand quantiles (`make bench`). passes, rounding: of `invert`, which ends
+    where a bracket or a step is under this part of the largest end of the bracket.
+    """
+
+    sds: float = 8.0
+    tail: float = 1e-15
+    step: float = 1e-3
+    farthest: float = 9.5
+    knots: int = 761
+    worth: int = 256
+    passes: int = 100
+    rounding: float = 1e-14
+
+
+NUMERICS = Numerics()
 
 
 @dataclass(frozen=True)
@@ -142,13 +170,47 @@ class Law(Protocol):
         ...
 
 
-class ByMeanAndSd(ABC):
+class ThroughNormal:
+    """What laws share whose polynomials are those of the variate theta that they are made of.
+
+    Hermite polynomials of theta are dense whatever the law (Ernst, Mugler, Starkloff and Ullmann,
+    2012). A rule of q nodes is exact for polynomials of theta, not of x.
+    """
+
+    def rule(self, values: Array, nodes: int) -> Rule:
+        """Gauss-Hermite nodes of theta; the weights do not depend on alpha."""
+        theta, weights = gauss_hermite(nodes)
+        image = self.standard(values, theta)
+        return Rule(image.x, weights, theta, image.dvalues, np.zeros(image.dvalues.shape))
+
+    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
+        """Hermite polynomials of theta."""
+        return hermite_recurrence(count)
+
+    @abstractmethod
+    def standard(self, values: Array, theta: Array) -> Standard:
+        """The law as the image of standard normal variates, with derivatives."""
+
+
+class ByMeanAndSd:
     """What laws share whose two hyperparameters are their own mean and standard deviation."""
 
-    @property
-    @abstractmethod
+    mean: Specification
+    sd: Specification
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        _ = self.hyperparameters
+
+    @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """`mean` and `sd`."""
+        """`mean` and `sd` of the law itself."""
+        return location_and_scale(self.mean, self.sd)
+
+    @property
+    def bounded(self) -> bool:
+        """The law has no box of its own."""
+        return False
 
     @property
     def scatters(self) -> bool:
@@ -161,16 +223,8 @@ class ByMeanAndSd(ABC):
 
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The center and the sd, within their limits."""
-        return about(self.hyperparameters, center, sd)
+        return filled(self.hyperparameters, center, sd)
 
-
-STEP = 1e-3
-"""Relative step of differences: their error is of the order of STEP^4."""
-
-FARTHEST, KNOTS = 9.5, 761
-"""A quantile that is tabulated has so many knots, at standard normal variates up to this size."""
-MANY = 256
-"""Values of one law for which a table is made: it costs some thousand quantiles."""
 
 Tail = Callable[..., Array]
 """A quantile of probabilities (J,) and of as many of each shape of the law, or of one for all."""
@@ -209,9 +263,9 @@ class Tabulated:
     slope: Array
 
     @staticmethod
-    def knots(count: int = KNOTS) -> Array:
+    def knots(count: int = NUMERICS.knots) -> Array:
         """(K,) the variates at which a function is tabulated."""
-        return np.linspace(-FARTHEST, FARTHEST, count)
+        return np.linspace(-NUMERICS.farthest, NUMERICS.farthest, count)
 
     @property
     def finite(self) -> bool:
@@ -221,8 +275,8 @@ class Tabulated:
     def __call__(self, theta: Array) -> Array:
         """Values at theta of any shape, none farther out than the last knot."""
         gaps = self.value.size - 1
-        width = 2.0 * FARTHEST / gaps
-        place = (theta + FARTHEST) / width
+        width = 2.0 * NUMERICS.farthest / gaps
+        place = (theta + NUMERICS.farthest) / width
         left = np.clip(place.astype(np.intp), 0, gaps - 1)
         t = place - left
         a, b = self.value[left], self.value[left + 1]
@@ -284,7 +338,7 @@ def difference(
     True
     """
     center = np.asarray(at, dtype=float)
-    h = STEP * center if step is None else np.asarray(step)
+    h = NUMERICS.step * center if step is None else np.asarray(step)
     near = function(center + h) - function(center - h)
     far = function(center + 2.0 * h) - function(center - 2.0 * h)
     found: Array = (8.0 * near - far) / (12.0 * h)
@@ -318,12 +372,6 @@ def by_distinct(
     return Standard(x.reshape(shape), dtheta.reshape(shape), dvalues.reshape(*shape, k))
 
 
-_PASSES = 100
-
-_ENOUGH = 1e-14
-"""A bracket, or a step, under this part of the largest end of the bracket is at rounding."""
-
-
 def invert(
     cdf: Callable[[Array], Array],
     pdf: Callable[[Array], Array],
@@ -347,14 +395,16 @@ def invert(
     low, high = low.astype(float), high.astype(float)
     scale = np.maximum(np.abs(low), np.abs(high))
     y = 0.5 * (low + high) if start is None else start
-    for _ in range(_PASSES):
+    for _ in range(NUMERICS.passes):
         excess = cdf(y) - p
         low, high = np.where(excess <= 0.0, y, low), np.where(excess >= 0.0, y, high)
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             newton = y - excess / pdf(y)
         inside = (newton >= low) & (newton <= high)
         moved = np.where(inside, newton, 0.5 * (low + high))
-        arrived = (np.abs(moved - y) <= _ENOUGH * scale) | (high - low <= _ENOUGH * scale)
+        arrived = (np.abs(moved - y) <= NUMERICS.rounding * scale) | (
+            high - low <= NUMERICS.rounding * scale
+        )
         y = moved
         if arrived.all():
             break

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
@@ -21,13 +22,13 @@ from aleator.laws.hyperparameter import (
     within,
 )
 from aleator.laws.law import (
-    FARTHEST,
-    MANY,
+    NUMERICS,
     ByMeanAndSd,
     MeanSd,
     Rule,
     Standard,
     Tabulated,
+    ThroughNormal,
     difference,
     from_probability,
     from_tails,
@@ -35,15 +36,33 @@ from aleator.laws.law import (
     slope,
     to_score,
 )
-from aleator.polynomials.gauss import gauss_hermite, gauss_legendre, gauss_with_gradient
+from aleator.polynomials.gauss import gauss_legendre, gauss_with_gradient
 from aleator.polynomials.recurrence import (
-    hermite_recurrence,
     jacobi_recurrence,
     laguerre_recurrence,
     legendre_recurrence,
     recurrence_with_gradient,
 )
 from aleator.types import Array
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Which shapes of laws are told apart from their limits; chosen by tests/laws.
+
+    narrowest: share of its upper limit that stands for a gamma's or a beta's sd of zero, where
+    quantiles keep their digits. widest: largest sd of a beta over that of a law with all its mass
+    on the two ends. lognormal_variation, gamma_variation: sd over distance from the end that a box
+    takes account of (of a gamma shape 0.2).
+    """
+
+    narrowest: float = 1e-3
+    widest: float = 0.99
+    lognormal_variation: float = 1.0
+    gamma_variation: float = 5.0**0.5
+
+
+SHAPES = Shapes()
 
 
 @dataclass(frozen=True)
@@ -121,12 +140,8 @@ class Constant:
         return within(self.hyperparameters, [center])
 
 
-REACH = 8.0
-"""Standard deviations that the box spans: mass beyond is 1e-15; holds Hermite nodes to q = 20."""
-
-
 @dataclass(frozen=True)
-class Normal(ByMeanAndSd):
+class Normal(ThroughNormal, ByMeanAndSd):
     """Normal law, x = mean + sd theta with theta ~ N(0, 1) (paper, table of Wiener-Askey).
 
     `mean` and `sd` are numbers (known) or `Free` (identified); both need finite limits, for
@@ -145,35 +160,11 @@ class Normal(ByMeanAndSd):
     mean: Specification = OPEN
     sd: Specification = OPEN
 
-    def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
-        _ = self.hyperparameters
-
-    @cached_property
-    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """`mean` and `sd`."""
-        return location_and_scale(self.mean, self.sd)
-
     @property
     def box(self) -> tuple[float, float]:
         """Mean limits widened by eight of the largest standard deviations."""
         mean, sd = self.hyperparameters
-        return mean.lower - REACH * sd.upper, mean.upper + REACH * sd.upper
-
-    @property
-    def bounded(self) -> bool:
-        """A normal law has no box of its own."""
-        return False
-
-    def rule(self, values: Array, nodes: int) -> Rule:
-        """Gauss-Hermite nodes mean + sd theta_j; the weights do not depend on alpha."""
-        theta, weights = gauss_hermite(nodes)
-        dx = np.stack([np.ones(nodes), theta], axis=1)
-        return Rule(values[0] + values[1] * theta, weights, theta, dx, np.zeros((nodes, 2)))
-
-    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
-        """Hermite polynomials of theta."""
-        return hermite_recurrence(count)
+        return mean.lower - NUMERICS.sds * sd.upper, mean.upper + NUMERICS.sds * sd.upper
 
     def log_density(self, values: Array, x: Array) -> Array:
         """-theta^2/2 - log(sd sqrt(2 pi)) with theta = (x - mean)/sd."""
@@ -198,14 +189,8 @@ class Normal(ByMeanAndSd):
         return Standard(values[0] + values[1] * theta, np.full(theta.shape, values[1]), dvalues)
 
 
-REACH = 8.0
-"""Standard deviations of theta that the box spans: mass beyond is 1e-15."""
-LARGEST_VARIATION = 1.0
-"""sd over distance from the end that the box takes account of."""
-
-
 @dataclass(frozen=True)
-class LogNormal(ByMeanAndSd):
+class LogNormal(ThroughNormal, ByMeanAndSd):
     """Lognormal law of x - lower, by the mean and sd of x itself, with Hermite polynomials.
 
     x = lower + exp(m + s theta), theta ~ N(0, 1), with s^2 = log(1 + c^2), c = sd/(mean - lower),
@@ -230,10 +215,6 @@ class LogNormal(ByMeanAndSd):
     sd: Specification = OPEN
     lower: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
-        _ = self.hyperparameters
-
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """`mean` and `sd` of the law itself, not of its logarithm."""
@@ -245,24 +226,9 @@ class LogNormal(ByMeanAndSd):
 
         Far nodes of a rule may lie beyond it.
         """
-        far = np.array([REACH])
-        corners = widest_above(self.lower, self.hyperparameters, LARGEST_VARIATION)
+        far = np.array([NUMERICS.sds])
+        corners = widest_above(self.lower, self.hyperparameters, SHAPES.lognormal_variation)
         return self.lower, max(float(self.standard(corner, far).x[0]) for corner in corners)
-
-    @property
-    def bounded(self) -> bool:
-        """A lognormal law has no box of its own."""
-        return False
-
-    def rule(self, values: Array, nodes: int) -> Rule:
-        """Gauss-Hermite nodes of theta; the weights do not depend on alpha."""
-        theta, weights = gauss_hermite(nodes)
-        image = self.standard(values, theta)
-        return Rule(image.x, weights, theta, image.dvalues, np.zeros((nodes, 2)))
-
-    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
-        """Hermite polynomials of theta."""
-        return hermite_recurrence(count)
 
     def log_density(self, values: Array, x: Array) -> Array:
         """log phi(theta) - log(s (x - lower)) with theta = (log(x - lower) - m)/s."""
@@ -337,10 +303,6 @@ class Uniform(ByMeanAndSd):
     sd: Specification = OPEN
     ends: tuple[float, float] | None = field(default=None, init=False)
 
-    def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
-        _ = self.hyperparameters
-
     @classmethod
     def between(cls, lower: float, upper: float) -> Uniform:
         """The known law that is uniform on [lower, upper], whose ends are exact."""
@@ -351,11 +313,6 @@ class Uniform(ByMeanAndSd):
         law = cls(0.5 * (lower + upper), (upper - lower) / (2.0 * HALF))
         object.__setattr__(law, "ends", (float(lower), float(upper)))
         return law
-
-    @cached_property
-    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """`mean` and `sd` of the law."""
-        return location_and_scale(self.mean, self.sd)
 
     @property
     def box(self) -> tuple[float, float]:
@@ -415,14 +372,6 @@ class Uniform(ByMeanAndSd):
         return x
 
 
-LARGEST_GAMMA_VARIATION = 5.0**0.5
-"""sd over distance from the end that the box takes account of: shape 0.2."""
-NARROWEST = 1e-3
-"""Share of its upper limit that stands for an sd of zero: quantiles keep their digits."""
-FAR = 1e-15
-"""Probability left beyond the box."""
-
-
 @dataclass(frozen=True)
 class Gamma(ByMeanAndSd):
     """Gamma law of x - lower, by its own mean and sd, with generalized Laguerre polynomials.
@@ -447,14 +396,10 @@ class Gamma(ByMeanAndSd):
     sd: Specification = OPEN
     lower: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
-        _ = self.hyperparameters
-
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """`mean` and `sd` of the law."""
-        return require_above(self.lower, location_and_scale(self.mean, self.sd, NARROWEST))
+        return require_above(self.lower, location_and_scale(self.mean, self.sd, SHAPES.narrowest))
 
     @cached_property
     def box(self) -> tuple[float, float]:
@@ -462,14 +407,9 @@ class Gamma(ByMeanAndSd):
 
         Far nodes of a rule may lie beyond it.
         """
-        tail = np.array([1.0 - FAR])
-        corners = widest_above(self.lower, self.hyperparameters, LARGEST_GAMMA_VARIATION)
+        tail = np.array([1.0 - NUMERICS.tail])
+        corners = widest_above(self.lower, self.hyperparameters, SHAPES.gamma_variation)
         return self.lower, max(float(self.quantile(corner, tail)[0]) for corner in corners)
-
-    @property
-    def bounded(self) -> bool:
-        """A gamma law has no box of its own."""
-        return False
 
     def rule(self, values: Array, nodes: int) -> Rule:
         """Gauss-Laguerre nodes mean + sd t_j(c) with c = sd/(mean - lower)."""
@@ -534,15 +474,8 @@ def _log_gamma(k: Array, scale: Array, g: Array) -> Array:
 
 
 def _standard_gamma(k: Array, theta: Array) -> Array:
-    """The gamma law of shape k and scale 1 at Phi(theta), which keeps its digits near zero.
-
-    Of one law many values are interpolations of their logarithm.
-    """
-    if np.ndim(k) == 0 and theta.size >= MANY and np.max(np.abs(theta)) < FARTHEST:
-        table = _gamma_table(float(k))
-        if table.finite:
-            return np.exp(table(theta))
-    return _exact_gamma(k, theta)
+    """The gamma law of shape k and scale 1 at Phi(theta), which keeps its digits near zero."""
+    return _at_once(theta, _gamma_table, np.exp, _exact_gamma, k)
 
 
 def _exact_gamma(k: Array | float, theta: Array) -> Array:
@@ -561,12 +494,6 @@ def _gamma_table(k: float) -> Tabulated:
     with np.errstate(all="ignore"):
         g = _exact_gamma(k, theta)
         return Tabulated(np.log(g), slope(theta, k * np.log(g) - g - special.gammaln(k)))
-
-
-NARROWEST = 1e-3
-"""Share of its upper limit that stands for an sd of zero: quantiles keep their digits."""
-WIDEST = 0.99
-"""Largest sd over that of the law which has all its mass on the two ends of the box."""
 
 
 @dataclass(frozen=True)
@@ -616,12 +543,13 @@ class Beta(ByMeanAndSd):
             )
         widest = min(math.sqrt((m - lower) * (upper - m)) for m in (mean.lower, mean.upper))
         limits = (min(1e-3 * width, 0.1 * widest), 0.95 * widest)
-        sd = resolve("sd", self.sd, limits, positive=True, least=NARROWEST)
-        if sd.upper > WIDEST * widest:
+        sd = resolve("sd", self.sd, limits, positive=True, least=SHAPES.narrowest)
+        if sd.upper > SHAPES.widest * widest:
             raise InputsError(
                 f"sd: no beta law on ({lower:g}, {upper:g}) has mean {mean.lower:g} to "
                 f"{mean.upper:g} and sd {sd.upper:g}",
-                f"lower the largest sd to {WIDEST * widest:.4g}, or narrow the limits of the mean",
+                f"lower the largest sd to {SHAPES.widest * widest:.4g}, or narrow the limits of "
+                "the mean",
             )
         return mean, sd
 
@@ -711,12 +639,8 @@ def _log_beta(p: Array, q: Array, z: Array, rest: Array) -> Array:
 
 
 def _standard_beta(p: Array, q: Array, theta: Array) -> Array:
-    """The beta law on [0, 1] at Phi(theta); of one law many by interpolation of its logit."""
-    if np.ndim(p) == 0 and theta.size >= MANY and np.max(np.abs(theta)) < FARTHEST:
-        table = _beta_table(float(p), float(q))
-        if table.finite:
-            return np.asarray(special.expit(table(theta)))
-    return _exact_beta(p, q, theta)
+    """The beta law on [0, 1] at Phi(theta)."""
+    return _at_once(theta, _beta_table, special.expit, _exact_beta, p, q)
 
 
 def _exact_beta(p: Array | float, q: Array | float, theta: Array) -> Array:
@@ -737,3 +661,22 @@ def _beta_table(p: float, q: float) -> Tabulated:
         low, high = np.log(_exact_beta(p, q, theta)), np.log(_exact_beta(q, p, -theta))
         density = p * low + q * high - special.betaln(p, q)
         return Tabulated(low - high, slope(theta, density))
+
+
+def _at_once(
+    theta: Array,
+    table: Callable[..., Tabulated],
+    back: Callable[[Array], Array],
+    exactly: Callable[..., Array],
+    *shapes: Array,
+) -> Array:
+    """A law of these shapes at Phi(theta), of one law at many theta by interpolation."""
+    if (
+        all(np.ndim(shape) == 0 for shape in shapes)
+        and theta.size >= NUMERICS.worth
+        and np.max(np.abs(theta)) < NUMERICS.farthest
+    ):
+        found = table(*map(float, shapes))
+        if found.finite:
+            return np.asarray(back(found(theta)))
+    return exactly(*shapes, theta)

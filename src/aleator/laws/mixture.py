@@ -24,11 +24,11 @@ from aleator.laws.hyperparameter import (
     within,
 )
 from aleator.laws.law import (
-    STEP,
+    NUMERICS,
     Law,
     MeanSd,
-    Rule,
     Standard,
+    ThroughNormal,
     by_distinct,
     difference,
     from_tails,
@@ -36,34 +36,43 @@ from aleator.laws.law import (
     to_score,
 )
 from aleator.laws.marginals import Constant, Normal
-from aleator.polynomials.gauss import gauss, gauss_legendre
-from aleator.polynomials.recurrence import stieltjes
+from aleator.polynomials.gauss import gauss_legendre
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
     from aleator.laws.inputs import Inputs
 
-FAR = 1e-15
-"""Probability left beyond either end of the box."""
-POINTS = 400
-"""Points of the fine rule in the standard normal variate, by which expectations are computed."""
-WIDEST = 14.0
-"""The standard normal variate goes this far on either side, for high moments of long tails."""
-HALVINGS = 60
+
+@dataclass(frozen=True)
+class Points:
+    """How a law is computed from its quantile; chosen by tests/laws and tests/extensions.
+
+    count: points of the rule in theta, by which expectations are computed. widest: theta goes this
+    far on either side, for moments of long tails. deepest, halvings: of the search of a normal
+    score. least: a share of a mixture this small stands for none.
+    """
+
+    count: int = 400
+    widest: float = 14.0
+    deepest: float = 40.0
+    halvings: int = 60
+    least: float = 1e-6
 
 
-class QuantileLaw(ABC):
+POINTS = Points()
+
+
+class QuantileLaw(ThroughNormal, ABC):
     """A law by `hyperparameters`, `log_density` and `quantile`, which a subclass gives.
 
     x = F^-1(Phi(theta)) with theta ~ N(0, 1). Expectations are integrals over theta by 400 points,
-    Gauss rules those of the law's own polynomials (Stieltjes procedure), derivatives by the
-    hyperparameters central differences of fourth order. Their steps are 1e-3 of the value of a
-    positive hyperparameter, and 1e-3 of the width of the limits of another; where that one is
-    fixed, 1e-3 of its magnitude, or 1e-3 if it is zero. The law must exist two steps beyond its
-    limits, and beyond what is fixed. Measured with Weibull laws: moments and their derivatives to
-    1e-11 with up to 10 nodes. A subclass that knows the upper tail overrides `upper_quantile`, one
-    that knows its ends `box` and `bounded`. Cost: some ten times that of a law whose polynomials
-    are known.
+    derivatives by the hyperparameters central differences of fourth order. Their steps are 1e-3 of
+    the value of a positive hyperparameter, and 1e-3 of the width of the limits of another; where
+    that one is fixed, 1e-3 of its magnitude, or 1e-3 if it is zero. The law must exist two steps
+    beyond its limits, and beyond what is fixed. Measured with Weibull laws: mean, sd and their
+    derivatives to 1e-11. A subclass that knows the upper tail overrides `upper_quantile`, one
+    that knows its ends `box` and `bounded`. Cost: some ten times that of a law in
+    closed form.
 
     >>> from dataclasses import dataclass
     >>> from aleator.laws.hyperparameter import resolve
@@ -77,8 +86,9 @@ class QuantileLaw(ABC):
     ...         return np.where(x < 0.0, -np.inf, -x / values[0] - np.log(values[0]))
     ...     def quantile(self, values, probability):
     ...         return -values[0] * np.log1p(-probability)
-    >>> Exponential(1.0).rule(np.ones(1), 2).x.round(6).tolist()    # Gauss-Laguerre: 2 -+ sqrt(2)
-    [0.585786, 3.414214]
+    >>> law, two = Exponential(2.0), np.array([2.0])
+    >>> round(law.mean_and_sd(two).sd, 6), law.standard(two, np.zeros(1)).x.round(6).tolist()
+    (2.0, [1.386294])
     """
 
     def __post_init__(self) -> None:
@@ -107,7 +117,7 @@ class QuantileLaw(ABC):
         """Where 1e-15 is left beyond, of the laws at the corners of the limits."""
         limits = [(h.lower, h.upper) for h in self.hyperparameters]
         corners = [np.array(corner) for corner in product(*limits)]
-        tail = np.array([FAR])
+        tail = np.array([NUMERICS.tail])
         lower = min(float(self.quantile(corner, tail)[0]) for corner in corners)
         return lower, max(float(self.upper_quantile(corner, tail)[0]) for corner in corners)
 
@@ -121,22 +131,10 @@ class QuantileLaw(ABC):
         """The parameter varies between experiments."""
         return True
 
-    def rule(self, values: Array, nodes: int) -> Rule:
-        """The Gauss rule of the law's own polynomials; their variable has mean zero and sd one."""
-        x, weights, t = self._rule(values, nodes)
-        dx = self._slopes(lambda at: self._rule(at, nodes)[0], values)
-        dweights = self._slopes(lambda at: self._rule(at, nodes)[1], values)
-        return Rule(x, weights, t, dx, dweights)
-
-    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
-        """The polynomials of (x - mean)/sd."""
-        _, _, z, weights = self._points(values)
-        return stieltjes(z, weights, count)
-
     def normal_score(self, values: Array, x: Array) -> Array:
         """Phi^-1(F(x)), by bisection of the quantile."""
-        low, high = np.full(x.shape, -40.0), np.full(x.shape, 40.0)
-        for _ in range(HALVINGS):
+        low, high = np.full(x.shape, -POINTS.deepest), np.full(x.shape, POINTS.deepest)
+        for _ in range(POINTS.halvings):
             middle = 0.5 * (low + high)
             below = self._image(values, middle) < x
             low, high = np.where(below, middle, low), np.where(below, high, middle)
@@ -154,8 +152,9 @@ class QuantileLaw(ABC):
         return Standard(x, slope(theta, self.log_density(values, x)), dvalues)
 
     def mean_and_sd(self, values: Array) -> MeanSd:
-        """Mean and sd by a Gauss rule, which is exact for both."""
-        return MeanSd.of(self.rule(values, 2))
+        """Mean and sd by the points of the law."""
+        mean, sd = self._moments(values).tolist()
+        return MeanSd(mean, sd, *self._slopes(self._moments, values))
 
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The law of this mean and sd, as near to it as the limits admit."""
@@ -164,18 +163,17 @@ class QuantileLaw(ABC):
         if not free.any():
             return start
         lower, upper = limits_of(self.hyperparameters, np.flatnonzero(free))
-        scale = self._points(start)[1] if sd is None else sd
+        scale = self._moments(start)[1] if sd is None else sd
 
         def away(at: Array) -> Array:
             values = start.copy()
             values[free] = at
-            mean, own = self._points(values)[:2]
+            mean, own = self._moments(values)
             gaps = [(mean - center) / scale, 0.0 if sd is None else np.log(own / sd)]
             return np.array(gaps)
 
-        inside = np.clip(
-            start[free], lower + STEP * (upper - lower), upper - STEP * (upper - lower)
-        )
+        margin = NUMERICS.step * (upper - lower)
+        inside = np.clip(start[free], lower + margin, upper - margin)
         start[free] = optimize.least_squares(
             away, inside, bounds=(lower, upper), x_scale=upper - lower
         ).x
@@ -186,15 +184,14 @@ class QuantileLaw(ABC):
             theta, lambda p: self.quantile(values, p), lambda p: self.upper_quantile(values, p)
         )
 
-    def _points(self, values: Array) -> tuple[float, float, Array, Array]:
-        """Mean, sd, and the law as standardized points z (Q,) with weights (Q,)."""
-        theta, weights = fine_points()
-        return standardized(self._image(values, theta), weights)
-
-    def _rule(self, values: Array, nodes: int) -> tuple[Array, Array, Array]:
-        mean, sd, z, fine = self._points(values)
-        t, weights = gauss(*stieltjes(z, fine, nodes))
-        return mean + sd * t, weights, t
+    def _moments(self, values: Array) -> Array:
+        """Mean and sd."""
+        t, weights = gauss_legendre(POINTS.count)
+        theta = POINTS.widest * t
+        weights = weights * np.exp(-0.5 * theta**2)
+        x = self._image(values, theta)
+        mean = weights @ x / weights.sum()
+        return np.array([mean, np.sqrt(weights @ (x - mean) ** 2 / weights.sum())])
 
     def _slopes(self, function: Callable[[Array], Array], values: Array) -> Array:
         """Derivatives (..., k) by the hyperparameters of what is (...)."""
@@ -206,27 +203,8 @@ class QuantileLaw(ABC):
             def moved(value: Array, k: int = k) -> Array:
                 return function(np.concatenate([values[:k], [value], values[k + 1 :]]))
 
-            columns.append(difference(moved, at, STEP * (at if known.log else width)))
+            columns.append(difference(moved, at, NUMERICS.step * (at if known.log else width)))
         return np.stack(columns, axis=-1)
-
-
-def fine_points() -> tuple[Array, Array]:
-    """Standard normal variates theta (Q,) and their weights, which sum to one."""
-    t, weights = gauss_legendre(POINTS)
-    theta = WIDEST * t
-    weights = weights * np.exp(-0.5 * theta**2)
-    return theta, weights / weights.sum()
-
-
-def standardized(x: Array, weights: Array) -> tuple[float, float, Array, Array]:
-    """Mean and sd of points x (Q,), the points standardized, and their weights."""
-    mean = float(weights @ x)
-    sd = float(np.sqrt(weights @ (x - mean) ** 2))
-    return mean, sd, (x - mean) / sd, weights
-
-
-LEAST = 1e-6
-"""A share this small stands for none."""
 
 
 @dataclass(frozen=True)
@@ -420,7 +398,7 @@ class Mixture(QuantileLaw):
     def exchangeable(self) -> bool:
         """Whether the components are equal but for their order, which is then arbitrary."""
         shares = self.hyperparameters[self.parts[-1]]
-        free = all(h.free and h.lower <= LEAST and h.prior is None for h in shares)
+        free = all(h.free and h.lower <= POINTS.least and h.prior is None for h in shares)
         return free and all(law == self.components[0] for law in self.components)
 
     def ordered(self, values: Array) -> Array:
@@ -436,7 +414,7 @@ class Mixture(QuantileLaw):
         order = np.argsort([values[part.start] for part in self.parts[:-1]], kind="stable")
         w = np.exp(self.log_weights(values)[0])[order]
         left = 1.0 - np.concatenate([[0.0], np.cumsum(w)[:-2]])
-        shares = np.clip(w[:-1] / np.maximum(left, LEAST), LEAST, 1.0 - LEAST)
+        shares = np.clip(w[:-1] / np.maximum(left, POINTS.least), POINTS.least, 1.0 - POINTS.least)
         return np.concatenate([*(values[self.parts[c]] for c in order), shares])
 
     def filling(self, center: float, sd: float | None = None) -> Array:
@@ -530,13 +508,6 @@ class Mixture(QuantileLaw):
             x[apart] = elementwise.find_root(away, bracket, args=(theta[apart],)).x
         return np.asarray(x)
 
-    def _points(self, values: Array) -> tuple[float, float, Array, Array]:
-        """Mean, sd, and the law as standardized points z (Q,): those of all its components."""
-        theta, weights = fine_points()
-        own = [law.standard(values[part], theta).x for law, part in self.placed]
-        w = np.exp(self.log_weights(values)[0])
-        return standardized(np.concatenate(own), np.outer(w, weights).ravel())
-
 
 def _share(c: int, share: Specification, left: int) -> Hyperparameter:
     """The share of component c of what `left` components share."""
@@ -548,7 +519,9 @@ def _share(c: int, share: Specification, left: int) -> Hyperparameter:
             f"{h.name}: a share lies between 0 and 1, not between {h.lower:g} and {h.upper:g}",
             "give limits between 0 and 1",
         )
-    lower, upper, start = np.clip([h.lower, h.upper, h.start], LEAST, 1.0 - LEAST).tolist()
+    lower, upper, start = np.clip(
+        [h.lower, h.upper, h.start], POINTS.least, 1.0 - POINTS.least
+    ).tolist()
     return replace(h, lower=lower, upper=upper, start=start)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.inference.information import infer
-from aleator.laws.inputs import TAIL, Inputs, law_region
+from aleator.laws.inputs import IMAGES, Inputs, law_region
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem
 from aleator.search import GradientMultistart
@@ -153,7 +153,7 @@ def interval_region(
             moved = alpha.copy()
             moved[k] = end
             alphas.append(moved)
-    wanted = law_region(inputs, alphas, TAIL if generous else OPEN_TAIL)
+    wanted = law_region(inputs, alphas, IMAGES.region if generous else OPEN_TAIL)
     beyond = _beyond(problem.region, wanted)
     if not np.any(beyond):
         return None

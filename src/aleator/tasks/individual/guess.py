@@ -9,7 +9,7 @@ import numpy as np
 from scipy import optimize
 
 from aleator.laws.hyperparameter import limits_of
-from aleator.laws.inputs import apart, undivided
+from aleator.laws.mixture import apart, undivided
 from aleator.likelihood.individual import (
     GaussHermite,
     IndividualLikelihood,
