@@ -13,6 +13,7 @@ from aleator.blocks import blocks
 from aleator.errors import ExperimentsError, InputsError, nearest, require_filled
 from aleator.laws import Hyperparameter, Specification, resolve
 from aleator.observations.model import (
+    NUMERICS,
     NormalError,
     ObservationModel,
     Observed,
@@ -150,13 +151,7 @@ def _number(cell: object) -> float:
         return np.nan
 
 
-FARTHEST = 1e140
-"""An eta beyond which nothing changes, and whose square exists."""
-STEP = 1e-4
-"""Step in scales of the difference that gives a curvature; its error is about 1e-8."""
-
-
-class Scale(NamedTuple):
+class ErrorScale(NamedTuple):
     """sqrt(sd^2 + (relative eta)^2), with its derivatives by eta, sd and relative.
 
     Without a relative part the derivatives are None: they are 0, 1 and none.
@@ -183,15 +178,15 @@ class ResponseErrors:
     upper: Array
     known: Array | None = None
 
-    def scale(self, values: Sequence[float], eta: Array, own: slice) -> Scale:
+    def scale(self, values: Sequence[float], eta: Array, own: slice) -> ErrorScale:
         """The scale of the errors, () or (k, 1) or (k, J)."""
         sd = self._sd(values, own)
         if self.noise.relative is None:
-            return Scale(sd)
+            return ErrorScale(sd)
         relative = values[self._scales - 1]
-        eta = np.clip(eta, -FARTHEST, FARTHEST)
+        eta = np.clip(eta, -NUMERICS.farthest, NUMERICS.farthest)
         scale = np.sqrt(sd**2 + (relative * eta) ** 2)
-        return Scale(scale, relative**2 * eta / scale, sd / scale, relative * eta**2 / scale)
+        return ErrorScale(scale, relative**2 * eta / scale, sd / scale, relative * eta**2 / scale)
 
     def model(self, values: Sequence[float]) -> ObservationModel:
         """The kind of the noise with the values of its shapes."""
@@ -232,12 +227,12 @@ class ResponseErrors:
             if self.noise.normal and scale.d_eta is None:
                 seen = self._seen(values, eta, own)[1]
                 return np.fmax(seen.d_eta**2 - seen.d_scale / scale.value, 0.0)
-            step = STEP * scale.value
+            step = BLOCKS.step * scale.value
             above, below = (self._seen(values, eta + h, own)[1].d_eta for h in (step, -step))
             bent = (below - above) / (2.0 * step)
             return np.where(np.isfinite(bent), np.maximum(bent, 0.0), 0.0)
 
-    def _seen(self, values: Sequence[float], eta: Array, own: slice) -> tuple[Scale, Observed]:
+    def _seen(self, values: Sequence[float], eta: Array, own: slice) -> tuple[ErrorScale, Observed]:
         """The scale, and log p with the whole derivative by eta and that by the scale."""
         scale, lower, upper = self.scale(values, eta, own), self.lower[own], self.upper[own]
         seen = observed(self.model(values), lower, upper, eta, scale.value, self._exact[own])
@@ -275,8 +270,18 @@ def _finite(found: list[Array]) -> list[Array]:
     return [np.where(fine, part, 0.0 if k else -np.inf) for k, part in enumerate(found)]
 
 
-BLOCK = 32768
-"""Numbers of one operation: what is between them stays in the cache."""
+@dataclass(frozen=True)
+class ErrorBlocks:
+    """numbers: of one operation: what is between them stays in the cache (`make bench`).
+
+    step: in scales, of the difference that gives a curvature; its error is about 1e-8.
+    """
+
+    numbers: int = 32768
+    step: float = 1e-4
+
+
+BLOCKS = ErrorBlocks()
 
 
 class Terms(NamedTuple):
@@ -389,14 +394,14 @@ class MeasurementErrors:
 
     def cdf(self, values: Array, y: Array, eta: Array, rows: slice) -> Array:
         """Probability of measured values not above y, for the observations `rows`: (m, J)."""
-        return self._asked("cdf", values, y, eta, rows)
+        return self._by_model("cdf", values, y, eta, rows)
 
     def quantile(self, values: Array, probability: Array, eta: Array, rows: slice) -> Array:
         """The measured values of these probabilities, for the observations `rows`: (m, J).
 
         Uniform probabilities make random values.
         """
-        return self._asked("quantile", values, probability, eta, rows)
+        return self._by_model("quantile", values, probability, eta, rows)
 
     def moments(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array, Array, Array]:
         """Mean and central moments 2 to 4 (m, J) of the values of the observations `rows`.
@@ -417,7 +422,7 @@ class MeasurementErrors:
                 found[k + 1, at] = moment * scale ** (k + 2)
         return found[0], found[1], found[2], found[3]
 
-    def _asked(self, what: str, values: Array, at_what: Array, eta: Array, rows: slice) -> Array:
+    def _by_model(self, what: str, values: Array, at_what: Array, eta: Array, rows: slice) -> Array:
         found, at_what = np.empty(eta.shape), np.broadcast_to(at_what, eta.shape)
         for part, own, at, mine in self._within(values, rows):
             scale = part.scale(mine, eta[at], slice(own, own + len(at))).value
@@ -426,7 +431,7 @@ class MeasurementErrors:
 
     def _at_once(self, eta: Array) -> bool:
         """Whether one call does, which saves most of the time of a small one."""
-        return len(self.parts) == 1 and eta.size <= BLOCK
+        return len(self.parts) == 1 and eta.size <= BLOCKS.numbers
 
     def _within(
         self, values: Array, rows: slice
@@ -464,7 +469,7 @@ def _named(noises: Mapping[str, Noise]) -> tuple[Hyperparameter, ...]:
 def _blocks(at: Indices, nodes: int) -> Iterator[tuple[slice, slice | Indices]]:
     """Parts of the positions `at`: each as a slice of them, and where it is among all."""
     adjoin = len(at) > 0 and at[-1] - at[0] + 1 == len(at)
-    for some in blocks(len(at), nodes, BLOCK):
+    for some in blocks(len(at), nodes, BLOCKS.numbers):
         yield some, slice(at[0] + some.start, at[0] + some.stop) if adjoin else at[some]
 
 

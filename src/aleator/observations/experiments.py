@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from aleator.errors import ExperimentsError, nearest
 from aleator.observations import tables
-from aleator.observations.outcomes import Censored, Outcomes
-from aleator.observations.responses import Observations, Response, Transform
+from aleator.observations.outcomes import Censored, OutcomeColumns
+from aleator.observations.responses import Observations, Response, Transform, common_transform
 from aleator.observations.tables import Table, real_numbers
 from aleator.types import Array, Flags, Indices
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 DEFAULT_ID = "id"
 
 
-class Rows(NamedTuple):
+class TableRows(NamedTuple):
     """R rows of a table: the ids (N,) of the experiments, and what stands in each row.
 
     `experiment` (R,) is the experiment of each row; `conditions` and `table` have R rows. `source`
@@ -45,7 +45,7 @@ def rows_of(
     taken: Sequence[str] = (),
     beside: Collection[str] = (),
     numbers: Collection[str] = (),
-) -> Rows:
+) -> TableRows:
     """The rows of a table; rows with the same id are one experiment, in order of appearance.
 
     `taken` are columns of outcomes, which are not part of the table that is kept. Conditions are
@@ -74,7 +74,7 @@ def rows_of(
         for name in names
     }
     whole = {name: conditions[name] if name in conditions else _any(table, name) for name in kept}
-    return Rows(
+    return TableRows(
         ids, experiment, pd.DataFrame(conditions, index=index),
         pd.DataFrame(whole, index=index), table,
     )  # fmt: skip
@@ -132,7 +132,36 @@ OUTCOME = "outcome"
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Conditions:
+class _OfExperiments:
+    """What experiments and new conditions share: rows of a table, each of an experiment."""
+
+    ids: tuple[str, ...]
+    conditions: pd.DataFrame
+    table: pd.DataFrame
+    experiment: Indices
+    places: Sequence[str]
+
+    def _set(
+        self,
+        ids: tuple[str, ...],
+        conditions: pd.DataFrame,
+        table: pd.DataFrame | None,
+        experiment: Indices | None,
+        places: Sequence[str] | None,
+    ) -> None:
+        """Set what is shared; without `experiment` each row is one. Raises ExperimentsError."""
+        experiment = np.arange(len(ids)) if experiment is None else np.array(experiment, np.intp)
+        _check_sizes(ids, conditions, experiment)
+        if places is None:
+            places = [f"experiment '{ids[k]}'" for k in experiment]
+        table = conditions if table is None else table
+        values = {"ids": ids, "conditions": conditions, "table": table, "experiment": experiment}
+        for name, value in {**values, "places": places}.items():
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Conditions(_OfExperiments):
     """N experiments without outcomes: R rows of conditions.
 
     `ids` (N,) are distinct texts; `conditions` has R rows and a named column for each condition:
@@ -148,11 +177,6 @@ class Conditions:
     ('a', 'b')
     """
 
-    ids: tuple[str, ...]
-    conditions: pd.DataFrame
-    table: pd.DataFrame
-    experiment: Indices
-    places: Sequence[str]
     responses: tuple[Response, ...]
 
     def __init__(
@@ -166,22 +190,14 @@ class Conditions:
         experiment: Indices | None = None,
         places: Sequence[str] | None = None,
     ) -> None:
-        experiment = np.arange(len(ids)) if experiment is None else np.array(experiment, np.intp)
-        check_sizes(ids, conditions, experiment)
-        values = {
-            "ids": ids, "conditions": conditions, "experiment": experiment,
-            "places": [f"experiment '{ids[k]}'" for k in experiment] if places is None else places,
-            "table": conditions if table is None else table,
-            "responses": tuple(responses) or (Response(OUTCOME, Transform.named(transform)),),
-        }  # fmt: skip
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        self._set(ids, conditions, table, experiment, places)
+        own = tuple(responses) or (Response(OUTCOME, Transform.named(transform)),)
+        object.__setattr__(self, "responses", own)
 
     @property
     def transform(self) -> Transform:
         """The transform that all responses have; none where they differ."""
-        found = {response.transform for response in self.responses}
-        return found.pop() if len(found) == 1 else Transform.NONE
+        return common_transform(self.responses)
 
     @property
     def simple(self) -> bool:
@@ -241,14 +257,16 @@ class Conditions:
         return cls._of(rows, Transform.named(transform), responses)
 
     @classmethod
-    def _of(cls, rows: Rows, transform: Transform, responses: Sequence[Response]) -> Conditions:
+    def _of(
+        cls, rows: TableRows, transform: Transform, responses: Sequence[Response]
+    ) -> Conditions:
         return cls(
             rows.ids, rows.conditions, transform, responses=responses,
             table=rows.table, experiment=rows.experiment, places=rows.source.rows,
         )  # fmt: skip
 
 
-def check_sizes(ids: tuple[str, ...], conditions: pd.DataFrame, experiment: Indices) -> None:
+def _check_sizes(ids: tuple[str, ...], conditions: pd.DataFrame, experiment: Indices) -> None:
     """Raise ExperimentsError unless there is an experiment a row, and each id is there once."""
     if len(experiment) != len(conditions):
         raise ExperimentsError(
@@ -311,7 +329,7 @@ def covariates(experiments: Experiments | Conditions, names: Sequence[str]) -> p
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Experiments:
+class Experiments(_OfExperiments):
     """N experiments: R rows of conditions, and M observations.
 
     `ids` (N,) are distinct texts. `conditions` has R rows and a named column for each condition:
@@ -336,11 +354,6 @@ class Experiments:
     (('a', 'b'), [0, 0, 1], False)
     """
 
-    ids: tuple[str, ...]
-    conditions: pd.DataFrame
-    table: pd.DataFrame
-    experiment: Indices
-    places: Sequence[str]
     observations: Observations
 
     def __init__(
@@ -355,18 +368,10 @@ class Experiments:
         experiment: Indices | None = None,
         places: Sequence[str] | None = None,
     ) -> None:
-        experiment = np.arange(len(ids)) if experiment is None else np.array(experiment, np.intp)
-        table = conditions if table is None else table
-        check_sizes(ids, conditions, experiment)
+        self._set(ids, conditions, table, experiment, places)
         if not isinstance(outcomes, Observations):
             outcomes = _simple(outcomes, len(ids), outcome_name, Transform.named(transform))
-        values = {
-            "ids": ids, "conditions": conditions, "table": table, "experiment": experiment,
-            "observations": outcomes,
-            "places": [f"experiment '{ids[k]}'" for k in experiment] if places is None else places,
-        }  # fmt: skip
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "observations", outcomes)
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -419,8 +424,7 @@ class Experiments:
     @property
     def transform(self) -> Transform:
         """The transform that all responses have; none where they differ."""
-        found = {response.transform for response in self.observations.responses}
-        return found.pop() if len(found) == 1 else Transform.NONE
+        return common_transform(self.observations.responses)
 
     @classmethod
     def from_frame(
@@ -454,7 +458,7 @@ class Experiments:
         >>> Experiments.from_frame(frame, outcome="time").conditions.columns.tolist()
         ['load']
         """
-        outcomes = Outcomes(_names(outcome), response, transform, censored)
+        outcomes = OutcomeColumns(_names(outcome), response, transform, censored)
         return cls._from_table(tables.from_frame(frame), outcomes, id, conditions, beside)
 
     @classmethod
@@ -479,7 +483,7 @@ class Experiments:
         Raises ExperimentsError as `from_frame` does, with the row as a spreadsheet counts it (the
         header is row 1), and for a file that is absent, empty, no text, or differently delimited.
         """
-        outcomes = Outcomes(_names(outcome), response, transform, censored)
+        outcomes = OutcomeColumns(_names(outcome), response, transform, censored)
         table = tables.read(path, delimiter, decimal)
         return cls._from_table(table, outcomes, id, conditions, beside)
 
@@ -487,13 +491,13 @@ class Experiments:
     def _from_table(
         cls,
         table: Table,
-        outcomes: Outcomes,
+        outcomes: OutcomeColumns,
         id: str | None,
         names: Sequence[str] | None,
         beside: Collection[str],
     ) -> Experiments:
         outcomes.require(table, names)
-        rows: Rows = rows_of(table, id, names, outcomes.taken, beside)
+        rows: TableRows = rows_of(table, id, names, outcomes.taken, beside)
         return cls(
             rows.ids, rows.conditions, outcomes.read(rows.source, rows.experiment),
             table=rows.table, experiment=rows.experiment, places=rows.source.rows,

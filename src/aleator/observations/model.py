@@ -15,6 +15,26 @@ from aleator.laws import Free, Hyperparameter, Specification, resolve
 from aleator.types import Array, Flags
 
 
+@dataclass(frozen=True)
+class ErrorNumerics:
+    """How exactly errors are computed; chosen by tests/observations/test_errors.py.
+
+    narrow: width of an interval, in scales (of a normal error relative to its distance, too), up to
+    which its probability is that of its middle. df: limits of the degrees of freedom where none are
+    given, from Cauchy's law to what nobody tells from a normal (by judgement). step: relative, of a
+    difference in the degrees of freedom. farthest: an eta beyond which nothing changes, and whose
+    square exists.
+    """
+
+    narrow: float = 1e-3
+    df: tuple[float, float] = (1.0, 100.0)
+    step: float = 2e-3
+    farthest: float = 1e140
+
+
+NUMERICS = ErrorNumerics()
+
+
 class Observed(NamedTuple):
     """log p(y | eta, scale) with its derivatives by eta and by the scale, elementwise."""
 
@@ -34,13 +54,6 @@ class ObservationModel(Protocol):
     @property
     def name(self) -> str:
         """Name for reports and for `[noise] kind` in a study."""
-
-    @property
-    def reach(self) -> float:
-        """Scales beyond which a measured value cannot lie from the simulated one; may be infinite.
-
-        Mass below 1e-15 counts as none.
-        """
 
     def log_density(self, y: Array, eta: Array, scale: Array) -> Observed:
         """log p(y | eta, scale), d/d eta and d/d scale; minus infinity where y cannot be."""
@@ -141,8 +154,7 @@ def log_probability(
 
     An infinite eta gives the limit.
     """
-    # Far enough to be the limit for every bound, near enough to be squared.
-    eta = np.clip(eta, -1e140, 1e140)
+    eta = np.clip(eta, -NUMERICS.farthest, NUMERICS.farthest)
     if is_bounded(model):
         return model.log_probability(lower, upper, eta, scale)
     return _by_cdf(model, lower, upper, eta, scale)
@@ -181,10 +193,8 @@ def outward(a: Array, b: Array) -> tuple[Array, Array, Flags]:
     return np.where(turned, -b, a), np.where(turned, -a, b), turned
 
 
-HALF_LOG_2_PI = 0.5 * float(np.log(2.0 * np.pi))
+HALF_LOG_2_PI = float(np.log(2.0 * np.pi)) / 2.0
 ROOT_2 = float(np.sqrt(2.0))
-NARROW = 1e-3
-"""Width of an interval, in scales and relative to its distance, up to which a series is exact."""
 
 
 @dataclass(frozen=True)
@@ -200,11 +210,6 @@ class NormalError:
     def name(self) -> str:
         """Name for reports."""
         return "normal"
-
-    @property
-    def reach(self) -> float:
-        """Eight standard deviations: the mass beyond is below 1e-15."""
-        return 8.0
 
     def log_density(self, y: Array, eta: Array, scale: Array) -> Observed:
         """-u^2/2 - log scale - log(2 pi)/2 with u = (y - eta)/scale."""
@@ -231,7 +236,7 @@ class NormalError:
             sign = np.where(turned, -1.0, 1.0)
             value, by_eta, by_scale = (np.empty(a.shape) for _ in range(3))
             width, middle = b - a, 0.5 * (a + b)
-            narrow = width * np.maximum(1.0, middle) < NARROW
+            narrow = width * np.maximum(1.0, middle) < NUMERICS.narrow
             for which, between in (
                 (narrow, _narrow),
                 (~narrow & (a >= 0.0), _beyond),
@@ -289,12 +294,6 @@ def _around(a: Array, b: Array) -> _Found:
     return np.log(probability), at_a - at_b, moved
 
 
-LIMITS = (1.0, 100.0)
-"""Degrees of freedom where none are given: from Cauchy's law to what nobody tells from a normal."""
-STEP = 2e-3
-"""Relative step in the degrees of freedom of a difference of the fourth order."""
-
-
 @dataclass(frozen=True)
 class StudentError:
     """y = eta + scale t, t of Student's law with `df` degrees of freedom: outliers pull little.
@@ -320,7 +319,7 @@ class StudentError:
     def _shape(self) -> Hyperparameter:
         if self.df == 0:
             raise InputsError("df = 0", "give the degrees of freedom, a number > 0")
-        return resolve("df", self.df, LIMITS, positive=True)
+        return resolve("df", self.df, NUMERICS.df, positive=True)
 
     @property
     def shapes(self) -> tuple[Hyperparameter, ...]:
@@ -339,11 +338,6 @@ class StudentError:
     def name(self) -> str:
         """Name for reports."""
         return "student_t" if isinstance(self.df, Free) else f"student_t({self.df:g})"
-
-    @property
-    def reach(self) -> float:
-        """There is no end: tails fall as a power."""
-        return np.inf
 
     @property
     def _known(self) -> float:
@@ -439,10 +433,10 @@ def _log_between(df: float, a: Array, b: Array) -> Array:
     # Where the tail underflows, which needs many degrees of freedom: f(a) over its fall there.
     far = _log_density(df, a * a) - np.log((df + 1.0) * a / (df + a * a))
     value = np.where(np.isneginf(value), far, value)
-    return np.where(b - a < 1e-3, flat, value)
+    return np.where(b - a < NUMERICS.narrow, flat, value)
 
 
 def _difference(df: float, a: Array, b: Array) -> Array:
-    h = STEP * df
+    h = NUMERICS.step * df
     one, two = (_log_between(df + k * h, a, b) - _log_between(df - k * h, a, b) for k in (1.0, 2.0))
     return (8.0 * one - two) / (12.0 * h)

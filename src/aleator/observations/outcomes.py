@@ -17,7 +17,7 @@ Words = str | int | Sequence[str | int]
 """A word of a column, or several; a whole number is the word that it is written as."""
 
 
-class Values(NamedTuple):
+class ColumnValues(NamedTuple):
     """Values of one column in the original unit: the row (m,) of each, and its two ends (m,)."""
 
     row: Indices
@@ -56,7 +56,7 @@ class Censoring:
     signs: bool = False
 
     def __post_init__(self) -> None:
-        words = self._listed
+        words = self._all_words
         if (self.column is None) == bool(words):
             raise ExperimentsError(
                 f"censored: column = {self.column!r}, and the words are {words}",
@@ -84,10 +84,10 @@ class Censoring:
         return tuple(name for name in (self.column, self.upper) if name is not None)
 
     @property
-    def _listed(self) -> list[str]:
+    def _all_words(self) -> list[str]:
         return [*_words(self.right), *_words(self.left), *_words(self.measured)]
 
-    def read(self, table: Table, outcome: str, rows: Indices) -> Values:
+    def read(self, table: Table, outcome: str, rows: Indices) -> ColumnValues:
         """The ends of the outcomes in these rows, without those that have none at all.
 
         Raises ExperimentsError with the row for a censored value without a bound, an interval
@@ -97,7 +97,7 @@ class Censoring:
             table.require(name, "censored:")
         if self.signs:
             return _signed(table, outcome, rows)
-        right, left = self._told(table, rows)
+        right, left = self._censored_sides(table, rows)
         value = table.numbers_or_blank(outcome)[rows]
         above = value if self.upper is None else table.numbers_or_blank(self.upper)[rows]
         above = np.where(np.isnan(above), value, above)
@@ -105,15 +105,15 @@ class Censoring:
         lower = np.where(left, -np.inf, value)
         self._check(table, outcome, rows, lower, upper, right | left)
         given = ~np.isnan(lower)
-        return Values(rows[given], lower[given], upper[given])
+        return ColumnValues(rows[given], lower[given], upper[given])
 
-    def _told(self, table: Table, rows: Indices) -> tuple[Flags, Flags]:
+    def _censored_sides(self, table: Table, rows: Indices) -> tuple[Flags, Flags]:
         """Which of the rows are right-censored, and which left-censored."""
         if self.column is None:
             return np.zeros(len(rows), dtype=bool), np.zeros(len(rows), dtype=bool)
         texts = table.texts(self.column)
         words = np.array([_word(texts[row]) for row in rows], dtype=object)
-        there, listed = [*dict.fromkeys(words.tolist())], self._listed
+        there, listed = [*dict.fromkeys(words.tolist())], self._all_words
         place = f"{table.source}: column '{self.column}'"
         for word in listed:
             if word not in there:
@@ -158,12 +158,12 @@ class Censoring:
             )
 
 
-def _signed(table: Table, outcome: str, rows: Indices) -> Values:
+def _signed(table: Table, outcome: str, rows: Indices) -> ColumnValues:
     """Bounds whose cells say so by a sign."""
     value, sign = (of[rows] for of in table.bounds(outcome))
     lower, upper = np.where(sign < 0, -np.inf, value), np.where(sign > 0, np.inf, value)
     given = ~np.isnan(value)
-    return Values(rows[given], lower[given], upper[given])
+    return ColumnValues(rows[given], lower[given], upper[given])
 
 
 def _words(words: Words) -> list[str]:
@@ -184,7 +184,7 @@ Censored = Censoring | Mapping[str, Censoring] | None
 
 
 @dataclass(frozen=True)
-class Outcomes:
+class OutcomeColumns:
     """Which columns of a table hold what was measured.
 
     Wide: each of the `columns` is a response of its name. Long: there is one column of values, and
@@ -194,7 +194,7 @@ class Outcomes:
     Raises ExperimentsError for columns that cannot be read so.
 
     >>> table = Table("a.csv", {"time": ["1", "2"], "torque": ["", "5"]}, ("row 2", "row 3"))
-    >>> seen = Outcomes(("time", "torque")).read(table, np.array([0, 0]))
+    >>> seen = OutcomeColumns(("time", "torque")).read(table, np.array([0, 0]))
     >>> seen.lower.tolist(), seen.names, seen.response.tolist()
     ([1.0, 2.0, 5.0], ('time', 'torque'), [0, 0, 1])
     """
@@ -272,15 +272,15 @@ class Outcomes:
         of = np.array(words)
         return {name: np.flatnonzero(of == name) for name in dict.fromkeys(words)}
 
-    def _values(self, table: Table, response: str, rows: Indices) -> Values:
+    def _values(self, table: Table, response: str, rows: Indices) -> ColumnValues:
         column, censoring = self._columns(response)[0], self._censoring(response)
         if censoring is not None:
             return censoring.read(table, column, rows)
         values = table.numbers_or_blank(column)[rows]
         given = ~np.isnan(values)
-        return Values(rows[given], values[given], values[given])
+        return ColumnValues(rows[given], values[given], values[given])
 
-    def _require_values(self, table: Table, found: Sequence[Values]) -> None:
+    def _require_values(self, table: Table, found: Sequence[ColumnValues]) -> None:
         """Raise ExperimentsError for a row without any value."""
         given = np.zeros(len(table), dtype=bool)
         for values in found:
@@ -305,8 +305,8 @@ class Outcomes:
 
 
 def _transformed(
-    table: Table, values: Values, columns: tuple[str, str], response: Response
-) -> Values:
+    table: Table, values: ColumnValues, columns: tuple[str, str], response: Response
+) -> ColumnValues:
     """The values as the likelihood sees them; raises ExperimentsError where it cannot."""
     ends: list[Array] = []
     for raw, column in zip((values.lower, values.upper), columns, strict=True):
@@ -318,4 +318,4 @@ def _transformed(
                 f"{table.where(int(values.row[k]), column)}: {response.transform.fault(raw[k])}",
                 f'correct the outcome, or leave out transform = "{response.transform}"',
             )
-    return Values(values.row, ends[0], ends[1])
+    return ColumnValues(values.row, ends[0], ends[1])

@@ -86,6 +86,12 @@ def responses_of(
     )
 
 
+def common_transform(responses: Sequence[Response]) -> Transform:
+    """The transform that all responses have; none where they differ."""
+    found = {response.transform for response in responses}
+    return found.pop() if len(found) == 1 else Transform.NONE
+
+
 def require_known(keys: Mapping[str, object], names: Sequence[str], what: str) -> None:
     """Raise ExperimentsError where a key names no response; `what` says what the keys are of."""
     for key in keys:
@@ -191,14 +197,14 @@ class Observations:
         return ~self.measured & ~np.isnan(self.lower)
 
 
-def limits_of(seen: Observations) -> list[tuple[float, float]] | None:
+def limits_of_test(seen: Observations) -> list[tuple[float, float]] | None:
     """Lower and upper limit of each response, infinite without one; values beyond are censored.
 
     A response whose right-censored values all have one bound has that as its upper limit. None
     where bounds differ, and where values lie between two bounds: these are no limits of a test.
 
     >>> seen = Observations.exact([1.0, 2.0, 2.0])
-    >>> limits_of(replace(seen, upper=[1.0, np.inf, np.inf]))
+    >>> limits_of_test(replace(seen, upper=[1.0, np.inf, np.inf]))
     [(-inf, 2.0)]
     """
     found = []
@@ -214,13 +220,13 @@ def limits_of(seen: Observations) -> list[tuple[float, float]] | None:
     return found
 
 
-def limited_alike(asked: Observations, seen: Observations) -> Observations:
+def with_limits_of_test(asked: Observations, seen: Observations) -> Observations:
     """Observations that were not made (M,), with the limits of the test of those that were seen.
 
     As long as nothing is known of a new value, it is one beyond a limit.
     """
     lower, upper = asked.lower.copy(), asked.upper.copy()
-    for k, (low, high) in enumerate(limits_of(seen) or []):
+    for k, (low, high) in enumerate(limits_of_test(seen) or []):
         new = asked.response == k
         if np.isfinite(high):
             lower[new], upper[new] = high, np.inf

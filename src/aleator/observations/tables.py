@@ -194,7 +194,7 @@ class Table:
     @property
     def rows(self) -> Sequence[str]:
         """The place of each row in words: file, row."""
-        return _Rows(self.source, self.places)
+        return _Places(self.source, self.places)
 
     def is_number(self, column: str) -> NDArray[np.bool_]:
         """Which of the N cells of a column are, or look like, finite numbers, bool (N,)."""
@@ -267,7 +267,7 @@ class Table:
         return numbers, signs
 
 
-class _Rows(Sequence[str]):
+class _Places(Sequence[str]):
     """The places of rows with their source, worded when they are asked for."""
 
     def __init__(self, source: str, places: Sequence[str]) -> None:

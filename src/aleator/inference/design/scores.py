@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from aleator.inference.fit import Fit
-from aleator.observations.responses import ends_of, limits_of
+from aleator.observations.responses import ends_of, limits_of_test
 from aleator.progress import Progress
 from aleator.types import Array, Indices
 
@@ -57,7 +57,7 @@ def expected_scores(fit: Fit, rng: np.random.Generator, progress: Progress) -> S
     400 draws of them.
     """
     seen = fit.table.observations
-    limits = limits_of(seen)
+    limits = limits_of_test(seen)
     if limits is None or not np.array_equal(seen.experiment, np.arange(fit.count)):
         return _over_draws(fit, rng, progress)
     return _over_outcomes(fit, *ends_of(seen, limits), progress)

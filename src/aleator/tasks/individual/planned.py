@@ -10,7 +10,7 @@ from aleator.likelihood.individual import IndividualLikelihood, Layout, Predicto
 from aleator.likelihood.individual.gauss_hermite import GaussHermite
 from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Conditions, covariates, unmeasured
-from aleator.observations.responses import limited_alike
+from aleator.observations.responses import with_limits_of_test
 from aleator.simulators import Runner
 from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.population import draws
@@ -35,7 +35,7 @@ def planned(
         inputs = inputs.resolved(covariates(candidates, inputs.covariates))
     count, asked = len(candidates.ids), candidates.observations
     table = unmeasured(candidates)
-    table = table.with_observations(limited_alike(asked, fit.table.observations))
+    table = table.with_observations(with_limits_of_test(asked, fit.table.observations))
     likely = likely_alphas(fit.alpha, fit.inference, fit.hyperparameters)
     likelihood = IndividualLikelihood.of(
         inputs,
