@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from aleator.errors import AleatorError
-from aleator.laws.covariates import Design
+from aleator.laws.covariates import DesignMatrix
 from aleator.simulators.expression import parse
 from hardening.judging import DONE, SLOW, TOLD, TRACEBACK
 from hardening.mutation import Damage
@@ -106,7 +106,7 @@ def hostile(number: int, seed: int) -> str:
 
 
 def _as_covariates(text: str) -> None:
-    Design.of(text, TABLE).at(TABLE)
+    DesignMatrix.of(text, TABLE).at(TABLE)
 
 
 def _as_derived(text: str) -> None:

@@ -14,7 +14,7 @@ import pytest
 from aleator import By, Constant, Free, LogNormal, Normal, TruncatedNormal
 from aleator.errors import InputsError
 from aleator.laws import Law
-from aleator.laws.covariates import Design, variables
+from aleator.laws.covariates import DesignMatrix, variables
 from aleator.laws.inputs import Inputs
 from aleator.types import Array
 
@@ -177,18 +177,18 @@ def test_a_formula_without_intercept_has_limits_too() -> None:
 )
 def test_a_term_is_the_column_that_it_says(term: str, column: Callable[[Array], Array]) -> None:
     table = TABLE.assign(**{"my col": TABLE["t"] + 1.0})
-    found = Design.of(f"1 + {term}", table).matrix[:, 1]
+    found = DesignMatrix.of(f"1 + {term}", table).matrix[:, 1]
     np.testing.assert_allclose(found, column(np.asarray(TABLE["t"])), rtol=1e-14)
 
 
 def test_a_power_of_whole_numbers_does_not_overflow() -> None:
     table = pd.DataFrame({"n": [10, 20, 30, 40]})
-    found = Design.of("1 + I(n**20)", table).matrix[:, 1]
+    found = DesignMatrix.of("1 + I(n**20)", table).matrix[:, 1]
     np.testing.assert_allclose(found, [10.0**20, 20.0**20, 30.0**20, 40.0**20], rtol=1e-14)
 
 
 def test_levels_are_coded_as_is_asked_for() -> None:
-    found = Design.of("1 + C(by, contr.treatment(base='b'))", TABLE)
+    found = DesignMatrix.of("1 + C(by, contr.treatment(base='b'))", TABLE)
     assert found.matrix[:, 1:].sum(axis=0).tolist() == [2.0, 2.0]
     assert np.all(found.matrix[2:4, 1:] == 0.0)
 
@@ -224,7 +224,7 @@ def test_a_formula_runs_no_code(
     with (tmp_path / "evil.npy").open("wb") as file:
         np.save(file, np.array([Evil(), None]), allow_pickle=True)
     with pytest.raises(InputsError) as caught:
-        Design.of(formula, TABLE)
+        DesignMatrix.of(formula, TABLE)
     assert [path.name for path in tmp_path.iterdir()] == ["evil.npy"]
     assert caught.value.remedy
 
@@ -259,13 +259,13 @@ class Evil:
 def test_a_formula_of_endless_work_is_refused_at_once(formula: str) -> None:
     began = time.process_time()
     with pytest.raises(InputsError) as caught:
-        Design.of(formula, TABLE)
+        DesignMatrix.of(formula, TABLE)
     assert time.process_time() - began < 5.0
     assert "__formulaic" not in str(caught.value)
 
 
 def test_a_sum_of_hundreds_of_terms_is_read() -> None:
-    assert Design.of("1" + " + t" * 450, TABLE).names == ("Intercept", "t")
+    assert DesignMatrix.of("1" + " + t" * 450, TABLE).names == ("Intercept", "t")
 
 
 # ------------------------------------------------------------------------------ misuse
@@ -330,4 +330,4 @@ def test_a_formula_without_limits_is_told_how_they_are_written() -> None:
 @pytest.mark.parametrize("text", ["log(``)", "log(`` / ``)", "(" + "9" * 1000 + ")*t", "`" * 99])
 def test_what_a_parser_stumbles_over_is_misuse(text: str) -> None:
     with pytest.raises(InputsError):
-        Design.of(text, pd.DataFrame({"t": [0.0, 1.0, 2.0, 3.0]}))
+        DesignMatrix.of(text, pd.DataFrame({"t": [0.0, 1.0, 2.0, 3.0]}))

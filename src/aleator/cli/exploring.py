@@ -14,15 +14,12 @@ from aleator.cli.running import (
     OUTPUT,
     SEED,
     RunOptions,
-    ended,
+    Work,
     folder_of,
     identified,
     linked,
-    make_place,
     makes_runs,
     running,
-    shown,
-    told,
     units_in,
 )
 from aleator.errors import AleatorError, short
@@ -33,7 +30,7 @@ from aleator.report import first_look as check_report
 from aleator.report import next as next_report
 from aleator.report import sensitivity as sensitivity_report
 from aleator.results import documents
-from aleator.study import Study, load_study
+from aleator.study import Study
 from aleator.tasks.askable import require_askable
 from aleator.tasks.box import feasible_box
 from aleator.tasks.expected_cost import expected_cost
@@ -65,10 +62,9 @@ def box(
     A run that raises, or returns no finite number, counts as a failure and does not stop the
     search. Tells for every side of the box which experiment limits it, and where it failed.
     """
-    value, study_file = load_study(study).overridden(seed), study.absolute()
-    if output is not None:
-        make_place(output / "box.json", study_file)
-    with running(value, options) as runner, shown(options.quiet) as progress:
+    work = Work.on("box", study, options, folder=output, seed=seed, verified=True)
+    value = work.study
+    with work.running() as (runner, progress):
         progress.stage("feasible box")
         found = feasible_box(
             runner, value.experiments, value.inputs, seed=value.seed, progress=progress
@@ -78,10 +74,8 @@ def box(
     else:
         Console().print(box_report.render(found, units_in(value)))
     if output is not None:
-        document = linked(
-            {**box_report.document(found), **units_in(value)}, value, study_file, output
-        )
-        documents.write_json(document, output / "box.json")
+        made = {**box_report.document(found), **units_in(value)}
+        documents.write_json(linked(made, value, work.file, output), output / "box.json")
         click.echo(f"Written: {short(output / 'box.json')}")
 
 
@@ -109,30 +103,29 @@ def check(
     takes, and how many an identification will need. Writes DIR/check.json, and DIR/check.png, the
     outcome over each parameter, if matplotlib is installed.
     """
-    folder, study_file = folder_of(output, study), study.absolute()
-    value = load_study(study).overridden(seed)
+    work = Work.on(
+        "check", study, options, folder=folder_of(output, study), seed=seed, verified=True
+    )
+    value = work.study
     require_askable(value.experiments, value.inputs, value.noise, value.propagation, value.density)
-    make_place(folder / "check.json", study_file)
-    with running(value, options) as runner, shown(options.quiet) as progress:
+    with work.running() as (runner, progress):
         plan = planned_look(runner, value.experiments, value.inputs)
         options.say(
             f"{plan.runs:,} runs: {len(plan.x)} points under {len(plan.cases)} of "
             f"{plan.count} different conditions"
         )
         progress.stage("first runs")
-        runner.progress = progress
         look = first_look(runner, value.experiments, plan, value.noise, progress)
         cost = expected_cost(
             runner, value.experiments, value.inputs, value.noise, value.propagation,
             value.density, value.verification, plan,
         )  # fmt: skip
-    ended(
-        "check", check_report.document(look, cost, options.workers or 1), check_report, study=value,
-        file=study_file, folder=folder, quiet=options.quiet,
+    work.end(
+        check_report.document(look, cost, options.workers or 1), check_report,
         draw=None if no_figures else save_check,
     )  # fmt: skip
     if not options.quiet:
-        click.echo(f"Next: aleator identify {short(study_file)}")
+        click.echo(f"Next: aleator identify {short(work.file)}")
 
 
 @click.command()
@@ -173,33 +166,23 @@ def sensitivity(
     Writes DIR/sensitivity.json (all), DIR/sensitivity.csv (a row for each experiment and
     parameter) and DIR/sensitivity.png if matplotlib is installed.
     """
-    folder, study_file = folder_of(output, study), study.absolute()
-    value = load_study(study).overridden(seed)
-    make_place(folder / "sensitivity.json", study_file)
+    work = Work.on(
+        "sensitivity", study, options, folder=folder_of(output, study), seed=seed, verified=True
+    )
+    value = work.study
     ids = None if experiments is None else [name.strip() for name in experiments.split(",")]
-    with running(value, options) as runner, shown(options.quiet) as progress:
+    with work.running() as (runner, progress):
         progress.stage("sensitivity")
-        runner.progress = progress
         found = screen(
-            runner,
-            value.experiments,
-            value.inputs,
-            only=ids,
-            runs=runs,
-            seed=value.seed,
+            runner, value.experiments, value.inputs, only=ids, runs=runs, seed=value.seed,
             progress=progress,
-        )
-    ended(
-        "sensitivity",
+        )  # fmt: skip
+    work.end(
         {**sensitivity_report.document(found), "runs": runner.runs, "seed": value.seed},
-        sensitivity_report, study=value, file=study_file, folder=folder, quiet=options.quiet,
+        sensitivity_report,
+        texts={"csv": found.table().to_csv(index=False, lineterminator="\n")},
         draw=None if no_figures else save_sensitivity,
-        table=found.table().to_csv(index=False, lineterminator="\n"),
-    )  # fmt: skip
-
-
-QUANTILE = 0.95
-"""What is predicted where nobody says."""
+    )
 
 
 @click.command()
@@ -231,9 +214,7 @@ QUANTILE = 0.95
     metavar="CONDITIONS.csv",
     help="Know better what is predicted under these conditions: a quantile or a probability.",
 )
-@click.option(
-    "--quantile", type=float, help=f"The quantile that is predicted [default: {QUANTILE:g}]."
-)
+@click.option("--quantile", type=float, help="The quantile that is predicted [default: 0.95].")
 @click.option("--above", type=float, help="The limit whose probability above is predicted.")
 @click.option("--below", type=float, help="The limit whose probability below is predicted.")
 @click.option(
@@ -277,7 +258,8 @@ def next(
     would have to be repeated for the same. Rows with one id are one experiment. Nothing is
     measured; runs of the simulator are made for the candidates.
     """
-    value, study_file = load_study(study).overridden(seed, verified=False), study.absolute()
+    work = Work.on("next", study, options, folder=output, seed=seed)
+    value = work.study
     table = value.read_conditions(candidates)
     # what is wrong here is told before a slow simulator is run
     require_enough_candidates(count, len(table.ids), repeat)
@@ -285,32 +267,17 @@ def next(
     wanted = _predicted(value, for_prediction, quantile, above, below)
     if wanted is not None and about is not None:
         raise AleatorError("--for and --for-prediction contradict each other", "leave one out")
-    if output is not None:
-        make_place(output / "next.json", study_file)
-    with running(value, options) as runner, shown(options.quiet) as progress:
+    with work.running() as (runner, progress):
         found = identified(value, runner, progress)
         with running(value, replace(options, quiet=True), table) as others:
             plan = next_experiments(
-                found,
-                table,
-                count,
-                about=about if wanted is None else wanted,
-                repeat=repeat,
-                laws=laws,
-                simulator=others,
-                progress=progress,
-            )
-    document = documents.plain(
-        {"title": value.title, "seed": value.seed, **units_in(value), **plan.to_dict()}
-    )
-    files = []
-    if output is not None:
-        document = linked(document, value, study_file, output)
-        documents.write_json(document, output / "next.json")
-        text = plan.table().to_csv(index_label="id", lineterminator="\n")
-        documents.write_text(text, output / "next.csv")
-        files = [output / "next.json", output / "next.csv"]
-    told(next_report, document, files, options.quiet)
+                found, table, count, about=about if wanted is None else wanted, repeat=repeat,
+                laws=laws, simulator=others, progress=progress,
+            )  # fmt: skip
+    work.end(
+        {"seed": value.seed, **plan.to_dict()}, next_report,
+        texts={"csv": plan.table().to_csv(index_label="id", lineterminator="\n")},
+    )  # fmt: skip
 
 
 def _predicted(
@@ -331,5 +298,5 @@ def _predicted(
                 )
         return None
     if above is None and below is None and quantile is None:
-        quantile = QUANTILE
+        quantile = 0.95
     return Predicted(study.read_conditions(conditions), quantile, below, above)

@@ -257,7 +257,7 @@ def identify(
     folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     make_place(folder / IDENTIFICATION, study_file)
-    for line in () if options.quiet else value.told():
+    for line in () if options.quiet else value.simulator_notes():
         say(f"{value.simulator.name}, {line}")
     with running(value, options) as runner, shown(options.quiet) as progress:
         budget = Budget(max_runs, max_hours)

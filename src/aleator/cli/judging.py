@@ -16,18 +16,16 @@ from aleator.cli.running import (
     RESULT,
     SEED,
     RunOptions,
+    Work,
     can_draw,
-    ended,
     folder_of,
     identified,
-    linked,
     make_place,
     makes_runs,
     name_of,
     running,
+    show_answer,
     shown,
-    told,
-    units_in,
 )
 from aleator.errors import AleatorError, nearest, short
 from aleator.inference.chains import SAMPLER, installed
@@ -88,25 +86,22 @@ def bootstrap(
     DIR/bootstrap.jsonl: after Ctrl-C, and for more replicates, the same command goes on from there.
     With --workers N processes do the work.
     """
-    folder, study_file = folder_of(output, study), study.absolute()
-    value = load_study(study).overridden(seed, verified=False)
-    make_place(folder / "bootstrap.json", study_file)
-    with running(value, options) as runner, shown(options.quiet) as progress:
+    folder = folder_of(output, study)
+    work = Work.on("bootstrap", study, options, folder=folder, seed=seed)
+    with work.running() as (runner, progress):
         found = resample(
-            identified(value, runner, progress, consistency=False),
+            identified(work.study, runner, progress, consistency=False),
             replicates=replicates,
             kind=PARAMETRIC if parametric else NONPARAMETRIC,
-            seed=value.seed,
+            seed=work.study.seed,
             workers=options.workers or 1,
             folder=folder,
             progress=progress,
         )
-    entry = linked({**units_in(value), **found.to_dict()}, value, study_file, folder)
-    document = documents.plain(entry)
-    documents.write_json(document, folder / "bootstrap.json")
-    documents.write_text(found.replicates().to_csv(), folder / "bootstrap.csv")
-    files = [folder / name for name in ("bootstrap.json", "bootstrap.csv", FINISHED)]
-    told(bootstrap_report, document, files, options.quiet)
+    work.end(
+        found.to_dict(), bootstrap_report, texts={"csv": found.replicates().to_csv()},
+        beside=[folder / FINISHED],
+    )  # fmt: skip
 
 
 @click.command()
@@ -143,22 +138,16 @@ def ceiling(
     noise. Constants, and noise that was identified, are held at their estimates.
     Writes DIR/ceiling.json, and DIR/ceiling.png if matplotlib is installed.
     """
-    folder, study_file = folder_of(output, study), study.absolute()
-    value = load_study(study).overridden(seed, verified=False)
-    require_one_law(value.inputs)
-    make_place(folder / "ceiling.json", study_file)
-    with running(value, options) as runner, shown(options.quiet) as progress:
-        identification = identified(value, runner, progress, consistency=False)
+    work = Work.on("ceiling", study, options, folder=folder_of(output, study), seed=seed)
+    require_one_law(work.study.inputs)
+    with work.running() as (runner, progress):
+        identification = identified(work.study, runner, progress, consistency=False)
         found = best_possible(
-            identification,
-            replicates=replicates,
-            verify=not no_verify,
-            seed=value.seed,
+            identification, replicates=replicates, verify=not no_verify, seed=work.study.seed,
             progress=progress,
-        )
-    ended(
-        "ceiling", {**ceiling_report.document(found), "seed": value.seed}, ceiling_report,
-        study=value, file=study_file, folder=folder, quiet=options.quiet,
+        )  # fmt: skip
+    work.end(
+        {**ceiling_report.document(found), "seed": work.study.seed}, ceiling_report,
         draw=None if no_figures else save_ceiling,
     )  # fmt: skip
 
@@ -228,10 +217,7 @@ def compare(
     files = [short(folder / "compare.json")]
     if not no_figures and can_draw(quiet=options.quiet):
         files.append(short(save_compare(document, folder)))
-    if options.quiet:
-        click.echo(compare_report.verdict(document))
-    else:
-        Console().print(compare_report.render(document, files))
+    show_answer(compare_report, document, files, options.quiet)
 
 
 def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[str, Study]:
@@ -290,24 +276,20 @@ def posterior(
     """
     for package in (SAMPLER, "arviz_stats", "arviz_base", "h5netcdf"):
         installed(package)
-    folder, study_file = folder_of(output, study), study.absolute()
-    value = load_study(study).overridden(seed, verified=False)
-    make_place(folder / "posterior.json", study_file)
-    with running(value, options) as runner, shown(options.quiet) as progress:
-        found = identified(value, runner, progress)
-        made = drawn(found, draws, chains, value.seed, progress)
-    document = linked({**units_in(value), **made.to_dict()}, value, study_file, folder)
-    paths = [folder / f"posterior.{kind}" for kind in ("nc", "csv", "json")]
-    made.save(paths[0])
-    documents.write_text(made.frame().to_csv(index=False), paths[1])
-    documents.write_json(document, paths[2])
+    folder = folder_of(output, study)
+    work = Work.on("posterior", study, options, folder=folder, seed=seed)
+    with work.running() as (runner, progress):
+        found = identified(work.study, runner, progress)
+        made = drawn(found, draws, chains, work.study.seed, progress)
+    made.save(folder / "posterior.nc")
+    text = made.frame().to_csv(index=False)
+    document, files = work.write(
+        made.to_dict(), texts={"csv": text}, beside=[folder / "posterior.nc"]
+    )
     if options.quiet:
         click.echo(made.verdict)
     else:
-        Console().print(posterior_report.render(document, [short(path) for path in paths]))
-
-
-RECOVERY = "recover_report.json"
+        Console().print(posterior_report.render(document, files))
 
 
 @click.command()
@@ -355,10 +337,9 @@ def recover(
     bias with its Monte Carlo error, the scatter, and how often the 95 % interval holds the truth.
     Data sets are identified in as many processes as there are processors, or in N by --workers N.
     """
-    value, study_file = load_study(study).overridden(seed, verified=False), study.absolute()
-    if output is not None:
-        make_place(output / RECOVERY, study_file)
-    with running(value, options) as runner, shown(options.quiet) as progress:
+    work = Work.on("recovery", study, options, folder=output, seed=seed)
+    value = work.study
+    with work.running() as (runner, progress):
         alpha = _truth(value, runner, law, truth, progress)
         found = recover_law(
             runner,
@@ -374,13 +355,7 @@ def recover(
             workers=options.workers or os.cpu_count() or 1,
             progress=progress,
         )
-    files = []
-    document = {"title": value.title, "seed": value.seed, **recover_report.document(found)}
-    if output is not None:
-        document = linked(document, value, study_file, output)
-        documents.write_json(document, output / RECOVERY)
-        files.append(output / RECOVERY)
-    told(recover_report, document, files, options.quiet)
+    work.end({"seed": value.seed, **recover_report.document(found)}, recover_report)
 
 
 def _truth(

@@ -27,8 +27,8 @@ from aleator.study.offers import (
 )
 from aleator.study.proposal import (
     Limits,
-    around,
     laws_for,
+    nominal_limits,
     outcome_of,
     parameters_of,
     proposed,
@@ -133,7 +133,7 @@ LISTED = 40
 
 
 @dataclass(frozen=True)
-class Asked:
+class StudyQuestions:
     """How the user is asked, and the folder that the study file will be in."""
 
     questions: Questions
@@ -154,7 +154,7 @@ class Asked:
         return None if answer == nothing else answer
 
 
-def chosen_table(asked: Asked, given: Path | None) -> Path:
+def chosen_table(asked: StudyQuestions, given: Path | None) -> Path:
     """The table, by default the only CSV file of the current folder."""
     if given is not None:
         return given
@@ -166,7 +166,7 @@ def chosen_table(asked: Asked, given: Path | None) -> Path:
 
 
 def chosen_offer(
-    asked: Asked, function: str | None, fmu: Path | None, command: str | None
+    asked: StudyQuestions, function: str | None, fmu: Path | None, command: str | None
 ) -> Offer:
     """The simulator, by default the only function of the only Python file here, or the only FMU."""
     given = {"--function": function, "--fmu": fmu, "--command": command}
@@ -193,7 +193,7 @@ def chosen_offer(
 
 
 def chosen_outcomes(
-    asked: Asked, sheet: Sheet, offer: Offer, given: Sequence[str]
+    asked: StudyQuestions, sheet: Sheet, offer: Offer, given: Sequence[str]
 ) -> tuple[str, ...]:
     """The measured columns."""
     told = tuple(given) or responses_of(sheet, offer)
@@ -207,7 +207,7 @@ def chosen_outcomes(
 
 
 def chosen_parameters(
-    asked: Asked, offer: Offer, roles: Roles, most: int, given: Sequence[str]
+    asked: StudyQuestions, offer: Offer, roles: Roles, most: int, given: Sequence[str]
 ) -> dict[str, Limits | float | None]:
     """The parameters that differ between experiments, with their limits as far as they are known.
 
@@ -229,7 +229,9 @@ def chosen_parameters(
         [law.name for law in laws if law.scatters],
     )  # fmt: skip
     limits: dict[str, Limits | float | None] = {
-        name: asked.questions.limits(f"  {name} lies between (two numbers)", around(known[name]))
+        name: asked.questions.limits(
+            f"  {name} lies between (two numbers)", nominal_limits(known[name])
+        )
         for name in names
     }
     for law in laws:
@@ -255,7 +257,7 @@ def _parameter(text: str) -> tuple[str, Limits | float | None]:
     return name.strip(), numbers[0] if numbers else None
 
 
-def _function(asked: Asked, reference: str) -> Offer:
+def _function(asked: StudyQuestions, reference: str) -> Offer:
     """A function by a name that is relative to the current folder, or of a module."""
     file, _, name = reference.rpartition(":")
     if reference.endswith(".py"):
@@ -408,7 +410,7 @@ def new(
     """
     questions = Questions(at_terminal() and not yes)
     _require_free(output, force, questions)
-    asked = Asked(questions, output.parent)
+    asked = StudyQuestions(questions, output.parent)
     path = chosen_table(asked, table)
     sheet = sheet_of(path)
     offer = bound(chosen_offer(asked, function, fmu, command), sheet.names)

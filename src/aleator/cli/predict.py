@@ -80,7 +80,7 @@ def made_runs(runner: Runner) -> Iterator[str]:
         yield f"note: {runner.fresh} runs of the simulator were made"
 
 
-def held(draws: AlphaDraws, session: Session) -> list[str]:
+def fixed_notes(draws: AlphaDraws, session: Session) -> list[str]:
     """A note where of the uncertainty of some hyperparameters nothing is known."""
     names = [session.hyperparameters[k].name for k in draws.held.tolist()]
     if not names:
@@ -109,7 +109,7 @@ CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
-class Asked:
+class PredictionRequest:
     """The options of a probability or of limits; none of them asks for the distribution."""
 
     above: float | None
@@ -231,8 +231,8 @@ def asks(command: Callable[..., Any]) -> Callable[..., Any]:
     )
     @functools.wraps(command)
     def collected(**given: Any) -> Any:
-        chosen = {field.name: given.pop(field.name) for field in fields(Asked)}
-        return command(asked=Asked(**chosen), **given)
+        chosen = {field.name: given.pop(field.name) for field in fields(PredictionRequest)}
+        return command(asked=PredictionRequest(**chosen), **given)
 
     return collected
 
@@ -279,7 +279,7 @@ def predict(
     of: str | None,
     no_noise: bool,
     no_uncertainty: bool,
-    asked: Asked,
+    asked: PredictionRequest,
     options: RunOptions,
 ) -> None:
     """Predict outcomes of untested conditions.
@@ -334,7 +334,7 @@ def predict(
         else:
             ground = session.ground(table, draws.estimate, table.transform, who, not no_noise)
             found = asked.table(ground, draws, progress)
-    for note in (*made_runs(runner), *held(draws, session), *untested(value, table)):
+    for note in (*made_runs(runner), *fixed_notes(draws, session), *untested(value, table)):
         options.say(note)
     if output is not None:
         row = found["row"].to_numpy() - 1 if "row" in found else _rows_of(found, table)
@@ -347,7 +347,7 @@ def predict(
         _show(found, asked, value)
 
 
-def _show(found: pd.DataFrame, asked: Asked, value: Study) -> None:
+def _show(found: pd.DataFrame, asked: PredictionRequest, value: Study) -> None:
     """Print a table for each response."""
     responses = value.experiments.observations.responses
     parts = {str(name): part for name, part in found.groupby("response", sort=False)} if (

@@ -27,7 +27,7 @@ from aleator.results.units import seen_label
 from aleator.simulators import Budget, ProcessPool, Runner, Store, notified
 from aleator.simulators.workers.dask_cluster import dask_executor
 from aleator.simulators.workers.mpi_job import mpi_executor
-from aleator.study import Study
+from aleator.study import Study, load_study
 from aleator.tasks.baselines import start_point
 from aleator.tasks.identification import Identification
 from aleator.tasks.identify import UNLIMITED, identify
@@ -189,11 +189,11 @@ def running(
         _folder_kept(),
     ):
         runner = study.runner(conditions, kept, executor)
-        told = None if options.quiet else say
+        tell = None if options.quiet else say
         first = np.clip(start_point(study.inputs), *study.inputs.box.T)
         with (
             closing(study),
-            notified(runner.cache, str(study.file), told),
+            notified(runner.cache, str(study.file), tell),
             runner.survived(first),
         ):
             yield runner
@@ -231,7 +231,11 @@ def identified(
 def described(study: Study) -> dict[str, Any]:
     """What a document says of the simulator."""
     simulator = study.simulator
-    return {"name": simulator.name, "notes": study.told(), "fingerprint": simulator.fingerprint()}
+    return {
+        "name": simulator.name,
+        "notes": study.simulator_notes(),
+        "fingerprint": simulator.fingerprint(),
+    }
 
 
 def units_in(study: Study) -> dict[str, Any]:
@@ -319,7 +323,7 @@ def _processes(number: int) -> Iterator[Executor]:
 Document = Mapping[str, Any]
 
 
-class Told(Protocol):
+class AnswerPage(Protocol):
     """How a document is told: a module of `report`."""
 
     def verdict(self, document: Document, /) -> str:
@@ -329,37 +333,84 @@ class Told(Protocol):
         """A page, with the files that were written."""
 
 
-def ended(
-    name: str,
-    made: Document,
-    report: Told,
-    *,
-    study: Study,
-    file: Path,
-    folder: Path,
-    quiet: bool,
-    draw: Callable[[Document, Path], Path] | None,
-    table: str | None = None,
-) -> None:
-    """Write name.json of what was made of a study and its `file`, and tell it.
+@dataclass(frozen=True)
+class Work:
+    """A command at work on a study: what it works on, and where its answer goes.
 
-    A `table` is written as name.csv; `draw` writes a figure of the document into the folder, where
-    matplotlib is installed.
+    `name` is that of the files that are written to `folder`; without a folder none are.
     """
-    entry = linked({**made, **units_in(study)}, study, file, folder)
-    document, files = documents.plain(entry), [folder / f"{name}.json"]
-    documents.write_json(document, files[0])
-    if table is not None:
-        files.append(folder / f"{name}.csv")
-        documents.write_text(table, files[-1])
-    if draw is not None and can_draw("no figure is drawn: it needs", quiet):
-        files.append(draw(document, folder))
-    told(report, document, files, quiet)
+
+    name: str
+    study: Study
+    file: Path
+    folder: Path | None
+    options: RunOptions
+
+    @classmethod
+    def on(
+        cls,
+        name: str,
+        file: Path,
+        options: RunOptions,
+        *,
+        folder: Path | None,
+        seed: int | None,
+        verified: bool = False,
+    ) -> Work:
+        """The study of a file, with another seed, and with its check on the simulator or not."""
+        study = load_study(file).overridden(seed, verified=verified)
+        return cls(name, study, file.absolute(), folder, options)
+
+    @contextmanager
+    def running(self, conditions: Conditions | None = None) -> Iterator[tuple[Runner, Progress]]:
+        """The simulator and the progress, both closed in the end; the place of the answer is made.
+
+        What is wrong with a question is best told before, as a simulator may be slow.
+        """
+        if self.folder is not None:
+            make_place(self.folder / f"{self.name}.json", self.file)
+        with (
+            running(self.study, self.options, conditions) as runner,
+            shown(self.options.quiet) as progress,
+        ):
+            runner.progress = progress
+            yield runner, progress
+
+    def end(self, made: Document, report: AnswerPage, **files: Any) -> None:
+        """Write what was made, as `write` does, and tell it."""
+        show_answer(report, *self.write(made, **files), self.options.quiet)
+
+    def write(
+        self,
+        made: Document,
+        *,
+        texts: Mapping[str, str] = {},
+        beside: Sequence[Path] = (),
+        draw: Callable[[Document, Path], Path] | None = None,
+    ) -> tuple[Document, list[str]]:
+        """Write what was made as a document; this, and the names of the files.
+
+        `texts` are written as files of these endings, `beside` files that are there already;
+        `draw` writes a figure of the document where matplotlib is installed.
+        """
+        made, files = {**units_in(self.study), **made}, []
+        if self.folder is None:
+            return documents.plain({"title": self.study.title, **made}), []
+        document = documents.plain(linked(made, self.study, self.file, self.folder))
+        files.append(self.folder / f"{self.name}.json")
+        documents.write_json(document, files[0])
+        for ending, text in texts.items():
+            files.append(self.folder / f"{self.name}.{ending}")
+            documents.write_text(text, files[-1])
+        files += beside
+        if draw is not None and can_draw("no figure is drawn: it needs", self.options.quiet):
+            files.append(draw(document, self.folder))
+        return document, [short(file) for file in files]
 
 
-def told(report: Told, document: Document, files: Sequence[Path], quiet: bool) -> None:
+def show_answer(report: AnswerPage, document: Document, files: Sequence[str], quiet: bool) -> None:
     """The page, or of a quiet command the verdict alone."""
     if quiet:
         click.echo(report.verdict(document))
     else:
-        Console().print(report.render(document, [short(file) for file in files]))
+        Console().print(report.render(document, files))

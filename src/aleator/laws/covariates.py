@@ -49,7 +49,7 @@ class FormulaBounds:
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class DesignMatrix:
     """The columns (N, p) of a formula for N experiments, and the names of their coefficients.
 
     `state` is what the formula learned of the table that it was made of: levels, means of
@@ -62,14 +62,14 @@ class Design:
     state: Any
 
     @classmethod
-    def of(cls, formula: str, covariates: Table) -> Design:
+    def of(cls, formula: str, covariates: Table) -> DesignMatrix:
         """The formula on the covariates (N rows, named by their experiments).
 
         Raises InputsError for a formula that cannot be read, an unknown name, a missing value, a
         level that only one experiment has, and columns of which one is a sum of others.
 
         >>> table = pd.DataFrame({"t": [0.0, 1.0, 2.0, 3.0], "by": ["a", "a", "b", "b"]})
-        >>> design = Design.of("1 + t + C(by)", table)
+        >>> design = DesignMatrix.of("1 + t + C(by)", table)
         >>> design.names, design.matrix[2].tolist()
         (('Intercept', 't', 'by=b'), [1.0, 2.0, 1.0])
         """
@@ -80,14 +80,14 @@ class Design:
         _require_independent(design)
         return design
 
-    def at(self, covariates: Table) -> Design:
+    def at(self, covariates: Table) -> DesignMatrix:
         """The same formula, with what it learned, on the covariates of other experiments.
 
         Raises InputsError for a level that it has not met.
         """
         require_complete(self.formula, covariates)
         found = _columns(self.formula, self.state, covariates)
-        return Design(self.formula, self.names, np.asarray(found, dtype=float), self.state)
+        return DesignMatrix(self.formula, self.names, np.asarray(found, dtype=float), self.state)
 
     @property
     def base(self) -> Flags:
@@ -194,7 +194,7 @@ def _read(formula: str, bounds: FormulaBounds = FormulaBounds()) -> _Formula:
         if factor.eval_method is factor.EvalMethod.LOOKUP:
             names.add(str(factor.expr))
         else:
-            read = _Factor(formula, str(factor.expr), bounds)
+            read = _FormulaFactor(formula, str(factor.expr), bounds)
             names |= read.levels
             numbers |= read.numbers
     return _Formula(terms, tuple(sorted(names | numbers)), tuple(sorted(numbers)))
@@ -218,7 +218,7 @@ def _count(formula: str, node: Any, bounds: FormulaBounds) -> float:
     return products + (sum(sizes) if operator.symbol != ":" else 0.0)
 
 
-class _Factor:
+class _FormulaFactor:
     """A factor of a formula that is no plain column: what it names as levels and as numbers.
 
     formulaic evaluates it as Python. It is therefore read first: arithmetic of columns, transforms
@@ -346,7 +346,7 @@ def _unreadable(formula: str, error: Exception) -> InputsError:
     )
 
 
-def _require_levels(design: Design, covariates: Table) -> None:
+def _require_levels(design: DesignMatrix, covariates: Table) -> None:
     """Raise where a level is that of one experiment: nothing tells its coefficient from scatter."""
     for factor, (kind, _) in design.state.encoder_state.items():
         if kind.value != "categorical":
@@ -364,7 +364,7 @@ def _require_levels(design: Design, covariates: Table) -> None:
             )
 
 
-def _require_independent(design: Design, bounds: FormulaBounds = FormulaBounds()) -> None:
+def _require_independent(design: DesignMatrix, bounds: FormulaBounds = FormulaBounds()) -> None:
     """Raise where a column is a sum of those before it."""
     basis = np.empty((len(design.matrix), 0))
     for k, name in enumerate(design.names):
@@ -383,12 +383,12 @@ def _require_independent(design: Design, bounds: FormulaBounds = FormulaBounds()
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class CoefficientPlaces:
     """A hyperparameter of a law, and where in alpha it is: one place, or its coefficients."""
 
     own: Hyperparameter
     places: slice
-    design: Design | None
+    design: DesignMatrix | None
 
     def value(self, alpha: Array, experiments: slice) -> Array:
         """The value (B,), or () where it is the same in every experiment; within its limits."""
@@ -414,7 +414,7 @@ class CovariateModel:
     A value that would leave the limits of its hyperparameter is held on them: no law exists beyond.
     """
 
-    entries: tuple[Entry, ...]
+    entries: tuple[CoefficientPlaces, ...]
     hyperparameters: tuple[Hyperparameter, ...]
     count: int
 
@@ -422,14 +422,14 @@ class CovariateModel:
     def of(cls, own: Sequence[Hyperparameter], covariates: Table) -> CovariateModel:
         """From the hyperparameters of the laws, and covariates with a row for each experiment.
 
-        Raises InputsError, with the name of the hyperparameter, as `Design.of` does.
+        Raises InputsError, with the name of the hyperparameter, as `DesignMatrix.of` does.
         """
-        entries: list[Entry] = []
+        entries: list[CoefficientPlaces] = []
         found: list[Hyperparameter] = []
         for h in own:
             design = _design_of(h, covariates) if h.by is not None else None
             new = [h] if design is None else coefficients(h, design)
-            entries.append(Entry(h, slice(len(found), len(found) + len(new)), design))
+            entries.append(CoefficientPlaces(h, slice(len(found), len(found) + len(new)), design))
             found += new
         return cls(tuple(entries), tuple(found), len(covariates))
 
@@ -482,7 +482,7 @@ class CovariateModel:
         return found
 
 
-def coefficients(own: Hyperparameter, design: Design) -> list[Hyperparameter]:
+def coefficients(own: Hyperparameter, design: DesignMatrix) -> list[Hyperparameter]:
     """The coefficients of a formula, as hyperparameters ``mean[temperature]``.
 
     The columns that add up to one (the intercept, or the levels that stand for it) have the limits
@@ -545,9 +545,9 @@ def _require_terms(own: Hyperparameter, by: By, names: Sequence[str]) -> None:
             )
 
 
-def _design_of(own: Hyperparameter, covariates: Table) -> Design:
+def _design_of(own: Hyperparameter, covariates: Table) -> DesignMatrix:
     assert own.by is not None
     try:
-        return Design.of(own.by.formula, covariates)
+        return DesignMatrix.of(own.by.formula, covariates)
     except InputsError as error:
         raise InputsError(f"{own.name} = {error.problem}", error.remedy) from None

@@ -74,7 +74,7 @@ Specification = float | Free
 
 
 @dataclass(frozen=True)
-class Limits:
+class LimitSettings:
     """What limits stand for; by judgement, and held by tests/laws/test_scale_of_zero.py.
 
     zero: a scale's lower limit below this share of the upper one stands for zero. nearest: share of
@@ -87,7 +87,7 @@ class Limits:
     sd: tuple[float, float] = (1e-3, 0.5)
 
 
-LIMITS = Limits()
+LIMITS = LimitSettings()
 
 
 @dataclass(frozen=True)

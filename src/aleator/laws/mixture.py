@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Points:
+class QuantilePoints:
     """How a law is computed from its quantile; chosen by tests/laws and tests/extensions.
 
     count: points of the rule in theta, by which expectations are computed. widest: theta goes this
@@ -59,7 +59,7 @@ class Points:
     least: float = 1e-6
 
 
-POINTS = Points()
+POINTS = QuantilePoints()
 
 
 class QuantileLaw(ThroughNormal, ABC):

@@ -78,7 +78,7 @@ class Bounded(ObservationModel, Protocol):
         """log P(lower < y < upper | eta, scale), d/d eta and d/d scale; ends may be infinite."""
 
 
-class Curved(ObservationModel, Protocol):
+class CurvedModel(ObservationModel, Protocol):
     """An observation model whose log density has a second derivative in closed form.
 
     That of a model without it is a difference.
@@ -117,7 +117,7 @@ def is_bounded(model: ObservationModel) -> TypeGuard[Bounded]:
     return hasattr(model, "log_probability")
 
 
-def is_curved(model: ObservationModel) -> TypeGuard[Curved]:
+def is_curved(model: ObservationModel) -> TypeGuard[CurvedModel]:
     """Whether a model knows its second derivative."""
     return hasattr(model, "curvature")
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from aleator.report.toml_lines import ends, fill, key, line, off, remarked, written
-from aleator.study.offers import Given, Offer
+from aleator.study.offers import Offer, SimulatorInput
 from aleator.study.proposal import Proposal, Proposed
 
 LAST = r"(\S+)\s*\Z"
@@ -69,7 +69,7 @@ def notes(proposal: Proposal) -> list[str]:
     return said
 
 
-def variables(given: Sequence[Given], offer: Offer) -> list[tuple[str, str, str, str]]:
+def variables(given: Sequence[SimulatorInput], offer: Offer) -> list[tuple[str, str, str, str]]:
     """Rows of what a simulator can be given: name, unit, value at the start, what it is."""
     return [
         (each.name, each.unit, "" if each.nominal is None else f"{each.nominal:g}",
@@ -256,7 +256,7 @@ def _untouched(proposal: Proposal) -> list[str]:
     return [*lines, *([f"#   and {rest} more"] if rest > 0 else [])]
 
 
-def _variable(offer: Offer, each: Given) -> str:
+def _variable(offer: Offer, each: SimulatorInput) -> str:
     """The line that lets a name stand for a variable, where it has to be named."""
     called = offer.variables.get(each.name)
     return f"  (variables = {{{each.name} = {written(called)}}})" if called else ""

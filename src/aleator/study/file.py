@@ -34,7 +34,7 @@ from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
 from aleator.simulators.derived import Derivation, Derived, derived
 from aleator.simulators.fmu import FMUSimulator
-from aleator.study.kinds import TOLD, Choice, in_toml
+from aleator.study.kinds import TOLD, ChosenKind, in_toml
 from aleator.study.sections import (
     ExperimentsSection,
     LawSection,
@@ -228,7 +228,7 @@ class Study:
             varying=varying_conditions(measured, [*map(str, measured.conditions.columns)]),
         )  # fmt: skip
 
-    def told(self) -> tuple[str, ...]:
+    def simulator_notes(self) -> tuple[str, ...]:
         """What its user should know of the simulator: how an FMU is bound, and how runs of it went.
 
         Empty for what has nothing to tell.
@@ -313,10 +313,10 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     def made(key: str, make: Callable[[], T]) -> T:
         return _made(path, key, make)
 
-    def built(key: str, choice: Choice[T]) -> T:
+    def built(key: str, choice: ChosenKind[T]) -> T:
         return made(key, lambda: choice.build(folder))
 
-    def noise(key: str, choice: Choice[ObservationModel]) -> Noise:
+    def noise(key: str, choice: ChosenKind[ObservationModel]) -> Noise:
         kind = built(key, choice)
         made(f"{key}.kind", lambda: require_filled(kind, ObservationModel, choice.kind))
         sd, relative = scales_of(choice)

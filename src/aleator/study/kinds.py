@@ -62,7 +62,7 @@ class Section(BaseModel):
                 )
         return value
 
-    def given(self, *leave_out: str) -> dict[str, Any]:
+    def stated(self, *leave_out: str) -> dict[str, Any]:
         """The keys that the file gives; the library's defaults stand for the others."""
         return {key: getattr(self, key) for key in self.model_fields_set if key not in leave_out}
 
@@ -216,7 +216,7 @@ FOLDER = "folder"
 
 
 @dataclass(frozen=True)
-class Choice(Generic[T]):
+class ChosenKind(Generic[T]):
     """One kind of a section, with its keys checked; `keys` holds those of every kind too.
 
     `origin` names the plug-in that it is of; it is empty for what comes along.
@@ -230,7 +230,7 @@ class Choice(Generic[T]):
     def build(self, folder: Path) -> T:
         """The library's value; `folder` is the study's. Raises AleatorError where it is refused."""
         own = inspect.signature(self.maker).parameters
-        given = {key: value for key, value in self.keys.given().items() if key in own}
+        given = {key: value for key, value in self.keys.stated().items() if key in own}
         arguments = {k: folder / v if isinstance(v, Path) else v for k, v in given.items()}
         if FOLDER in own:
             arguments[FOLDER] = folder
@@ -276,7 +276,7 @@ class Kinds(Generic[T]):
         """The names of all kinds; those of plug-ins come last."""
         return (*self.known, *sorted({*entry_points(group=self.group).names} - {*self.known}))
 
-    def read(self, value: Any) -> Choice[T]:
+    def read(self, value: Any) -> ChosenKind[T]:
         """The kind that a table chooses, with its keys checked.
 
         Raises what pydantic makes a message of: a table without a kind, a kind that nobody offers,
@@ -289,7 +289,7 @@ class Kinds(Generic[T]):
         section = self._section(maker, origin)
         for key in value:
             self._not_of_another(str(key), kind, section)
-        return Choice(kind, section.model_validate(value), maker, origin)
+        return ChosenKind(kind, section.model_validate(value), maker, origin)
 
     def section(self, kind: str) -> type[Section]:
         """The keys of a kind. Raises what `read` does for one that nobody offers."""

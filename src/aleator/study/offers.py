@@ -89,7 +89,7 @@ INPUT = "input"
 
 
 @dataclass(frozen=True)
-class Given:
+class SimulatorInput:
     """Something that a simulator is given: its name, and what is known of its value.
 
     `nominal` is the default of a function's argument, or the start value of an FMU's variable;
@@ -116,8 +116,8 @@ class Offer:
 
     kind: str
     value: str
-    given: tuple[Given, ...]
-    returned: tuple[Given, ...]
+    given: tuple[SimulatorInput, ...]
+    returned: tuple[SimulatorInput, ...]
     vectorized: bool = False
     stop_time: float | None = None
     variables: Mapping[str, str] = field(default_factory=dict)
@@ -151,8 +151,10 @@ def offered_by_function(reference: str, folder: Path) -> Offer:
     return Offer(
         "function",
         reference,
-        tuple(Given(p.name, _number(p.default), required=p.default is p.empty) for p in named),
-        tuple(map(Given, returned_by(function))) or (Given(name),),
+        tuple(
+            SimulatorInput(p.name, _number(p.default), required=p.default is p.empty) for p in named
+        ),
+        tuple(map(SimulatorInput, returned_by(function))) or (SimulatorInput(name),),
         vectorized=_takes_arrays(function, named),
         arrays=arrays_among(function),
     )
@@ -196,7 +198,7 @@ def bound(offer: Offer, columns: Sequence[str]) -> Offer:
     A column stands for the only variable whose last name it is. Another variable whose name is no
     identifier is called by its last name, or by all of it with underscores.
 
-    >>> given = (Given("spring.force"), Given("spring.k"), Given("mass"))
+    >>> given = (SimulatorInput("spring.force"), SimulatorInput("spring.k"), SimulatorInput("mass"))
     >>> found = bound(Offer("fmu", "a.fmu", given, ()), ["Force", "travel"])
     >>> found.names, found.variables
     (('Force', 'k', 'mass'), {'Force': 'spring.force', 'k': 'spring.k'})
@@ -230,7 +232,9 @@ def offered_by_command(command: str) -> Offer:
             f"the command '{command}' has no place for a condition or a parameter",
             "write their names in braces: --command './spring {force} {stiffness}'",
         )
-    given = tuple(Given(name, required=True) for name in names if name not in (STUDY, INPUT))
+    given = tuple(
+        SimulatorInput(name, required=True) for name in names if name not in (STUDY, INPUT)
+    )
     return Offer("command", command, given, ())
 
 
@@ -241,8 +245,8 @@ def _recorded(description: Description) -> list[Variable]:
     return sorted(changing, key=lambda v: v.causality != "output")
 
 
-def _variable(variable: Variable) -> Given:
-    return Given(
+def _variable(variable: Variable) -> SimulatorInput:
+    return SimulatorInput(
         variable.name,
         variable.start,
         variable.unit or "",

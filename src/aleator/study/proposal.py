@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from aleator.errors import ExperimentsError, SimulatorError, nearest
 from aleator.observations.outcomes import Censoring
 from aleator.observations.tables import Table
-from aleator.study.offers import Given, Offer
+from aleator.study.offers import Offer, SimulatorInput
 from aleator.study.roles import (
     Roles,
     Sheet,
@@ -42,7 +42,7 @@ class Proposed:
     `nominal` is what the limits were made of; None where the user gave them.
     """
 
-    given: Given
+    given: SimulatorInput
     scatters: bool
     limits: Limits | None = None
     value: float | None = None
@@ -64,7 +64,7 @@ def parameters_of(
     roles: Roles,
     most: int,
     chosen: Mapping[str, Limits | float | None],
-) -> tuple[tuple[Proposed, ...], tuple[Given, ...]]:
+) -> tuple[tuple[Proposed, ...], tuple[SimulatorInput, ...]]:
     """The parameters, and what keeps the value that the simulator gives it.
 
     Those `chosen` scatter between their limits, or, where these are None, about the nominal value;
@@ -104,11 +104,11 @@ def laws_for(experiments: int, rows: int) -> int:
     return min(max(experiments // each, 1), MOST)
 
 
-def around(given: Given) -> Limits | None:
+def nominal_limits(given: SimulatorInput) -> Limits | None:
     """Limits of a factor of three about the nominal value, within those that an FMU states.
 
-    >>> around(Given("stiffness", 2.0)), around(Given("offset", 0.0))
-    ((0.67, 6.0), None)
+    >>> nominal_limits(SimulatorInput("stiffness", 2.0))
+    (0.67, 6.0)
     """
     if not given.nominal:
         return None
@@ -119,18 +119,18 @@ def around(given: Given) -> Limits | None:
     return (low, high) if low < high else None
 
 
-def _scattering(free: Sequence[Given], most: int) -> list[Given]:
+def _scattering(free: Sequence[SimulatorInput], most: int) -> list[SimulatorInput]:
     """Those that a law is proposed for."""
     required = [each for each in free if each.required]
-    return (required or [each for each in free if around(each)] or [*free])[:most]
+    return (required or [each for each in free if nominal_limits(each)] or [*free])[:most]
 
 
-def _proposed(given: Given, scatters: bool, asked: Limits | float | None) -> Proposed:
+def _proposed(given: SimulatorInput, scatters: bool, asked: Limits | float | None) -> Proposed:
     if not scatters:
         return Proposed(given, False, value=asked if isinstance(asked, float) else given.nominal)
     if isinstance(asked, tuple):
         return Proposed(given, True, asked)
-    return Proposed(given, True, around(given), nominal=given.nominal)
+    return Proposed(given, True, nominal_limits(given), nominal=given.nominal)
 
 
 TIMES = ("time", "Time", "t")
@@ -172,7 +172,7 @@ class Proposal:
     experiments: int
     offer: Offer
     parameters: tuple[Proposed, ...]
-    untouched: tuple[Given, ...]
+    untouched: tuple[SimulatorInput, ...]
     noise: Mapping[str, Limits | str | float]
     decades: tuple[str, ...]
     log: bool

@@ -49,7 +49,7 @@ from aleator.search import (
 )
 from aleator.simulators import Simulator
 from aleator.study.kinds import (
-    Choice,
+    ChosenKind,
     FreeSection,
     Kinds,
     Section,
@@ -95,7 +95,7 @@ class CensoringSection(Section):
 
     def build(self) -> Censoring:
         """The library's choice."""
-        return Censoring(**self.given())
+        return Censoring(**self.stated())
 
 
 def _of_each(value: Any) -> str:
@@ -223,12 +223,12 @@ def scipy_law(
     return ScipyLaw(kind(**given), mean, sd)
 
 
-def _of_component(value: Any) -> Choice[Law]:
+def _of_component(value: Any) -> ChosenKind[Law]:
     return LAWS.read(value)
 
 
 def mixture(
-    components: tuple[Annotated[Choice[Law], PlainValidator(_of_component)], ...],
+    components: tuple[Annotated[ChosenKind[Law], PlainValidator(_of_component)], ...],
     shares: tuple[Specification, ...] | None = None,
     folder: Path = Path(),
 ) -> Mixture:
@@ -302,7 +302,7 @@ OBSERVATIONS: Kinds[ObservationModel] = Kinds(
 )
 """`[noise] kind = "..."`: how a measured outcome is distributed about the simulated one."""
 
-OneNoise = Annotated[Choice[ObservationModel], PlainValidator(OBSERVATIONS.read)]
+OneNoise = Annotated[ChosenKind[ObservationModel], PlainValidator(OBSERVATIONS.read)]
 
 
 def _form(value: Any) -> str:
@@ -321,7 +321,7 @@ NoiseChoice = Annotated[
 
 
 def scales_of(
-    choice: Choice[ObservationModel],
+    choice: ChosenKind[ObservationModel],
 ) -> tuple[Specification | str | None, Specification | None]:
     """The sd and the relative part, as the library takes them."""
     assert isinstance(choice.keys, NoiseSection)
@@ -358,7 +358,7 @@ def _nodes_kind(value: Any) -> str:
 
 Nodes = Annotated[
     Annotated[int, Tag("number")]
-    | Annotated[Choice[Any], PlainValidator(RULES.read), Tag("table")],
+    | Annotated[ChosenKind[Any], PlainValidator(RULES.read), Tag("table")],
     Discriminator(_nodes_kind),
 ]
 
@@ -404,8 +404,8 @@ def collocation(
     return Collocation(nodes=_nodes(nodes, folder), moments=moments, fit=fits[fit](kept))
 
 
-def _nodes(value: int | Choice[Any] | None, folder: Path) -> Any:
-    return value.build(folder) if isinstance(value, Choice) else value
+def _nodes(value: int | ChosenKind[Any] | None, folder: Path) -> Any:
+    return value.build(folder) if isinstance(value, ChosenKind) else value
 
 
 PROPAGATIONS: Kinds[Any] = Kinds(
@@ -510,14 +510,16 @@ class StudyFile(Section):
     title: str = ""
     seed: Annotated[int, Field(ge=0)] = 0
     experiments: ExperimentsSection
-    simulator: Annotated[Choice[Simulator], PlainValidator(SIMULATORS.read)]
+    simulator: Annotated[ChosenKind[Simulator], PlainValidator(SIMULATORS.read)]
     parameters: Annotated[
-        dict[str, Annotated[Choice[Law], PlainValidator(LAWS.read)]], Field(min_length=1)
+        dict[str, Annotated[ChosenKind[Law], PlainValidator(LAWS.read)]], Field(min_length=1)
     ]
     correlation: CorrelationSection = Field(default_factory=dict)
     derived: dict[str, str] = Field(default_factory=dict)
     noise: NoiseChoice | None = None
-    propagation: Annotated[Choice[Any], PlainValidator(PROPAGATIONS.read)] = PROPAGATIONS.read({})
-    density: Annotated[Choice[Any], PlainValidator(DENSITIES.read)] = DENSITIES.read({})
-    search: Annotated[Choice[Search], PlainValidator(SEARCHES.read)] = SEARCHES.read({})
+    propagation: Annotated[ChosenKind[Any], PlainValidator(PROPAGATIONS.read)] = PROPAGATIONS.read(
+        {}
+    )
+    density: Annotated[ChosenKind[Any], PlainValidator(DENSITIES.read)] = DENSITIES.read({})
+    search: Annotated[ChosenKind[Search], PlainValidator(SEARCHES.read)] = SEARCHES.read({})
     verification: VerificationSection = VerificationSection()

@@ -216,7 +216,7 @@ class OutputSection(Section):
         if self.hook is not None:
             return HookOutput(self.hook, folder)
         way = next((way for way in _OUTPUTS if way in self.model_fields_set), None)
-        return (_OUTPUTS[way][0] if way else OutputFile)(**self.given())
+        return (_OUTPUTS[way][0] if way else OutputFile)(**self.stated())
 
 
 def _listed(value: Any) -> Any:
