@@ -128,10 +128,6 @@ def _number(answer: str) -> float | None:
         raise click.BadParameter("write a number, or nothing") from None
 
 
-LISTED = 40
-"""Variables of an FMU that are shown before the user is asked."""
-
-
 @dataclass(frozen=True)
 class StudyQuestions:
     """How the user is asked, and the folder that the study file will be in."""
@@ -207,7 +203,12 @@ def chosen_outcomes(
 
 
 def chosen_parameters(
-    asked: StudyQuestions, offer: Offer, roles: Roles, most: int, given: Sequence[str]
+    asked: StudyQuestions,
+    offer: Offer,
+    roles: Roles,
+    most: int,
+    given: Sequence[str],
+    listed: int = 40,
 ) -> dict[str, Limits | float | None]:
     """The parameters that differ between experiments, with their limits as far as they are known.
 
@@ -221,7 +222,7 @@ def chosen_parameters(
     if others:
         table = Rows(
             (("name", "left"), ("unit", "left"), ("value", "right"), ("meaning", "fold")),
-            variables([*known.values()][:LISTED], offer),
+            variables([*known.values()][:listed], offer),
         )
         Console(stderr=True).print(table)
     names = asked.questions.names(

@@ -50,9 +50,6 @@ from aleator.tasks.individual.session import OWN, session_of
 from aleator.tasks.session import OutcomeSession, Session
 from aleator.types import Indices
 
-TOLD = 5
-"""Rows beyond the tested conditions that are named."""
-
 
 def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
     """A note where surfaces of new conditions have to be made, by what those of the study took."""
@@ -90,7 +87,7 @@ def fixed_notes(draws: AlphaDraws, session: Session) -> list[str]:
     ]
 
 
-def untested(value: Study, table: Conditions) -> list[str]:
+def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
     """A note for each row of new conditions that is beyond the tested ones."""
     tested, new = value.experiments.table, table.table
     asked = [*table.conditions, *value.inputs.covariates]
@@ -101,11 +98,8 @@ def untested(value: Study, table: Conditions) -> list[str]:
         for place, why in zip(table.places, found.why, strict=True)
         if why
     ]
-    rest = len(every) - TOLD
-    return every if rest <= 0 else [*every[:TOLD], f"note: and {rest} more rows"]
-
-
-CONFIDENCE = 0.95
+    rest = len(every) - named
+    return every if rest <= 0 else [*every[:named], f"note: and {rest} more rows"]
 
 
 @dataclass(frozen=True)
@@ -209,7 +203,7 @@ def asks(command: Callable[..., Any]) -> Callable[..., Any]:
     @click.option(
         "--confidence",
         type=float,
-        default=CONFIDENCE,
+        default=0.95,
         show_default=True,
         metavar="C",
         help="Confidence of the design value.",

@@ -27,12 +27,30 @@ from aleator.study.roles import (
 
 Limits = tuple[float, float]
 
-FACTOR = 3.0
-"""The box of a parameter reaches from its nominal value over this to this many times it."""
-EXPERIMENTS = 10
-"""Experiments for each law that is proposed, half as many where they have several rows."""
-MOST = 3
-"""Laws that are proposed at most."""
+
+@dataclass(frozen=True)
+class ProposalRules:
+    """What a first study is made by; chosen by tests/test_cli_new.py on published tables.
+
+    factor: the box of a parameter reaches from its nominal value over this to this many times it.
+    experiments: for each law, half as many where they have several rows; most: laws at most.
+    alike: similarity from where on a name is taken for a slip of another. some, many: decades of an
+    outcome whose logarithm may be the outcome, and whose logarithm is proposed. noise: its limits
+    over the standard deviation of all measured values: where no parameter scatters the noise is all
+    of it, and its interval reaches beyond. assumed: the same share as a noise that must be known.
+    """
+
+    factor: float = 3.0
+    experiments: int = 10
+    most: int = 3
+    alike: float = 0.8
+    some: float = 2.0
+    many: float = 3.0
+    noise: tuple[float, float] = (1e-3, 2.0)
+    assumed: float = 0.01
+
+
+RULES = ProposalRules()
 
 
 @dataclass(frozen=True)
@@ -100,8 +118,8 @@ def laws_for(experiments: int, rows: int) -> int:
     >>> laws_for(10, 10), laws_for(18, 180), laws_for(108, 108)
     (1, 3, 3)
     """
-    each = EXPERIMENTS if experiments == rows else EXPERIMENTS // 2
-    return min(max(experiments // each, 1), MOST)
+    each = RULES.experiments if experiments == rows else RULES.experiments // 2
+    return min(max(experiments // each, 1), RULES.most)
 
 
 def nominal_limits(given: SimulatorInput) -> Limits | None:
@@ -112,7 +130,7 @@ def nominal_limits(given: SimulatorInput) -> Limits | None:
     """
     if not given.nominal:
         return None
-    ends = (given.nominal / FACTOR, given.nominal * FACTOR)
+    ends = (given.nominal / RULES.factor, given.nominal * RULES.factor)
     low, high = sorted(float(f"{end:.2g}") for end in ends)
     low = low if given.lower is None else max(low, given.lower)
     high = high if given.upper is None else min(high, given.upper)
@@ -135,15 +153,6 @@ def _proposed(given: SimulatorInput, scatters: bool, asked: Limits | float | Non
 
 TIMES = ("time", "Time", "t")
 """What a column of times is called; T is rather a temperature."""
-ALIKE = 0.8
-"""Similarity from where on a name is taken for a slip of another."""
-SOME, MANY = 2.0, 3.0
-"""Decades of an outcome whose logarithm may be the outcome, and whose logarithm is proposed."""
-SMALLEST, LARGEST = 1e-3, 2.0
-"""Limits of the noise over the standard deviation of all measured values: where no parameter
-scatters the noise is all of it, and its interval reaches beyond."""
-ASSUMED = 0.01
-"""The same share as a noise that must be known: small beside the law's scatter."""
 
 
 @dataclass(frozen=True)
@@ -265,7 +274,7 @@ def proposed(
     most = laws_for(experiments, len(sheet.table))
     parameters, untouched = parameters_of(offer, roles, most, chosen)
     decades = {name: decades_of(sheet.table, name) for name in outcomes}
-    log = len(decades) == 1 and decades[outcomes[0]] >= MANY and not roles.errors
+    log = len(decades) == 1 and decades[outcomes[0]] >= RULES.many and not roles.errors
     spread = {name: spread_of(sheet.table, name, log=log) for name in outcomes}
     spread = {name: one for name, one in spread.items() if math.isfinite(one) and one > 0.0}
     bounds = {name: censoring_of(sheet.table, name, roles.others) for name in outcomes}
@@ -277,12 +286,12 @@ def proposed(
     if experiments < len(sheet.table) or len(outcomes) > 1:
         noise = {name: noise_limits(one) for name, one in spread.items()}
     elif censored:
-        noise = {name: _rounded(ASSUMED * one, math.floor) for name, one in spread.items()}
+        noise = {name: _rounded(RULES.assumed * one, math.floor) for name, one in spread.items()}
     if len(roles.errors) == 1 and len(outcomes) == 1:
         noise = {outcomes[0]: roles.errors[0]}
     return Proposal(
         title, file, sheet, tuple(outcomes), id, roles, experiments, offer, parameters, untouched,
-        noise, tuple(n for n in outcomes if decades[n] >= SOME), log,
+        noise, tuple(n for n in outcomes if decades[n] >= RULES.some), log,
         _units(sheet.table, roles, outcomes, parameters),
         _unlike(sheet, offer, roles, (*outcomes, id)),
         censored, covariates_in(sheet.table, left, id), within,
@@ -297,7 +306,9 @@ def noise_limits(spread: float) -> Limits:
     >>> noise_limits(3.73)
     (0.003, 8.0)
     """
-    return _rounded(SMALLEST * spread, math.floor), _rounded(LARGEST * spread, math.ceil)
+    return _rounded(RULES.noise[0] * spread, math.floor), _rounded(
+        RULES.noise[1] * spread, math.ceil
+    )
 
 
 def _rounded(value: float, whole: Callable[[float], int]) -> float:
@@ -317,7 +328,7 @@ def _unlike(sheet: Sheet, offer: Offer, roles: Roles, used: Sequence[str | None]
     """Columns not used yet that would be an argument if they were called as it is."""
     taken = {name.lower(): name for name in offer.names if name not in roles.conditions}
     left = [name for name in sheet.names if name not in (*roles.conditions, *used)]
-    near = {name: get_close_matches(name.lower(), taken, n=1, cutoff=ALIKE) for name in left}
+    near = {name: get_close_matches(name.lower(), taken, n=1, cutoff=RULES.alike) for name in left}
     return {name: taken[found[0]] for name, found in near.items() if found}
 
 

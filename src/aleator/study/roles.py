@@ -17,10 +17,24 @@ from aleator.observations.outcomes import Censoring
 from aleator.observations.tables import Table
 from aleator.types import Array
 
-LEVELS = 6
-"""A column of texts with more different ones is no covariate."""
-EACH = 10
-"""Experiments for each covariate that is proposed."""
+
+@dataclass(frozen=True)
+class RoleRules:
+    """What columns are told by; chosen by tests/test_cli_new.py on published tables.
+
+    levels: a column of texts with more different ones is no covariate. each: experiments for each
+    covariate that is proposed. words: a column of more words does not tell what is censored.
+    naming: experiments from where on a column whose name does not say so may name them: of fewer
+    values it is rather a supplier or a bench.
+    """
+
+    levels: int = 6
+    each: int = 10
+    words: int = 8
+    naming: int = 5
+
+
+RULES = RoleRules()
 
 
 def numbers_of(table: Table, name: str) -> Array | None:
@@ -59,7 +73,7 @@ def covariates_in(table: Table, names: Sequence[str], id: str | None) -> dict[st
     known = [
         (name, term) for name, term in found.items() if term and not varies_within(table, name, id)
     ]
-    return dict(known[: max(len(first) // EACH, 1)])
+    return dict(known[: max(len(first) // RULES.each, 1)])
 
 
 def _first_rows(table: Table, id: str | None) -> list[int]:
@@ -76,7 +90,7 @@ def _term(table: Table, name: str, rows: Sequence[int]) -> str:
     if "" in texts or len({*texts}) < 2:
         return ""
     if numbers is None:
-        fit = len({*texts}) <= LEVELS and min(map(texts.count, {*texts})) > 1
+        fit = len({*texts}) <= RULES.levels and min(map(texts.count, {*texts})) > 1
         return f"C({name})" if fit else ""
     steps = np.diff(numbers[sorted(rows)])
     return "" if np.all(steps == 1.0) else f"center({name})"
@@ -103,8 +117,6 @@ _LETTERS = ({"f", "s"}, {"f", "c"})
 _UPPER = re.compile(r"(?:(?P<stem>.+)_)?(upper|upper_end|high|max|to|until|latest)", re.IGNORECASE)
 _LOWER = re.compile(r"(?:(?P<stem>.+)_)?(lower|lower_end|low|min|from|since|earliest)",
                     re.IGNORECASE)  # fmt: skip
-WORDS = 8
-"""A column of more words does not tell what is censored."""
 
 
 def censoring_of(table: Table, outcome: str, columns: Iterable[str]) -> Censoring | None:
@@ -158,7 +170,7 @@ def is_upper_end(table: Table, outcome: str, name: str) -> bool:
 
 def _by_words(table: Table, name: str) -> Censoring | None:
     words = [word for word in dict.fromkeys(table.texts(name)) if word]
-    if not 1 <= len(words) <= WORDS:
+    if not 1 <= len(words) <= RULES.words:
         return None
     plain = {word: re.sub(r"[\s_-]+", "-", word.lower()) for word in words}
     called = re.sub(r"[\s_-]+", "-", name.lower())
@@ -177,9 +189,6 @@ def _by_words(table: Table, name: str) -> Censoring | None:
     return Censoring(name, tuple(right), tuple(left), measured=several)
 
 
-MANY = 5
-"""Experiments from where on a column whose name does not say so may name them: of fewer values it
-is rather a supplier or a bench."""
 DELIMITERS = (",", ";", "\t", "|")
 _COMMA = re.compile(r"^[<>≤≥]?=?\s*-?\d+,\d+$")
 _ERROR = re.compile(
@@ -327,7 +336,7 @@ def _names_experiments(
     rows = [*zip(*(table.texts(condition) for condition in conditions), strict=True)]
     told_apart = len({*zip(texts, rows, strict=True)}) if rows else 0
     repeated = bool(rows) and len({*rows}) < len(rows)
-    some = MANY <= distinct[name] <= len(table) // 2
+    some = RULES.naming <= distinct[name] <= len(table) // 2
     return some and repeated and told_apart == len(table)
 
 
