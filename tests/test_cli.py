@@ -1,6 +1,5 @@
 """Every command does its work, says what it does, and can be interrupted."""
 
-import importlib.util
 import json
 import re
 from collections.abc import Iterator
@@ -14,7 +13,6 @@ from click.testing import CliRunner, Result
 
 from aleator import cli
 from aleator.simulators.repeats import MOST
-from aleator.study.sections import DENSITIES, LAWS, PROPAGATIONS, SEARCHES, StudyFile
 
 pytestmark = pytest.mark.usefixtures("unreported")
 
@@ -89,22 +87,6 @@ def test_every_command_and_option_is_documented() -> None:
         assert max(map(len, shown.output.splitlines())) <= 90
 
 
-def test_the_help_and_the_docs_name_every_law_density_search_and_propagation() -> None:
-    words = {word for kinds in (LAWS, DENSITIES, SEARCHES, PROPAGATIONS) for word in kinds.known}
-    assert {"beta", "gaussian_mixture", "genetic", "collocation"} <= words
-    shown = run("identify", "--help").output
-    docs = (Path(__file__).parents[1] / "docs" / "study.md").read_text(encoding="utf-8")
-    for text in (shown, docs):
-        assert sorted(word for word in words if f'"{word}"' not in text) == []
-    for section in StudyFile.model_fields.keys() - {"title", "seed", "parameters"}:
-        assert f"[{section}]" in shown
-    assert f'kind = "{DENSITIES.default}"' in shown  # the default comes first
-
-
-def test_the_version_is_told() -> None:
-    assert run("--version").output.startswith("aleator, version ")
-
-
 def test_identify_writes_and_prints_the_answer(study: Path) -> None:
     done = run("identify", study, "--output", "result")
     assert done.exit_code == 0, done.output
@@ -121,32 +103,6 @@ def test_identify_writes_and_prints_the_answer(study: Path) -> None:
     assert Path("springs/runs.sqlite").exists()
 
 
-def test_the_default_folder_is_named_after_the_study(study: Path) -> None:
-    done = run("identify", study, "--quiet", "--no-verify")
-    assert done.exit_code == 0
-    assert done.output.startswith("Computed soundly: ")
-    assert done.output.splitlines()[1].startswith("Consistent with the experiments: ")
-    assert done.output.count("\n") == 2
-    document = json.loads(Path("out/springs/identification.json").read_text())
-    assert document["log_likelihood"]["verified"] is None
-
-
-def test_quiet_is_quiet_with_runs_in_the_store_and_without_matplotlib(
-    study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name: None if name == "matplotlib" else found(name)
-    )
-    for command, lines in (("identify", 2), ("sensitivity", 1)):
-        done = run(command, study, "--quiet")
-        assert (done.exit_code, done.stderr) == (0, "")
-        assert done.stdout.count("\n") == lines
-    loud = run("identify", study)
-    assert "none is repeated" in loud.stderr
-    assert "they need matplotlib" in loud.stderr
-
-
 def test_the_same_seed_gives_the_same_file_but_for_the_seconds(study: Path) -> None:
     texts = []
     for folder in ("one", "two"):
@@ -156,14 +112,6 @@ def test_the_same_seed_gives_the_same_file_but_for_the_seconds(study: Path) -> N
         texts.append(json.dumps(document))
     assert texts[0] == texts[1]
     assert json.loads(texts[0])["seed"] == 5
-
-
-def test_a_folder_that_cannot_be_made_is_told_before_anything_runs(study: Path) -> None:
-    Path("file").write_text("")
-    done = run("identify", study, "--output", "file/result")
-    assert done.exit_code == 2
-    assert "file/result: the folder cannot be made" in done.stderr
-    assert "response surface" not in done.stderr
 
 
 @pytest.mark.usefixtures("unjudged_commands")
@@ -292,15 +240,6 @@ def recovered(*arguments: object) -> dict[str, Any]:
     return found["hyperparameters"]
 
 
-@pytest.mark.usefixtures("unjudged_commands")
-def test_recover_at_the_identified_law(study: Path) -> None:
-    run("identify", study, "--output", "result", "--quiet", "--no-verify")
-    law = json.loads(Path("result/identification.json").read_text())
-    found = recovered(study)
-    assert found["softness.mean"]["truth"] == law["alpha"]["softness.mean"]["estimate"]
-    assert recovered(study, "--law", "result/identification.json") == found
-
-
 def test_recover_at_a_given_law(study: Path) -> None:
     found = recovered(study, "--truth", "softness.mean=1.1", "--truth", "softness.sd=0.05")
     assert found["softness.mean"]["truth"] == 1.1
@@ -330,13 +269,3 @@ def test_the_bench_measures_the_same_for_the_same_seed(study: Path) -> None:  # 
     assert len(pd.read_csv("bench.csv")) == 108
     other = run("clutch", "bench", "--seed", 1, "--kind", "model")
     assert other.stdout != printed.stdout
-
-
-def test_a_defect_keeps_its_traceback(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def defective(*arguments: object, **options: object) -> None:
-        raise ZeroDivisionError(f"{len(arguments)} {len(options)}")
-
-    monkeypatch.setattr("aleator.cli.running.identify", defective)
-    done = run("identify", study)
-    assert done.exit_code == 1
-    assert isinstance(done.exception, ZeroDivisionError)

@@ -66,18 +66,3 @@ def test_another_kind_in_the_same_folder_is_refused(study: Path) -> None:
     assert "bootstrap.jsonl: its replicates are those of another study, seed or kind" in (
         result.output
     )
-
-
-@pytest.mark.parametrize("line", ['{"number": 1}', '{"alpha": 3}', "[" * 100_000, "[1]", "torn"])
-def test_a_line_that_is_no_replicate_is_told_or_made_again(study: Path, line: str) -> None:
-    assert called(study, "--replicates", "2", "--quiet").exit_code == 0
-    file = study.parent / "out" / "bootstrap.jsonl"
-    sound = file.read_text()
-    file.write_text(f"{sound}{line}\n")
-    result = called(study, "--replicates", "2", "--quiet")
-    if line.startswith("{"):
-        assert result.exit_code == 2, result.output
-        assert "bootstrap.jsonl: line 4 is no replicate" in result.output
-    else:
-        assert result.exit_code == 0, result.output
-        assert file.read_text() == sound

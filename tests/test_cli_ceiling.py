@@ -10,7 +10,6 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator import cli
-from aleator.plot.ceiling import ceiling_figure
 from aleator.report.ceiling import verdict
 
 STUDY = """\
@@ -28,7 +27,6 @@ box = [0.5, 1.5]
 sd = 0.1
 """
 MODEL = "def length(load, softness, creep=0.0): return load * softness + creep * load**2\n"
-CREEP = '[parameters.creep]\nlaw = "normal"\nmean = 0.0\nsd = 0.02\n'
 
 
 def run(*arguments: object) -> Result:
@@ -74,27 +72,6 @@ def test_quiet_says_one_line_and_the_same_seed_gives_the_same_file(study: Path) 
     assert texts[0] == texts[1]
 
 
-def test_without_noise_it_ends_with_the_remedy(study: Path) -> None:
-    study.write_text(STUDY.partition("[noise]")[0])
-    result = run("ceiling", study)
-    assert result.exit_code == 2
-    assert "[noise] sd" in result.stderr
-
-
-def test_two_parameters_have_a_map_with_every_point(study: Path) -> None:
-    study.write_text(STUDY + CREEP)
-    result = run("ceiling", study, "--output", "found", "--replicates", 0, "--no-figures")
-    assert result.exit_code == 0, result.output
-    document = json.loads(Path("found/ceiling.json").read_text(encoding="utf-8"))
-    assert document["bootstrap"] is None
-    gradient = np.array(document["map"]["gradient"])
-    assert gradient.shape == (len(document["map"]["second"]), len(document["map"]["first"]))
-    # axes[-2] is the map, axes[-1] its scale
-    drawn = ceiling_figure(document).axes[-2].collections[-1].get_offsets()
-    expected = [[point["softness"], point["creep"]] for point in document["points"]]
-    assert np.asarray(drawn) == pytest.approx(np.array(expected))
-
-
 def test_laws_that_follow_a_column_are_refused_before_any_run(study: Path) -> None:
     law = 'law = "normal"\nmean = {formula = "1 + load", lower = -5, upper = 5}\nsd = 0.2\n'
     study.write_text(STUDY.replace('law = "truncated_normal"\nbox = [0.5, 1.5]\n', law))
@@ -103,10 +80,3 @@ def test_laws_that_follow_a_column_are_refused_before_any_run(study: Path) -> No
     assert result.exit_code == 2
     assert "follow load" in result.stderr
     assert "it was run" not in result.output
-
-
-def test_of_parameters_that_points_cannot_cover_a_lower_bound_is_told() -> None:
-    value = {"ceiling": 6.8, "estimated": -37.2, "verified": None, "error": 0.0, "gap": 44.0}
-    told = {"log_likelihood": value, "bootstrap": None, "covered": False}
-    assert "at least 6.800" in verdict(told)
-    assert "at least" not in verdict({**told, "covered": True})

@@ -68,23 +68,3 @@ def test_its_runs_are_kept_and_none_is_made_twice(study: Path) -> None:
     assert second["observations"] == first["observations"]
     listed = run("runs", "list", study).output
     assert "65" in listed
-
-
-def test_a_function_that_wants_arrays_is_told_how_to_say_so(study: Path) -> None:
-    Path("model.py").write_text(
-        "def spring(force, stiffness, idle):\n    return force.astype(float) / stiffness\n"
-    )
-    refused = run("check", study)
-    assert refused.exit_code == 2
-    assert "vectorized = true" in refused.output
-
-
-@pytest.mark.parametrize("least", [0.0, -1.6e308])
-def test_outcomes_at_the_end_of_the_numbers_are_drawn(study: Path, least: float) -> None:
-    Path("model.py").write_text(
-        "def spring(force, stiffness, idle):\n"
-        f"    return {least} if stiffness < 4 else 1.6e308 + 0 * force * stiffness\n"
-    )
-    done = run("check", study, "--output", "out")
-    assert done.exit_code == 0, done.output
-    assert Path("out/check.png").exists()

@@ -68,12 +68,6 @@ def test_two_models_are_compared(studies: Path) -> None:
     assert (studies / "out" / "compare.png").stat().st_size > 5000
 
 
-def test_only_the_verdict_with_quiet(studies: Path) -> None:
-    result = called(studies, "alike.toml", "differing.toml", "--quiet", "--no-figures")
-    assert result.output.count("\n") == 1
-    assert not (studies / "out" / "compare.png").exists()
-
-
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [

@@ -113,14 +113,6 @@ def test_limits_and_design_values() -> None:
     )
 
 
-def test_tables_are_printed_no_wider_than_a_terminal() -> None:
-    for options in (["--above", "9"], ["--reliability", "0.9"], []):
-        shown = run("predict", LAW, "--conditions", "new.csv", "--quiet", *options)
-        assert shown.exit_code == 0, shown.output
-        assert max(map(len, shown.stdout.splitlines())) <= 80
-        assert "far" in shown.stdout
-
-
 @pytest.mark.parametrize(
     ("options", "name"),
     [

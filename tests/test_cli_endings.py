@@ -1,7 +1,6 @@
 """Simulators that end the process they run in, and answers that a command would replace."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +9,6 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator.cli import main
-from aleator.simulators.trial import ending
 
 STUDY = """\
 [experiments]
@@ -63,18 +61,6 @@ def test_a_function_that_ends_its_process_is_misuse(folder: Path, name: str) -> 
 
 
 @LINUX
-def test_what_returns_raises_or_prints_is_left_alone(capfd: pytest.CaptureFixture[str]) -> None:
-    def fails() -> None:
-        print("once", flush=True)
-        sys.exit(3)
-
-    assert ending(fails) is None
-    assert ending(lambda: 1.0) is None
-    assert ending(lambda: os._exit(5)) == "exit code 5"
-    assert capfd.readouterr().out == ""
-
-
-@LINUX
 def test_a_crash_of_a_later_run_is_not_silent(folder: Path) -> None:
     simulated(folder, "load > 3 and ctypes.string_at(0)")
     command = [sys.executable, "-m", "aleator", "check", "study.toml", "--quiet"]
@@ -102,14 +88,6 @@ def test_a_command_that_ends_of_itself_says_nothing_of_ends(
     simulated(folder, "None.no")
     assert run("check", "study.toml", "--no-figures").exit_code == 2
     assert "ended it" not in capfd.readouterr().err
-
-
-def test_the_next_command_is_printed_with_its_path(folder: Path) -> None:
-    simulated(folder, "os.chdir('/')")
-    done = run("check", "study.toml", "--no-figures")
-    assert done.exit_code == 0, done.output
-    assert "aleator identify study.toml" in done.stdout
-    assert Path.cwd() == folder
 
 
 @pytest.mark.parametrize(
@@ -152,31 +130,3 @@ def test_a_table_of_predictions_is_replaced_but_not_silently(folder: Path, name:
     if name.endswith(".json"):
         (folder / name).write_text(json.dumps({"study": {"file": "other.toml"}}))
         assert run(*given, "--output", name).exit_code == 2
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("schema", "--output", "file"),
-        ("clutch", "bench", "--seed", "1", "--output", "file"),
-    ],
-)
-@pytest.mark.usefixtures("folder")
-def test_no_command_replaces_a_file_silently(command: tuple[str, ...]) -> None:
-    given = tuple(part.replace("file", "file.csv") for part in command)
-    first, second = (run(*given) for _ in range(2))
-    assert (first.exit_code, second.exit_code) == (0, 0), second.output
-    assert "will be replaced" not in first.stderr
-    assert "file.csv of" in second.stderr
-
-
-@pytest.mark.parametrize("command", ["check", "box", "bootstrap"])
-def test_an_older_answer_is_replaced_but_not_silently(folder: Path, command: str) -> None:
-    given = (command, "study.toml", "--output", "out", "--quiet")
-    more = ("--replicates", "2") if command == "bootstrap" else ()
-    first, second = run(*given, *more), run(*given, *more)
-    assert (first.exit_code, second.exit_code) == (0, 0), second.output
-    assert "will be replaced" not in first.stderr
-    assert f"{Path('out') / command}.json" in second.stderr
-    (folder / "other.toml").write_text(STUDY)
-    assert run(command, "other.toml", *given[2:], *more).exit_code == 2

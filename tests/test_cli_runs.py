@@ -7,8 +7,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from click.testing import CliRunner, Result
-from hypothesis import given
-from hypothesis import strategies as st
 
 from aleator import cli
 from aleator.simulators import Identity, Store, exchange, records
@@ -206,17 +204,6 @@ def test_what_cannot_be_done_is_told(study: Path) -> None:
     assert Path("runs.csv").read_text() == ""  # what is there already stays
 
 
-def test_parquet_needs_an_extra(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as patch:
-        patch.setattr("importlib.util.find_spec", {}.get)
-        missing = run("export", study, "runs.parquet")
-    assert missing.exit_code == 2
-    assert "pip install pyarrow" in missing.stderr
-    assert run("export", study, "runs.parquet").exit_code == 0
-    frame = pd.read_parquet("runs.parquet")
-    assert frame["outcome"].notna().sum() == sum(run.outcome is not None for run in contents())
-
-
 def test_runs_of_different_simulators_are_rows_of_one_table() -> None:
     def kept(number: int, conditions: dict[str, float], parameters: dict[str, float]) -> StoredRun:
         return StoredRun(
@@ -239,11 +226,3 @@ def test_runs_of_different_simulators_are_rows_of_one_table() -> None:
     assert rows.to_numpy().tolist() == [[2.0, -1.0, 3.0, -1.0], [-1.0, 4.0, 5.0, 6.0]]
     assert [*frame.columns[:4]] == ["fingerprint", "simulator", "description", "version"]
     assert [*exchange.table([]).columns] == [*frame.columns[:4], *frame.columns[8:]]
-
-
-@given(st.text(max_size=8) | st.floats(allow_nan=False))
-def test_any_condition_survives_a_cell(value: str | float) -> None:
-    cell = exchange.as_cell(value)
-    text = repr(cell) if isinstance(cell, float) else cell
-    assert exchange.from_cell(text) == value
-    assert type(exchange.from_cell(text)) is type(value)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 import pandas as pd
@@ -12,7 +10,6 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator import cli
-from aleator.plot.sensitivity import sensitivity_figure
 
 STUDY = """\
 title = "Springs"
@@ -71,23 +68,6 @@ def test_it_prints_tables_and_writes_files(study: Path) -> None:
         assert f"sensitivity.{file}" in done.stdout
 
 
-def test_the_figure_shows_what_the_document_says(study: Path) -> None:
-    run("sensitivity", study, "--quiet")
-    result = json.loads(Path("out/springs/sensitivity.json").read_text())
-    left, right = sensitivity_figure(result).axes
-    widths = sorted(bar.get_width() for bars in left.containers for bar in bars)
-    shares = [row[key] for row in result["parameters"] for key in ("mean_first", "mean_total")]
-    assert widths == pytest.approx(sorted(shares))
-    assert [label.get_text() for label in left.get_yticklabels()] == ["slack", "softness", "twist"]
-    matrix = right.images[0].get_array()
-    assert matrix is not None
-    assert matrix[1, 2] == pytest.approx(1.0)  # softness and twist
-    assert matrix[0, 1] == pytest.approx(7.0 / (3.0 * 21.0) ** 0.5)  # 1, 1, 1 and 1, 2, 4
-    first = Path("out/springs/sensitivity.png").read_bytes()
-    run("sensitivity", study, "--quiet")
-    assert Path("out/springs/sensitivity.png").read_bytes() == first
-
-
 def test_a_seed_and_options_are_obeyed(study: Path) -> None:
     arguments = ("--runs", 20, "--experiments", "C, A", "--no-figures", "--quiet", "--seed", 5)
     done = run("sensitivity", study, "--output", "one", *arguments)
@@ -101,41 +81,6 @@ def test_a_seed_and_options_are_obeyed(study: Path) -> None:
     assert not Path("one/sensitivity.png").exists()
     run("sensitivity", study, "--output", "two", *arguments)
     assert Path("two/sensitivity.csv").read_bytes() == Path("one/sensitivity.csv").read_bytes()
-
-
-def test_a_single_parameter_has_no_pairs(study: Path) -> None:
-    text = STUDY[: STUDY.index("[parameters.slack]")]
-    study.write_text(text)
-    study.with_name("model.py").write_text("def length(load, softness): return load * softness\n")
-    done = run("sensitivity", study)
-    assert done.exit_code == 0, done.output
-    assert "pair" not in done.stdout
-    assert "100.0 %" in done.stdout
-
-
-def test_rough_expansions_are_told(study: Path) -> None:
-    rough = "import numpy as np\ndef length(load, softness, slack, twist):\n"
-    rough += "    return np.floor(3 * softness * slack) % 2\n"
-    study.with_name("model.py").write_text(rough)
-    done = run("sensitivity", study, "--runs", 30)
-    assert done.exit_code == 0, done.output
-    assert "--runs 120" in done.stdout
-
-
-def test_without_matplotlib_there_are_tables_all_the_same(
-    study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = importlib.util.find_spec
-
-    def without(name: str, package: str | None = None) -> ModuleSpec | None:
-        return None if name == "matplotlib" else found(name, package)
-
-    monkeypatch.setattr(importlib.util, "find_spec", without)
-    done = run("sensitivity", study)
-    assert done.exit_code == 0
-    assert "matplotlib" in done.stderr
-    assert Path("out/springs/sensitivity.csv").exists()
-    assert not Path("out/springs/sensitivity.png").exists()
 
 
 def test_an_unknown_experiment_is_told(study: Path) -> None:

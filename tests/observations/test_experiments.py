@@ -1,5 +1,4 @@
 import codecs
-import re
 from pathlib import Path
 
 import numpy as np
@@ -27,11 +26,6 @@ def test_a_table_becomes_ids_conditions_and_outcomes(tmp_path: Path) -> None:
     assert len(experiments) == 2
 
 
-def test_without_an_id_column_experiments_are_numbered(tmp_path: Path) -> None:
-    experiments = Experiments.from_csv(written(tmp_path, "v,y\n1,2\n3,4\n"), outcome="y")
-    assert experiments.ids == ("1", "2")
-
-
 def test_conditions_and_id_can_be_chosen(tmp_path: Path) -> None:
     path = written(tmp_path, "nr,v,remark,y\n7,1,,2\n8,3,wet,4\n")
     experiments = Experiments.from_csv(path, outcome="y", id="nr", conditions=["v"])
@@ -44,16 +38,6 @@ def test_log_transforms_the_outcome_and_keeps_the_measured_one(tmp_path: Path) -
     experiments = Experiments.from_csv(path, outcome="y", transform="log")
     np.testing.assert_allclose(experiments.outcomes, [0.0, np.log(10.0)])
     np.testing.assert_allclose(experiments.measured, [1.0, 10.0])
-
-
-def test_outcomes_cannot_be_changed() -> None:
-    experiments = Experiments.from_frame(pd.DataFrame({"v": [1], "y": [2]}), outcome="y")
-    assert not experiments.outcomes.flags.writeable
-
-
-def test_integer_ids_of_a_frame_with_gaps_stay_integers() -> None:
-    frame = pd.DataFrame({"id": [3.0, 5.0], "v": [1, 2], "y": [1, 2]})
-    assert Experiments.from_frame(frame, outcome="y").ids == ("3", "5")
 
 
 @pytest.mark.parametrize(
@@ -72,13 +56,6 @@ def test_the_same_table_in_many_spellings(tmp_path: Path, raw: bytes) -> None:
     experiments = Experiments.from_csv(written(tmp_path, raw), outcome="y")
     assert experiments.conditions["v"].tolist() == [1.0]
     assert experiments.outcomes.tolist() == [2.0]
-
-
-def test_a_semicolon_table_with_decimal_commas(tmp_path: Path) -> None:
-    path = written(tmp_path, "v;y\n0,5;2,25\n")
-    experiments = Experiments.from_csv(path, outcome="y", delimiter=";", decimal=",")
-    assert experiments.conditions["v"].tolist() == [0.5]
-    assert experiments.outcomes.tolist() == [2.25]
 
 
 BAD = {
@@ -119,23 +96,6 @@ def test_bad_tables_are_told_with_their_place(
         assert name in str(caught.value)
 
 
-def test_a_decimal_comma_in_a_semicolon_table_is_told(tmp_path: Path) -> None:
-    path = written(tmp_path, "v;y\n0,5;2\n0,6;3\n")
-    with pytest.raises(ExperimentsError, match=r"(?s)column 'v'.*'0,5'.*decimal = \",\""):
-        Experiments.from_csv(path, outcome="y", delimiter=";")
-
-
-def test_a_missing_file_names_its_neighbor(tmp_path: Path) -> None:
-    written(tmp_path, "v,y\n1,2\n")
-    with pytest.raises(ExperimentsError, match=r"'experiments\.csv'"):
-        Experiments.from_csv(tmp_path / "experiment.csv", outcome="y")
-
-
-def test_a_folder_is_not_a_table(tmp_path: Path) -> None:
-    with pytest.raises(ExperimentsError, match=re.escape(str(tmp_path))):
-        Experiments.from_csv(tmp_path, outcome="y")
-
-
 @pytest.mark.parametrize("delimiter", ["", ",,"])
 def test_a_delimiter_is_one_character(tmp_path: Path, delimiter: str) -> None:
     with pytest.raises(ExperimentsError, match=r"experiments\.csv"):
@@ -155,15 +115,6 @@ def test_columns_of_text_stay_text_and_slips_do_not_turn_numbers_into_text(tmp_p
     assert experiments.conditions["site"].tolist() == ["A1", "7", "B"]
     with pytest.raises(ExperimentsError, match=r"row 2, column 'site'.*'A1'"):
         Experiments.from_csv(path, outcome="y", conditions=["site"])
-
-
-def test_a_gap_in_a_column_that_nobody_chose_tells_how_to_leave_it_out(tmp_path: Path) -> None:
-    path = written(tmp_path, "load,dose,y\n1,5,2\n2,NA,3\n")
-    with pytest.raises(ExperimentsError, match=r"row 3, column 'dose'") as caught:
-        Experiments.from_csv(path, outcome="y")
-    assert "conditions = [" in caught.value.remedy
-    experiments = Experiments.from_csv(path, outcome="y", conditions=["load"])
-    assert list(experiments.conditions) == ["load"]
 
 
 def test_unknown_names_are_told(tmp_path: Path) -> None:
