@@ -75,7 +75,7 @@ Specification = float | Free
 
 @dataclass(frozen=True)
 class LimitSettings:
-    """What limits stand for; by judgement, and held by tests/laws/test_scale_of_zero.py.
+    """What limits stand for; by judgement, and held by tests/laws/test_images.py.
 
     zero: a scale's lower limit below this share of the upper one stands for zero. nearest: share of
     the upper limit from which a scale that may be zero is searched. sd: the limits of an sd that

@@ -27,7 +27,7 @@ STANDARD_NORMAL: Law = Normal(0.0, 1.0)
 
 @dataclass(frozen=True)
 class Images:
-    """How parameters are made of very many variates; chosen by tests/laws/test_tabulated.py.
+    """How parameters are made of very many variates; chosen by tests/laws/test_images.py.
 
     knots: of the table of a law, 1/160 apart, which costs less than the law at `worth` times as
     many variates. exact: error between the knots, as a share of the distance between the quartiles,
