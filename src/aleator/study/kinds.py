@@ -132,13 +132,22 @@ def in_toml(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _kind_of(value: Any) -> str:
-    return "table" if isinstance(value, (Mapping, FreeSection)) else "number"
+def form(value: Any) -> str:
+    """What a value of the file is: a table, a list, a text or a number.
 
+    >>> form({"lower": 0.0}), form([1]), form("a"), form(1)
+    ('table', 'list', 'text', 'number')
+    """
+    if isinstance(value, Mapping | Section):
+        return "table"
+    return "list" if isinstance(value, list) else "text" if isinstance(value, str) else "number"
+
+
+BY_FORM = Discriminator(form)
+"""Tells alternatives apart, whose tags are forms."""
 
 Spec = Annotated[
-    Annotated[FiniteFloat, Tag("number")] | Annotated[FreeSection, Tag("table")],
-    Discriminator(_kind_of),
+    Annotated[FiniteFloat, Tag("number")] | Annotated[FreeSection, Tag("table")], BY_FORM
 ]
 
 
@@ -171,21 +180,19 @@ def _formula(text: str) -> str:
     raise fault(f"{in_toml(text)} is a text", f"write the number without quotes: {text}")
 
 
-def _kind_of_law(value: Any) -> str:
-    if isinstance(value, str):
-        return "formula"
-    with_formula = isinstance(value, FormulaSection) or (
+def _form_of_law(value: Any) -> str:
+    formula = isinstance(value, FormulaSection) or (
         isinstance(value, Mapping) and ("formula" in value or "terms" in value)
     )
-    return "formula table" if with_formula else _kind_of(value)
+    return "formula table" if formula else form(value)
 
 
 LawSpec = Annotated[
     Annotated[FiniteFloat, Tag("number")]
     | Annotated[FreeSection, Tag("table")]
-    | Annotated[Annotated[str, AfterValidator(_formula)], Tag("formula")]
+    | Annotated[Annotated[str, AfterValidator(_formula)], Tag("text")]
     | Annotated[FormulaSection, Tag("formula table")],
-    Discriminator(_kind_of_law),
+    Discriminator(_form_of_law),
 ]
 """A hyperparameter of a law: a number, limits, or a formula of covariates."""
 

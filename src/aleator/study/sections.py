@@ -49,6 +49,7 @@ from aleator.search import (
 )
 from aleator.simulators import Simulator
 from aleator.study.kinds import (
+    BY_FORM,
     ChosenKind,
     FreeSection,
     Kinds,
@@ -104,10 +105,6 @@ def _of_each(value: Any) -> str:
     return "each" if isinstance(value, Mapping) and value and not {*value} & keys else "one"
 
 
-def _is_table(value: Any) -> str:
-    return "each" if isinstance(value, Mapping) else "one"
-
-
 class ExperimentsSection(Section):
     """`[experiments]`: the table, and what its columns are."""
 
@@ -118,8 +115,8 @@ class ExperimentsSection(Section):
     id: str | None = None
     conditions: list[str] | None = None
     transform: Annotated[
-        Annotated[TransformName, Tag("one")] | Annotated[dict[str, TransformName], Tag("each")],
-        Discriminator(_is_table),
+        Annotated[TransformName, Tag("text")] | Annotated[dict[str, TransformName], Tag("table")],
+        BY_FORM,
     ] = Transform.NONE
     censored: (
         Annotated[
@@ -261,17 +258,11 @@ LAWS: Kinds[Law] = Kinds(
 """`law = "..."`: the laws of a parameter."""
 
 
-def _sd_kind(value: Any) -> str:
-    if isinstance(value, str):
-        return "text"
-    return "table" if isinstance(value, (Mapping, FreeSection)) else "number"
-
-
 Sd = Annotated[
     Annotated[FiniteFloat, Tag("number")]
     | Annotated[FreeSection, Tag("table")]
     | Annotated[str, Tag("text")],
-    Discriminator(_sd_kind),
+    BY_FORM,
 ]
 """A number, limits, or the column of known sds."""
 
@@ -352,14 +343,10 @@ RULES: Kinds[Any] = Kinds(
 """`nodes = {rule = "sobol", points = 1024}`: other nodes than those of Gauss rules."""
 
 
-def _nodes_kind(value: Any) -> str:
-    return "table" if isinstance(value, Mapping) else "number"
-
-
 Nodes = Annotated[
     Annotated[int, Tag("number")]
     | Annotated[ChosenKind[Any], PlainValidator(RULES.read), Tag("table")],
-    Discriminator(_nodes_kind),
+    BY_FORM,
 ]
 
 
@@ -432,13 +419,9 @@ def _paired(section: Any) -> Any:
     return section
 
 
-def _is_list(value: Any) -> str:
-    return "list" if isinstance(value, list) else "pair"
-
-
 Tied = Annotated[
-    Annotated[dict[str, Spec], Tag("pair")] | Annotated[list[str], Tag("list")],
-    Discriminator(_is_list),
+    Annotated[dict[str, Spec], Tag("table")] | Annotated[list[str], Tag("list")],
+    BY_FORM,
 ]
 CorrelationSection = Annotated[dict[str, Tied], BeforeValidator(_paired)]
 """`[correlation]`: `a.b = {lower = -0.9, upper = 0.9}` ties the parameters a and b."""

@@ -42,7 +42,7 @@ from aleator.simulators.fmu import (
 from aleator.simulators.fmu.description import Description, read_description
 from aleator.simulators.fmu.signals import columns_of
 from aleator.simulators.surroundings import STOP_ON
-from aleator.study.kinds import Kinds, Section, fault
+from aleator.study.kinds import BY_FORM, Kinds, Section, fault
 
 _CROSSING = ("value", "direction", "after", "interpolation")
 
@@ -123,8 +123,8 @@ def reductions(
 
 
 FmuTime = Annotated[
-    Annotated[float, Tag("number")] | Annotated[str, Tag("condition")],
-    Discriminator(lambda value: "condition" if isinstance(value, str) else "number"),
+    Annotated[float, Tag("number")] | Annotated[str, Tag("text")],
+    BY_FORM,
 ]
 """A time in s, or the name of the condition that has it."""
 
@@ -188,8 +188,8 @@ class OutputSection(Section):
     regex: str | None = None
     match: int = -1
     column: Annotated[
-        Annotated[int, Tag("int")] | Annotated[str | None, Tag("text")],
-        Discriminator(lambda value: "int" if isinstance(value, int) else "text"),
+        Annotated[int, Tag("number")] | Annotated[str | None, Tag("text")],
+        BY_FORM,
     ] = None
     row: int = -1
     delimiter: str = ","
@@ -246,7 +246,7 @@ _Names = Annotated[
 ]
 _Command = Annotated[
     Annotated[str, Tag("text")] | Annotated[list[str], Tag("list")],
-    Discriminator(lambda value: "text" if isinstance(value, str) else "list"),
+    BY_FORM,
 ]
 
 
