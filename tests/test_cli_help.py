@@ -1,7 +1,6 @@
-"""The first help fits a screen, and the shell completes commands, options, choices and files."""
+"""A command has the defaults of its function."""
 
 import inspect
-import re
 from collections.abc import Callable
 from typing import Any
 
@@ -11,8 +10,6 @@ from click.testing import CliRunner
 
 import aleator
 from aleator import (
-    GradientMultistart,
-    ResponseSurface,
     cli,
 )
 
@@ -45,18 +42,3 @@ def test_a_command_and_its_function_have_the_same_defaults_and_the_help_tells_th
     for option, name in options.items():
         assert given[option].default == known[name].default
         assert f"[default: {known[name].default}" in shown(command)
-
-
-def test_the_defaults_of_a_study_file_are_those_of_the_library() -> None:
-    """Every `key = value` of a kind that `identify --help` names, against what is built of it."""
-    text = shown("identify")
-    choices = {
-        "propagation": ResponseSurface(),
-        "gradient": GradientMultistart(),
-    }
-    for kind, choice in choices.items():
-        part = text[text.index(f"[{kind}]" if kind == "propagation" else f'"{kind}" (') :]
-        keys = re.findall(r"(\w+) = ([\d.e-]+)", part[: part.index(")")])
-        assert keys, kind
-        for key, value in keys:
-            assert float(value) == getattr(choice, key), f"{kind} {key}"

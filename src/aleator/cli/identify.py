@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,18 +30,12 @@ from aleator.cli.running import (
     shown,
 )
 from aleator.errors import AleatorError, short
-from aleator.inference.check import Check
-from aleator.laws import LogNormal
 from aleator.plot.identification import save_figures
 from aleator.report import terminal
 from aleator.results import documents, printed
 from aleator.results.schema import read_answer, read_ceiling
-from aleator.search import GradientMultistart
 from aleator.simulators import Budget
 from aleator.study import load_study
-from aleator.study.kinds import in_toml
-from aleator.study.sections import ExperimentsSection, StudyFile
-from aleator.surrogates import ResponseSurface
 from aleator.tasks.pictures import pictured
 
 REPORT = "report.html"
@@ -139,79 +132,7 @@ def report(folder: Path, other: Path | None) -> None:
     click.echo(f"Written: {short(path)}")
 
 
-def _defaults(choice: type, *names: str) -> str:
-    """The keys of some fields with their defaults, as a study file writes them."""
-    known = inspect.signature(choice).parameters
-    return ", ".join(f"{name} = {in_toml(known[name].default)}" for name in names)
-
-
-HELP = f"""Identify the law that STUDY.toml asks for.
-
-Prints a report and writes DIR/identification.json; for one seed that file is always the same,
-but for its "seconds". Writes DIR/report.html, a page of charts that needs no network, if Bokeh
-is installed. Draws DIR/experiments.png (what was measured beside what is predicted)
-and DIR/calibration.png if matplotlib is installed, and with measurement noise
-DIR/parameters.png. Progress goes to the standard error.
-
-Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
-known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
-same result. Every study in that folder reuses a run if simulator, conditions and parameters
-are equal. (Of a simulator that takes arrays, and is run at every node, none are kept.) Whether the
-simulator is the same is judged by the source of its package or folder: see `aleator runs --help`
-if anything else that matters has changed.
-
-\b
-A study file (paths are relative to it; all keys but these have defaults):
-  [experiments]
-  file = "experiments.csv"      # a header, then a row for each experiment
-  outcome = "shifting_time"     # the measured column; the others are conditions
-  [simulator]
-  function = "model.py:shifting_time"   # takes conditions and parameters by name
-  [parameters.friction]
-  law = "truncated_normal"
-  box = [0.05, 0.20]
-
-\b
-Further keys, with their defaults:
-  {_defaults(StudyFile, "title", "seed")}
-  [experiments] id = "id" (rows with the same id are one experiment), conditions = every
-                other column, transform = "none" or "log" (both outcomes, measured and
-                simulated, are then in the original unit),
-                {_defaults(ExperimentsSection, "delimiter", "decimal")};
-                outcomes = [...] for several, response = the column
-                that says which, censored = {{column, right, left, upper}} for bounds
-  [simulator]   vectorized = false: called once a run with numbers; true: with arrays.
-                Instead of function: command (a program) or fmu
-  [parameters.NAME] law = "truncated_normal", "beta" (box, mean, sd), "normal" (mean,
-                sd), "uniform" (box; or mean, sd), "gamma", "lognormal" (mean, sd,
-                {_defaults(LogNormal, "lower")}), "scipy" (distribution, args; mean, sd),
-                "mixture" (components, shares) or "constant" (value); mean, sd and
-                value each a number, or to be identified within {{lower = ...,
-                upper = ..., start = ..., prior = {{law = ...}}}}; mean and sd may
-                follow columns of the table: mean = "1 + temperature"
-  [correlation] a.b: of the parameters a and b, a number or {{lower = ..., upper = ...}}
-  [derived]     a = "b * load": parameters from others and from conditions
-  [noise]       sd: measurement noise, a number, {{lower = ..., upper = ...}} or a
-                column; relative; kind = "normal" or "student_t" (df);
-                [noise.RESPONSE] for each response
-  [propagation] method = "response_surface" (tolerance: as exact as the answer needs;
-                {_defaults(ResponseSurface, "max_runs")}, nodes, surfaces =
-                "none", "own" or "shared": left out, none if vectorized) or
-                "collocation" (nodes, moments = "quadrature" or "expansion", degree)
-  [density]     left out, or kind = "automatic": the exact likelihood, by level sets
-                without noise, by an integral over individual parameters with it.
-                Without noise one of moments may be chosen: "maximum_entropy"
-                (order), "gaussian" or "gaussian_mixture"
-  [search]      method = "gradient" ({_defaults(GradientMultistart, "starts", "evaluations")}),
-                "genetic", "differential_evolution" or "cmaes"
-  [verification] samples: runs of each row or series, at most, for the check on the
-                simulator, 0 for none. Left out: up to {Check().most} where surfaces stand
-                for it
-docs/study.md explains them all.
-"""
-
-
-@click.command(help=HELP)
+@click.command()
 @click.argument("study", type=FILE, metavar="STUDY.toml")
 @OUTPUT
 @SEED
@@ -253,7 +174,34 @@ def identify(
     details: bool,
     options: RunOptions,
 ) -> None:
-    """Identify the law that STUDY.toml asks for; `HELP` says how."""
+    """Identify the law that STUDY.toml asks for.
+
+    Prints a report and writes DIR/identification.json; for one seed that file is always the same,
+    but for its "seconds". Writes DIR/report.html, a page of charts that needs no network, if Bokeh
+    is installed. Draws DIR/experiments.png (what was measured beside what is predicted)
+    and DIR/calibration.png if matplotlib is installed, and with measurement noise
+    DIR/parameters.png. Progress goes to the standard error.
+
+    Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
+    known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
+    same result. Every study in that folder reuses a run if simulator, conditions and parameters
+    are equal. (Of a simulator that takes arrays, and is run at every node, none are kept.) Whether
+    the simulator is the same is judged by the source of its package or folder: see `aleator runs
+    --help` if anything else that matters has changed.
+
+    \b
+    A study file (paths are relative to it; all keys but these have defaults):
+      [experiments]
+      file = "experiments.csv"      # a header, then a row for each experiment
+      outcome = "shifting_time"     # the measured column; the others are conditions
+      [simulator]
+      function = "model.py:shifting_time"   # takes conditions and parameters by name
+      [parameters.friction]
+      law = "truncated_normal"
+      box = [0.05, 0.20]
+
+    docs/study.md explains all keys, and `aleator schema` tells them to an editor.
+    """
     folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     make_place(folder / IDENTIFICATION, study_file)
