@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
@@ -88,10 +88,8 @@ def number_of(cell: object, decimal: str) -> tuple[float, str]:
             return math.nan, "the cell is blank, a number is needed"
         try:
             # float() also takes 1_000, which is a slip of the pen in a table.
-            number = math.nan if "_" in text else float(text.replace(decimal, "."))
+            number = float(text.replace("_", "?").replace(decimal, "."))
         except ValueError:
-            return math.nan, f"'{short(text)}' is not a number"
-        if "_" in text:
             return math.nan, f"'{short(text)}' is not a number"
     if not math.isfinite(number):
         return math.nan, f"'{short(str(cell))}' is not a finite number"
@@ -222,46 +220,42 @@ class Table:
 
         Raises ExperimentsError with the place of the first cell that is not a finite number.
         """
-        cells = self.columns[column]
-        found = _at_once(cells, self.decimal)
-        if found is not None:
-            return found
-        numbers = np.empty(len(self.places))
-        for row, cell in enumerate(cells):
-            numbers[row], fault = number_of(cell, self.decimal)
-            if fault:
-                raise ExperimentsError(f"{self.where(row, column)}: {fault}", remedy(cell))
-        return numbers
+        return self._read(column, remedy, blank=False)[0]
 
     def numbers_or_blank(self, column: str) -> NDArray[np.float64]:
         """The N numbers of a column, float64 (N,), NaN where the cell holds nothing.
 
         Raises ExperimentsError as `numbers` does for every other cell.
         """
-        cells = self.columns[column]
-        found = _at_once(cells, self.decimal)
-        if found is not None:
-            return found
-        numbers = np.full(len(self.places), np.nan)
-        for row, cell in enumerate(cells):
-            if is_blank(cell):
-                continue
-            numbers[row], fault = number_of(cell, self.decimal)
-            if fault:
-                raise ExperimentsError(f"{self.where(row, column)}: {fault}", outcome_remedy(cell))
-        return numbers
+        return self._read(column, outcome_remedy)[0]
 
     def bounds(self, column: str) -> tuple[NDArray[np.float64], NDArray[np.int_]]:
         """The N numbers of a column and their signs: 1 for "> 20", -1 for "< 0.5", else 0.
 
         NaN where the cell holds nothing. Raises ExperimentsError for every other cell.
         """
-        cells = self.columns[column]
-        numbers, signs = np.full(len(self), np.nan), np.zeros(len(self), dtype=int)
+        return self._read(column, remedy, signed=True)
+
+    def _read(
+        self,
+        column: str,
+        remedy: Callable[[object], str],
+        *,
+        blank: bool = True,
+        signed: bool = False,
+    ) -> tuple[NDArray[np.float64], NDArray[np.int_]]:
+        cells, signs = self.columns[column], np.zeros(len(self), dtype=int)
+        found = _at_once(cells, self.decimal)
+        if found is not None:
+            return found, signs
+        numbers = np.full(len(self), np.nan)
         for row, cell in enumerate(cells):
-            if is_blank(cell):
+            if blank and is_blank(cell):
                 continue
-            numbers[row], signs[row], fault = bound_of(cell, self.decimal)
+            if signed:
+                numbers[row], signs[row], fault = bound_of(cell, self.decimal)
+            else:
+                numbers[row], fault = number_of(cell, self.decimal)
             if fault:
                 raise ExperimentsError(f"{self.where(row, column)}: {fault}", remedy(cell))
         return numbers, signs
