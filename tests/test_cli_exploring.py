@@ -53,7 +53,7 @@ def test_what_is_out_of_reach_idle_and_to_come_is_told(check_study: Path) -> Non
     assert result["runs"] == 5 * 13
     assert result["seconds_a_run"] > 0.0
     assert "65 runs: 13 points under 5 of 5" in done.stderr
-    assert "aleator identify check_study.toml" in done.stdout
+    assert "aleator identify study.toml" in done.stdout
     figure = check_figure(result)
     labels = [axes.get_xlabel() for axes in figure.axes if axes.get_visible()]
     assert labels == ["stiffness", "idle"]

@@ -204,7 +204,7 @@ def test_two_models_are_compared(studies: Path) -> None:
     ("arguments", "told"),
     [
         (("alike.toml",), "name two or more"),
-        (("alike.toml", "alike.toml"), "another study is compared 'alike' too"),
+        (("alike.toml", "alike.toml"), "another study is called 'alike' too"),
         (("differing.toml", "logged.toml"), "apart by the Jacobian"),
         (("alike.toml", "differing.toml", "--nested", "alike", "diferring"), "did you mean"),
     ],

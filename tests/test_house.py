@@ -77,7 +77,7 @@ def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
         "import numpy as np\n"
         "from aleator import simulators\n"
         "from . import gaussian\n"
-        "from ...laws.normal import Normal\n"
+        "from ...laws.marginals import Normal\n"
         "def late():\n"
         "    from aleator.clutch import bench\n"
     )

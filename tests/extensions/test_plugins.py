@@ -186,7 +186,7 @@ def test_an_observation_model_that_is_none_is_told_by_its_key(
 ) -> None:
     install("aleator.observations", "hollow", "builtins:object")
     text = FUNCTION + NORMAL + '[noise]\nkind = "hollow"\nsd = 0.1\n'
-    with pytest.raises(StudyError, match=r"'noise\.kind'.*reach"):
+    with pytest.raises(StudyError, match=r"'noise\.kind'.*cdf"):
         load_study(study([1.0, 2.0], text, ITSELF))
 
 
