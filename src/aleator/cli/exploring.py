@@ -11,8 +11,10 @@ from rich.console import Console
 from aleator.cli.running import (
     FILE,
     FOLDER,
+    NO_FIGURES,
     OUTPUT,
     SEED,
+    STUDY,
     RunOptions,
     Work,
     folder_of,
@@ -21,6 +23,7 @@ from aleator.cli.running import (
     makes_runs,
     running,
     units_in,
+    whole_number,
 )
 from aleator.errors import AleatorError, short
 from aleator.plot.first_look import save_check
@@ -41,7 +44,7 @@ from aleator.tasks.wanted import Predicted, require_free
 
 
 @click.command()
-@click.argument("study", type=FILE, metavar="STUDY.toml")
+@STUDY
 @click.option(
     "--output",
     type=FOLDER,
@@ -80,11 +83,11 @@ def box(
 
 
 @click.command()
-@click.argument("study", type=FILE, metavar="STUDY.toml")
+@STUDY
 @OUTPUT
 @SEED
 @makes_runs
-@click.option("--no-figures", is_flag=True, help="Draw no figure.")
+@NO_FIGURES
 def check(
     study: Path,
     output: Path | None,
@@ -129,7 +132,7 @@ def check(
 
 
 @click.command()
-@click.argument("study", type=FILE, metavar="STUDY.toml")
+@STUDY
 @OUTPUT
 @SEED
 @click.option(
@@ -144,7 +147,7 @@ def check(
     help="Only these experiments [default: all].",
 )
 @makes_runs
-@click.option("--no-figures", is_flag=True, help="Draw no figure.")
+@NO_FIGURES
 def sensitivity(
     study: Path,
     output: Path | None,
@@ -186,7 +189,7 @@ def sensitivity(
 
 
 @click.command()
-@click.argument("study", type=FILE, metavar="STUDY.toml")
+@STUDY
 @click.option(
     "--candidates",
     type=FILE,
@@ -194,13 +197,7 @@ def sensitivity(
     metavar="NEW.csv",
     help="Table of experiments that could be made, written as the study's is, without outcomes.",
 )
-@click.option(
-    "--count",
-    type=click.IntRange(min=1),
-    default=5,
-    show_default=True,
-    help="Number of experiments to choose.",
-)
+@whole_number("--count", 5, "Number of experiments to choose.")
 @click.option(
     "--for",
     "about",
@@ -217,19 +214,11 @@ def sensitivity(
 @click.option("--quantile", type=float, help="The quantile that is predicted [default: 0.95].")
 @click.option("--above", type=float, help="The limit whose probability above is predicted.")
 @click.option("--below", type=float, help="The limit whose probability below is predicted.")
-@click.option(
-    "--repeat",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="How often a candidate may be chosen.",
-)
-@click.option(
+@whole_number("--repeat", 1, "How often a candidate may be chosen.")
+@whole_number(
     "--laws",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Plan for the mean over so many laws that the experiments leave possible; 1: for the "
+    1,
+    "Plan for the mean over so many laws that the experiments leave possible; 1: for the "
     "identified one.",
 )
 @click.option("--output", type=FOLDER, metavar="DIR", help="Write DIR/next.json and DIR/next.csv.")

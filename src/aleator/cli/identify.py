@@ -11,10 +11,11 @@ import click
 from rich.console import Console
 
 from aleator.cli.running import (
-    FILE,
     FOLDER,
+    NO_VERIFY,
     OUTPUT,
     SEED,
+    STUDY,
     RunOptions,
     can_draw,
     can_report,
@@ -133,7 +134,7 @@ def report(folder: Path, other: Path | None) -> None:
 
 
 @click.command()
-@click.argument("study", type=FILE, metavar="STUDY.toml")
+@STUDY
 @OUTPUT
 @SEED
 @click.option(
@@ -141,7 +142,7 @@ def report(folder: Path, other: Path | None) -> None:
     type=click.IntRange(min=1),
     help="Starts of the gradient search [default: the study's].",
 )
-@click.option("--no-verify", is_flag=True, help="Leave out the check on the simulator.")
+@NO_VERIFY
 @makes_runs
 @click.option(
     "--max-runs",

@@ -12,9 +12,12 @@ from rich.console import Console
 from aleator.cli.running import (
     FILE,
     FOLDER,
+    NO_FIGURES,
+    NO_VERIFY,
     OUTPUT,
     RESULT,
     SEED,
+    STUDY,
     RunOptions,
     Work,
     can_draw,
@@ -26,6 +29,7 @@ from aleator.cli.running import (
     running,
     show_answer,
     shown,
+    whole_number,
 )
 from aleator.errors import AleatorError, nearest, short
 from aleator.inference.chains import SAMPLER, installed
@@ -52,14 +56,8 @@ from aleator.tasks.recover import recover as recover_law
 
 
 @click.command()
-@click.argument("study", type=FILE, metavar="STUDY.toml")
-@click.option(
-    "--replicates",
-    type=click.IntRange(min=2),
-    default=200,
-    show_default=True,
-    help="Number of data sets.",
-)
+@STUDY
+@whole_number("--replicates", 200, "Number of data sets.", least=2)
 @click.option(
     "--parametric/--experiments",
     default=True,
@@ -105,19 +103,18 @@ def bootstrap(
 
 
 @click.command()
-@click.argument("study", type=FILE, metavar="STUDY.toml")
+@STUDY
 @OUTPUT
-@click.option(
+@whole_number(
     "--replicates",
-    type=click.IntRange(min=0),
-    default=99,
-    show_default=True,
-    help="Data sets drawn from the identified law, at most; 0 for no p value.",
+    99,
+    "Data sets drawn from the identified law, at most; 0 for no p value.",
+    least=0,
 )
-@click.option("--no-verify", is_flag=True, help="Leave out the check on the simulator.")
+@NO_VERIFY
 @SEED
 @makes_runs
-@click.option("--no-figures", is_flag=True, help="Draw no figure.")
+@NO_FIGURES
 def ceiling(
     study: Path,
     output: Path | None,
@@ -178,9 +175,9 @@ def ceiling(
     help="Folder of compare.json and compare.png [default: out/compare].",
 )
 @SEED
-@click.option("--no-verify", is_flag=True, help="Leave out the check on the simulator.")
+@NO_VERIFY
 @makes_runs
-@click.option("--no-figures", is_flag=True, help="Draw no figure.")
+@NO_FIGURES
 def compare(
     studies: tuple[Path, ...],
     nested: tuple[tuple[str, str], ...],
@@ -236,17 +233,9 @@ def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[
 
 
 @click.command()
-@click.argument("study", type=FILE, metavar="STUDY.toml")
-@click.option(
-    "--draws",
-    type=click.IntRange(min=10),
-    default=1000,
-    show_default=True,
-    help="Draws of each chain.",
-)
-@click.option(
-    "--chains", type=click.IntRange(min=2), default=4, show_default=True, help="Number of chains."
-)
+@STUDY
+@whole_number("--draws", 1000, "Draws of each chain.", least=10)
+@whole_number("--chains", 4, "Number of chains.", least=2)
 @SEED
 @OUTPUT
 @makes_runs
@@ -293,14 +282,8 @@ def posterior(
 
 
 @click.command()
-@click.argument("study", type=FILE, metavar="STUDY.toml")
-@click.option(
-    "--replicates",
-    type=click.IntRange(min=2),
-    default=40,
-    show_default=True,
-    help="Number of virtual data sets.",
-)
+@STUDY
+@whole_number("--replicates", 40, "Number of virtual data sets.", least=2)
 @click.option(
     "--output",
     type=FOLDER,

@@ -100,6 +100,9 @@ RESULT = _Placed(path_type=Path, dir_okay=False)
 """A file, there or not."""
 FOLDER = _Placed(path_type=Path, file_okay=False)
 """A folder, there or not."""
+STUDY = click.argument("study", type=FILE, metavar="STUDY.toml")
+NO_FIGURES = click.option("--no-figures", is_flag=True, help="Draw no figure.")
+NO_VERIFY = click.option("--no-verify", is_flag=True, help="Leave out the check on the simulator.")
 SEED = click.option(
     "--seed", type=click.IntRange(min=0), help="Seed of everything random [default: the study's]."
 )
@@ -110,6 +113,12 @@ OUTPUT = click.option(
     help="Folder of the results [default: out/ and the name of the study's folder].",
 )
 """Where a command of one study writes; `folder_of` says where that is."""
+
+
+def whole_number(name: str, default: int, help: str, least: int = 1) -> Callable[..., Any]:
+    """An option that is a whole number, `least` or more."""
+    kind = click.IntRange(min=least)
+    return click.option(name, type=kind, default=default, show_default=True, help=help)
 
 
 @dataclass(frozen=True)
