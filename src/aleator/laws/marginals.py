@@ -53,13 +53,17 @@ class Shapes:
     narrowest: share of its upper limit that stands for a gamma's or a beta's sd of zero, where
     quantiles keep their digits. widest: largest sd of a beta over that of a law with all its mass
     on the two ends. lognormal_variation, gamma_variation: sd over distance from the end that a box
-    takes account of (of a gamma shape 0.2).
+    takes account of (of a gamma shape 0.2). beta_margin, beta_sd: limits of a beta that has none:
+    of the mean, over the width of the box from its ends; of the sd, over the width and over the
+    largest, and over the largest (by judgement).
     """
 
     narrowest: float = 1e-3
     widest: float = 0.99
     lognormal_variation: float = 1.0
     gamma_variation: float = 5.0**0.5
+    beta_margin: float = 0.1
+    beta_sd: tuple[float, float, float] = (1e-3, 0.1, 0.95)
 
 
 SHAPES = Shapes()
@@ -535,14 +539,16 @@ class Beta(ByMeanAndSd):
         """`mean` and `sd` of the law."""
         lower, upper = self.box
         width = upper - lower
-        mean = resolve("mean", self.mean, (lower + 0.1 * width, upper - 0.1 * width))
+        margin = SHAPES.beta_margin * width
+        mean = resolve("mean", self.mean, (lower + margin, upper - margin))
         if not lower < mean.lower <= mean.upper < upper:
             raise InputsError(
                 f"mean: {mean.lower} to {mean.upper} is not inside the box ({lower}, {upper})",
                 "a beta law has its mean strictly inside its box",
             )
         widest = min(math.sqrt((m - lower) * (upper - m)) for m in (mean.lower, mean.upper))
-        limits = (min(1e-3 * width, 0.1 * widest), 0.95 * widest)
+        low, low_share, high_share = SHAPES.beta_sd
+        limits = (min(low * width, low_share * widest), high_share * widest)
         sd = resolve("sd", self.sd, limits, positive=True, least=SHAPES.narrowest)
         if sd.upper > SHAPES.widest * widest:
             raise InputsError(

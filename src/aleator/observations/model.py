@@ -12,6 +12,7 @@ from scipy import special
 
 from aleator.errors import InputsError
 from aleator.laws import Free, Hyperparameter, Specification, resolve
+from aleator.laws.law import difference
 from aleator.types import Array, Flags
 
 
@@ -386,7 +387,10 @@ class StudentError:
             found = np.asarray(0.5 * _twice_by_df(df, a * a))
             apart = a != b
             if np.any(apart):
-                found[apart] = _difference(df, a[apart], b[apart])
+                ends = a[apart], b[apart]
+                found[apart] = difference(
+                    lambda at: _log_between(float(at), *ends), df, NUMERICS.step * df
+                )
         return (found,)
 
     def cdf(self, y: Array, eta: Array, scale: Array) -> Array:
@@ -434,9 +438,3 @@ def _log_between(df: float, a: Array, b: Array) -> Array:
     far = _log_density(df, a * a) - np.log((df + 1.0) * a / (df + a * a))
     value = np.where(np.isneginf(value), far, value)
     return np.where(b - a < NUMERICS.narrow, flat, value)
-
-
-def _difference(df: float, a: Array, b: Array) -> Array:
-    h = NUMERICS.step * df
-    one, two = (_log_between(df + k * h, a, b) - _log_between(df - k * h, a, b) for k in (1.0, 2.0))
-    return (8.0 * one - two) / (12.0 * h)

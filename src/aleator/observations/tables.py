@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 
 _MISSING_TYPES = ("NoneType", "NAType", "NaTType")
+"""None, and what pandas puts where there is nothing."""
 
 
 def real_numbers(values: Any) -> Array:
@@ -75,7 +76,6 @@ UNMEASURED = (
     "censored; delete the row only if nothing was measured"
 )
 """What to do about an outcome that is none."""
-_MISSING = ("NAType", "NaTType")  # what pandas puts where there is nothing
 
 
 def number_of(cell: object, decimal: str) -> tuple[float, str]:
@@ -117,8 +117,7 @@ def is_blank(cell: object) -> bool:
 
 def text_of(cell: object) -> str:
     """A cell as stripped text; whatever pandas calls missing is blank."""
-    missing = cell is None or type(cell).__name__ in _MISSING
-    return "" if missing else str(cell).strip()
+    return "" if type(cell).__name__ in _MISSING_TYPES else str(cell).strip()
 
 
 def short(text: str) -> str:
