@@ -115,13 +115,6 @@ def test_the_same_seed_gives_the_same_file_but_for_the_seconds(study: Path) -> N
 
 
 @pytest.mark.usefixtures("unjudged_commands")
-def test_starts_can_be_chosen(study: Path) -> None:
-    run("identify", study, "--starts", 1, "--no-verify", "--output", "one")
-    document = json.loads(Path("one/identification.json").read_text())
-    assert document["search"]["starts"] == 1
-
-
-@pytest.mark.usefixtures("unjudged_commands")
 def test_completed_runs_survive_and_are_taken_up(study: Path) -> None:
     model, counter = study.with_name("model.py"), Path("count.txt")
     model.write_text(
@@ -156,29 +149,6 @@ def test_completed_runs_survive_and_are_taken_up(study: Path) -> None:
     del one["seconds"], two["seconds"]
     assert one == two
     assert whole.exit_code == 0
-
-
-@pytest.mark.usefixtures("unjudged_commands")
-def test_runs_of_a_simulator_that_has_changed_are_not_taken(study: Path) -> None:
-    run("identify", study, "--no-figures", "--output", "result", "--no-verify")
-    again = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
-    assert "runs of this simulator; none is repeated" in again.stderr
-    study.with_name("model.py").write_text(MODEL.replace("load *", "1.0 * load *"))
-    changed = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
-    assert "none is repeated" not in changed.stderr
-    assert "runs of 'length' with other files or settings" in changed.stderr
-
-
-@pytest.mark.usefixtures("unjudged_commands")
-def test_a_version_keeps_runs_valid_whatever_happens_to_the_source(study: Path) -> None:
-    study.write_text(STUDY.replace("[simulator]", '[simulator]\nversion = "A"'))
-    run("identify", study, "--no-figures", "--output", "result", "--no-verify")
-    study.with_name("model.py").write_text(MODEL.replace("load *", "1.0 * load *"))
-    again = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
-    assert "none is repeated" in again.stderr
-    study.write_text(STUDY.replace("[simulator]", '[simulator]\nversion = "B"'))
-    changed = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
-    assert "none is repeated" not in changed.stderr
 
 
 @pytest.mark.usefixtures("unjudged_commands")
