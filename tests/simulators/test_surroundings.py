@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 import aleator
-from aleator.cli.program import misuse_told
+from aleator.cli.program import misuse_as_message
 from aleator.errors import SimulatorError, SurroundingsError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, ProcessPool, RunFailed, Runner, Store
@@ -232,7 +232,7 @@ def test_a_command_tells_it_in_one_message(error: Exception, words: str) -> None
     @click.command()
     @click.pass_context
     def failing(context: click.Context) -> None:
-        with misuse_told(context):
+        with misuse_as_message(context):
             raise error
 
     done = CliRunner().invoke(failing)

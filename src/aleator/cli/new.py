@@ -47,13 +47,13 @@ def at_terminal() -> bool:
 
 @dataclass(frozen=True)
 class Questions:
-    """`asked` or answered by their defaults."""
+    """`interactive`, or answered by their defaults."""
 
-    asked: bool
+    interactive: bool
 
     def text(self, question: str, default: str | None, missing: AleatorError) -> str:
         """A text; raises `missing` where there is no default and nobody to ask."""
-        if self.asked:
+        if self.interactive:
             return str(click.prompt(question, default=default, err=True)).strip()
         if default is None:
             raise missing
@@ -63,14 +63,14 @@ class Questions:
         self, question: str, known: Sequence[str], default: str | None, missing: AleatorError
     ) -> str:
         """One of the known names; asked again until it is."""
-        if not self.asked:
+        if not self.interactive:
             return self.text(question, default, missing)
         choice = click.Choice([*known])
         return str(click.prompt(question, default=default, type=choice, err=True))
 
     def names(self, question: str, known: Sequence[str], default: Sequence[str]) -> list[str]:
         """Some of the known names, separated by commas."""
-        if not self.asked:
+        if not self.interactive:
             return [*default]
 
         def read(answer: str) -> list[str]:
@@ -87,7 +87,7 @@ class Questions:
         self, question: str, default: tuple[float, float] | None
     ) -> tuple[float, float] | None:
         """Two numbers; None where nothing is known and nothing is said."""
-        if not self.asked:
+        if not self.interactive:
             return default
         shown = "" if default is None else f"{default[0]:g} {default[1]:g}"
         found: tuple[float, float] | None = click.prompt(
@@ -97,7 +97,7 @@ class Questions:
 
     def number(self, question: str) -> float | None:
         """A number; None where nobody knows it."""
-        if not self.asked:
+        if not self.interactive:
             return None
         found: float | None = click.prompt(
             question, default="", value_proc=_number, err=True, show_default=False
@@ -106,7 +106,7 @@ class Questions:
 
     def agreed(self, question: str) -> bool:
         """Whether the user says yes; no where nobody is asked."""
-        return self.asked and click.confirm(question, default=False, err=True)
+        return self.interactive and click.confirm(question, default=False, err=True)
 
 
 def _limits(answer: str) -> tuple[float, float] | None:
@@ -140,7 +140,7 @@ class StudyQuestions:
         if given is not None:
             sheet.table.require(given, "the id")
         known = [name for name in (roles.id, *roles.others) if name]
-        if given is not None or not self.questions.asked or not known:
+        if given is not None or not self.questions.interactive or not known:
             return given or roles.id
         nothing = "none"
         answer = self.questions.one_of(
@@ -196,7 +196,7 @@ def chosen_outcomes(
     if told:
         return told
     found, possible = outcome_of(sheet, offer)
-    if not asked.questions.asked:
+    if not asked.questions.interactive:
         return (require_outcome(found, possible),)
     known = possible or sheet.names
     return (asked.questions.one_of("Measured column", known, found, AleatorError("")),)
@@ -214,7 +214,7 @@ def chosen_parameters(
 
     Raises AleatorError for limits that are none.
     """
-    if given or not asked.questions.asked:
+    if given or not asked.questions.interactive:
         called = {variable: name for name, variable in offer.variables.items()}
         return {called.get(name, name): value for name, value in map(_parameter, given)}
     laws, others = parameters_of(offer, roles, most, {})

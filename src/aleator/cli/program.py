@@ -69,7 +69,7 @@ Exit codes: 0 done, 1 a defect, 2 mend the input, 130 Ctrl-C, 143 SIGTERM
 
 
 @contextmanager
-def misuse_told(ctx: click.Context) -> Iterator[None]:
+def misuse_as_message(ctx: click.Context) -> Iterator[None]:
     """Misuse, and what the machine refuses, is one message and exit code 2, Ctrl-C is 130.
 
     SIGTERM is 143. A defect keeps its traceback.
@@ -139,7 +139,7 @@ class _Commands(click.Group):
             faulthandler.enable()  # a crash of compiled code is not silent
         with suppress(OSError):  # it was removed
             ctx.obj = os.getcwd()
-        with misuse_told(ctx):
+        with misuse_as_message(ctx):
             return super().invoke(ctx)
 
 

@@ -386,7 +386,7 @@ def _require_independent(design: DesignMatrix, bounds: FormulaBounds = FormulaBo
 class CoefficientPlaces:
     """A hyperparameter of a law, and where in alpha it is: one place, or its coefficients."""
 
-    own: Hyperparameter
+    hyperparameter: Hyperparameter
     places: slice
     design: DesignMatrix | None
 
@@ -395,7 +395,7 @@ class CoefficientPlaces:
         if self.design is None:
             return np.asarray(alpha[self.places.start])
         linear = self.design.matrix[experiments] @ alpha[self.places]
-        return np.asarray(np.clip(linear, self.own.lower, self.own.upper))
+        return np.asarray(np.clip(linear, self.hyperparameter.lower, self.hyperparameter.upper))
 
     def score(self, alpha: Array, by_value: Array, experiments: slice) -> Array:
         """Derivatives (B, p) by its part of alpha from those by its value (B,)."""
@@ -403,7 +403,7 @@ class CoefficientPlaces:
             return by_value[:, None]
         columns = self.design.matrix[experiments]
         linear = columns @ alpha[self.places]
-        inside = (linear >= self.own.lower) & (linear <= self.own.upper)
+        inside = (linear >= self.hyperparameter.lower) & (linear <= self.hyperparameter.upper)
         return np.asarray(np.where(inside, by_value, 0.0)[:, None] * columns)
 
 
@@ -449,7 +449,7 @@ class CovariateModel:
         count = len(range(*experiments.indices(self.count)))
         return np.stack([np.broadcast_to(value, count) for value in found])[:, :, None]
 
-    def about(self, wanted: Array) -> Array:
+    def coefficients_for(self, wanted: Array) -> Array:
         """The alpha whose values (H,) are nearest to the wanted ones in all experiments."""
         found = np.array([h.start for h in self.hyperparameters])
         for entry, value in zip(self.entries, wanted, strict=True):
@@ -476,9 +476,11 @@ class CovariateModel:
         for entry in self.entries:
             if entry.design is not None:
                 linear = entry.design.matrix @ alpha[entry.places]
-                outside = (linear < entry.own.lower) | (linear > entry.own.upper)
+                outside = (linear < entry.hyperparameter.lower) | (
+                    linear > entry.hyperparameter.upper
+                )
                 if outside.any():
-                    found[entry.own.name] = np.flatnonzero(outside)
+                    found[entry.hyperparameter.name] = np.flatnonzero(outside)
         return found
 
 

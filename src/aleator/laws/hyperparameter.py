@@ -280,12 +280,12 @@ class PriorSteps:
 
     step: over a quarter of the width of the central half of the prior, and over the distance to an
     end where the density vanishes or is infinite. wider: step of the curvature over that of the
-    slope. held: share of a prior that its hyperparameter's limits must hold.
+    slope. share: of a prior that its hyperparameter's limits must hold.
     """
 
     step: float = 1e-3
     wider: float = 10.0
-    held: float = 1e-3
+    share: float = 1e-3
 
 
 STEPS = PriorSteps()
@@ -341,7 +341,7 @@ class Prior:
                     f"move the {end} limit to where the prior has one",
                 )
         held = _held(law, values, lower, upper)
-        if held < STEPS.held:
+        if held < STEPS.share:
             raise InputsError(
                 f"{name}: the limits [{lower:g}, {upper:g}] hold {held:.2g} of the prior",
                 "move the limits to where the prior is, or mend the prior",

@@ -336,7 +336,7 @@ class Inputs:
         wanted = [law.filling(value) for law, value in zip(self.laws.values(), x, strict=True)]
         own = np.concatenate(wanted)
         model = self.covariate_model
-        alpha[: self.partials.start] = own if model is None else model.about(own)
+        alpha[: self.partials.start] = own if model is None else model.coefficients_for(own)
         return alpha
 
     def filling(self, region: Array, widths: float) -> Array:

@@ -21,7 +21,7 @@ from aleator.observations.model import (
     is_shaped,
     observed,
 )
-from aleator.observations.responses import Observations, require_known
+from aleator.observations.responses import Observations, require_responses
 from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ class Noise:
         return tuple(h.named("noise") for h in (*found, *self.shapes))
 
 
-def known_sds(
+def sds_of_column(
     noise: Noise, response: str, experiments: Experiments | Conditions, rows: Indices
 ) -> Array | None:
     """The sds (m, 1) of the observations in these rows (m,); None where the noise has no column.
@@ -168,7 +168,7 @@ class ResponseErrors:
     """The m observations of one response, and their noise.
 
     `rows` (m,) are their positions among all observations, in order; `lower` and `upper` (m, 1)
-    their ends; `known` (m, 1) the sds of a column. `values` are those of `noise.hyperparameters`
+    their ends; `sds` (m, 1) those of a column. `values` are those of `noise.hyperparameters`
     everywhere here, and `own` a slice of the m observations whose simulated values eta are (k, J).
     """
 
@@ -176,7 +176,7 @@ class ResponseErrors:
     rows: Indices
     lower: Array
     upper: Array
-    known: Array | None = None
+    sds: Array | None = None
 
     def scale(self, values: Sequence[float], eta: Array, own: slice) -> ErrorScale:
         """The scale of the errors, () or (k, 1) or (k, J)."""
@@ -256,8 +256,8 @@ class ResponseErrors:
         return len(self.noise.hyperparameters) - len(self.noise.shapes)
 
     def _sd(self, values: Sequence[float], own: slice) -> Array:
-        if self.known is not None:
-            return self.known[own]
+        if self.sds is not None:
+            return self.sds[own]
         return np.asarray(values[0] if self._free_sd else 0.0)
 
 
@@ -327,7 +327,7 @@ class MeasurementErrors:
         for k, name in enumerate(seen.names):
             rows = np.flatnonzero(seen.response == k)
             lower, upper = seen.lower[rows, None], seen.upper[rows, None]
-            known = known_sds(noises[name], name, experiments, seen.row[rows])
+            known = sds_of_column(noises[name], name, experiments, seen.row[rows])
             parts.append(ResponseErrors(noises[name], rows, lower, upper, known))
         return cls(tuple(parts), seen.names)
 
@@ -483,7 +483,7 @@ def _each(noise: Noise | Mapping[str, Noise], names: tuple[str, ...]) -> Mapping
                 f"[noise.{names[0]}] and so on",
             )
         return {names[0]: noise}
-    require_known(noise, names, "noise")
+    require_responses(noise, names, "noise")
     for name in names:
         if name not in noise:
             raise ExperimentsError(

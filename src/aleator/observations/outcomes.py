@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aleator.errors import ExperimentsError, nearest
-from aleator.observations.responses import Observations, Response, require_known, responses_of
+from aleator.observations.responses import Observations, Response, require_responses, responses_of
 from aleator.observations.tables import UNMEASURED, Table
 from aleator.types import Array, Flags, Indices
 
@@ -246,7 +246,7 @@ class OutcomeColumns:
         rows = self._long(table) if self.response else dict.fromkeys(self.columns, None)
         responses = responses_of([*rows], self.transform)
         if isinstance(self.censored, Mapping):
-            require_known(self.censored, [*rows], "censored")
+            require_responses(self.censored, [*rows], "censored")
         every = np.arange(len(table))
         found = [self._values(table, r, every if of is None else of) for r, of in rows.items()]
         self._require_values(table, found)

@@ -80,7 +80,7 @@ def responses_of(
     """
     if isinstance(transform, str):
         return tuple(Response(name, Transform.named(transform)) for name in names)
-    require_known(transform, names, "transform")
+    require_responses(transform, names, "transform")
     return tuple(
         Response(name, Transform.named(transform.get(name, Transform.NONE))) for name in names
     )
@@ -92,7 +92,7 @@ def common_transform(responses: Sequence[Response]) -> Transform:
     return found.pop() if len(found) == 1 else Transform.NONE
 
 
-def require_known(keys: Mapping[str, object], names: Sequence[str], what: str) -> None:
+def require_responses(keys: Mapping[str, object], names: Sequence[str], what: str) -> None:
     """Raise ExperimentsError where a key names no response; `what` says what the keys are of."""
     for key in keys:
         if key not in names:

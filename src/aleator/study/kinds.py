@@ -274,14 +274,14 @@ class Kinds(Generic[T]):
 
     group: str
     key: str
-    known: Mapping[str, Callable[..., T] | str]
+    built_in: Mapping[str, Callable[..., T] | str]
     default: str = ""
     common: type[Section] = Section
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of all kinds; those of plug-ins come last."""
-        return (*self.known, *sorted({*entry_points(group=self.group).names} - {*self.known}))
+        return (*self.built_in, *sorted({*entry_points(group=self.group).names} - {*self.built_in}))
 
     def read(self, value: Any) -> ChosenKind[T]:
         """The kind that a table chooses, with its keys checked.
@@ -312,9 +312,11 @@ class Kinds(Generic[T]):
         if self.key:
             kind = value.get(self.key, self.default)
             if not kind:
-                raise missing(self.key, f'say which it is: {self.key} = "{next(iter(self.known))}"')
+                raise missing(
+                    self.key, f'say which it is: {self.key} = "{next(iter(self.built_in))}"'
+                )
             return str(kind)
-        chosen = [kind for kind in self.known if kind in value] or [
+        chosen = [kind for kind in self.built_in if kind in value] or [
             kind for kind in self.names if kind in value
         ]
         if len(chosen) == 1:
@@ -329,8 +331,8 @@ class Kinds(Generic[T]):
 
     def _maker(self, kind: str) -> tuple[Callable[..., T], str]:
         """The maker of a kind, and the plug-in that it is of."""
-        if kind in self.known:
-            return _imported(self.known[kind]), ""
+        if kind in self.built_in:
+            return _imported(self.built_in[kind]), ""
         found = [*entry_points(group=self.group, name=kind)]
         if not found:
             raise unknown(self.key, kind, self.names, self.group)
@@ -358,7 +360,7 @@ class Kinds(Generic[T]):
         """Raise where a key belongs to another kind that comes along."""
         if key in section.model_fields:
             return
-        for other, maker in self.known.items():
+        for other, maker in self.built_in.items():
             if key in _section(_imported(maker), self.key, self.common).model_fields:
                 here = f'{self.key} = "{kind}"' if self.key else kind
                 there = f'{self.key} = "{other}"' if self.key else other

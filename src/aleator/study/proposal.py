@@ -34,7 +34,7 @@ class ProposalRules:
 
     factor: the box of a parameter reaches from its nominal value over this to this many times it.
     experiments: for each law, half as many where they have several rows; most: laws at most.
-    alike: similarity from where on a name is taken for a slip of another. some, many: decades of an
+    alike: similarity from where on a name is taken for a slip of another. spans, log: decades of an
     outcome whose logarithm may be the outcome, and whose logarithm is proposed. noise: its limits
     over the standard deviation of all measured values: where no parameter scatters the noise is all
     of it, and its interval reaches beyond. assumed: the same share as a noise that must be known.
@@ -44,8 +44,8 @@ class ProposalRules:
     experiments: int = 10
     most: int = 3
     alike: float = 0.8
-    some: float = 2.0
-    many: float = 3.0
+    spans: float = 2.0
+    log: float = 3.0
     noise: tuple[float, float] = (1e-3, 2.0)
     assumed: float = 0.01
 
@@ -274,7 +274,7 @@ def proposed(
     most = laws_for(experiments, len(sheet.table))
     parameters, untouched = parameters_of(offer, roles, most, chosen)
     decades = {name: decades_of(sheet.table, name) for name in outcomes}
-    log = len(decades) == 1 and decades[outcomes[0]] >= RULES.many and not roles.errors
+    log = len(decades) == 1 and decades[outcomes[0]] >= RULES.log and not roles.errors
     spread = {name: spread_of(sheet.table, name, log=log) for name in outcomes}
     spread = {name: one for name, one in spread.items() if math.isfinite(one) and one > 0.0}
     bounds = {name: censoring_of(sheet.table, name, roles.others) for name in outcomes}
@@ -291,7 +291,7 @@ def proposed(
         noise = {outcomes[0]: roles.errors[0]}
     return Proposal(
         title, file, sheet, tuple(outcomes), id, roles, experiments, offer, parameters, untouched,
-        noise, tuple(n for n in outcomes if decades[n] >= RULES.some), log,
+        noise, tuple(n for n in outcomes if decades[n] >= RULES.spans), log,
         _units(sheet.table, roles, outcomes, parameters),
         _unlike(sheet, offer, roles, (*outcomes, id)),
         censored, covariates_in(sheet.table, left, id), within,
