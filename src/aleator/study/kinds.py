@@ -62,9 +62,9 @@ class Section(BaseModel):
                 )
         return value
 
-    def stated(self, *leave_out: str) -> dict[str, Any]:
+    def stated(self) -> dict[str, Any]:
         """The keys that the file gives; the library's defaults stand for the others."""
-        return {key: getattr(self, key) for key in self.model_fields_set if key not in leave_out}
+        return {key: getattr(self, key) for key in self.model_fields_set}
 
 
 def _law(value: Any) -> Any:
