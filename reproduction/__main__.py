@@ -8,7 +8,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from aleator.cli.program import misuse_told
+from aleator.cli.program import misuse_as_message
 from aleator.cli.running import can_draw, shown
 from reproduction.context import Context
 from reproduction.document import counts
@@ -49,7 +49,7 @@ def main(
     ctx: click.Context, figures: tuple[str, ...], output: Path, seed: int, quiet: bool
 ) -> None:
     """Compute the figures of the paper."""
-    with misuse_told(ctx):
+    with misuse_as_message(ctx):
         wanted = chosen(figures)
         can_draw()
         with shown(quiet) as progress:

@@ -47,9 +47,10 @@ def at_terminal() -> bool:
 
 @dataclass(frozen=True)
 class Questions:
-    """`interactive`, or answered by their defaults."""
+    """`interactive`, or answered by their defaults; `folder` is that of the study file."""
 
     interactive: bool
+    folder: Path
 
     def text(self, question: str, default: str | None, missing: AleatorError) -> str:
         """A text; raises `missing` where there is no default and nobody to ask."""
@@ -128,29 +129,22 @@ def _number(answer: str) -> float | None:
         raise click.BadParameter("write a number, or nothing") from None
 
 
-@dataclass(frozen=True)
-class StudyQuestions:
-    """How the user is asked, and the folder that the study file will be in."""
-
-    questions: Questions
-    folder: Path
-
-    def id(self, sheet: Sheet, roles: Roles, given: str | None) -> str | None:
-        """The column that names the experiments, or None."""
-        if given is not None:
-            sheet.table.require(given, "the id")
-        known = [name for name in (roles.id, *roles.others) if name]
-        if given is not None or not self.questions.interactive or not known:
-            return given or roles.id
-        nothing = "none"
-        answer = self.questions.one_of(
-            "Rows of one experiment share which column", [nothing, *dict.fromkeys(known)],
-            roles.id or nothing, AleatorError(""),
-        )  # fmt: skip
-        return None if answer == nothing else answer
+def chosen_id(asked: Questions, sheet: Sheet, roles: Roles, given: str | None) -> str | None:
+    """The column that names the experiments, or None."""
+    if given is not None:
+        sheet.table.require(given, "the id")
+    columns = [name for name in (roles.id, *roles.others) if name]
+    if given is not None or not asked.interactive or not columns:
+        return given or roles.id
+    nothing = "none"
+    answer = asked.one_of(
+        "Rows of one experiment share which column", [nothing, *dict.fromkeys(columns)],
+        roles.id or nothing, AleatorError(""),
+    )  # fmt: skip
+    return None if answer == nothing else answer
 
 
-def chosen_table(asked: StudyQuestions, given: Path | None) -> Path:
+def chosen_table(asked: Questions, given: Path | None) -> Path:
     """The table, by default the only CSV file of the current folder."""
     if given is not None:
         return given
@@ -158,11 +152,11 @@ def chosen_table(asked: StudyQuestions, given: Path | None) -> Path:
     missing = AleatorError(
         "nothing says which table is meant", "aleator new TABLE.csv: name the file of measurements"
     )
-    return Path(asked.questions.text("Table of experiments (CSV)", found, missing))
+    return Path(asked.text("Table of experiments (CSV)", found, missing))
 
 
 def chosen_offer(
-    asked: StudyQuestions, function: str | None, fmu: Path | None, command: str | None
+    asked: Questions, function: str | None, fmu: Path | None, command: str | None
 ) -> Offer:
     """The simulator, by default the only function of the only Python file here, or the only FMU."""
     given = {"--function": function, "--fmu": fmu, "--command": command}
@@ -176,7 +170,7 @@ def chosen_offer(
             "nothing says what the simulator is",
             "--function FILE.py:NAME, --fmu FILE.fmu or --command '...'",
         )
-        answer = asked.questions.text(
+        answer = asked.text(
             "Simulator (FILE.py:NAME, FILE.fmu, or a command with {names})", _likely(), missing
         )
         fmu = Path(answer) if answer.endswith(".fmu") else None
@@ -189,21 +183,21 @@ def chosen_offer(
 
 
 def chosen_outcomes(
-    asked: StudyQuestions, sheet: Sheet, offer: Offer, given: Sequence[str]
+    asked: Questions, sheet: Sheet, offer: Offer, given: Sequence[str]
 ) -> tuple[str, ...]:
     """The measured columns."""
     told = tuple(given) or responses_of(sheet, offer)
     if told:
         return told
     found, possible = outcome_of(sheet, offer)
-    if not asked.questions.interactive:
+    if not asked.interactive:
         return (require_outcome(found, possible),)
     known = possible or sheet.names
-    return (asked.questions.one_of("Measured column", known, found, AleatorError("")),)
+    return (asked.one_of("Measured column", known, found, AleatorError("")),)
 
 
 def chosen_parameters(
-    asked: StudyQuestions,
+    asked: Questions,
     offer: Offer,
     roles: Roles,
     most: int,
@@ -214,7 +208,7 @@ def chosen_parameters(
 
     Raises AleatorError for limits that are none.
     """
-    if given or not asked.questions.interactive:
+    if given or not asked.interactive:
         called = {variable: name for name, variable in offer.variables.items()}
         return {called.get(name, name): value for name, value in map(_parameter, given)}
     laws, others = parameters_of(offer, roles, most, {})
@@ -225,19 +219,17 @@ def chosen_parameters(
             variables([*known.values()][:listed], offer),
         )
         Console(stderr=True).print(table)
-    names = asked.questions.names(
+    names = asked.names(
         "Parameters that differ between experiments", [*known],
         [law.name for law in laws if law.scatters],
     )  # fmt: skip
     limits: dict[str, Limits | float | None] = {
-        name: asked.questions.limits(
-            f"  {name} lies between (two numbers)", nominal_limits(known[name])
-        )
+        name: asked.limits(f"  {name} lies between (two numbers)", nominal_limits(known[name]))
         for name in names
     }
     for law in laws:
         if law.name not in names and law.given.required:
-            limits[law.name] = asked.questions.number(f"  {law.name}, the same for all, is")
+            limits[law.name] = asked.number(f"  {law.name}, the same for all, is")
     return limits
 
 
@@ -258,7 +250,7 @@ def _parameter(text: str) -> tuple[str, Limits | float | None]:
     return name.strip(), numbers[0] if numbers else None
 
 
-def _function(asked: StudyQuestions, reference: str) -> Offer:
+def _function(asked: Questions, reference: str) -> Offer:
     """A function by a name that is relative to the current folder, or of a module."""
     file, _, name = reference.rpartition(":")
     if reference.endswith(".py"):
@@ -279,7 +271,7 @@ def _function(asked: StudyQuestions, reference: str) -> Offer:
         default = known[0] if len(known) == 1 else None
         if not known:
             raise missing
-        name = asked.questions.one_of("Function", known, default, missing)
+        name = asked.one_of("Function", known, default, missing)
     if not file.endswith(".py"):
         return offered_by_function(f"{file}:{name}", asked.folder)
     found = offered_by_function(f"{Path(file).absolute()}:{name}", asked.folder)
@@ -409,15 +401,14 @@ def new(
 
     What cannot be known is left as a line that says FILL IN.
     """
-    questions = Questions(at_terminal() and not yes)
-    _require_free(output, force, questions)
-    asked = StudyQuestions(questions, output.parent)
+    asked = Questions(at_terminal() and not yes, output.parent)
+    _require_free(output, force, asked)
     path = chosen_table(asked, table)
     sheet = sheet_of(path)
     offer = bound(chosen_offer(asked, function, fmu, command), sheet.names)
     outcomes = chosen_outcomes(asked, sheet, offer, outcome)
     roles = roles_of(sheet, offer, outcomes)
-    named = asked.id(sheet, roles, id)
+    named = chosen_id(asked, sheet, roles, id)
     most = laws_for(count_of(sheet.table, named), len(sheet.table))
     laws = chosen_parameters(asked, offer, roles, most, parameters)
     file = Path(os.path.relpath(path.absolute(), output.parent)).as_posix()
