@@ -118,6 +118,7 @@ def check(
             f"{plan.count} different conditions"
         )
         progress.stage("first runs")
+        runner.progress = progress
         look = first_look(runner, value.experiments, plan, value.noise, progress)
         cost = expected_cost(
             runner, value.experiments, value.inputs, value.noise, value.propagation,
@@ -176,6 +177,7 @@ def sensitivity(
     ids = None if experiments is None else [name.strip() for name in experiments.split(",")]
     with work.running() as (runner, progress):
         progress.stage("sensitivity")
+        runner.progress = progress
         found = screen(
             runner, value.experiments, value.inputs, only=ids, runs=runs, seed=value.seed,
             progress=progress,

@@ -382,7 +382,6 @@ class Work:
             running(self.study, self.options, conditions) as runner,
             shown(self.options.quiet) as progress,
         ):
-            runner.progress = progress
             yield runner, progress
 
     def end(self, made: Document, report: AnswerPage, **files: Any) -> None:
