@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from aleator.laws.covariates import DesignMatrix
 
 from aleator.errors import AleatorError
+from aleator.laws.covariates import DesignMatrix
 from aleator.simulators.derived import parse
 from hardening.judging import DONE, SLOW, TOLD, TRACEBACK
 from hardening.mutation import Damage

@@ -66,16 +66,21 @@ class FittedTwoNormals:
         none = np.isnan(self.means[:, 0])
         return np.where(none, Status.NOT_REALIZABLE, Status.SOLVED).astype(np.int64)
 
-    def pdf(self, y: Array) -> Array:
-        """The density at y (N, G)."""
-        z = (y[:, :, None] - self.means[:, None]) / self.sds[:, None]
-        normal = np.exp(-0.5 * z**2) / (self.sds[:, None] * np.sqrt(2.0 * np.pi))
-        return np.einsum("ngj,nj->ng", normal, self.weights)
+    def log_pdf(self, y: ArrayLike) -> Array:
+        """The logarithm of the density."""
+        with np.errstate(divide="ignore"):
+            return np.log(self.pdf(y))
 
-    def cdf(self, y: Array) -> Array:
+    def pdf(self, y: ArrayLike) -> Array:
+        """The density at y (N, G)."""
+        z = (np.asarray(y)[:, :, None] - self.means[:, None]) / self.sds[:, None]
+        normal = np.exp(-0.5 * z**2) / (self.sds[:, None] * np.sqrt(2.0 * np.pi))
+        return np.asarray(np.einsum("ngj,nj->ng", normal, self.weights))
+
+    def cdf(self, y: ArrayLike) -> Array:
         """Probability (N, G) of an outcome below y (N, G)."""
-        z = (y[:, :, None] - self.means[:, None]) / self.sds[:, None]
-        return np.einsum("ngj,nj->ng", ndtr(z), self.weights)
+        z = (np.asarray(y)[:, :, None] - self.means[:, None]) / self.sds[:, None]
+        return np.asarray(np.einsum("ngj,nj->ng", ndtr(z), self.weights))
 
     def quantile(self, p: ArrayLike) -> Array:
         """Outcomes (N, P) with probabilities p (P,) below."""

@@ -1,6 +1,5 @@
 """Every command does its work, says what it does, and can be interrupted."""
 
-import importlib.util
 import json
 import re
 from collections.abc import Iterator
@@ -14,7 +13,6 @@ from click.testing import CliRunner, Result
 
 from aleator import cli
 from aleator.simulators.runs import MOST
-from aleator.study.sections import DENSITIES, LAWS, PROPAGATIONS, SEARCHES, StudyFile
 
 pytestmark = pytest.mark.usefixtures("unreported")
 
@@ -70,7 +68,7 @@ def test_every_command_and_option_is_documented() -> None:
     found = dict(commands(cli.main))
     assert set(found) == {
         "aleator", "aleator identify", "aleator predict", "aleator recover",
-        "aleator ceiling",
+        "aleator ceiling", "aleator clutch", "aleator clutch bench",
         "aleator sensitivity", "aleator box", "aleator compare",
         "aleator bootstrap", "aleator posterior", "aleator next", "aleator report",
         "aleator runs", "aleator runs list", "aleator runs show", "aleator runs export",
@@ -89,22 +87,6 @@ def test_every_command_and_option_is_documented() -> None:
         assert max(map(len, shown.output.splitlines())) <= 90
 
 
-def test_the_help_and_the_docs_name_every_law_density_search_and_propagation() -> None:
-    words = {word for kinds in (LAWS, DENSITIES, SEARCHES, PROPAGATIONS) for word in kinds.known}
-    assert {"beta", "gaussian", "genetic", "collocation"} <= words
-    shown = run("identify", "--help").output
-    docs = (Path(__file__).parents[1] / "docs" / "study.md").read_text(encoding="utf-8")
-    for text in (shown, docs):
-        assert sorted(word for word in words if f'"{word}"' not in text) == []
-    for section in StudyFile.model_fields.keys() - {"title", "seed", "parameters"}:
-        assert f"[{section}]" in shown
-    assert f'kind = "{DENSITIES.default}"' in shown  # the default comes first
-
-
-def test_the_version_is_told() -> None:
-    assert run("--version").output.startswith("aleator, version ")
-
-
 def test_identify_writes_and_prints_the_answer(study: Path) -> None:
     done = run("identify", study, "--output", "result")
     assert done.exit_code == 0, done.output
@@ -121,32 +103,6 @@ def test_identify_writes_and_prints_the_answer(study: Path) -> None:
     assert Path("springs/runs.sqlite").exists()
 
 
-def test_the_default_folder_is_named_after_the_study(study: Path) -> None:
-    done = run("identify", study, "--quiet", "--no-verify")
-    assert done.exit_code == 0
-    assert done.output.startswith("Computed soundly: ")
-    assert done.output.splitlines()[1].startswith("Consistent with the experiments: ")
-    assert done.output.count("\n") == 2
-    document = json.loads(Path("out/springs/identification.json").read_text())
-    assert document["log_likelihood"]["verified"] is None
-
-
-def test_quiet_is_quiet_with_runs_in_the_store_and_without_matplotlib(
-    study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name: None if name == "matplotlib" else found(name)
-    )
-    for command, lines in (("identify", 2), ("sensitivity", 1)):
-        done = run(command, study, "--quiet")
-        assert (done.exit_code, done.stderr) == (0, "")
-        assert done.stdout.count("\n") == lines
-    loud = run("identify", study)
-    assert "none is repeated" in loud.stderr
-    assert "they need matplotlib" in loud.stderr
-
-
 def test_the_same_seed_gives_the_same_file_but_for_the_seconds(study: Path) -> None:
     texts = []
     for folder in ("one", "two"):
@@ -156,21 +112,6 @@ def test_the_same_seed_gives_the_same_file_but_for_the_seconds(study: Path) -> N
         texts.append(json.dumps(document))
     assert texts[0] == texts[1]
     assert json.loads(texts[0])["seed"] == 5
-
-
-def test_a_folder_that_cannot_be_made_is_told_before_anything_runs(study: Path) -> None:
-    Path("file").write_text("")
-    done = run("identify", study, "--output", "file/result")
-    assert done.exit_code == 2
-    assert "file/result: the folder cannot be made" in done.stderr
-    assert "response surface" not in done.stderr
-
-
-@pytest.mark.usefixtures("unjudged_commands")
-def test_starts_can_be_chosen(study: Path) -> None:
-    run("identify", study, "--starts", 1, "--no-verify", "--output", "one")
-    document = json.loads(Path("one/identification.json").read_text())
-    assert document["search"]["starts"] == 1
 
 
 @pytest.mark.usefixtures("unjudged_commands")
@@ -208,29 +149,6 @@ def test_completed_runs_survive_and_are_taken_up(study: Path) -> None:
     del one["seconds"], two["seconds"]
     assert one == two
     assert whole.exit_code == 0
-
-
-@pytest.mark.usefixtures("unjudged_commands")
-def test_runs_of_a_simulator_that_has_changed_are_not_taken(study: Path) -> None:
-    run("identify", study, "--no-figures", "--output", "result", "--no-verify")
-    again = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
-    assert "runs of this simulator; none is repeated" in again.stderr
-    study.with_name("model.py").write_text(MODEL.replace("load *", "1.0 * load *"))
-    changed = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
-    assert "none is repeated" not in changed.stderr
-    assert "runs of 'length' with other files or settings" in changed.stderr
-
-
-@pytest.mark.usefixtures("unjudged_commands")
-def test_a_version_keeps_runs_valid_whatever_happens_to_the_source(study: Path) -> None:
-    study.write_text(STUDY.replace("[simulator]", '[simulator]\nversion = "A"'))
-    run("identify", study, "--no-figures", "--output", "result", "--no-verify")
-    study.with_name("model.py").write_text(MODEL.replace("load *", "1.0 * load *"))
-    again = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
-    assert "none is repeated" in again.stderr
-    study.write_text(STUDY.replace("[simulator]", '[simulator]\nversion = "B"'))
-    changed = run("identify", study, "--no-figures", "--output", "result", "--no-verify")
-    assert "none is repeated" not in changed.stderr
 
 
 @pytest.mark.usefixtures("unjudged_commands")
@@ -292,15 +210,6 @@ def recovered(*arguments: object) -> dict[str, Any]:
     return found["hyperparameters"]
 
 
-@pytest.mark.usefixtures("unjudged_commands")
-def test_recover_at_the_identified_law(study: Path) -> None:
-    run("identify", study, "--output", "result", "--quiet", "--no-verify")
-    law = json.loads(Path("result/identification.json").read_text())
-    found = recovered(study)
-    assert found["softness.mean"]["truth"] == law["alpha"]["softness.mean"]["estimate"]
-    assert recovered(study, "--law", "result/identification.json") == found
-
-
 def test_recover_at_a_given_law(study: Path) -> None:
     found = recovered(study, "--truth", "softness.mean=1.1", "--truth", "softness.sd=0.05")
     assert found["softness.mean"]["truth"] == 1.1
@@ -321,11 +230,12 @@ def test_a_truth_that_is_none_is_told(study: Path, truth: str, name: str) -> Non
     assert name in done.stderr
 
 
-def test_a_defect_keeps_its_traceback(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def defective(*arguments: object, **options: object) -> None:
-        raise ZeroDivisionError(f"{len(arguments)} {len(options)}")
-
-    monkeypatch.setattr("aleator.cli.running.identify", defective)
-    done = run("identify", study)
-    assert done.exit_code == 1
-    assert isinstance(done.exception, ZeroDivisionError)
+def test_the_bench_measures_the_same_for_the_same_seed(study: Path) -> None:  # noqa: ARG001
+    printed = run("clutch", "bench", "--seed", 1)
+    assert printed.exit_code == 0
+    written = run("clutch", "bench", "--seed", 1, "--output", "bench.csv")
+    assert written.output == "Written: bench.csv\n"
+    assert Path("bench.csv").read_text() == printed.stdout
+    assert len(pd.read_csv("bench.csv")) == 108
+    other = run("clutch", "bench", "--seed", 1, "--kind", "model")
+    assert other.stdout != printed.stdout

@@ -27,8 +27,6 @@ sd = {lower = 0.01, upper = 0.4}
 starts = 1
 """
 TABLE = "id,load,length\nA,1,0.93\nB,2,2.1\nC,3,3.2\nD,4,3.7\nE,5,5.4\n"
-CENSORED = "id,load,length,state\nA,1,0.93,\nB,2,,stop\nC,3,3.2,\n"
-TWO = "id,load,length,width\nA,1,0.93,1\nB,2,2.1,0\nC,3,3.2,1\n"
 MODEL = "def length(load, softness):\n    return load * softness\n"
 
 Change = Callable[[Path], None]
@@ -52,18 +50,6 @@ def study(old: str, new: str) -> Change:
     return edit("study.toml", old, new)
 
 
-def all_of(*changes: Change) -> Change:
-    def change(folder: Path) -> None:
-        for one in changes:
-            one(folder)
-
-    return change
-
-
-def noisy(section: str) -> Change:
-    return study("[search]", f"{section}\n[search]")
-
-
 def model(new: str) -> Change:
     return edit("model.py", "load * softness", new)
 
@@ -77,7 +63,6 @@ def vectorized(new: str) -> Change:
 
 
 CASES: dict[str, tuple[Change, list[str]]] = {
-    "missing column": (table("length", "lenght"), ["springs.csv", "'length'", "'lenght'"]),
     "text": (table("2.1", "long"), ["springs.csv: row 3, column 'length'", "'long'"]),
     "text in a condition": (table("B,2", "B,two"), ["springs.csv: row 3, column 'load'", "'two'"]),
     "NaN": (table("3.2", "nan"), ["springs.csv: row 4, column 'length'", "'nan'"]),
@@ -96,52 +81,10 @@ CASES: dict[str, tuple[Change, list[str]]] = {
         study("[parameters", f'store = "{"a" * 10_000}"\n[parameters'),
         ["aaa"],
     ),
-    "list of outcomes": (
-        study('"length"\n', '["length", "load"]\n'),
-        ["study.toml: key 'experiments.outcome'", 'outcomes = ["length", "load"]'],
-    ),
-    "censored without a bound": (
-        all_of(
-            lambda folder: (folder / "springs.csv").write_text(CENSORED) and None,
-            study('"length"\n', '"length"\ncensored = {column = "state", right = "stop"}\n'),
-            noisy("[noise]\nsd = 0.1"),
-        ),
-        ["springs.csv: row 3, column 'length' of experiment 'B'", "bound"],
-    ),
-    "response without noise": (
-        all_of(
-            lambda folder: (folder / "springs.csv").write_text(TWO) and None,
-            study('outcome = "length"', 'outcomes = ["length", "width"]'),
-            noisy("[noise.length]\nsd = 0.1"),
-        ),
-        ["study.toml: key 'noise'", "'width'"],
-    ),
-    "known sd of zero": (
-        all_of(
-            lambda folder: (folder / "springs.csv").write_text(TWO) and None,
-            noisy('[noise]\nsd = "width"'),
-        ),
-        ["springs.csv: row 3, column 'width'", "'B'"],
-    ),
-    "semicolons": (
-        lambda folder: (folder / "springs.csv").write_text(TABLE.replace(",", ";")) and None,
-        ["springs.csv", 'delimiter = ";"'],
-    ),
-    "unknown key": (study("outcome", "outcom"), ["study.toml", "'experiments.outcom'", "outcome"]),
-    "unknown key of a law": (study("box", "bax"), ["'parameters.softness.bax'", "'box'"]),
-    "lower >= upper": (
-        study("lower = 0.6", "lower = 1.6"),
-        ["study.toml: key 'parameters.softness.mean'", "1.6", "1.4"],
-    ),
-    "TOML": (study("starts = 1", "starts = "), ["study.toml", "line 12"]),
-    "no such study": (lambda folder: (folder / "study.toml").unlink(), ["study.toml"]),
-    "no such module": (study("model.py", "modle.py"), ["modle.py", "'model.py'"]),
     "not importable": (
         model("load * softness\n1 / 0"),
         ["model.py", "ZeroDivisionError: division by zero (model.py, line 3)"],
     ),
-    "no such function": (study(":length", ":lenth"), ["'lenth'", "'length'"]),
-    "wrong argument": (edit("model.py", "(load", "(laod"), ["'laod'", "'load'"]),
     "raises": (
         model("load * softness if load < 3 else [][1]"),
         ["experiment 'C'", "softness=", "IndexError: list index out of range (model.py, line 2)"],

@@ -92,28 +92,6 @@ def inside(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
 
 
-def test_the_report_tells_what_there_was(folder: Path) -> None:
-    shown = (folder / "report.txt").read_text()
-    words = " ".join(shown.split())
-    assert max(map(len, shown.splitlines())) <= 80
-    cut = int((plants()["status"] == "Cut").sum())
-    assert cut > 0
-    for part in (f"60 observations ({cut} of them bounds only)", "10 experiments",
-                 "Computed soundly",
-                 "rate.mean[light]", "noise.height.sd", "Of mass the logarithms"):  # fmt: skip
-        assert part in words, part
-
-
-def test_quiet_is_a_line_for_each_verdict() -> None:
-    done = run("identify", "study.toml", "--output", "again", "--no-figures", "--quiet")
-    assert done.output.count("\n") == 2
-    first, again = (
-        json.loads(Path(p, "identification.json").read_text()) for p in ("out", "again")
-    )
-    assert first.pop("seconds").keys() == again.pop("seconds").keys()
-    assert first == again
-
-
 def predicted(*options: str) -> pd.DataFrame:
     done = run("predict", IDENTIFIED, "--conditions", "new.csv", "--output", "p.csv", "--quiet",
                *options)  # fmt: skip
@@ -146,15 +124,6 @@ def test_a_measured_experiment_is_predicted_better_and_without_noise_still_bette
     assert one.loc[:3, "mean"].to_numpy() == pytest.approx(old.loc[:3, "mean"].to_numpy())
 
 
-def test_printed_predictions_are_in_the_units_of_the_table() -> None:
-    shown = run("predict", IDENTIFIED, "--conditions", "new.csv", "--quiet").output
-    assert max(map(len, shown.splitlines())) <= 80
-    assert "a, time 3" in shown
-    height, mass = shown.split("Predicted distribution of mass")
-    assert "mean of log" in mass
-    assert "mean of log" not in height
-
-
 def test_an_unknown_experiment_and_a_missing_covariate_are_told() -> None:
     unknown = run("predict", IDENTIFIED, "--conditions", "new.csv", "--of", "p33", "--quiet")
     assert unknown.exit_code == 2
@@ -163,15 +132,6 @@ def test_an_unknown_experiment_and_a_missing_covariate_are_told() -> None:
     dark = run("predict", IDENTIFIED, "--conditions", "dark.csv", "--quiet")
     assert dark.exit_code == 2
     assert "light" in dark.output
-
-
-def test_the_law_is_recovered_at_the_identified_values() -> None:
-    done = run("recover", "study.toml", "--law", IDENTIFIED, "--replicates", "2", "--output", "r",
-               "--quiet")  # fmt: skip
-    assert done.exit_code == 0, done.output
-    told = json.loads(Path("r/recovery.json").read_text())
-    assert "rate.mean[light]" in told["hyperparameters"]
-    assert len(told["replicates"]) == 2
 
 
 def test_the_sensitivity_of_each_value_is_told() -> None:

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from fmus.build import compiled, python_fmu
+from fmus.build import compiled
 
 from aleator import cli
 from aleator.cli import new as command
 from aleator.study import load_study
-from aleator.study.sections import StudyFile
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 pytestmark = pytest.mark.usefixtures("unjudged_commands")
@@ -93,6 +92,7 @@ def test_rows_of_one_experiment_are_seen_and_get_noise() -> None:
     assert found["noise.sd"] == pytest.approx(0.05, abs=0.02)
 
 
+CLUTCH = "aleator.clutch:shifting_time"
 CASES = {
     "crack_growth": ("cracks.csv", "model.py:relative_length", {"rate", "exponent"}, "specimen"),
     "fatigue_limit": ("experiments.csv", "model.py", {"v", "b0", "b1"}, None),
@@ -100,7 +100,7 @@ CASES = {
     "run_outs": ("experiments.csv", "model.py", {"v", "b0", "b1"}, None),
     "sleep_study": ("reactions.csv", "model.py", {"start", "slope"}, "unit"),
     "repeated/wear": ("wear.csv", "model.py", {"rate", "run_in"}, "pad"),
-    "wet_clutch": ("experiments.csv", "model.py:shifting_time", {"c2_scale", "zp_scale"}, "id"),
+    "wet_clutch": ("experiments.csv", CLUTCH, {"c2_scale", "zp_scale"}, "id"),
 }  # fmt: skip
 
 
@@ -146,21 +146,6 @@ def test_a_program_is_found_from_its_placeholders(folder: Path) -> None:
     assert outcome.tolist() == [5.0]
 
 
-def test_a_program_that_prints_a_unit_last_is_told_how_its_number_is_found(folder: Path) -> None:
-    springs(folder)
-    line = "sh -c 'echo travel = 5.0 mm' {force} {stiffness}"
-    assert (
-        run("new", "springs.csv", "--command", line, "--parameter", "stiffness=1:3").exit_code == 0
-    )
-    done = run("check", "study.toml", "--quiet")
-    assert done.exit_code == 2
-    assert "'mm', not a number" in done.output
-    assert r"{regex = 'time = (\S+)'}" in done.output
-    study = Path("study.toml")
-    study.write_text(study.read_text().replace(r"(\S+)\s*\Z", r"travel = (\S+)"))
-    assert load_study("study.toml").runner()([0], [[2.0]]).tolist() == [5.0]
-
-
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(("decades", "log"), [(2.5, False), (4.0, True)])
 def test_the_logarithm_is_taken_of_what_spans_many_decades(decades: float, log: bool) -> None:
@@ -186,20 +171,6 @@ def test_noise_that_one_value_an_experiment_does_not_tell_must_be_known() -> Non
     assert sd == pytest.approx(0.02)  # 1 % of the scatter
     assert "noise: 0.02 is assumed" in done.output
     assert identified(Path("study.toml"))["noise.sd"] == sd
-
-
-def test_rows_of_one_experiment_are_seen_where_an_fmu_takes_the_times(folder: Path) -> None:
-    shutil.copy(compiled(2, folder), folder / "cooling.fmu")
-    rows = [f"{cup},{time},{360 - time - cup}" for cup in range(1, 7) for time in (10, 20, 30)]
-    (folder / "cups.csv").write_text("\n".join(["cup,time,T", *rows, ""]))
-    done = run("new", "--fmu", "cooling.fmu", "--outcome", "T", "--parameter", "surface.k=0.5:2")
-    assert done.exit_code == 0, done.output
-    assert "18 rows of 6 experiments, named by the column cup" in done.output
-    assert "not used" not in done.output
-    written = tomllib.loads(Path("study.toml").read_text())
-    assert written["experiments"]["id"] == "cup"
-    assert written["experiments"]["conditions"] == ["time"]
-    assert written["noise"]["sd"]["lower"] > 0.0
 
 
 def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> None:
@@ -230,21 +201,6 @@ def test_a_study_in_a_folder_that_is_made_finds_its_files(folder: Path) -> None:
     assert load_study("studies/first/study.toml").runner()([0], [[2.0]]).tolist() == [5.0]
 
 
-def test_an_fmu_gives_units_and_start_values(
-    folder: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    fmu = python_fmu(Path(__file__).parent / "fmus" / "spring.py", tmp_path_factory.mktemp("fmu"))
-    shutil.copy(fmu, folder / "Spring.fmu")
-    springs(folder)
-    done = run("new", "springs.csv", "--fmu", "Spring.fmu", "--outcome", "travel")
-    assert done.exit_code == 0, done.output
-    written = tomllib.loads(Path("study.toml").read_text())
-    StudyFile.model_validate(written)
-    assert written["experiments"]["conditions"] == ["force"]
-    assert written["simulator"]["outcome"] == "travel"
-    assert written["parameters"]["stiffness"]["box"] == [0.67, 6.0]
-
-
 @pytest.mark.usefixtures("asked")
 def test_what_is_typed_is_taken(folder: Path) -> None:
     springs(folder, "stiffness, mass=1.0")
@@ -263,14 +219,6 @@ def test_a_study_that_is_there_stays_unless_the_user_says_otherwise(folder: Path
     assert Path("study.toml").read_text() == "mine"
     assert run("new", "--force").exit_code == 0
     assert Path("study.toml").read_text() != "mine"
-
-
-@pytest.mark.usefixtures("asked")
-def test_a_study_that_is_there_is_asked_about(folder: Path) -> None:
-    springs(folder)
-    Path("study.toml").write_text("mine")
-    assert run("new", typed="n\n").exit_code == 2
-    assert Path("study.toml").read_text() == "mine"
 
 
 SPRINGS = ["springs.csv", "--function", "model.py"]
@@ -353,15 +301,6 @@ def test_what_a_law_may_follow_is_proposed_and_holds() -> None:
     Path("study.toml").write_text(text.replace("# mean =", "mean ="))
     found = identified(Path("study.toml"))
     assert found["rate.mean[maker=B]"] == pytest.approx(0.5, abs=0.2)
-
-
-@pytest.mark.usefixtures("folder")
-def test_a_column_that_counts_the_rows_names_them_and_is_no_outcome() -> None:
-    table("beam,load,hours", [1, 2, 3], [1.0, 2.0, 3.0], [7.0, 2.5, 1.0])
-    Path("model.py").write_text(LIFE)
-    assert run("new").exit_code == 0
-    written = tomllib.loads(Path("study.toml").read_text())["experiments"]
-    assert (written["id"], written["outcome"]) == ("beam", "hours")
 
 
 @pytest.mark.usefixtures("folder")

@@ -9,7 +9,6 @@ from click.testing import CliRunner, Result
 from scipy import optimize
 
 from aleator import cli
-from aleator.report.individual import shrinkage
 from aleator.study import load_study
 from aleator.study.proposal import noise_limits
 
@@ -58,17 +57,6 @@ def test_a_column_of_standard_errors_is_the_noise() -> None:
     assert tomllib.loads(Path("study.toml").read_text())["noise"] == {"sd": "se"}
 
 
-def test_the_column_that_names_experiments_is_no_slip_of_a_parameter() -> None:
-    told = new(
-        "rat,weight",
-        ["1,150", "1,200", "2,140", "2,190"],
-        "--id=rat",
-        "--outcome=weight",
-        "--parameter=rate=100:400",
-    )
-    assert "not used; if it is" not in told
-
-
 @pytest.mark.parametrize("count", [5, 12, 100])
 def test_the_noise_may_be_all_of_the_scatter_and_its_interval_more(count: int) -> None:
     """The upper end of the profile interval of an sd lies within the limits that are proposed."""
@@ -92,7 +80,3 @@ def test_the_first_look_refuses_what_could_not_be_identified() -> None:
     assert refused.exit_code == 2
     assert "scatters" in refused.output
     assert not Path("runs.sqlite").exists()
-
-
-def test_a_calibration_has_no_table_of_individual_parameters() -> None:
-    assert shrinkage({"shrinkage": {}, "experiments": [{"mean": {}, "sd": {}}]}) is None

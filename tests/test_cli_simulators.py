@@ -158,14 +158,3 @@ def test_what_an_fmu_is_given_is_told_with_units(
     assert document["units"] == {"T0": "K", "travel": "K", "stiffness": "1/s"}
     assert "stiffness.mean [1/s]" in done.stdout
     assert closed == ["cooling.fmu"]  # its process ended with the command
-
-
-def test_a_function_has_nothing_to_tell(tmp_path: Path) -> None:
-    (tmp_path / "springs.csv").write_text("force,travel\n10,4.9\n10,5.2\n20,10.1\n")
-    (tmp_path / "model.py").write_text("def f(force, stiffness):\n    return force / stiffness\n")
-    done = identify(tmp_path, 'function = "model.py:f"')
-    assert done.exit_code == 0, done.output
-    document = json.loads((tmp_path / "out" / "identification.json").read_text())
-    assert document["simulator"].pop("fingerprint")
-    assert document["simulator"] == {"name": "f", "notes": []}
-    assert "aleator: f, " not in done.stderr

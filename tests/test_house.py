@@ -77,7 +77,7 @@ def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
         "import numpy as np\n"
         "from aleator import simulators\n"
         "from . import gaussian\n"
-        "from ...laws.normal import Normal\n"
+        "from ...laws.marginals import Normal\n"
         "def late():\n"
         "    from aleator.laws import gamma\n"
     )
@@ -98,7 +98,7 @@ def test_every_room_has_a_layer() -> None:
 def test_numerics_import_numpy_and_scipy_only() -> None:
     allowed = sys.stdlib_module_names | {"numpy", "scipy"}
     # formulas of covariates become columns of numbers in one place
-    of_formulas = {"laws.design": {"formulaic", "pandas"}}
+    of_formulas = {"laws.covariates": {"formulaic", "pandas"}}
     strangers = [
         f"{name} imports {imported}"
         for name, path in sources()

@@ -145,10 +145,10 @@ def test_the_studies_of_a_page_are_those_that_it_runs(name: str) -> None:
 KEYED = [
     ("study.md", kinds, kind)
     for kinds in (LAWS, OBSERVATIONS, DENSITIES, SEARCHES, PROPAGATIONS, RULES)
-    for kind in kinds.known
+    for kind in kinds.built_in
 ] + [
     ("study.md" if kind == "function" else "simulators.md", SIMULATORS, kind)
-    for kind in SIMULATORS.known
+    for kind in SIMULATORS.built_in
 ]
 
 
@@ -159,7 +159,7 @@ def test_every_kind_is_there_with_its_keys_and_their_defaults(
     page: str, kinds: Kinds[object], kind: str
 ) -> None:
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-    maker = kinds.known[kind]
+    maker = kinds.built_in[kind]
     parts = inspect.signature(resolved(maker) if isinstance(maker, str) else maker).parameters
     for key in parts.keys() - {"folder"}:
         assert re.search(rf"`{key}\b", text), key

@@ -9,7 +9,7 @@ from aleator.laws import Constant, Free, Normal, TruncatedNormal
 from aleator.moments.densities import Gaussian
 from aleator.moments.expansion import Hyperbolic, TotalDegree
 from aleator.moments.maximum_entropy import MaximumEntropy
-from aleator.moments.projection import Projection, Regression
+from aleator.moments.projection import Regression, SparseProjection
 from aleator.moments.propagation import Collocation
 from aleator.moments.quadrature import Smolyak, SobolPoints, TensorGauss
 from aleator.search import GradientMultistart
@@ -211,8 +211,8 @@ PROPAGATIONS = {
     'method = "collocation"\nfit = "regression"\ndegree = 2': Collocation(
         fit=Regression(TotalDegree(2), adaptive=False)
     ),
-    'method = "collocation"\nfit = "projection"\ndegree = 3\nterms = "hyperbolic"': Collocation(
-        fit=Projection(Hyperbolic(3))
+    'method = "collocation"\nfit = "sparse_grid"\ndegree = 3\nterms = "hyperbolic"': Collocation(
+        fit=SparseProjection(Hyperbolic(3))
     ),
     'nodes = {rule = "gauss", per_dimension = 9}': ResponseSurface(nodes=TensorGauss(9)),
     "nodes = 7": ResponseSurface(nodes=7),
@@ -254,11 +254,6 @@ def test_a_section_is_a_table(folder: Path, line: str) -> None:
         loaded(folder, f"{line}\n{text}")
 
 
-def test_an_order_for_a_gaussian_is_a_misunderstanding(folder: Path) -> None:
-    with pytest.raises(StudyError, match=r"'density\.order'"):
-        loaded(folder, changed('"maximum_entropy"', '"gaussian"'))
-
-
 def test_several_mistakes_are_told_at_once(folder: Path) -> None:
     text = changed("starts = 7", 'starts = "7"').replace("samples = 100", "sample = 100")
     with pytest.raises(StudyError) as caught:
@@ -278,8 +273,3 @@ def test_files_that_cannot_be_read(folder: Path) -> None:
     (folder / "latin.toml").write_bytes(b'seed = 1\ntitle = "\xe9"\n')
     with pytest.raises(StudyError, match=r"latin\.toml.*line 2.*UTF-8"):
         load_study(folder / "latin.toml")
-
-
-def test_a_byte_order_mark_is_harmless(folder: Path) -> None:
-    (folder / "study.toml").write_text(STUDY, encoding="utf-8-sig")
-    assert load_study(folder / "study.toml").seed == 3

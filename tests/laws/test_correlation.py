@@ -14,9 +14,7 @@ from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
 from aleator.errors import InputsError
 from aleator.laws import Beta, Gamma, LogNormal, Uniform
 from aleator.laws.correlation import Correlation, between
-from aleator.moments.moments import weighted_moments
-from aleator.moments.projection import expansion_map
-from aleator.moments.quadrature import ProbabilityGrid, Smolyak, SobolPoints, TensorGauss
+from aleator.moments.quadrature import Smolyak, SobolPoints, TensorGauss
 from aleator.types import Array
 
 LETTERS = "abcdefghij"
@@ -129,20 +127,6 @@ def test_names_say_what_is_held(pairs: list[str], expected: list[str]) -> None:
     assert (first.lower, first.start, first.upper, first.free) == (-0.99, 0.0, 0.99, True)
 
 
-def test_a_plain_name_is_the_plain_correlation() -> None:
-    """A chain a - b - c and a pair d - e: each value stands in R, a and c meet through b only."""
-    inputs = Inputs(
-        {name: Normal(0.0, 1.0) for name in "abcde"},
-        {("a", "b"): 0.5, ("c", "b"): -0.4, ("e", "d"): 0.3},
-    )
-    alpha = np.array([h.start for h in inputs.hyperparameters])
-    expected = np.eye(5)
-    for i, j, value in [(0, 1, 0.5), (1, 2, -0.4), (0, 2, -0.2), (3, 4, 0.3)]:
-        expected[i, j] = expected[j, i] = value
-    np.testing.assert_allclose(inputs.correlation_matrix(alpha), expected, atol=1e-15)
-    assert [h.free for h in inputs.hyperparameters[-3:]] == [False] * 3
-
-
 # ------------------------------------------------------------------------------ nodes
 
 
@@ -169,34 +153,6 @@ def test_the_nodes_have_the_covariance(choice: TensorGauss | Smolyak) -> None:
     np.testing.assert_allclose((away.T * nodes.weights) @ away, covariance, atol=1e-12)
 
 
-def test_fourth_moments_are_those_of_the_normal_law() -> None:
-    """Isserlis: E abcd = s_ab s_cd + s_ac s_bd + s_ad s_bc about the means."""
-    inputs, alpha, s = four()
-    nodes = Smolyak(3).nodes(inputs, alpha)
-    away = nodes.x - nodes.weights @ nodes.x
-    for i, j, k, l in [(0, 1, 3, 4), (0, 0, 1, 3), (1, 1, 1, 4), (3, 3, 4, 4)]:
-        found = nodes.weights @ (away[:, i] * away[:, j] * away[:, k] * away[:, l])
-        expected = s[i, j] * s[k, l] + s[i, k] * s[j, l] + s[i, l] * s[j, k]
-        assert found == pytest.approx(expected, abs=1e-11)
-
-
-def test_sobol_points_have_the_covariance_approximately() -> None:
-    inputs, alpha, covariance = four()
-    x = SobolPoints(4096, 1).nodes(inputs, alpha).x
-    np.testing.assert_allclose(np.cov(x.T), covariance, atol=0.02)
-
-
-def test_without_correlation_the_nodes_are_those_of_independent_laws() -> None:
-    laws = {"a": Normal(0.5, 0.3), "w": TruncatedNormal((-1.0, 1.0), 0.2, 0.5), "k": Constant(1.0)}
-    alpha = np.array([0.5, 0.3, 0.2, 0.5, 1.0])
-    for choice in (SobolPoints(64), ProbabilityGrid(5)):
-        tied = choice.nodes(Inputs(laws, {("a", "w"): Free()}), np.append(alpha, 0.0))
-        free = choice.nodes(Inputs(laws), alpha)
-        np.testing.assert_allclose(tied.x, free.x, atol=1e-14)
-        np.testing.assert_allclose(tied.dx[:, :, :5], free.dx, atol=1e-12)
-        assert np.any(tied.dx[:, 1, 5])
-
-
 @pytest.mark.parametrize("rho", [-1.0, 1.0])
 def test_perfect_correlation_is_no_accident(rho: float) -> None:
     inputs = Inputs(
@@ -210,23 +166,6 @@ def test_perfect_correlation_is_no_accident(rho: float) -> None:
         assert np.all(np.isfinite(nodes.dx))
     x = inputs.sample(alpha, np.random.default_rng(0).random((10, 2)))
     np.testing.assert_allclose(x[:, 1], rho * 0.4 * (x[:, 0] - 1.0), atol=1e-14)
-
-
-def test_moments_of_an_expansion_in_the_germs_are_exact() -> None:
-    """y = a b: mean mu_a mu_b + s_ab, variance from the moments of a normal pair."""
-    inputs = Inputs({"a": Normal(1.0, 0.5), "b": Normal(-0.5, 0.8)}, {("a", "b"): 0.6})
-    alpha = np.array([1.0, 0.5, -0.5, 0.8, 0.6])
-    nodes = TensorGauss(3).nodes(inputs, alpha)
-    matrix, weights = expansion_map(inputs, alpha, 3, 2, 4)
-    found = weighted_moments((nodes.x[:, 0] * nodes.x[:, 1])[None, :] @ matrix.T, weights, 4)
-    mu, nu, s, t, c = 1.0, -0.5, 0.5, 0.8, 0.6 * 0.5 * 0.8
-    variance = (nu * s) ** 2 + (mu * t) ** 2 + 2 * mu * nu * c + (s * t) ** 2 + c**2
-    assert found.mean[0] == pytest.approx(mu * nu + c, rel=1e-13)
-    assert found.sd[0] == pytest.approx(np.sqrt(variance), rel=1e-13)
-    # quadrature with enough nodes agrees on the higher moments
-    fine = TensorGauss(5).nodes(inputs, alpha)
-    plain = weighted_moments((fine.x[:, 0] * fine.x[:, 1])[None, :], fine.weights, 4)
-    np.testing.assert_allclose(found.standardized, plain.standardized, atol=1e-11)
 
 
 def test_independent_variables_are_tied_to_the_nodes() -> None:
@@ -291,23 +230,6 @@ def test_pearson_of_a_copula_by_nodes_and_by_integration() -> None:
     assert found == pytest.approx(expected, abs=2e-4)
 
 
-def test_pearson_of_two_lognormal_parameters() -> None:
-    """(exp(r s t) - 1)/sqrt((exp(s^2) - 1)(exp(t^2) - 1)), in closed form."""
-    s, t, r = 0.4, 0.7, -0.6
-    laws = {
-        name: LogNormal(mean=np.exp(0.5 * d * d), sd=np.exp(0.5 * d * d) * np.sqrt(np.expm1(d * d)))
-        for name, d in (("a", s), ("b", t))
-    }
-    inputs = Inputs(laws, {("a", "b"): r})
-    alpha = np.array([h.start for h in inputs.hyperparameters])
-    nodes = TensorGauss(20).nodes(inputs, alpha)
-    mean = nodes.weights @ nodes.x
-    covariance = ((nodes.x - mean).T * nodes.weights) @ (nodes.x - mean)
-    expected = np.expm1(r * s * t) / np.sqrt(np.expm1(s * s) * np.expm1(t * t))
-    found = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
-    assert found == pytest.approx(expected, rel=1e-8)
-
-
 LAWS = {
     "uniform": (Uniform(Free(0.0, 1.0), Free(0.1, 1.0)), [0.4, 0.3]),
     "beta": (Beta((0.0, 2.0), Free(0.2, 1.5), Free(0.1, 0.5)), [0.8, 0.3]),
@@ -345,17 +267,6 @@ def test_every_law_can_be_correlated(name: str, choice: TensorGauss | SobolPoint
         expected = (8.0 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / 12e-3
         assert found[k] == pytest.approx(expected, rel=1e-6, abs=1e-8)
     assert found[-1] > 0.0
-
-
-def test_certain_and_impossible_probabilities_have_a_sample() -> None:
-    inputs = Inputs(
-        {"a": TruncatedNormal((-1.0, 1.0), 0.0, 0.5), "b": Normal(0.0, 1.0)}, {("a", "b"): 0.5}
-    )
-    alpha = np.array([0.0, 0.5, 0.0, 1.0, 0.5])
-    x = inputs.sample(alpha, np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5]]))
-    assert np.all(np.isfinite(x))
-    assert np.all(np.abs(x[:, 0]) <= 1.0)
-    np.testing.assert_allclose(x[3], 0.0, atol=1e-15)
 
 
 # ------------------------------------------------------------------------------ misuse

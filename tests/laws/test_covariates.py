@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from aleator.laws.covariates import DesignMatrix, variables
 
 from aleator import By, Constant, Free, LogNormal, Normal, TruncatedNormal
 from aleator.errors import InputsError
 from aleator.laws import Law
+from aleator.laws.covariates import DesignMatrix
 from aleator.laws.inputs import Inputs
 from aleator.types import Array
 
@@ -95,11 +95,6 @@ def test_a_value_is_held_within_its_limits_and_no_longer_moves() -> None:
     ]
     assert inputs.covariate_model is not None
     assert inputs.covariate_model.held(alpha)["k.mean"].tolist() == [3, 4, 5]
-
-
-@pytest.mark.parametrize("term", ["center(t)", "poly(t, 2)", "log(t)", "I(t**2)", "t:C(by)"])
-def test_the_columns_of_a_formula_are_those_that_its_functions_are_called_with(term: str) -> None:
-    assert variables(f"1 + {term} + C(by)") == ("by", "t")
 
 
 def test_other_experiments_have_the_coefficients_of_those_that_were_identified() -> None:
@@ -264,10 +259,6 @@ def test_a_formula_of_endless_work_is_refused_at_once(formula: str) -> None:
     assert "__formulaic" not in str(caught.value)
 
 
-def test_a_sum_of_hundreds_of_terms_is_read() -> None:
-    assert DesignMatrix.of("1" + " + t" * 450, TABLE).names == ("Intercept", "t")
-
-
 # ------------------------------------------------------------------------------ misuse
 
 
@@ -305,11 +296,6 @@ def test_a_level_that_no_experiment_had_is_told() -> None:
         inputs.resolved(TABLE.assign(by="z"))
 
 
-def test_a_coefficient_that_is_none_is_told() -> None:
-    with pytest.raises(InputsError, match=r"no coefficient 'tt' \(did you mean 't'\?\)"):
-        one(Normal(By("1 + t", 0.0, 1.0, terms={"tt": 1.0}), 1.0))
-
-
 def test_what_asks_for_one_law_of_all_experiments_is_refused() -> None:
     inputs = Inputs({"k": Normal(By("1 + t + C(by)", 0.0, 1.0), 1.0)})
     assert inputs.regressed
@@ -317,17 +303,3 @@ def test_what_asks_for_one_law_of_all_experiments_is_refused() -> None:
     for asked in (inputs, inputs.resolved(TABLE)):
         with pytest.raises(InputsError, match="differ between experiments"):
             asked.image(np.ones(3), np.zeros((1, 1)))
-
-
-def test_a_formula_without_limits_is_told_how_they_are_written() -> None:
-    with pytest.raises(InputsError) as caught:
-        Normal(By("1 + t"), 1.0)
-    assert 'By("1 + t", lower, upper)' in caught.value.remedy
-    with pytest.raises(InputsError, match="is not two numbers"):
-        TruncatedNormal(0.3, 1.7)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("text", ["log(``)", "log(`` / ``)", "(" + "9" * 1000 + ")*t", "`" * 99])
-def test_what_a_parser_stumbles_over_is_misuse(text: str) -> None:
-    with pytest.raises(InputsError):
-        DesignMatrix.of(text, pd.DataFrame({"t": [0.0, 1.0, 2.0, 3.0]}))

@@ -9,10 +9,8 @@ from scipy import special
 
 from aleator import Constant, Free, Inputs, Normal, TensorGauss, TruncatedNormal
 from aleator.errors import InputsError
-from aleator.moments.expansion import Basis
 from aleator.moments.moments import weighted_moments
-from aleator.moments.projection import expansion_map, tensor_design
-from aleator.polynomials import evaluate
+from aleator.moments.projection import expansion_map
 from aleator.types import Array
 
 BOX = (-1.0, 1.0)
@@ -92,25 +90,6 @@ def test_the_derivative_of_any_weighted_sum_is_exact(basis) -> None:
 # ------------------------------------------------------------------------------ the expansion
 
 
-@pytest.mark.parametrize("basis", ["own", "hermite"])
-def test_the_coefficients_of_a_basis_polynomial_are_found(basis) -> None:
-    """Outcomes that are one basis polynomial give its values, the square of which averages 1."""
-    joint, degree = inputs(basis), 3
-    one, polynomials = np.array([[1, 0, 2]]), Basis.of(joint, ALPHA)
-    outcomes = polynomials.evaluate(tensor_design(polynomials, [4] * 3).t, one)[:, 0]
-    matrix, weights = expansion_map(joint, ALPHA, 4, degree, 8)
-    found = matrix @ outcomes
-    assert weights @ found == pytest.approx(0.0, abs=1e-12)
-    assert weights @ found**2 == pytest.approx(1.0, rel=1e-12)
-    # ... and is the same polynomial at the finer nodes, 8 * 3 // 2 + 1 a dimension
-    fine = tensor_design(polynomials, [13] * 3)
-    expected = polynomials.evaluate(fine.t, one)[:, 0]
-    np.testing.assert_allclose(found, expected, atol=1e-10)
-    # an independent value of it: Hermite of degree 1 times the law's own of degree 2
-    x, w = fine.t[:, 0], evaluate(*joint.laws["w"].recurrence(ALPHA[3:], 3), fine.t[:, 2], 2)
-    np.testing.assert_allclose(found, x * w[:, 2], atol=1e-10)
-
-
 def test_moments_of_the_expansion_of_a_polynomial_are_exact_to_order_8() -> None:
     """Against the product moments in closed form; 20 nodes serve degree 24 as well."""
     joint = inputs()
@@ -139,31 +118,6 @@ def test_moments_of_the_expansion_of_a_polynomial_are_exact_to_order_8() -> None
     assert abs(plain.standardized[0, 8] / standardized[8] - 1.0) > 0.01
 
 
-@pytest.mark.parametrize("basis", ["own", "hermite"])
-def test_degree_q_minus_1_through_q_nodes_interpolates(basis) -> None:
-    """In one dimension the discrete projection returns the outcomes at the nodes themselves."""
-    law = Inputs({"w": TruncatedNormal(BOX, sd=Free(0.05, 2.0), polynomials=basis)})  # type: ignore[arg-type]
-    alpha, q = np.array([0.8, 0.5]), 5
-    # order 2 asks for 2 * 4 // 2 + 1 = 5 finer nodes: the same
-    matrix, _ = expansion_map(law, alpha, q, q - 1, 2)
-    np.testing.assert_allclose(matrix, np.eye(q), atol=1e-12)
-    lower, _ = expansion_map(law, alpha, q, q - 2, 2)
-    assert lower.shape == (4, 5)
-
-
-def test_a_lower_degree_is_the_best_approximation() -> None:
-    """What the projection leaves out is orthogonal to all that it keeps."""
-    law = Inputs({"x": Normal(mean=Free(-1.0, 1.0), sd=Free(0.05, 1.0))})
-    alpha, q, degree = np.array([0.4, 0.5]), 12, 3
-    nodes = TensorGauss(q).nodes(law, alpha)
-    matrix, weights = expansion_map(law, alpha, q, degree, 2 * (q - 1) // degree)
-    fine = TensorGauss(weights.size).nodes(law, alpha)
-    found = matrix @ np.exp(nodes.x[:, 0])
-    for power in range(degree + 1):
-        left = nodes.weights @ (np.exp(nodes.x[:, 0]) * nodes.x[:, 0] ** power)
-        assert weights @ (found * fine.x[:, 0] ** power) == pytest.approx(left, rel=1e-12)
-
-
 # ------------------------------------------------------------------------------ sampling, misuse
 
 
@@ -174,15 +128,6 @@ def test_a_sample_has_the_moments_of_the_rule() -> None:
         terms = np.prod(x ** np.array(order), axis=1)
         # four standard errors of the Monte Carlo mean
         assert np.mean(terms) == pytest.approx(raw(order), abs=4.0 * np.std(terms) / 200.0 + 1e-12)
-
-
-def test_noise_at_the_end_of_alpha_is_not_of_the_law() -> None:
-    noisy = np.append(ALPHA, 0.7)
-    u = np.random.default_rng(1).random((5, 3))
-    np.testing.assert_array_equal(inputs().sample(noisy, u), inputs().sample(ALPHA, u))
-    np.testing.assert_array_equal(
-        TensorGauss(3).nodes(inputs(), noisy).dx, TensorGauss(3).nodes(inputs(), ALPHA).dx
-    )
 
 
 def test_the_image_of_a_normal_variate_is_the_quantile_of_its_probability() -> None:

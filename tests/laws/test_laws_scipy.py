@@ -1,93 +1,36 @@
-"""Laws from SciPy's distributions: their polynomials, their moments, and what is refused."""
+"""Laws from SciPy's distributions: images, moments, polynomials, and what is refused."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import special, stats
+from scipy import stats
 
 from aleator import Free, ScipyLaw
-from aleator import polynomials as gauss
 from aleator.errors import InputsError
-from aleator.laws.scipy_law import Support, discretize
-from aleator.polynomials import evaluate, hermite_recurrence, jacobi_recurrence, laguerre_recurrence
-from aleator.types import Array
 
 NONE = np.empty(0)
 
-KNOWN = [
-    pytest.param(stats.norm(1e6, 1e-3), hermite_recurrence(21), id="normal"),
-    pytest.param(stats.expon(loc=1e3), laguerre_recurrence(21, 1.0), id="exponential"),
-    *[
-        pytest.param(stats.gamma(k), laguerre_recurrence(21, k**-0.5), id=f"gamma {k:g}")
-        for k in (0.2, 3.0, 1e4)
-    ],
-    *[
-        pytest.param(stats.beta(p, q, -3.0, 0.1), jacobi_recurrence(21, p, q), id=f"beta {p} {q}")
-        for p, q in ((0.5, 0.5), (0.2, 3.0), (1.0, 1.0), (2.0, 5.0), (300.0, 200.0))
-    ],
-]
-
-
-@pytest.mark.parametrize(("distribution", "recurrence"), KNOWN)
-def test_rules_of_known_families_are_theirs(distribution, recurrence) -> None:
-    law = ScipyLaw(distribution)
-    rule = law.rule(NONE, 21)
-    t, w = gauss(*recurrence)
-    np.testing.assert_allclose(rule.t, t, atol=1e-10)
-    np.testing.assert_allclose(rule.weights, w, atol=1e-11)
-    expected = distribution.mean() + distribution.std() * t
-    np.testing.assert_allclose(rule.x, expected, atol=1e-10 * distribution.std(), rtol=1e-14)
-    assert rule.dx.shape == rule.dweights.shape == (21, 0)
-
-
 MANY = [
-    stats.weibull_min(0.6), stats.weibull_min(0.5), stats.weibull_min(2.5, scale=3.0),
-    stats.weibull_max(1.5), stats.gumbel_r(), stats.gumbel_l(2.0, 3.0), stats.laplace(),
-    stats.logistic(), stats.triang(0.3), stats.trapezoid(0.2, 0.6), stats.genextreme(0.1),
-    stats.skewnorm(4.0), stats.invgauss(1.0), stats.rayleigh(), stats.arcsine(),
-    stats.truncnorm(-1.0, 2.0), stats.powerlaw(0.3), stats.gennorm(8.0),
-    stats.semicircular(), stats.loguniform(1.0, 100.0), stats.nakagami(0.7), stats.chi2(3),
+    stats.weibull_min(2.5, scale=3.0), stats.weibull_max(1.5), stats.gumbel_l(2.0, 3.0),
+    stats.logistic(), stats.genextreme(0.1), stats.invgauss(1.0), stats.truncnorm(-1.0, 2.0),
+    stats.chi2(3), stats.t(5.0), stats.lognorm(0.5),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("distribution", MANY, ids=lambda d: f"{d.dist.name}{d.args}")
-def test_polynomials_are_orthonormal_under_the_density_itself(distribution) -> None:
-    """To degree 20, by an integral over 4000 parts of theta, and moments as SciPy knows them."""
-    law = ScipyLaw(distribution)
-    rule = law.rule(NONE, 21)
-    mean, variance, skewness, kurtosis = (float(m) for m in distribution.stats("mvsk"))
-    z = (rule.x - mean) / variance**0.5
-    moments = [rule.weights @ z**m for m in (1, 2, 3, 4)]
-    truth = [0.0, 1.0, skewness, 3.0 + kurtosis]
-    np.testing.assert_allclose(moments, truth, rtol=1e-8, atol=1e-8)
-    table = evaluate(*law.recurrence(NONE, 21), rule.t, 20)
-    np.testing.assert_allclose(table.T @ (table * rule.weights[:, None]), np.eye(21), atol=1e-10)
-    # independently of the discretization: a midpoint rule in theta, for low degrees
-    theta = np.linspace(-8.2, 8.2, 4001)
-    z = (law.standard(NONE, theta).x - mean) / variance**0.5
-    low = evaluate(*law.recurrence(NONE, 4), z, 3)
-    mass = stats.norm.pdf(theta) * (theta[1] - theta[0])
-    np.testing.assert_allclose(low.T @ (low * mass[:, None]), np.eye(4), atol=2e-5)
-
-
-def test_a_rule_of_q_nodes_is_exact_to_degree_2q_minus_1_and_no_further() -> None:
-    """Weibull with shape 2: E x^m = Gamma(1 + m/2)."""
-    q, law = 6, ScipyLaw(stats.weibull_min(2.0))
-    rule = law.rule(NONE, q)
-    moment = special.gamma(1.0 + 0.5 * np.arange(2 * q + 1))
-    found = np.array([rule.weights @ rule.x**m for m in range(2 * q + 1)])
-    np.testing.assert_allclose(found[:-1], moment[:-1], rtol=1e-11)
-    assert found[-1] < moment[-1] * (1.0 - 1e-5)
-
-
-def test_jumps_and_kinks_inside_are_found() -> None:
-    """A histogram: half the mass on [0, 1], half on [1, 5]."""
-    law = ScipyLaw(stats.rv_histogram(([1.0, 1.0], [0.0, 1.0, 5.0]), density=False)())
-    own = law.mean_and_sd(NONE)
-    assert own.mean == pytest.approx(0.5 * 0.5 + 0.5 * 3.0, abs=1e-11)
-    second = 0.5 * (1.0 / 3.0) + 0.5 * (124.0 / 12.0)
-    assert own.sd**2 == pytest.approx(second - own.mean**2, abs=1e-11)
+def test_rules_converge_to_the_moments(distribution) -> None:
+    """A heavy tail is no obstacle: polynomials of theta are dense for every law."""
+    law, truth = ScipyLaw(distribution), np.array([distribution.mean(), distribution.std()])
+    off = []
+    for q in (5, 10, 20):
+        rule = law.rule(NONE, q)
+        mean = rule.weights @ rule.x
+        sd = np.sqrt(rule.weights @ (rule.x - mean) ** 2)
+        off.append(np.max(np.abs(np.array([mean, sd]) - truth)) / truth[1])
+        assert rule.dx.shape == rule.dweights.shape == (q, 0)
+    assert off[2] < 0.01
+    assert off[2] < off[0]
 
 
 def test_a_law_is_moved_and_scaled_by_its_mean_and_sd() -> None:
@@ -138,29 +81,14 @@ def test_a_known_law_is_the_distribution_and_has_no_hyperparameter() -> None:
     np.testing.assert_allclose(law.quantile(NONE, u), shape.ppf(u), atol=1e-12)
 
 
-def test_a_discretized_density_integrates_smooth_functions() -> None:
-    support = Support(0.0, np.inf, 1.0, 1.0)
-    z, w = discretize(support, stats.expon().logpdf, 40)
-    # the mass within 1e-8 of the end is not there
-    assert w.sum() == pytest.approx(1.0 - 1e-8, abs=1e-12)
-    # E cos x = 1/2 for an exponential law
-    assert w @ np.cos(z + 1.0) == pytest.approx(0.5 - 1e-8, abs=1e-12)
-
-
 @pytest.mark.parametrize(
     ("distribution", "told"),
     [
         (stats.norm, "norm_gen"),
         (3.0, "3.0 "),
         (stats.poisson(3.0), "'poisson'"),
-        (stats.lognorm(0.5), "LogNormal"),
         (stats.cauchy(), "'cauchy'"),
         (stats.t(2.0), "'t'"),
-        (stats.t(5.0), "'t'"),
-        (stats.pareto(3.0), "'pareto'"),
-        (stats.weibull_min(0.4), "c >= 0.5"),
-        (stats.gennorm(0.8), "'gennorm'"),
-        (stats.johnsonsu(1.0, 2.0), "'johnsonsu'"),
         (stats.beta(-1.0, 2.0), "'beta'"),
     ],
 )
@@ -168,15 +96,3 @@ def test_what_is_no_law_is_refused_with_the_remedy(distribution, told: str) -> N
     with pytest.raises(InputsError, match=told) as refused:
         ScipyLaw(distribution)
     assert refused.value.remedy
-
-
-def test_a_density_that_is_not_one_is_refused() -> None:
-    class Half(stats.rv_continuous):
-        def _pdf(self, x: Array, *shapes: float) -> Array:  # noqa: ARG002
-            return np.full_like(x, 0.5)
-
-        def _stats(self) -> tuple[float, float, float, float]:
-            return 0.5, 1.0 / 12.0, 0.0, 0.0
-
-    with pytest.raises(InputsError, match="variance 2 times"):
-        ScipyLaw(Half(a=0.0, b=1.0, name="half")())

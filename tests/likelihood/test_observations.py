@@ -21,7 +21,6 @@ class StudentError:
     """y = eta + scale t, with t of five degrees of freedom."""
 
     name: str = "student"
-    reach: float = float("inf")
 
     def log_density(self, y, eta, scale) -> Observed:
         u = (y - eta) / scale

@@ -193,7 +193,7 @@ def test_values_that_a_simulator_may_return_and_nobody_meant(
 class Logistic:
     """A kind that knows exact values and its cdf only, as a plug-in may."""
 
-    name, reach = "logistic", np.inf
+    name = "logistic"
 
     def log_density(self, y: Array, eta: Array, scale: Array) -> Observed:
         u = (y - eta) / scale

@@ -1,5 +1,8 @@
+"""The table of experiments: ids, conditions, covariates, outcomes, and what is wrong with them."""
+
+from __future__ import annotations
+
 import codecs
-import re
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +10,7 @@ import pandas as pd
 import pytest
 
 from aleator.errors import ExperimentsError
-from aleator.observations.experiments import Conditions, Experiments
+from aleator.observations.experiments import Conditions, Experiments, covariates
 
 
 def written(folder: Path, text: str | bytes) -> Path:
@@ -27,11 +30,6 @@ def test_a_table_becomes_ids_conditions_and_outcomes(tmp_path: Path) -> None:
     assert len(experiments) == 2
 
 
-def test_without_an_id_column_experiments_are_numbered(tmp_path: Path) -> None:
-    experiments = Experiments.from_csv(written(tmp_path, "v,y\n1,2\n3,4\n"), outcome="y")
-    assert experiments.ids == ("1", "2")
-
-
 def test_conditions_and_id_can_be_chosen(tmp_path: Path) -> None:
     path = written(tmp_path, "nr,v,remark,y\n7,1,,2\n8,3,wet,4\n")
     experiments = Experiments.from_csv(path, outcome="y", id="nr", conditions=["v"])
@@ -44,16 +42,6 @@ def test_log_transforms_the_outcome_and_keeps_the_measured_one(tmp_path: Path) -
     experiments = Experiments.from_csv(path, outcome="y", transform="log")
     np.testing.assert_allclose(experiments.outcomes, [0.0, np.log(10.0)])
     np.testing.assert_allclose(experiments.measured, [1.0, 10.0])
-
-
-def test_outcomes_cannot_be_changed() -> None:
-    experiments = Experiments.from_frame(pd.DataFrame({"v": [1], "y": [2]}), outcome="y")
-    assert not experiments.outcomes.flags.writeable
-
-
-def test_integer_ids_of_a_frame_with_gaps_stay_integers() -> None:
-    frame = pd.DataFrame({"id": [3.0, 5.0], "v": [1, 2], "y": [1, 2]})
-    assert Experiments.from_frame(frame, outcome="y").ids == ("3", "5")
 
 
 @pytest.mark.parametrize(
@@ -72,13 +60,6 @@ def test_the_same_table_in_many_spellings(tmp_path: Path, raw: bytes) -> None:
     experiments = Experiments.from_csv(written(tmp_path, raw), outcome="y")
     assert experiments.conditions["v"].tolist() == [1.0]
     assert experiments.outcomes.tolist() == [2.0]
-
-
-def test_a_semicolon_table_with_decimal_commas(tmp_path: Path) -> None:
-    path = written(tmp_path, "v;y\n0,5;2,25\n")
-    experiments = Experiments.from_csv(path, outcome="y", delimiter=";", decimal=",")
-    assert experiments.conditions["v"].tolist() == [0.5]
-    assert experiments.outcomes.tolist() == [2.25]
 
 
 BAD = {
@@ -119,23 +100,6 @@ def test_bad_tables_are_told_with_their_place(
         assert name in str(caught.value)
 
 
-def test_a_decimal_comma_in_a_semicolon_table_is_told(tmp_path: Path) -> None:
-    path = written(tmp_path, "v;y\n0,5;2\n0,6;3\n")
-    with pytest.raises(ExperimentsError, match=r"(?s)column 'v'.*'0,5'.*decimal = \",\""):
-        Experiments.from_csv(path, outcome="y", delimiter=";")
-
-
-def test_a_missing_file_names_its_neighbor(tmp_path: Path) -> None:
-    written(tmp_path, "v,y\n1,2\n")
-    with pytest.raises(ExperimentsError, match=r"'experiments\.csv'"):
-        Experiments.from_csv(tmp_path / "experiment.csv", outcome="y")
-
-
-def test_a_folder_is_not_a_table(tmp_path: Path) -> None:
-    with pytest.raises(ExperimentsError, match=re.escape(str(tmp_path))):
-        Experiments.from_csv(tmp_path, outcome="y")
-
-
 @pytest.mark.parametrize("delimiter", ["", ",,"])
 def test_a_delimiter_is_one_character(tmp_path: Path, delimiter: str) -> None:
     with pytest.raises(ExperimentsError, match=r"experiments\.csv"):
@@ -155,15 +119,6 @@ def test_columns_of_text_stay_text_and_slips_do_not_turn_numbers_into_text(tmp_p
     assert experiments.conditions["site"].tolist() == ["A1", "7", "B"]
     with pytest.raises(ExperimentsError, match=r"row 2, column 'site'.*'A1'"):
         Experiments.from_csv(path, outcome="y", conditions=["site"])
-
-
-def test_a_gap_in_a_column_that_nobody_chose_tells_how_to_leave_it_out(tmp_path: Path) -> None:
-    path = written(tmp_path, "load,dose,y\n1,5,2\n2,NA,3\n")
-    with pytest.raises(ExperimentsError, match=r"row 3, column 'dose'") as caught:
-        Experiments.from_csv(path, outcome="y")
-    assert "conditions = [" in caught.value.remedy
-    experiments = Experiments.from_csv(path, outcome="y", conditions=["load"])
-    assert list(experiments.conditions) == ["load"]
 
 
 def test_unknown_names_are_told(tmp_path: Path) -> None:
@@ -223,3 +178,43 @@ def test_conditions_need_no_outcome(tmp_path: Path) -> None:
     assert conditions.transform == "log"
     frame = pd.DataFrame({"id": ["X"], "load": [3]})
     assert Conditions.from_frame(frame).conditions["load"].tolist() == [3.0]
+
+
+FRAME = pd.DataFrame(
+    {
+        "id": ["b", "a", "b", "a", "c"],
+        "supplier": ["x", "y", "x", "y", "y"],
+        "heat": [20, 30, 20, 30, 40],
+        "time": [1.0, 1.0, 2.0, 2.0, 1.0],
+        "length": [1.0, 1.1, 1.2, 1.3, 1.4],
+    }
+)
+
+
+def experiments(frame: pd.DataFrame = FRAME) -> Experiments:
+    return Experiments.from_frame(frame, outcome="length")
+
+
+def test_each_experiment_has_a_row_in_the_order_of_the_ids() -> None:
+    found = covariates(experiments(), ["heat", "supplier"])
+    assert found.index.tolist() == ["b", "a", "c"]
+    assert found["heat"].tolist() == [20.0, 30.0, 40.0]
+    assert found["supplier"].tolist() == ["x", "y", "y"]
+
+
+def test_what_varies_within_an_experiment_is_told_with_both_rows() -> None:
+    with pytest.raises(ExperimentsError) as caught:
+        covariates(experiments(), ["time"])
+    assert all(part in str(caught.value) for part in ("'time'", "'b'", "1.0", "2.0"))
+
+
+def test_an_unknown_column_is_told_with_the_nearest() -> None:
+    with pytest.raises(ExperimentsError, match="did you mean 'heat'"):
+        covariates(experiments(), ["heta"])
+
+
+@pytest.mark.parametrize("blank", [None, ""])
+def test_a_blank_is_told_with_its_experiment(blank: str | None) -> None:
+    frame = FRAME.assign(supplier=["x", "y", "x", "y", blank])
+    with pytest.raises(ExperimentsError, match="experiment 'c' is blank"):
+        covariates(experiments(frame), ["supplier"])

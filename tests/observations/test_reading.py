@@ -4,10 +4,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from aleator.observations.outcomes import Censoring
 
 from aleator.errors import ExperimentsError
 from aleator.observations.experiments import Experiments
+from aleator.observations.outcomes import Censoring
 
 INF = np.inf
 

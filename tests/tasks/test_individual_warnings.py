@@ -5,7 +5,6 @@ import time as clock
 import numpy as np
 import pandas as pd
 import pytest
-from aleator.observations.outcomes import Censoring
 from identifications import unjudged
 from individual_cases import PAIR, straight_line, table
 
@@ -22,6 +21,7 @@ from aleator import (
 )
 from aleator.inference.diagnostics.experiments import Rival, rival_warnings
 from aleator.laws import Hyperparameter
+from aleator.observations.outcomes import Censoring
 
 FRAME = table(straight_line, experiments=12)
 NOISE = Noise(Free(0.01, 5.0))

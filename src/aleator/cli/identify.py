@@ -1,19 +1,21 @@
-"""`aleator identify`."""
+"""`aleator identify` and `aleator report`: an answer, and its page of charts."""
 
 from __future__ import annotations
 
-import inspect
+import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.console import Console
 
-from aleator.cli.identify import write_report
 from aleator.cli.running import (
-    FILE,
+    FOLDER,
+    NO_VERIFY,
     OUTPUT,
     SEED,
+    STUDY,
     RunOptions,
     can_draw,
     can_report,
@@ -23,101 +25,116 @@ from aleator.cli.running import (
     linked,
     make_place,
     makes_runs,
+    require_report,
     running,
     say,
     shown,
 )
-from aleator.errors import short
-from aleator.inference.check import Check
-from aleator.laws import LogNormal
+from aleator.errors import AleatorError, short
 from aleator.plot.identification import save_figures
 from aleator.report import terminal
 from aleator.results import documents, printed
-from aleator.search import GradientMultistart
+from aleator.results.schema import read_answer, read_ceiling
 from aleator.simulators import Budget
 from aleator.study import load_study
-from aleator.study.kinds import in_toml
-from aleator.study.sections import ExperimentsSection, StudyFile
-from aleator.surrogates import ResponseSurface
 from aleator.tasks.pictures import pictured
+
+REPORT = "report.html"
+COMPARED = "compared.html"
+CEILING = "ceiling.json"
+
+Document = Mapping[str, Any]
+
+
+def write_report(document: Document, folder: Path, study: Path | None = None) -> Path:
+    """Write report.html of an identification into its folder, with what stands there beside it.
+
+    `study` is its study file. Raises AleatorError where Bokeh is not installed.
+    """
+    from aleator.report.html.page import page
+
+    path = folder / REPORT
+    documents.write_text(
+        page(document, _ceiling(document, folder), _study_text(document, study)), path
+    )
+    return path
+
+
+def write_compared(document: Document, other: Document, folder: Path, beside: Path) -> Path:
+    """Write compared.html of two identifications, which are called as their folders are."""
+    from aleator.report.html.compared import compared_page
+
+    names = [folder.name, beside.name]
+    if names[0] == names[1]:
+        names = [str(folder), str(beside)]
+    if names[0] == names[1]:
+        raise AleatorError(f"{folder}: it is compared with itself", "name another folder")
+    path = folder / COMPARED
+    pair = dict(zip(names, (document, other), strict=True))
+    documents.write_text(compared_page(pair), path)
+    return path
+
+
+def study_of(document: Document, folder: Path) -> Path | None:
+    """The study file that a document names, if it is there."""
+    file = documents.study_entry(document).get("file")
+    return folder / file if isinstance(file, str) else None
+
+
+def _ceiling(document: Document, folder: Path) -> Document | None:
+    """The ceiling of the same study that was written beside it; that of another is none."""
+    if not (folder / CEILING).exists():
+        return None
+    found = read_ceiling(folder / CEILING)
+    same = documents.study_entry(found).get("sha256")
+    return found if same == documents.study_entry(document).get("sha256") else None
+
+
+def _study_text(document: Document, study: Path | None) -> str | None:
+    """The text of the study file; none where it is not the one that was identified."""
+    try:
+        content = b"" if study is None else study.read_bytes()
+    except OSError:
+        return None
+    if hashlib.sha256(content).hexdigest() != documents.study_entry(document).get("sha256"):
+        return None
+    return content.decode("utf-8", "replace")
+
 
 IDENTIFICATION = "identification.json"
 
 
-def _defaults(choice: type, *names: str) -> str:
-    """The keys of some fields with their defaults, as a study file writes them."""
-    known = inspect.signature(choice).parameters
-    return ", ".join(f"{name} = {in_toml(known[name].default)}" for name in names)
+@click.command()
+@click.argument("folder", type=FOLDER, metavar="DIR")
+@click.option(
+    "--compare",
+    "other",
+    type=FOLDER,
+    metavar="OTHER",
+    help="Put the identification in OTHER beside it: DIR/compared.html.",
+)
+def report(folder: Path, other: Path | None) -> None:
+    """Write report.html of an answer, or of two side by side.
+
+    DIR/report.html is a page of charts in one file that needs no network: the law, the estimates,
+    measured against predicted, calibration, warnings, and how it was computed. `aleator identify`
+    writes it too; this command writes it anew from DIR/identification.json, with DIR/ceiling.json
+    where `aleator ceiling` has written that. No run of the simulator is made.
+
+    With --compare it writes DIR/compared.html: both verdicts, estimates, laws and predictions side
+    by side.
+    """
+    require_report()
+    document = read_answer(folder / IDENTIFICATION)
+    if other is None:
+        path = write_report(document, folder, study_of(document, folder))
+    else:
+        path = write_compared(document, read_answer(other / IDENTIFICATION), folder, other)
+    click.echo(f"Written: {short(path)}")
 
 
-HELP = f"""Identify the law that STUDY.toml asks for.
-
-Prints a report and writes DIR/identification.json; for one seed that file is always the same,
-but for its "seconds". Writes DIR/report.html, a page of charts that needs no network, if Bokeh
-is installed. Draws DIR/experiments.png (what was measured beside what is predicted)
-and DIR/calibration.png if matplotlib is installed, and with measurement noise
-DIR/parameters.png. Progress goes to the standard error.
-
-Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
-known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
-same result. Every study in that folder reuses a run if simulator, conditions and parameters
-are equal. (Of a simulator that takes arrays, and is run at every node, none are kept.) Whether the
-simulator is the same is judged by the source of its package or folder: see `aleator runs --help`
-if anything else that matters has changed.
-
-\b
-A study file (paths are relative to it; all keys but these have defaults):
-  [experiments]
-  file = "experiments.csv"      # a header, then a row for each experiment
-  outcome = "shifting_time"     # the measured column; the others are conditions
-  [simulator]
-  function = "model.py:shifting_time"   # takes conditions and parameters by name
-  [parameters.friction]
-  law = "truncated_normal"
-  box = [0.05, 0.20]
-
-\b
-Further keys, with their defaults:
-  {_defaults(StudyFile, "title", "seed")}
-  [experiments] id = "id" (rows with the same id are one experiment), conditions = every
-                other column, transform = "none" or "log" (both outcomes, measured and
-                simulated, are then in the original unit),
-                {_defaults(ExperimentsSection, "delimiter", "decimal")};
-                outcomes = [...] for several, response = the column
-                that says which, censored = {{column, right, left, upper}} for bounds
-  [simulator]   vectorized = false: called once a run with numbers; true: with arrays.
-                Instead of function: command (a program) or fmu
-  [parameters.NAME] law = "truncated_normal", "beta" (box, mean, sd), "normal" (mean,
-                sd), "uniform" (box; or mean, sd), "gamma", "lognormal" (mean, sd,
-                {_defaults(LogNormal, "lower")}), "scipy" (distribution, args; mean, sd),
-                "mixture" (components, shares) or "constant" (value); mean, sd and
-                value each a number, or to be identified within {{lower = ...,
-                upper = ..., start = ..., prior = {{law = ...}}}}; mean and sd may
-                follow columns of the table: mean = "1 + temperature"
-  [correlation] a.b: of the parameters a and b, a number or {{lower = ..., upper = ...}}
-  [derived]     a = "b * load": parameters from others and from conditions
-  [noise]       sd: measurement noise, a number, {{lower = ..., upper = ...}} or a
-                column; relative; kind = "normal" or "student_t" (df);
-                [noise.RESPONSE] for each response
-  [propagation] method = "response_surface" (tolerance: as exact as the answer needs;
-                {_defaults(ResponseSurface, "max_runs")}, nodes, surfaces =
-                "none", "own" or "shared": left out, none if vectorized) or
-                "collocation" (nodes, moments = "quadrature" or "expansion", degree)
-  [density]     left out, or kind = "automatic": the exact likelihood, by level sets
-                without noise, by an integral over individual parameters with it.
-                Without noise one of moments may be chosen: "maximum_entropy"
-                (order) or "gaussian"
-  [search]      method = "gradient" ({_defaults(GradientMultistart, "starts", "evaluations")}),
-                "genetic", "differential_evolution" or "cmaes"
-  [verification] samples: runs of each row or series, at most, for the check on the
-                simulator, 0 for none. Left out: up to {Check().most} where surfaces stand
-                for it
-docs/study.md explains them all.
-"""
-
-
-@click.command(help=HELP)
-@click.argument("study", type=FILE, metavar="STUDY.toml")
+@click.command()
+@STUDY
 @OUTPUT
 @SEED
 @click.option(
@@ -125,7 +142,7 @@ docs/study.md explains them all.
     type=click.IntRange(min=1),
     help="Starts of the gradient search [default: the study's].",
 )
-@click.option("--no-verify", is_flag=True, help="Leave out the check on the simulator.")
+@NO_VERIFY
 @makes_runs
 @click.option(
     "--max-runs",
@@ -158,11 +175,38 @@ def identify(
     details: bool,
     options: RunOptions,
 ) -> None:
-    """Identify the law that STUDY.toml asks for; `HELP` says how."""
+    """Identify the law that STUDY.toml asks for.
+
+    Prints a report and writes DIR/identification.json; for one seed that file is always the same,
+    but for its "seconds". Writes DIR/report.html, a page of charts that needs no network, if Bokeh
+    is installed. Draws DIR/experiments.png (what was measured beside what is predicted)
+    and DIR/calibration.png if matplotlib is installed, and with measurement noise
+    DIR/parameters.png. Progress goes to the standard error.
+
+    Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
+    known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
+    same result. Every study in that folder reuses a run if simulator, conditions and parameters
+    are equal. (Of a simulator that takes arrays, and is run at every node, none are kept.) Whether
+    the simulator is the same is judged by the source of its package or folder: see `aleator runs
+    --help` if anything else that matters has changed.
+
+    \b
+    A study file (paths are relative to it; all keys but these have defaults):
+      [experiments]
+      file = "experiments.csv"      # a header, then a row for each experiment
+      outcome = "shifting_time"     # the measured column; the others are conditions
+      [simulator]
+      function = "model.py:shifting_time"   # takes conditions and parameters by name
+      [parameters.friction]
+      law = "truncated_normal"
+      box = [0.05, 0.20]
+
+    docs/study.md explains all keys, and `aleator schema` tells them to an editor.
+    """
     folder, study_file = folder_of(output, study), study.absolute()
     value = load_study(study).overridden(seed, starts, verified=not no_verify)
     make_place(folder / IDENTIFICATION, study_file)
-    for line in () if options.quiet else value.told():
+    for line in () if options.quiet else value.simulator_notes():
         say(f"{value.simulator.name}, {line}")
     with running(value, options) as runner, shown(options.quiet) as progress:
         budget = Budget(max_runs, max_hours)

@@ -1,29 +1,339 @@
-"""`aleator new`."""
+"""`aleator new` and `aleator schema`: a first study file, by options, questions or proposals."""
 
 from __future__ import annotations
 
+import json
 import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
+from rich.console import Console
 
-from aleator.cli.new import (
-    Asked,
-    Questions,
-    at_terminal,
-    chosen_offer,
-    chosen_outcomes,
-    chosen_parameters,
-    chosen_table,
-    schema_text,
-)
-from aleator.cli.running import FILE, RESULT
-from aleator.errors import AleatorError, short
-from aleator.report.proposal import notes, study_text
+from aleator.cli.running import FILE, RESULT, make_place
+from aleator.errors import AleatorError, SimulatorError, nearest, short
+from aleator.report.proposal import notes, study_text, variables
+from aleator.report.rows import Rows
 from aleator.results import documents
-from aleator.study.offers import bound
-from aleator.study.proposal import laws_for, proposed, roles_of
-from aleator.study.roles import count_of, sheet_of
+from aleator.study.offers import (
+    Offer,
+    bound,
+    functions_in,
+    offered_by_command,
+    offered_by_fmu,
+    offered_by_function,
+)
+from aleator.study.proposal import (
+    Limits,
+    laws_for,
+    nominal_limits,
+    outcome_of,
+    parameters_of,
+    proposed,
+    require_outcome,
+    responses_of,
+    roles_of,
+)
+from aleator.study.roles import Roles, Sheet, count_of, sheet_of
+from aleator.study.schema import study_schema
+
+
+def at_terminal() -> bool:
+    """Whether somebody can answer."""
+    return sys.stdin.isatty()
+
+
+@dataclass(frozen=True)
+class Questions:
+    """`interactive`, or answered by their defaults; `folder` is that of the study file."""
+
+    interactive: bool
+    folder: Path
+
+    def text(self, question: str, default: str | None, missing: AleatorError) -> str:
+        """A text; raises `missing` where there is no default and nobody to ask."""
+        if self.interactive:
+            return str(click.prompt(question, default=default, err=True)).strip()
+        if default is None:
+            raise missing
+        return default
+
+    def one_of(
+        self, question: str, known: Sequence[str], default: str | None, missing: AleatorError
+    ) -> str:
+        """One of the known names; asked again until it is."""
+        if not self.interactive:
+            return self.text(question, default, missing)
+        choice = click.Choice([*known])
+        return str(click.prompt(question, default=default, type=choice, err=True))
+
+    def names(self, question: str, known: Sequence[str], default: Sequence[str]) -> list[str]:
+        """Some of the known names, separated by commas."""
+        if not self.interactive:
+            return [*default]
+
+        def read(answer: str) -> list[str]:
+            names = [name.strip() for name in answer.split(",") if name.strip()]
+            if wrong := [name for name in names if name not in known]:
+                raise click.BadParameter(f"'{wrong[0]}' is none of {', '.join(known)}")
+            return names
+
+        shown = ", ".join(default)
+        found: list[str] = click.prompt(question, default=shown, value_proc=read, err=True)
+        return found
+
+    def limits(
+        self, question: str, default: tuple[float, float] | None
+    ) -> tuple[float, float] | None:
+        """Two numbers; None where nothing is known and nothing is said."""
+        if not self.interactive:
+            return default
+        shown = "" if default is None else f"{default[0]:g} {default[1]:g}"
+        found: tuple[float, float] | None = click.prompt(
+            question, default=shown, value_proc=_limits, err=True, show_default=bool(shown)
+        )
+        return found
+
+    def number(self, question: str) -> float | None:
+        """A number; None where nobody knows it."""
+        if not self.interactive:
+            return None
+        found: float | None = click.prompt(
+            question, default="", value_proc=_number, err=True, show_default=False
+        )
+        return found
+
+    def agreed(self, question: str) -> bool:
+        """Whether the user says yes; no where nobody is asked."""
+        return self.interactive and click.confirm(question, default=False, err=True)
+
+
+def _limits(answer: str) -> tuple[float, float] | None:
+    if not answer.strip():
+        return None
+    try:
+        low, high = (float(part) for part in answer.replace(":", " ").split())
+    except ValueError:
+        raise click.BadParameter("write two numbers, such as 1.0 3.0") from None
+    if not low < high:
+        raise click.BadParameter(f"{low:g} is not below {high:g}")
+    return low, high
+
+
+def _number(answer: str) -> float | None:
+    try:
+        return float(answer) if answer.strip() else None
+    except ValueError:
+        raise click.BadParameter("write a number, or nothing") from None
+
+
+def chosen_id(asked: Questions, sheet: Sheet, roles: Roles, given: str | None) -> str | None:
+    """The column that names the experiments, or None."""
+    if given is not None:
+        sheet.table.require(given, "the id")
+    columns = [name for name in (roles.id, *roles.others) if name]
+    if given is not None or not asked.interactive or not columns:
+        return given or roles.id
+    nothing = "none"
+    answer = asked.one_of(
+        "Rows of one experiment share which column", [nothing, *dict.fromkeys(columns)],
+        roles.id or nothing, AleatorError(""),
+    )  # fmt: skip
+    return None if answer == nothing else answer
+
+
+def chosen_table(asked: Questions, given: Path | None) -> Path:
+    """The table, by default the only CSV file of the current folder."""
+    if given is not None:
+        return given
+    found = _only("*.csv")
+    missing = AleatorError(
+        "nothing says which table is meant", "aleator new TABLE.csv: name the file of measurements"
+    )
+    return Path(asked.text("Table of experiments (CSV)", found, missing))
+
+
+def chosen_offer(
+    asked: Questions, function: str | None, fmu: Path | None, command: str | None
+) -> Offer:
+    """The simulator, by default the only function of the only Python file here, or the only FMU."""
+    given = {"--function": function, "--fmu": fmu, "--command": command}
+    named = [name for name, value in given.items() if value]
+    if len(named) > 1:
+        raise AleatorError(f"{' and '.join(named)} contradict each other", "choose one of them")
+    if command:
+        return offered_by_command(_located(asked.folder, command))
+    if not named:
+        missing = AleatorError(
+            "nothing says what the simulator is",
+            "--function FILE.py:NAME, --fmu FILE.fmu or --command '...'",
+        )
+        answer = asked.text(
+            "Simulator (FILE.py:NAME, FILE.fmu, or a command with {names})", _likely(), missing
+        )
+        fmu = Path(answer) if answer.endswith(".fmu") else None
+        if fmu is None and "{" in answer:
+            return offered_by_command(_located(asked.folder, answer))
+        function = answer
+    if fmu is not None:
+        return offered_by_fmu(fmu, _beside(asked.folder, fmu))
+    return _function(asked, str(function))
+
+
+def chosen_outcomes(
+    asked: Questions, sheet: Sheet, offer: Offer, given: Sequence[str]
+) -> tuple[str, ...]:
+    """The measured columns."""
+    told = tuple(given) or responses_of(sheet, offer)
+    if told:
+        return told
+    found, possible = outcome_of(sheet, offer)
+    if not asked.interactive:
+        return (require_outcome(found, possible),)
+    known = possible or sheet.names
+    return (asked.one_of("Measured column", known, found, AleatorError("")),)
+
+
+def chosen_parameters(
+    asked: Questions,
+    offer: Offer,
+    roles: Roles,
+    most: int,
+    given: Sequence[str],
+    listed: int = 40,
+) -> dict[str, Limits | float | None]:
+    """The parameters that differ between experiments, with their limits as far as they are known.
+
+    Raises AleatorError for limits that are none.
+    """
+    if given or not asked.interactive:
+        called = {variable: name for name, variable in offer.variables.items()}
+        return {called.get(name, name): value for name, value in map(_parameter, given)}
+    laws, others = parameters_of(offer, roles, most, {})
+    known = {each.name: each for each in (*(law.given for law in laws), *others)}
+    if others:
+        table = Rows(
+            (("name", "left"), ("unit", "left"), ("value", "right"), ("meaning", "fold")),
+            variables([*known.values()][:listed], offer),
+        )
+        Console(stderr=True).print(table)
+    names = asked.names(
+        "Parameters that differ between experiments", [*known],
+        [law.name for law in laws if law.scatters],
+    )  # fmt: skip
+    limits: dict[str, Limits | float | None] = {
+        name: asked.limits(f"  {name} lies between (two numbers)", nominal_limits(known[name]))
+        for name in names
+    }
+    for law in laws:
+        if law.name not in names and law.given.required:
+            limits[law.name] = asked.number(f"  {law.name}, the same for all, is")
+    return limits
+
+
+def _parameter(text: str) -> tuple[str, Limits | float | None]:
+    """`stiffness=1:3`, `stiffness=2` or `stiffness`."""
+    name, given, value = text.partition("=")
+    try:
+        numbers = [float(part) for part in value.split(":")] if given else []
+    except ValueError:
+        numbers = [0.0, 0.0]
+    if len(numbers) > 2 or (len(numbers) == 2 and not numbers[0] < numbers[1]):
+        raise AleatorError(
+            f"--parameter {text}: '{value}' is neither a number nor limits",
+            f"write --parameter {name}=1.0:3.0, or {name}=2.0 for a constant",
+        )
+    if len(numbers) == 2:
+        return name.strip(), (numbers[0], numbers[1])
+    return name.strip(), numbers[0] if numbers else None
+
+
+def _function(asked: Questions, reference: str) -> Offer:
+    """A function by a name that is relative to the current folder, or of a module."""
+    file, _, name = reference.rpartition(":")
+    if reference.endswith(".py"):
+        file, name = reference, ""
+    if file.endswith(".py") and not Path(file).is_file():
+        beside = [path.name for path in Path(file).parent.glob("*.py")]
+        raise SimulatorError(
+            f"{file}: there is no such file{nearest(Path(file).name, beside)}", "check the name"
+        )
+    if not name:
+        known = functions_in(Path(file))
+        missing = SimulatorError(
+            f"nothing says which function of {file} is meant"
+            if known
+            else f"{file or reference} defines no function",
+            f"--function {file or 'FILE.py'}:{known[-1] if known else 'NAME'}",
+        )
+        default = known[0] if len(known) == 1 else None
+        if not known:
+            raise missing
+        name = asked.one_of("Function", known, default, missing)
+    if not file.endswith(".py"):
+        return offered_by_function(f"{file}:{name}", asked.folder)
+    found = offered_by_function(f"{Path(file).absolute()}:{name}", asked.folder)
+    return replace(found, value=f"{_beside(asked.folder, Path(file))}:{name}")
+
+
+def _located(folder: Path, command: str) -> str:
+    """A command whose arguments that are files beside the study are found from everywhere."""
+    program, *rest = command.split(" ")
+    return " ".join(
+        [program, *(f"{{study}}/{w}" if w and (folder / w).is_file() else w for w in rest)]
+    )
+
+
+def _beside(folder: Path, file: Path) -> str:
+    """A file as a study in the folder names it."""
+    return Path(os.path.relpath(file.absolute(), folder)).as_posix()
+
+
+def _likely() -> str | None:
+    """What in the current folder is a simulator, if there is one such thing."""
+    fmu = _only("*.fmu")
+    if fmu is not None:
+        return fmu
+    file = _only("*.py")
+    names = functions_in(Path(file)) if file else ()
+    return f"{file}:{names[0]}" if len(names) == 1 else file
+
+
+def _only(pattern: str) -> str | None:
+    found = sorted(path.name for path in Path().glob(pattern))
+    return found[0] if len(found) == 1 else None
+
+
+@click.command()
+@click.option("--output", type=RESULT, metavar="FILE", help="Write it there.")
+def schema(output: Path | None) -> None:
+    """Print the JSON schema of study.toml, for editors.
+
+    An editor that knows TOML (Even Better TOML in Visual Studio Code, Taplo in others) then offers
+    the keys and marks what is wrong while you type. Its first line names the schema; `aleator new
+    --schema` writes both.
+
+    \b
+      aleator schema --output study.schema.json
+      #:schema study.schema.json           <- the first line of study.toml
+
+    It has the kinds of installed plug-ins too.
+    """
+    text = schema_text()
+    if output is None:
+        click.echo(text, nl=False)
+        return
+    make_place(output)
+    documents.write_text(text, output)
+    click.echo(f"Written: {short(output)}")
+
+
+def schema_text() -> str:
+    """The schema as a file has it."""
+    return json.dumps(study_schema(), indent=1, ensure_ascii=False) + "\n"
+
 
 SCHEMA = "study.schema.json"
 
@@ -91,15 +401,14 @@ def new(
 
     What cannot be known is left as a line that says FILL IN.
     """
-    questions = Questions(at_terminal() and not yes)
-    _require_free(output, force, questions)
-    asked = Asked(questions, output.parent)
+    asked = Questions(at_terminal() and not yes, output.parent)
+    _require_free(output, force, asked)
     path = chosen_table(asked, table)
     sheet = sheet_of(path)
     offer = bound(chosen_offer(asked, function, fmu, command), sheet.names)
     outcomes = chosen_outcomes(asked, sheet, offer, outcome)
     roles = roles_of(sheet, offer, outcomes)
-    named = asked.id(sheet, roles, id)
+    named = chosen_id(asked, sheet, roles, id)
     most = laws_for(count_of(sheet.table, named), len(sheet.table))
     laws = chosen_parameters(asked, offer, roles, most, parameters)
     file = Path(os.path.relpath(path.absolute(), output.parent)).as_posix()

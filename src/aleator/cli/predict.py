@@ -1,10 +1,12 @@
-"""`aleator predict`."""
+"""`aleator predict`: distributions, probabilities or limits of untested conditions."""
 
 from __future__ import annotations
 
+import functools
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,6 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from aleator.cli.predict import Asked, asks, expected_runs, held, made_runs, untested
 from aleator.cli.running import (
     FILE,
     RESULT,
@@ -27,7 +28,8 @@ from aleator.cli.running import (
 from aleator.errors import AleatorError, short
 from aleator.inference.decisions.alpha_draws import AlphaDraws, alpha_draws
 from aleator.observations.experiments import Conditions
-from aleator.report import terminal
+from aleator.progress import Progress
+from aleator.report import decisions, terminal
 from aleator.results import documents
 from aleator.results.printed import number
 from aleator.results.result import Result
@@ -37,10 +39,196 @@ from aleator.results.values import QUANTILES, in_order
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.decide.beyond import compared
+from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.known import estimated
+from aleator.tasks.decide.limits import Tolerance, limits
+from aleator.tasks.decide.probability import probabilities
+from aleator.tasks.decide.question import events_asked, responses_asked
+from aleator.tasks.decide.simulator_check import CHECKS
 from aleator.tasks.individual.session import OWN, session_of
 from aleator.tasks.session import OutcomeSession, Session
 from aleator.types import Indices
+
+
+def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
+    """A note where surfaces of new conditions have to be made, by what those of the study took."""
+    surface = document.get("surface") or {}
+    if not (surface.get("runs") and surface.get("experiments")):
+        return
+    each = max(round(surface["runs"] / surface["experiments"]), 1)
+    count = len(runner.cases)
+    of = "the new condition" if count == 1 else f"each of {count} new conditions"
+    runs = f"{each} runs" if count == 1 else f"{each} runs each"
+    known = None if runner.cache is None else runner.cache.at_start
+    took = ""
+    if known is not None and known.runs:
+        second = known.seconds / known.runs
+        took = f", {number(second, 2)} s a run, {number(count * each * second, 2)} s in all"
+    yield (
+        f"note: a surface is made for {of}: {runs}{took}, if it needs as many as in "
+        "the identification and none is stored"
+    )
+
+
+def made_runs(runner: Runner) -> Iterator[str]:
+    """A note of the runs that were made, if there were any."""
+    if runner.fresh:
+        yield f"note: {runner.fresh} runs of the simulator were made"
+
+
+def fixed_notes(draws: AlphaDraws, session: Session) -> list[str]:
+    """A note where of the uncertainty of some hyperparameters nothing is known."""
+    names = [session.hyperparameters[k].name for k in draws.held.tolist()]
+    if not names:
+        return []
+    return [
+        f"note: the identification tells no uncertainty of {', '.join(names)}, taken as estimated"
+    ]
+
+
+def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
+    """A note for each row of new conditions that is beyond the tested ones."""
+    tested, new = value.experiments.table, table.table
+    asked = [*table.conditions, *value.inputs.covariates]
+    names = [name for name in dict.fromkeys(asked) if name in tested and name in new]
+    found = compared(tested[names], new[names])
+    every = [
+        f"note: beyond the tested conditions: {place}: {why}"
+        for place, why in zip(table.places, found.why, strict=True)
+        if why
+    ]
+    rest = len(every) - named
+    return every if rest <= 0 else [*every[:named], f"note: and {rest} more rows"]
+
+
+@dataclass(frozen=True)
+class PredictionRequest:
+    """The options of a probability or of limits; none of them asks for the distribution."""
+
+    above: float | None
+    below: float | None
+    between: tuple[float, float] | None
+    response: str | None
+    tolerance: tuple[float, float] | None
+    reliability: float | None
+    confidence: float
+    side: str
+    checks: int
+
+    def __post_init__(self) -> None:
+        ways = {
+            "--above": self.above, "--below": self.below, "--between": self.between,
+            "--tolerance": self.tolerance, "--reliability": self.reliability,
+        }  # fmt: skip
+        chosen = [name for name, value in ways.items() if value is not None]
+        if len(chosen) > 1:
+            raise AleatorError(
+                f"{' and '.join(chosen)} contradict each other", "choose one of them"
+            )
+
+    @property
+    def limits(self) -> Tolerance | None:
+        """The limits that are asked for, if they are."""
+        if self.tolerance is not None:
+            return Tolerance(*self.tolerance)
+        if self.reliability is not None:
+            return Tolerance(self.reliability, self.confidence, self.side)
+        return None
+
+    @property
+    def distribution(self) -> bool:
+        """Whether nothing else than the distribution is asked for."""
+        return self.limits is None and not any(
+            part is not None for part in (self.above, self.below, self.between)
+        )
+
+    def table(self, ground: Ground, draws: AlphaDraws, progress: Progress) -> pd.DataFrame:
+        """The probabilities or the limits, a row for each row of the conditions."""
+        if self.limits is not None:
+            numbers = responses_asked(ground, self.response)
+            which = np.flatnonzero(np.isin(ground.seen.response, numbers))
+            return limits(ground, draws, self.limits, which, progress)
+        events = events_asked(ground, self.response, self.above, self.below, self.between)
+        return probabilities(ground, draws, events, self.checks, progress)
+
+    def rendered(self, found: pd.DataFrame, outcome: str) -> Any:
+        """The table with its title, for the terminal."""
+        columns = found.to_dict("list")
+        if self.limits is None:
+            return decisions.render_probabilities(
+                columns, f"Probability of {outcome} {self._event}"
+            )
+        asked = self.limits
+        if asked.side == "both":
+            words = f"Limits that hold {asked.content:g} of {outcome}"
+        else:
+            words = (
+                f"Value that {outcome} is {_SIDES[asked.side]} with reliability {asked.content:g}"
+            )
+        return decisions.render_limits(columns, f"{words}, with confidence {asked.confidence:g}")
+
+    @property
+    def _event(self) -> str:
+        if self.between is not None:
+            return f"between {self.between[0]:g} and {self.between[1]:g}"
+        return f"above {self.above:g}" if self.above is not None else f"below {self.below:g}"
+
+
+_SIDES = {"upper": "below", "lower": "above"}
+
+
+def asks(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options of what is asked for, as the one argument `asked`."""
+
+    @click.option("--above", type=float, metavar="X", help="Probability of outcomes above X.")
+    @click.option("--below", type=float, metavar="X", help="Probability of outcomes below X.")
+    @click.option(
+        "--between", type=float, nargs=2, metavar="A B", help="Probability of outcomes between."
+    )
+    @click.option("--response", metavar="NAME", help="Of this response, where there are several.")
+    @click.option(
+        "--tolerance",
+        type=float,
+        nargs=2,
+        metavar="P C",
+        help="Two limits that hold the share P of the outcomes with confidence C (0.95 0.95).",
+    )
+    @click.option(
+        "--reliability",
+        type=float,
+        metavar="R",
+        help="The design value: the outcome stays on one side of it with probability R (0.999).",
+    )
+    @click.option(
+        "--confidence",
+        type=float,
+        default=0.95,
+        show_default=True,
+        metavar="C",
+        help="Confidence of the design value.",
+    )
+    @click.option(
+        "--side",
+        type=click.Choice(["upper", "lower"]),
+        default="upper",
+        show_default=True,
+        help="The design value is an upper limit (of a load) or a lower one (of a strength).",
+    )
+    @click.option(
+        "--checks",
+        type=click.IntRange(min=0),
+        default=CHECKS,
+        show_default=True,
+        metavar="N",
+        help="Runs of the simulator for each row that a probability by a surface is held against.",
+    )
+    @functools.wraps(command)
+    def collected(**given: Any) -> Any:
+        chosen = {field.name: given.pop(field.name) for field in fields(PredictionRequest)}
+        return command(asked=PredictionRequest(**chosen), **given)
+
+    return collected
 
 
 @click.command()
@@ -85,7 +273,7 @@ def predict(
     of: str | None,
     no_noise: bool,
     no_uncertainty: bool,
-    asked: Asked,
+    asked: PredictionRequest,
     options: RunOptions,
 ) -> None:
     """Predict outcomes of untested conditions.
@@ -140,7 +328,7 @@ def predict(
         else:
             ground = session.ground(table, draws.estimate, table.transform, who, not no_noise)
             found = asked.table(ground, draws, progress)
-    for note in (*made_runs(runner), *held(draws, session), *untested(value, table)):
+    for note in (*made_runs(runner), *fixed_notes(draws, session), *untested(value, table)):
         options.say(note)
     if output is not None:
         row = found["row"].to_numpy() - 1 if "row" in found else _rows_of(found, table)
@@ -153,7 +341,7 @@ def predict(
         _show(found, asked, value)
 
 
-def _show(found: pd.DataFrame, asked: Asked, value: Study) -> None:
+def _show(found: pd.DataFrame, asked: PredictionRequest, value: Study) -> None:
     """Print a table for each response."""
     responses = value.experiments.observations.responses
     parts = {str(name): part for name, part in found.groupby("response", sort=False)} if (

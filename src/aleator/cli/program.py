@@ -50,6 +50,14 @@ GROUPS = {
 }
 """The commands as `aleator --help` lists them, which imports none of them: by what a user does."""
 
+MODULES = {
+    "report": "identify",
+    "schema": "new",
+    **dict.fromkeys(("check", "sensitivity", "box", "next"), "exploring"),
+    **dict.fromkeys(("compare", "ceiling", "bootstrap", "posterior", "recover"), "judging"),
+}
+"""The module of a command that is not called as its module is."""
+
 COMMANDS = {name: told for group in GROUPS.values() for name, told in group.items()}
 """All of them, in that order."""
 
@@ -60,7 +68,7 @@ Exit codes: 0 done, 1 a defect, 2 mend the input, 130 Ctrl-C, 143 SIGTERM
 
 
 @contextmanager
-def misuse_told(ctx: click.Context) -> Iterator[None]:
+def misuse_as_message(ctx: click.Context) -> Iterator[None]:
     """Misuse, and what the machine refuses, is one message and exit code 2, Ctrl-C is 130.
 
     SIGTERM is 143. A defect keeps its traceback.
@@ -100,7 +108,8 @@ class _Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         with ended_at_once():
-            command: click.Command = getattr(import_module(f"aleator.cli.{cmd_name}"), cmd_name)
+            module = import_module(f"aleator.cli.{MODULES.get(cmd_name, cmd_name)}")
+        command: click.Command = getattr(module, cmd_name)
         return command
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
@@ -129,7 +138,7 @@ class _Commands(click.Group):
             faulthandler.enable()  # a crash of compiled code is not silent
         with suppress(OSError):  # it was removed
             ctx.obj = os.getcwd()
-        with misuse_told(ctx):
+        with misuse_as_message(ctx):
             return super().invoke(ctx)
 
 

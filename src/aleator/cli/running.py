@@ -1,32 +1,76 @@
-"""Where a command's runs are made and kept: the options that say so, and what they open."""
+"""What commands share: options, the workers and store of their runs, progress, and how they end."""
 
 from __future__ import annotations
 
 import errno
 import functools
+import importlib
+import importlib.util
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import click
 import numpy as np
+from rich.console import Console, RenderableType
 
-from aleator.cli.running import say
-from aleator.errors import AleatorError
+from aleator.errors import AleatorError, installing, short
 from aleator.fit.question import start_point
 from aleator.observations.experiments import Conditions
-from aleator.progress import Progress
+from aleator.progress import Progress, Silent
+from aleator.report import live
 from aleator.results import documents
 from aleator.results.units import seen_label
 from aleator.simulators import Budget, ProcessPool, Runner, Store, notified
 from aleator.simulators.clusters import dask_executor, mpi_executor
-from aleator.study import Study
+from aleator.study import Study, load_study
 from aleator.tasks.identification import Identification
 from aleator.tasks.identify import UNLIMITED, identify
+
+
+def say(text: str) -> None:
+    """A note on the standard error."""
+    click.echo(f"aleator: {text}", err=True)
+
+
+@contextmanager
+def shown(quiet: bool) -> Iterator[Progress]:
+    """Progress on the standard error, or none."""
+    with nullcontext(Silent()) if quiet else live.shown_on(Console(stderr=True)) as progress:
+        yield progress
+
+
+def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = False) -> bool:
+    """Whether matplotlib is there; says what is `missing` where it is not, unless `quiet`."""
+    found = importlib.util.find_spec("matplotlib") is not None
+    if not (found or quiet):
+        say(f"{missing} matplotlib (pip install matplotlib)")
+    return found
+
+
+def can_report(quiet: bool = False) -> bool:
+    """Whether Bokeh is there, which draws the charts of report.html; says so where it is not."""
+    try:
+        require_report()
+    except AleatorError as error:
+        if not quiet:
+            say(f"no report.html is written: {error.problem}. {error.remedy}")
+        return False
+    return True
+
+
+def require_report() -> None:
+    """Raise AleatorError where Bokeh is not installed, which draws the charts of report.html."""
+    try:
+        importlib.import_module("bokeh")
+    except ModuleNotFoundError:
+        raise AleatorError(
+            "report.html needs bokeh, which is not installed", installing("report")
+        ) from None
 
 
 class _Named(click.Path):
@@ -55,6 +99,9 @@ RESULT = _Placed(path_type=Path, dir_okay=False)
 """A file, there or not."""
 FOLDER = _Placed(path_type=Path, file_okay=False)
 """A folder, there or not."""
+STUDY = click.argument("study", type=FILE, metavar="STUDY.toml")
+NO_FIGURES = click.option("--no-figures", is_flag=True, help="Draw no figure.")
+NO_VERIFY = click.option("--no-verify", is_flag=True, help="Leave out the check on the simulator.")
 SEED = click.option(
     "--seed", type=click.IntRange(min=0), help="Seed of everything random [default: the study's]."
 )
@@ -65,6 +112,12 @@ OUTPUT = click.option(
     help="Folder of the results [default: out/ and the name of the study's folder].",
 )
 """Where a command of one study writes; `folder_of` says where that is."""
+
+
+def whole_number(name: str, default: int, help: str, least: int = 1) -> Callable[..., Any]:
+    """An option that is a whole number, `least` or more."""
+    kind = click.IntRange(min=least)
+    return click.option(name, type=kind, default=default, show_default=True, help=help)
 
 
 @dataclass(frozen=True)
@@ -144,11 +197,11 @@ def running(
         _folder_kept(),
     ):
         runner = study.runner(conditions, kept, executor)
-        told = None if options.quiet else say
+        tell = None if options.quiet else say
         first = np.clip(start_point(study.inputs), *study.inputs.box.T)
         with (
             closing(study),
-            notified(runner.cache, str(study.file), told),
+            notified(runner.cache, str(study.file), tell),
             runner.survived(first),
         ):
             yield runner
@@ -186,7 +239,11 @@ def identified(
 def described(study: Study) -> dict[str, Any]:
     """What a document says of the simulator."""
     simulator = study.simulator
-    return {"name": simulator.name, "notes": study.told(), "fingerprint": simulator.fingerprint()}
+    return {
+        "name": simulator.name,
+        "notes": study.simulator_notes(),
+        "fingerprint": simulator.fingerprint(),
+    }
 
 
 def units_in(study: Study) -> dict[str, Any]:
@@ -269,3 +326,98 @@ def _processes(number: int) -> Iterator[Executor]:
         raise
     finally:
         pool.shutdown()
+
+
+Document = Mapping[str, Any]
+
+
+class AnswerPage(Protocol):
+    """How a document is told: a module of `report`."""
+
+    def verdict(self, document: Document, /) -> str:
+        """A line."""
+
+    def render(self, document: Document, files: Sequence[str], /) -> RenderableType:
+        """A page, with the files that were written."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """A command at work on a study: what it works on, and where its answer goes.
+
+    `name` is that of the files that are written to `folder`; without a folder none are.
+    """
+
+    name: str
+    study: Study
+    file: Path
+    folder: Path | None
+    options: RunOptions
+
+    @classmethod
+    def on(
+        cls,
+        name: str,
+        file: Path,
+        options: RunOptions,
+        *,
+        folder: Path | None,
+        seed: int | None,
+        verified: bool = False,
+    ) -> Work:
+        """The study of a file, with another seed, and with its check on the simulator or not."""
+        study = load_study(file).overridden(seed, verified=verified)
+        return cls(name, study, file.absolute(), folder, options)
+
+    @contextmanager
+    def running(self, conditions: Conditions | None = None) -> Iterator[tuple[Runner, Progress]]:
+        """The simulator and the progress, both closed in the end; the place of the answer is made.
+
+        What is wrong with a question is best told before, as a simulator may be slow.
+        """
+        if self.folder is not None:
+            make_place(self.folder / f"{self.name}.json", self.file)
+        with (
+            running(self.study, self.options, conditions) as runner,
+            shown(self.options.quiet) as progress,
+        ):
+            yield runner, progress
+
+    def end(self, made: Document, report: AnswerPage, **files: Any) -> None:
+        """Write what was made, as `write` does, and tell it."""
+        show_answer(report, *self.write(made, **files), self.options.quiet)
+
+    def write(
+        self,
+        made: Document,
+        *,
+        texts: Mapping[str, str] = {},
+        beside: Sequence[Path] = (),
+        draw: Callable[[Document, Path], Path] | None = None,
+    ) -> tuple[Document, list[str]]:
+        """Write what was made as a document; this, and the names of the files.
+
+        `texts` are written as files of these endings, `beside` files that are there already;
+        `draw` writes a figure of the document where matplotlib is installed.
+        """
+        made, files = {**units_in(self.study), **made}, []
+        if self.folder is None:
+            return documents.plain({"title": self.study.title, **made}), []
+        document = documents.plain(linked(made, self.study, self.file, self.folder))
+        files.append(self.folder / f"{self.name}.json")
+        documents.write_json(document, files[0])
+        for ending, text in texts.items():
+            files.append(self.folder / f"{self.name}.{ending}")
+            documents.write_text(text, files[-1])
+        files += beside
+        if draw is not None and can_draw("no figure is drawn: it needs", self.options.quiet):
+            files.append(draw(document, self.folder))
+        return document, [short(file) for file in files]
+
+
+def show_answer(report: AnswerPage, document: Document, files: Sequence[str], quiet: bool) -> None:
+    """The page, or of a quiet command the verdict alone."""
+    if quiet:
+        click.echo(report.verdict(document))
+    else:
+        Console().print(report.render(document, files))

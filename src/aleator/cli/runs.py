@@ -19,7 +19,6 @@ from aleator.simulators import Simulator, Store, records
 from aleator.study import load_study
 
 TARGET = click.argument("target", type=FILE, metavar="STUDY.toml|STORE")
-SHOWN = 20
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ def show(target: Path, number: int | None, failures: bool) -> None:
             if at.fingerprint in (None, held.simulator.fingerprint)
         ]
         total = sum(held.failures if failures else held.runs for held in every)
-        last = records.stored_runs(at.store, at.fingerprint, failures=failures, last=SHOWN)
+        last = records.stored_runs(at.store, at.fingerprint, failures=failures, last=20)
         found = [*last]
         Console().print(report.runs(found, total - len(found)))
 

@@ -9,7 +9,7 @@ from typing import Generic
 import numpy as np
 
 from aleator.inference.fit import AnyFit, Weighted
-from aleator.laws.hyperparameter import FURTHEST, Hyperparameter
+from aleator.laws.hyperparameter import LIMITS, Hyperparameter
 from aleator.search.counted import FLOOR
 from aleator.search.newton import ARRIVED, Summit, ascended
 from aleator.search.value import LogLikelihood
@@ -66,14 +66,14 @@ def _near_zero(fit: AnyFit, alpha: Array) -> list[int]:
     found = []
     for k in fit.inference.identified.tolist():
         h = fit.hyperparameters[k]
-        if h.log and alpha[k] <= max(h.lower, FURTHEST * h.upper):
+        if h.log and alpha[k] <= max(h.lower, LIMITS.nearest * h.upper):
             found.append(k)
     return found
 
 
 def _best(objective: Objective, alpha: Array, k: int, h: Hyperparameter) -> Array:
     """The best of alpha with hyperparameter k at scales above zero."""
-    scales = np.geomspace(max(h.lower, FURTHEST * h.upper), h.upper, TRIALS + 2)[1:-1]
+    scales = np.geomspace(max(h.lower, LIMITS.nearest * h.upper), h.upper, TRIALS + 2)[1:-1]
     trials = np.repeat(alpha[None], TRIALS, axis=0)
     trials[:, k] = scales
     values = np.array([objective(trial).total for trial in trials])

@@ -1,4 +1,13 @@
-"""Laws of the parameters: one file for each marginal law, and `Inputs`, the joint law."""
+"""Laws of the parameters, and of what is believed of their hyperparameters.
+
+Three nouns: a `Hyperparameter` is fixed, or free within limits with a prior, or follows covariates;
+a `Law` is the marginal law of one parameter, the image of a standard normal variate; `Inputs` are
+all parameters together, x = T(theta | alpha), correlated, and with laws of single experiments.
+
+`law` says what a marginal law is, `marginals`, `truncated_normal`, `scipy_law` and `mixture` are
+those there are, `hyperparameter`, `covariates` and `correlation` are what alpha is made of, and
+`inputs` is the joint law, which is all that a likelihood asks.
+"""
 
 from aleator.laws.hyperparameter import (
     OPEN,

@@ -21,10 +21,20 @@ from aleator.types import Array
 
 Pair = tuple[str, str]
 
-WIDEST = 0.99
-"""Limits of a correlation where the user gives none: closer to one, two parameters are one."""
-STEEPEST = 1e-8
-"""Floor of sqrt(1 - rho^2) in derivatives, which are infinite at perfect correlation."""
+
+@dataclass(frozen=True)
+class CorrelationLimits:
+    """Limits of correlations, by judgement.
+
+    widest: of a correlation where the user gives none: closer to one, two parameters are one.
+    steepest: floor of sqrt(1 - rho^2) in derivatives, which are infinite at perfect correlation.
+    """
+
+    widest: float = 0.99
+    steepest: float = 1e-8
+
+
+LIMITS = CorrelationLimits()
 
 
 @dataclass(frozen=True)
@@ -67,7 +77,7 @@ class Correlation:
         for k, (i, j) in enumerate(self.pairs):
             slope[i, j, k] = before[i, j]
             others = s[i].copy()
-            others[j] = -r[i, j] / max(s[i, j], STEEPEST)
+            others[j] = -r[i, j] / max(s[i, j], LIMITS.steepest)
             after = np.cumprod(others)[j:i]
             slope[i, j + 1 : i + 1, k] = r[i, j + 1 : i + 1] * after
         return factor, slope
@@ -200,7 +210,7 @@ def _hyperparameter(
     label = ".".join(
         ["correlation", *(names[i] for i in pair), *(["given", *given] if given else [])]
     )
-    found = resolve(label, specification, (-WIDEST, WIDEST))
+    found = resolve(label, specification, (-LIMITS.widest, LIMITS.widest))
     if found.lower < -1.0 or found.upper > 1.0:
         limits = f"[{found.lower:g}, {found.upper:g}]" if found.free else f"{found.start:g}"
         raise InputsError(f"{label}: {limits} is not within [-1, 1]", "keep between -1 and 1")

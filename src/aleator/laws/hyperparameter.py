@@ -1,4 +1,4 @@
-"""What is known of a hyperparameter before it is identified: fixed, or free within bounds."""
+"""Hyperparameters: fixed, or free within limits, and what is believed of them beforehand."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import special
 
 from aleator.errors import InputsError
-from aleator.laws.hyperparameter import Prior
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
@@ -73,10 +73,21 @@ Specification = float | Free
 """A hyperparameter as the user states it: a number fixes it, `Free` identifies it."""
 
 
-ZERO = 1e-6
-"""A scale's lower limit below this share of the upper one stands for zero."""
-FURTHEST = 1e-3
-"""Share of the upper limit from which a scale that may be zero is searched."""
+@dataclass(frozen=True)
+class LimitSettings:
+    """What limits stand for; by judgement, and held by tests/laws/test_images.py.
+
+    zero: a scale's lower limit below this share of the upper one stands for zero. nearest: share of
+    the upper limit from which a scale that may be zero is searched. sd: the limits of an sd that
+    has none, over the width of its mean's.
+    """
+
+    zero: float = 1e-6
+    nearest: float = 1e-3
+    sd: tuple[float, float] = (1e-3, 0.5)
+
+
+LIMITS = LimitSettings()
 
 
 @dataclass(frozen=True)
@@ -115,7 +126,7 @@ class Hyperparameter:
     @property
     def reaches_zero(self) -> bool:
         """Whether it is a scale whose lower limit stands for zero."""
-        return self.log and self.lower <= ZERO * self.upper
+        return self.log and self.lower <= LIMITS.zero * self.upper
 
     def named(self, prefix: str) -> Hyperparameter:
         """The same hyperparameter as ``prefix.name``."""
@@ -175,7 +186,7 @@ def resolve(
             f"{name}: lower {lower} is not above zero",
             "give a small positive lower limit, such as a thousandth of the upper one",
         )
-    nearest_zero = max(lower, FURTHEST * upper) if lower <= ZERO * upper else lower
+    nearest_zero = max(lower, LIMITS.nearest * upper) if lower <= LIMITS.zero * upper else lower
     middle = math.sqrt(nearest_zero * upper) if positive else 0.5 * (lower + upper)
     start = middle if specification.start is None else float(specification.start)
     _require(
@@ -190,7 +201,7 @@ def resolve(
 
 
 def location_and_scale(
-    mean: Specification, sd: Specification, least: float = ZERO
+    mean: Specification, sd: Specification, least: float = LIMITS.zero
 ) -> tuple[Hyperparameter, Hyperparameter]:
     """`mean` and `sd` of a law without a box: the mean needs limits of its own.
 
@@ -199,7 +210,7 @@ def location_and_scale(
     """
     center = resolve("mean", mean, (None, None))
     width = center.upper - center.lower
-    limits = (1e-3 * width, 0.5 * width) if width > 0.0 else (None, None)
+    limits = (LIMITS.sd[0] * width, LIMITS.sd[1] * width) if width > 0.0 else (None, None)
     return center, resolve("sd", sd, limits, positive=True, least=least)
 
 
@@ -230,7 +241,7 @@ def widest_above(
     ]
 
 
-def about(hyperparameters: Sequence[Hyperparameter], center: float, sd: float | None) -> Array:
+def filled(hyperparameters: Sequence[Hyperparameter], center: float, sd: float | None) -> Array:
     """`center` and `sd` as the values of a mean and an sd, or the sd's start where it is None."""
     spread = hyperparameters[1].start if sd is None else sd
     return within(hyperparameters, [center, spread])
@@ -261,3 +272,163 @@ def limits_of(
 def _require(condition: bool, problem: str, remedy: str) -> None:
     if not condition:
         raise InputsError(problem, remedy)
+
+
+@dataclass(frozen=True)
+class PriorSteps:
+    """How the log-density of a prior is differentiated; chosen by tests/laws/test_prior.py.
+
+    step: over a quarter of the width of the central half of the prior, and over the distance to an
+    end where the density vanishes or is infinite. wider: step of the curvature over that of the
+    slope. share: of a prior that its hyperparameter's limits must hold.
+    """
+
+    step: float = 1e-3
+    wider: float = 10.0
+    share: float = 1e-3
+
+
+STEPS = PriorSteps()
+_CENTRAL = np.array([[-2.0, -1.0, 1.0, 2.0], [1 / 12, -2 / 3, 2 / 3, -1 / 12]])
+_ONWARD = np.array([[0.0, 1.0, 2.0, 3.0, 4.0], [-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4]])
+"""Places and weights of differences of fourth order; one-sided where a density stops short."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """The prior density p(v) of a hyperparameter v, that of a law whose own values are known.
+
+    `step` is that of its differences, `soft` are the ends of its support to which the log-density
+    is not finite, and `hard` those at which it stops short; infinite where there is none. It is not
+    normalized again on the limits of v: a constant factor moves neither a maximum nor a
+    posterior.
+
+    >>> from aleator.laws import Normal
+    >>> prior = Prior.of(Normal(1.0, 0.1), "x.mean", 0.5, 1.5)
+    >>> prior.log_density(1.2), prior.slope(1.2)    # log N(1.2; 1, 0.1^2), -(1.2 - 1)/0.1^2
+    (-0.6163534, -20.0)
+    """
+
+    law: Law
+    step: float
+    soft: tuple[float, float]
+    hard: tuple[float, float]
+
+    @classmethod
+    def of(cls, law: Law, name: str, lower: float, upper: float) -> Prior:
+        """The prior of the hyperparameter `name` with these limits.
+
+        Raises InputsError where the law is not known, is that of a constant, has no density on a
+        limit, or lies outside the limits.
+        """
+        free = [h.name for h in law.hyperparameters if h.free]
+        if free:
+            raise InputsError(
+                f"{name}: the prior leaves {', '.join(free)} to be identified",
+                "a prior is known: give it numbers",
+            )
+        if not law.scatters:
+            raise InputsError(
+                f"{name}: a constant is no prior", f"fix {name} at that number instead"
+            )
+        values = _values_of(law)
+        ends = law.log_density(values, np.array([lower, upper]))
+        for end, at in zip(("lower", "upper"), ends.tolist(), strict=True):
+            if not np.isfinite(at):
+                limit = lower if end == "lower" else upper
+                raise InputsError(
+                    f"{name}: the prior has no finite density at the {end} limit {limit:g}",
+                    f"move the {end} limit to where the prior has one",
+                )
+        held = _held(law, values, lower, upper)
+        if held < STEPS.share:
+            raise InputsError(
+                f"{name}: the limits [{lower:g}, {upper:g}] hold {held:.2g} of the prior",
+                "move the limits to where the prior is, or mend the prior",
+            )
+        low, first, third, high = law.quantile(values, np.array([0.0, 0.25, 0.75, 1.0])).tolist()
+        with np.errstate(all="ignore"):
+            stops = np.isfinite(law.log_density(values, np.array([low, high])))
+        return cls(
+            law,
+            STEPS.step * 0.25 * (third - first),
+            (-math.inf if stops[0] else low, math.inf if stops[1] else high),
+            (low if stops[0] else -math.inf, high if stops[1] else math.inf),
+        )
+
+    def log_density(self, value: float) -> float:
+        """log p(v); minus infinity outside the support."""
+        return float(self.law.log_density(_values_of(self.law), np.array([value]))[0])
+
+    def slope(self, value: float) -> float:
+        """d log p/dv, by a difference of fourth order: to some 1e-8 of its size."""
+        step = min(
+            self.step, STEPS.step * (value - self.soft[0]), STEPS.step * (self.soft[1] - value)
+        )
+        if not step > 0.0:
+            return 0.0
+        places, weights = _CENTRAL
+        if value - self.hard[0] < 3.0 * step:
+            places, weights = _ONWARD
+        elif self.hard[1] - value < 3.0 * step:
+            places, weights = -_ONWARD[0], -_ONWARD[1]
+        found = self.law.log_density(_values_of(self.law), value + step * places)
+        return float(found @ weights / step)
+
+    def curvature(self, value: float) -> float:
+        """-d2 log p/dv2, by a difference of slopes; zero where the prior is not bent down."""
+        step = min(
+            STEPS.wider * self.step, 0.5 * (value - self.soft[0]), 0.5 * (self.soft[1] - value)
+        )
+        if not step > 0.0:
+            return 0.0
+        bent = (self.slope(value - step) - self.slope(value + step)) / (2.0 * step)
+        return max(bent, 0.0)
+
+
+def curvatures(hyperparameters: Sequence[Hyperparameter], alpha: Array) -> Array:
+    """-d2 log p/dalpha2 (K,) of the priors, zero where there is none."""
+    return np.array(
+        [
+            0.0 if h.prior is None else h.prior.curvature(float(value))
+            for h, value in zip(hyperparameters, alpha, strict=True)
+        ]
+    )
+
+
+def log_prior(hyperparameters: Sequence[Hyperparameter], alpha: Array) -> float:
+    """sum_k log p(alpha_k) over the hyperparameters with a prior; 0 without any."""
+    return float(
+        sum(
+            h.prior.log_density(float(value))
+            for h, value in zip(hyperparameters, alpha, strict=True)
+            if h.prior is not None
+        )
+    )
+
+
+def prior_score(hyperparameters: Sequence[Hyperparameter], alpha: Array) -> Array | None:
+    """The derivative (K,) of the log prior by alpha; None where there is no prior."""
+    if not has_prior(hyperparameters):
+        return None
+    return np.array(
+        [
+            0.0 if h.prior is None else h.prior.slope(float(value))
+            for h, value in zip(hyperparameters, alpha, strict=True)
+        ]
+    )
+
+
+def has_prior(hyperparameters: Sequence[Hyperparameter]) -> bool:
+    """Whether any of them has a prior: what is maximized is then the posterior density."""
+    return any(h.prior is not None for h in hyperparameters)
+
+
+def _values_of(law: Law) -> Array:
+    return np.array([h.start for h in law.hyperparameters])
+
+
+def _held(law: Law, values: Array, lower: float, upper: float) -> float:
+    """The probability between the limits."""
+    score = law.normal_score(values, np.array([lower, upper]))
+    return float(special.ndtr(score[1]) - special.ndtr(score[0]))

@@ -1,15 +1,44 @@
-"""The interface of a marginal law; every law fills it in a file of its own."""
+"""What a marginal law is, and how one is made of a standard normal variate."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from scipy import special
 
-from aleator.laws.hyperparameter import Hyperparameter, filled
+from aleator.laws.hyperparameter import Hyperparameter, Specification, filled, location_and_scale
+from aleator.polynomials import gauss_hermite, hermite_recurrence
 from aleator.types import Array
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """How exactly laws are computed; chosen by tests/laws, or by judgement where it says so.
+
+    sds: standard deviations of a box that has no end of its own (by judgement: 1e-15 is beyond).
+    tail: probability left beyond such a box. step: of differences, relative; their error is of
+    the order of its fourth power. farthest, knots: a quantile that is tabulated has so many knots,
+    at standard normal variates up to this size. worth: values of one law for which a table is made,
+    which costs some thousand quantiles (`make bench`). passes, rounding: of `invert`, which ends
+    where a bracket or a step is under this part of the largest end of the bracket.
+    """
+
+    sds: float = 8.0
+    tail: float = 1e-15
+    step: float = 1e-3
+    farthest: float = 9.5
+    knots: int = 761
+    worth: int = 256
+    passes: int = 100
+    rounding: float = 1e-14
+
+
+NUMERICS = Numerics()
 
 
 @dataclass(frozen=True)
@@ -140,13 +169,47 @@ class Law(Protocol):
         ...
 
 
-class ByMeanAndSd(ABC):
+class ThroughNormal:
+    """What laws share whose polynomials are those of the variate theta that they are made of.
+
+    Hermite polynomials of theta are dense whatever the law (Ernst, Mugler, Starkloff and Ullmann,
+    2012). A rule of q nodes is exact for polynomials of theta, not of x.
+    """
+
+    def rule(self, values: Array, nodes: int) -> Rule:
+        """Gauss-Hermite nodes of theta; the weights do not depend on alpha."""
+        theta, weights = gauss_hermite(nodes)
+        image = self.standard(values, theta)
+        return Rule(image.x, weights, theta, image.dvalues, np.zeros(image.dvalues.shape))
+
+    def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
+        """Hermite polynomials of theta."""
+        return hermite_recurrence(count)
+
+    @abstractmethod
+    def standard(self, values: Array, theta: Array) -> Standard:
+        """The law as the image of standard normal variates, with derivatives."""
+
+
+class ByMeanAndSd:
     """What laws share whose two hyperparameters are their own mean and standard deviation."""
 
-    @property
-    @abstractmethod
+    mean: Specification
+    sd: Specification
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        _ = self.hyperparameters
+
+    @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """`mean` and `sd`."""
+        """`mean` and `sd` of the law itself."""
+        return location_and_scale(self.mean, self.sd)
+
+    @property
+    def bounded(self) -> bool:
+        """The law has no box of its own."""
+        return False
 
     @property
     def scatters(self) -> bool:
@@ -160,3 +223,188 @@ class ByMeanAndSd(ABC):
     def filling(self, center: float, sd: float | None = None) -> Array:
         """The center and the sd, within their limits."""
         return filled(self.hyperparameters, center, sd)
+
+
+Tail = Callable[..., Array]
+"""A quantile of probabilities (J,) and of as many of each shape of the law, or of one for all."""
+
+
+def from_tails(theta: Array, below: Tail, above: Tail, *shapes: Array) -> Array:
+    """F^-1(Phi(theta)), by `below(P)` left of the median and by `above(1 - P)` right of it.
+
+    Phi(theta) rounds to one beyond 8.3; the probability of the nearer tail keeps all its digits.
+    Both get the law's `shapes`, which broadcast against theta of any shape.
+
+    >>> from_tails(np.array([-9.0, 9.0]), special.ndtri, lambda p: -special.ndtri(p)).tolist()
+    [-9.0, 9.0]
+    """
+    left = theta < 0.0
+    x = np.empty(theta.shape)
+    own = [np.broadcast_to(shape, theta.shape) for shape in shapes]
+    x[left] = below(special.ndtr(theta[left]), *(shape[left] for shape in own))
+    x[~left] = above(special.ndtr(-theta[~left]), *(shape[~left] for shape in own))
+    return x
+
+
+@dataclass(frozen=True)
+class Tabulated:
+    """A smooth function of a standard normal variate by its values and slopes (K,) at the knots.
+
+    Cubic Hermite interpolation: its error is h^4/384 times the fourth derivative, h = 19/(K - 1).
+
+    >>> theta = Tabulated.knots()
+    >>> table = Tabulated(np.exp(0.3 * theta), 0.3 * np.exp(0.3 * theta))
+    >>> bool(abs(table(np.array([1.234]))[0] - np.exp(0.3 * 1.234)) < 1e-10)
+    True
+    """
+
+    value: Array
+    slope: Array
+
+    @staticmethod
+    def knots(count: int = NUMERICS.knots) -> Array:
+        """(K,) the variates at which a function is tabulated."""
+        return np.linspace(-NUMERICS.farthest, NUMERICS.farthest, count)
+
+    @property
+    def finite(self) -> bool:
+        """Whether there is a value at every knot."""
+        return bool(np.all(np.isfinite(self.value)) and np.all(np.isfinite(self.slope)))
+
+    def __call__(self, theta: Array) -> Array:
+        """Values at theta of any shape, none farther out than the last knot."""
+        gaps = self.value.size - 1
+        width = 2.0 * NUMERICS.farthest / gaps
+        place = (theta + NUMERICS.farthest) / width
+        left = np.clip(place.astype(np.intp), 0, gaps - 1)
+        t = place - left
+        a, b = self.value[left], self.value[left + 1]
+        rise, da, db = b - a, width * self.slope[left], width * self.slope[left + 1]
+        curve = t * (1.0 - t) * ((1.0 - t) * (da - rise) + t * (rise - db))
+        return np.asarray(a + t * rise + curve)
+
+
+def from_probability(probability: Array, below: Tail, above: Tail) -> Array:
+    """F^-1(P) by the tail that is nearer.
+
+    >>> from_probability(np.array([0.25, 0.75]), lambda p: p, lambda p: 1.0 - p).tolist()
+    [0.25, 0.75]
+    """
+    p = np.asarray(probability, dtype=float)
+    return np.where(p < 0.5, below(p), above(1.0 - p))
+
+
+def to_score(below: Array, above: Array) -> Array:
+    """Phi^-1(F) from the probabilities F below and 1 - F above, by the tail that is nearer.
+
+    >>> to_score(np.array([0.5, 1.0]), np.array([0.5, special.ndtr(-9.0)])).tolist()
+    [0.0, 9.0]
+    """
+    score: Array = np.where(below <= above, special.ndtri(below), -special.ndtri(above))
+    return score
+
+
+def normal_log_density(theta: Array) -> Array:
+    """log phi(theta) of the standard normal law.
+
+    >>> float(normal_log_density(np.array([0.0]))[0].round(6))
+    -0.918939
+    """
+    log_density: Array = -0.5 * theta**2 - 0.5 * np.log(2.0 * np.pi)
+    return log_density
+
+
+def slope(theta: Array, log_density: Array) -> Array:
+    """dx/dtheta = phi(theta)/f(x) (J,) from log f(x); zero where the density is infinite.
+
+    >>> x = np.array([-1.0, 2.0])
+    >>> slope(x, -0.5 * x**2 - 0.5 * np.log(2.0 * np.pi)).tolist()
+    [1.0, 1.0]
+    """
+    dtheta: Array = np.exp(normal_log_density(theta) - log_density)
+    return dtheta
+
+
+def difference(
+    function: Callable[[Array], Array], at: Array | float, step: Array | float | None = None
+) -> Array:
+    """Derivative of a function of one number by central differences of fourth order.
+
+    The number may be an array that the function takes elementwise. Without a `step` it is
+    positive, and the step 1e-3 of it.
+
+    >>> bool(abs(difference(lambda v: v**5, np.array([2.0]))[0] - 80.0) < 1e-9)
+    True
+    """
+    center = np.asarray(at, dtype=float)
+    h = NUMERICS.step * center if step is None else np.asarray(step)
+    near = function(center + h) - function(center - h)
+    far = function(center + 2.0 * h) - function(center - 2.0 * h)
+    found: Array = (8.0 * near - far) / (12.0 * h)
+    return found
+
+
+def by_distinct(
+    of_one: Callable[[Array, Array], Standard], values: Array, theta: Array
+) -> Standard:
+    """What `of_one(values (k,), theta (M,))` gives, for values (k, ...) that broadcast to theta.
+
+    `of_one` is called once for each distinct column of values, so the cost is that of as many laws.
+
+    >>> def shifted(values, theta):
+    ...     return Standard(values[0] + theta, np.ones(theta.shape), np.ones((theta.size, 1)))
+    >>> values = np.array([[[1.0], [2.0], [1.0]]])                           # k = 1, B = 3, J = 1
+    >>> by_distinct(shifted, values, np.zeros((3, 2))).x.tolist()
+    [[1.0, 1.0], [2.0, 2.0], [1.0, 1.0]]
+    """
+    k = values.shape[0]
+    distinct, which = np.unique(values.reshape(k, -1), axis=1, return_inverse=True)
+    owner = np.broadcast_to(which.reshape(values.shape[1:]), theta.shape).ravel()
+    order = np.argsort(owner, kind="stable")
+    ends = np.cumsum(np.bincount(owner, minlength=distinct.shape[1]))[:-1]
+    flat = theta.ravel()
+    x, dtheta, dvalues = np.empty(flat.size), np.empty(flat.size), np.empty((flat.size, k))
+    for column, part in zip(distinct.T, np.split(order, ends), strict=True):
+        own = of_one(column, flat[part])
+        x[part], dtheta[part], dvalues[part] = own.x, own.dtheta, own.dvalues
+    shape = theta.shape
+    return Standard(x.reshape(shape), dtheta.reshape(shape), dvalues.reshape(*shape, k))
+
+
+def invert(
+    cdf: Callable[[Array], Array],
+    pdf: Callable[[Array], Array],
+    p: Array,
+    low: Array,
+    high: Array,
+    start: Array | None = None,
+) -> Array:
+    """y (N, P) with cdf(y) = p (N, P), known to lie in [low, high] (N, P); sought from `start`.
+
+    Newton's method kept in a bracket that shrinks at every pass, with a bisection where it would
+    leave the bracket. `cdf` and `pdf` take and return (N, P). Cost: six passes for a smooth law,
+    up to 50 where the density is a row of spikes.
+
+    >>> from scipy.special import ndtr
+    >>> at = np.array([[0.975]])
+    >>> normal = lambda y: np.exp(-0.5 * y**2) / np.sqrt(2.0 * np.pi)
+    >>> float(invert(ndtr, normal, at, at - 9.0, at + 9.0)[0, 0])
+    1.959964
+    """
+    low, high = low.astype(float), high.astype(float)
+    scale = np.maximum(np.abs(low), np.abs(high))
+    y = 0.5 * (low + high) if start is None else start
+    for _ in range(NUMERICS.passes):
+        excess = cdf(y) - p
+        low, high = np.where(excess <= 0.0, y, low), np.where(excess >= 0.0, y, high)
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            newton = y - excess / pdf(y)
+        inside = (newton >= low) & (newton <= high)
+        moved = np.where(inside, newton, 0.5 * (low + high))
+        arrived = (np.abs(moved - y) <= NUMERICS.rounding * scale) | (
+            high - low <= NUMERICS.rounding * scale
+        )
+        y = moved
+        if arrived.all():
+            break
+    return y

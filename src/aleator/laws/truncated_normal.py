@@ -10,27 +10,38 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
-from aleator import polynomials as gauss
 from aleator.errors import InputsError
-from aleator.laws.hyperparameter import OPEN, ZERO, Hyperparameter, Specification, filled, resolve
-from aleator.laws.law import MeanSd, Rule, Standard, normal_log_density
-from aleator.polynomials import gauss_hermite, gauss_legendre, hermite_recurrence, stieltjes
+from aleator.laws.hyperparameter import LIMITS, OPEN, Hyperparameter, Specification, filled, resolve
+from aleator.laws.law import MeanSd, Rule, Standard, ThroughNormal, normal_log_density
+from aleator.polynomials import gauss, gauss_legendre, stieltjes
 from aleator.types import Array
-
-REACH = 10.0
-"""Standard deviations that the box spans where its end is infinite: holds the nodes to q = 20."""
-DROP = 150.0
-"""The density is cut where it fell by e^-150 below its largest value on the box: the square of a
-polynomial of degree 20 has no part beyond that its integral would miss."""
-FINE_NODES = 200
-LEAST_TAIL = 1e-280
-"""Probabilities below this are told by their logarithms only."""
-FAINT = 1e-5
-"""Probability below which a difference of two has lost more digits than it may."""
 
 
 @dataclass(frozen=True)
-class TruncatedNormal:
+class Truncation:
+    """How a truncated normal law is computed; chosen by tests/laws/test_laws.py.
+
+    sds: that the box spans where its end is infinite: holds the nodes to q = 20. drop: the density
+    is cut where it fell by e^-drop below its largest value on the box: the square of a polynomial
+    of degree 20 has no part beyond that its integral would miss. nodes: of the rule that its
+    polynomials are made by. step: of the differences of a rule, over the width of the law.
+    least: probabilities below this are told by their logarithms only. faint: one below which a
+    difference of two has lost more digits than it may.
+    """
+
+    sds: float = 10.0
+    drop: float = 150.0
+    nodes: int = 200
+    step: float = 1e-4
+    least: float = 1e-280
+    faint: float = 1e-5
+
+
+TRUNCATION = Truncation()
+
+
+@dataclass(frozen=True)
+class TruncatedNormal(ThroughNormal):
     """Normal(mean, sd^2) restricted to [lower, upper] = `box` (paper, sec. uncertainty model).
 
     f(x) = phi((x - mean)/sd) / (sd (Phi(b) - Phi(a))) with a, b = (box - mean)/sd; `mean` and
@@ -81,8 +92,8 @@ class TruncatedNormal:
         width = upper - lower
         finite = math.isfinite(width)
         mean = resolve("mean", self.mean, (lower, upper) if finite else (None, None))
-        limits = (1e-3 * width, 0.5 * width) if finite else (None, None)
-        return mean, resolve("sd", self.sd, limits, positive=True, least=ZERO)
+        limits = (LIMITS.sd[0] * width, LIMITS.sd[1] * width) if finite else (None, None)
+        return mean, resolve("sd", self.sd, limits, positive=True, least=LIMITS.zero)
 
     @property
     def box(self) -> tuple[float, float]:
@@ -91,7 +102,7 @@ class TruncatedNormal:
         A mean beyond the other end counts as on it: there the density is largest.
         """
         (lower, upper), (mean, sd) = self.box_limits, self.hyperparameters
-        far = REACH * sd.upper
+        far = TRUNCATION.sds * sd.upper
         return max(lower, min(mean.lower, upper) - far), min(upper, max(mean.upper, lower) + far)
 
     @property
@@ -106,16 +117,13 @@ class TruncatedNormal:
 
     def rule(self, values: Array, nodes: int) -> Rule:
         """Gauss rule of the truncated density, or Gauss-Hermite through the clip."""
-        if self.basis == "own":
-            return self._own_rule(values, nodes)
-        theta, weights = gauss_hermite(nodes)
-        image = self.standard(values, theta)
-        return Rule(image.x, weights, theta, image.dvalues, np.zeros((nodes, 2)))
+        own = self.basis == "own"
+        return self._own_rule(values, nodes) if own else super().rule(values, nodes)
 
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
         """Polynomials orthonormal under the truncated density, or Hermite polynomials of theta."""
         if self.basis == "hermite":
-            return hermite_recurrence(count)
+            return super().recurrence(values, count)
         t, weights = _fine_rule(*(np.array(end) for end in self._standard_limits(values)))
         return stieltjes(t, weights, count)
 
@@ -133,7 +141,7 @@ class TruncatedNormal:
         t = np.clip((x - values[0]) / values[1], a, b)
         u, v = special.ndtr(t) - special.ndtr(a), special.ndtr(-t) - special.ndtr(-b)
         smaller = np.minimum(u, v)
-        faint = smaller < FAINT
+        faint = smaller < TRUNCATION.faint
         with np.errstate(divide="ignore", invalid="ignore"):
             below = special.ndtri(smaller / np.exp(_log_mass(a, b)))
         score: Array = np.where(u < v, below, -below)
@@ -207,7 +215,7 @@ def clip(theta: Array, a: Array | float, b: Array | float) -> tuple[Array, Array
     below = v * special.ndtr(a) + u * special.ndtr(b)
     above = v * special.ndtr(np.negative(a)) + u * special.ndtr(np.negative(b))
     smaller = np.minimum(below, above)
-    if min(np.min(smaller, initial=1.0), np.min(tail, initial=1.0)) > LEAST_TAIL:
+    if min(np.min(smaller, initial=1.0), np.min(tail, initial=1.0)) > TRUNCATION.least:
         found = special.ndtri(smaller)
         t = np.clip(np.where(below < above, found, -found), a, b)
         by_a, by_b = v * np.exp(0.5 * _apart(t, a)), u * np.exp(0.5 * _apart(t, b))
@@ -273,14 +281,14 @@ def _truncated_quantile_from_logs(
 def _effective_limits(a: Array, b: Array) -> tuple[Array, Array]:
     """The part of [a, b] where exp(-t^2/2) is within e^-DROP of its largest value there."""
     peak = np.clip(0.0, a, b)
-    reach = np.sqrt(peak**2 + 2.0 * DROP)
+    reach = np.sqrt(peak**2 + 2.0 * TRUNCATION.drop)
     return np.maximum(a, -reach), np.minimum(b, reach)
 
 
 def _fine_rule(a: Array, b: Array) -> tuple[Array, Array]:
     """Gauss-Legendre points (..., Q) on [a, b] weighted by the truncated normal density."""
     low, high = _effective_limits(a, b)
-    s, w = gauss_legendre(FINE_NODES)
+    s, w = gauss_legendre(TRUNCATION.nodes)
     half = 0.5 * (high - low)[..., None]
     t = 0.5 * (high + low)[..., None] + half * s
     peak = np.clip(0.0, low, high)[..., None]
@@ -296,7 +304,7 @@ def _own_rule(a: float, b: float, nodes: int) -> tuple[Array, Array, tuple[Array
     with a step h of 1e-4 of the effective width their error is of the order of 1e-9.
     """
     low, high = _effective_limits(np.array(a), np.array(b))
-    h = 1e-4 * min(1.0, float(high - low))
+    h = TRUNCATION.step * min(1.0, float(high - low))
     ends_a = np.array([a, a + h, a - h, a, a])
     ends_b = np.array([b, b, b, b + h, b - h])
     t, weights = gauss(*stieltjes(*_fine_rule(ends_a, ends_b), nodes))

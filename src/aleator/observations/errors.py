@@ -2,25 +2,286 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from aleator.blocks import blocks
-from aleator.errors import ExperimentsError
-from aleator.laws import Hyperparameter
-from aleator.observations.errors import Noise, ResponseErrors, sds_of_column
+from aleator.errors import ExperimentsError, InputsError, nearest, require_filled
+from aleator.laws import Hyperparameter, Specification, resolve
+from aleator.observations.model import (
+    NUMERICS,
+    NormalError,
+    ObservationModel,
+    Observed,
+    is_curved,
+    is_shaped,
+    observed,
+)
 from aleator.observations.responses import Observations, require_responses
-from aleator.types import Array, Indices
+from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     from aleator.observations.experiments import Conditions, Experiments
 
-BLOCK = 32768
-"""Numbers of one operation: what is between them stays in the cache."""
+
+@dataclass(frozen=True)
+class Noise:
+    """Measured value = simulated value eta + error, independent per observation.
+
+    p(y | eta, scale) is that of `kind`, by default e ~ Normal(0, scale^2), with
+
+        scale^2 = sd^2 + (relative eta)^2
+
+    `sd` carries the unit of the response: a number (known), `Free(lower, upper)` (identified, both
+    limits needed), or the name of a column that holds a known sd for each row. `relative` is a
+    share of eta, known or free. One of the two may be left out. Both are parts of the scale, which
+    is the standard deviation of normal errors but not of every kind. With a "log" transform, eta
+    and the sd are those of the logarithm.
+
+    Raises InputsError where there is neither, one is zero, limits are missing or out of order, or
+    `kind` lacks a member of `ObservationModel`.
+
+    >>> Noise(0.002).hyperparameter.name
+    'noise.sd'
+    >>> from aleator.laws import Free
+    >>> [h.name for h in Noise(Free(0.1, 1.0), relative=0.05).hyperparameters]
+    ['noise.sd', 'noise.relative']
+    """
+
+    sd: Specification | str | None = None
+    kind: ObservationModel = field(default_factory=NormalError)
+    relative: Specification | None = None
+
+    def __post_init__(self) -> None:
+        """Check at once, so that the mistake is reported where it was made."""
+        if self.sd is None and self.relative is None:
+            raise InputsError("noise: neither sd nor relative is given", "give one of them")
+        for name, value in (("sd", self.sd), ("relative", self.relative)):
+            if value == 0:
+                raise InputsError(f"noise: {name} = 0 is no noise", "leave the noise out")
+        require_filled(self.kind, ObservationModel, "noise")
+        _ = self.hyperparameters
+
+    @property
+    def normal(self) -> bool:
+        """Whether the error is normal, so that it adds to moments and densities in closed form."""
+        return isinstance(self.kind, NormalError)
+
+    @property
+    def simple(self) -> bool:
+        """Whether one scale, known or free, is all that there is to the noise."""
+        plain = self.sd is not None and not isinstance(self.sd, str)
+        return plain and self.relative is None and not self.shapes
+
+    @cached_property
+    def shapes(self) -> tuple[Hyperparameter, ...]:
+        """The free shapes of the kind, without a prefix."""
+        return self.kind.shapes if is_shaped(self.kind) else ()
+
+    @property
+    def column(self) -> str | None:
+        """The column of known sds, if the sd is one."""
+        return self.sd if isinstance(self.sd, str) else None
+
+    @property
+    def hyperparameter(self) -> Hyperparameter:
+        """The one hyperparameter of simple noise, `noise.sd`.
+
+        Raises InputsError for every other noise, which has none or several.
+        """
+        if not self.simple:
+            raise InputsError(
+                "this noise is not one standard deviation, known or free, and more is known to the "
+                "integral over individual parameters only",
+                "give the noise by one sd: Noise(sd), without relative, a column or a free shape",
+            )
+        return self.hyperparameters[0]
+
+    @cached_property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """`noise.sd` unless it is a column, `noise.relative`, then the free shapes of the kind."""
+        found = []
+        if self.sd is not None and not isinstance(self.sd, str):
+            found.append(resolve("sd", self.sd, (None, None), positive=True))
+        if self.relative is not None:
+            found.append(resolve("relative", self.relative, (None, None), positive=True))
+        return tuple(h.named("noise") for h in (*found, *self.shapes))
+
+
+def sds_of_column(
+    noise: Noise, response: str, experiments: Experiments | Conditions, rows: Indices
+) -> Array | None:
+    """The sds (m, 1) of the observations in these rows (m,); None where the noise has no column.
+
+    Raises ExperimentsError with the row for a cell that is no positive number.
+    """
+    if noise.column is None:
+        return None
+    table = experiments.table
+    if noise.column not in table.columns:
+        columns = [*map(str, table.columns)]
+        raise ExperimentsError(
+            f"noise of '{response}': sd = '{noise.column}' is not a column"
+            f"{nearest(noise.column, columns)}",
+            f"the columns are {', '.join(columns)}; a number or limits need no column",
+        )
+    cells = table[noise.column].to_numpy()[rows]
+    sds = np.array([_number(cell) for cell in cells]) if cells.dtype == object else cells
+    bad = np.flatnonzero(~((sds > 0.0) & np.isfinite(sds)))
+    if bad.size:
+        row = int(rows[bad[0]])
+        name = experiments.ids[experiments.experiment[row]]
+        raise ExperimentsError(
+            f"{experiments.places[row]}, column '{noise.column}': the sd of the measurement "
+            f"error of experiment '{name}' is '{cells[bad[0]]}'",
+            "write a number > 0 there",
+        )
+    return sds.astype(np.float64)[:, None]
+
+
+def _number(cell: object) -> float:
+    """A cell of a column that is not all numbers; NaN for a text."""
+    try:
+        return float(str(cell))
+    except ValueError:
+        return np.nan
+
+
+class ErrorScale(NamedTuple):
+    """sqrt(sd^2 + (relative eta)^2), with its derivatives by eta, sd and relative.
+
+    Without a relative part the derivatives are None: they are 0, 1 and none.
+    """
+
+    value: Array
+    d_eta: Array | None = None
+    d_sd: Array | None = None
+    d_relative: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseErrors:
+    """The m observations of one response, and their noise.
+
+    `rows` (m,) are their positions among all observations, in order; `lower` and `upper` (m, 1)
+    their ends; `sds` (m, 1) those of a column. `values` are those of `noise.hyperparameters`
+    everywhere here, and `own` a slice of the m observations whose simulated values eta are (k, J).
+    """
+
+    noise: Noise
+    rows: Indices
+    lower: Array
+    upper: Array
+    sds: Array | None = None
+
+    def scale(self, values: Sequence[float], eta: Array, own: slice) -> ErrorScale:
+        """The scale of the errors, () or (k, 1) or (k, J)."""
+        sd = self._sd(values, own)
+        if self.noise.relative is None:
+            return ErrorScale(sd)
+        relative = values[self._scales - 1]
+        eta = np.clip(eta, -NUMERICS.farthest, NUMERICS.farthest)
+        scale = np.sqrt(sd**2 + (relative * eta) ** 2)
+        return ErrorScale(scale, relative**2 * eta / scale, sd / scale, relative * eta**2 / scale)
+
+    def model(self, values: Sequence[float]) -> ObservationModel:
+        """The kind of the noise with the values of its shapes."""
+        kind = self.noise.kind
+        return kind.at(values[self._scales :]) if is_shaped(kind) else kind
+
+    def terms(self, values: Sequence[float], eta: Array, own: slice) -> list[Array]:
+        """log p (k, J), its derivative by eta, then that by each of the values.
+
+        Where p is zero or eta is no number, log p is minus infinity and derivatives are zero.
+        """
+        with np.errstate(all="ignore"):
+            scale, seen = self._seen(values, eta, own)
+            by_scale = seen.d_scale
+            found = [seen.value, seen.d_eta]
+            if self._free_sd:
+                found.append(by_scale if scale.d_sd is None else by_scale * scale.d_sd)
+            if scale.d_relative is not None:
+                found.append(by_scale * scale.d_relative)
+            kind = self.noise.kind
+            if is_shaped(kind):
+                shapes, ends = values[self._scales :], (self.lower[own], self.upper[own])
+                found += kind.by_shapes(shapes, *ends, eta, scale.value)
+            return _finite(found)
+
+    def curvature(self, values: Sequence[float], eta: Array, own: slice) -> Array:
+        """-d2 log p/d eta2 (k, J), floored at zero.
+
+        In closed form where the scale does not depend on eta, for exact values and for normal
+        errors: p solves the heat equation dp/d scale = scale d2p/d eta2, so that the curvature is
+        (d log p/d eta)^2 - (d log p/d scale)/scale, for bounds too. Else a difference.
+        """
+        with np.errstate(all="ignore"):
+            scale, model = self.scale(values, eta, own), self.model(values)
+            if is_curved(model) and scale.d_eta is None and np.all(self._exact[own]):
+                # The floor takes the place of what is no number, too.
+                return np.fmax(model.curvature(self.upper[own], eta, scale.value), 0.0)
+            if self.noise.normal and scale.d_eta is None:
+                seen = self._seen(values, eta, own)[1]
+                return np.fmax(seen.d_eta**2 - seen.d_scale / scale.value, 0.0)
+            step = BLOCKS.step * scale.value
+            above, below = (self._seen(values, eta + h, own)[1].d_eta for h in (step, -step))
+            bent = (below - above) / (2.0 * step)
+            return np.where(np.isfinite(bent), np.maximum(bent, 0.0), 0.0)
+
+    def _seen(self, values: Sequence[float], eta: Array, own: slice) -> tuple[ErrorScale, Observed]:
+        """The scale, and log p with the whole derivative by eta and that by the scale."""
+        scale, lower, upper = self.scale(values, eta, own), self.lower[own], self.upper[own]
+        seen = observed(self.model(values), lower, upper, eta, scale.value, self._exact[own])
+        if scale.d_eta is not None:
+            seen = seen._replace(d_eta=seen.d_eta + seen.d_scale * scale.d_eta)
+        return scale, seen
+
+    @cached_property
+    def _exact(self) -> Flags:
+        """Which observations are known exactly, bool (m,)."""
+        return np.asarray((self.lower == self.upper)[:, 0])
+
+    @cached_property
+    def _free_sd(self) -> bool:
+        """Whether the sd is a hyperparameter, and not a column or left out."""
+        return self.noise.sd is not None and self.noise.column is None
+
+    @cached_property
+    def _scales(self) -> int:
+        """How many of the values are of the scale; the rest are shapes."""
+        return len(self.noise.hyperparameters) - len(self.noise.shapes)
+
+    def _sd(self, values: Sequence[float], own: slice) -> Array:
+        if self.sds is not None:
+            return self.sds[own]
+        return np.asarray(values[0] if self._free_sd else 0.0)
+
+
+def _finite(found: list[Array]) -> list[Array]:
+    # A sum is finite if all its terms are, and costs one pass. Of these two, because an infinite
+    # derivative by the scale comes with an infinite log p.
+    if all(np.isfinite(np.sum(part)) for part in found[:2]):
+        return found
+    fine = np.logical_and.reduce([np.isfinite(part) for part in found])
+    return [np.where(fine, part, 0.0 if k else -np.inf) for k, part in enumerate(found)]
+
+
+@dataclass(frozen=True)
+class ErrorBlocks:
+    """numbers: of one operation: what is between them stays in the cache (`make bench`).
+
+    step: in scales, of the difference that gives a curvature; its error is about 1e-8.
+    """
+
+    numbers: int = 32768
+    step: float = 1e-4
+
+
+BLOCKS = ErrorBlocks()
 
 
 class Terms(NamedTuple):
@@ -133,14 +394,14 @@ class MeasurementErrors:
 
     def cdf(self, values: Array, y: Array, eta: Array, rows: slice) -> Array:
         """Probability of measured values not above y, for the observations `rows`: (m, J)."""
-        return self._asked("cdf", values, y, eta, rows)
+        return self._by_model("cdf", values, y, eta, rows)
 
     def quantile(self, values: Array, probability: Array, eta: Array, rows: slice) -> Array:
         """The measured values of these probabilities, for the observations `rows`: (m, J).
 
         Uniform probabilities make random values.
         """
-        return self._asked("quantile", values, probability, eta, rows)
+        return self._by_model("quantile", values, probability, eta, rows)
 
     def moments(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array, Array, Array]:
         """Mean and central moments 2 to 4 (m, J) of the values of the observations `rows`.
@@ -161,7 +422,7 @@ class MeasurementErrors:
                 found[k + 1, at] = moment * scale ** (k + 2)
         return found[0], found[1], found[2], found[3]
 
-    def _asked(self, what: str, values: Array, at_what: Array, eta: Array, rows: slice) -> Array:
+    def _by_model(self, what: str, values: Array, at_what: Array, eta: Array, rows: slice) -> Array:
         found, at_what = np.empty(eta.shape), np.broadcast_to(at_what, eta.shape)
         for part, own, at, mine in self._within(values, rows):
             scale = part.scale(mine, eta[at], slice(own, own + len(at))).value
@@ -170,7 +431,7 @@ class MeasurementErrors:
 
     def _at_once(self, eta: Array) -> bool:
         """Whether one call does, which saves most of the time of a small one."""
-        return len(self.parts) == 1 and eta.size <= BLOCK
+        return len(self.parts) == 1 and eta.size <= BLOCKS.numbers
 
     def _within(
         self, values: Array, rows: slice
@@ -208,7 +469,7 @@ def _named(noises: Mapping[str, Noise]) -> tuple[Hyperparameter, ...]:
 def _blocks(at: Indices, nodes: int) -> Iterator[tuple[slice, slice | Indices]]:
     """Parts of the positions `at`: each as a slice of them, and where it is among all."""
     adjoin = len(at) > 0 and at[-1] - at[0] + 1 == len(at)
-    for some in blocks(len(at), nodes, BLOCK):
+    for some in blocks(len(at), nodes, BLOCKS.numbers):
         yield some, slice(at[0] + some.start, at[0] + some.stop) if adjoin else at[some]
 
 

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from aleator.errors import ExperimentsError
+from aleator.errors import ExperimentsError, nearest
 from aleator.observations import tables
-from aleator.observations import tables as files
-from aleator.observations.experiments import Conditions as Conditions
-from aleator.observations.experiments import TableRows, check_sizes, rows_of
 from aleator.observations.outcomes import Censored, OutcomeColumns
-from aleator.observations.responses import Observations, Transform
+from aleator.observations.responses import Observations, Response, Transform, common_transform
 from aleator.observations.tables import Table, real_numbers
 from aleator.types import Array, Flags, Indices
 
@@ -24,8 +21,315 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+DEFAULT_ID = "id"
+
+
+class TableRows(NamedTuple):
+    """R rows of a table: the ids (N,) of the experiments, and what stands in each row.
+
+    `experiment` (R,) is the experiment of each row; `conditions` and `table` have R rows. `source`
+    is the table that all of this is from; it knows the experiments now.
+    """
+
+    ids: tuple[str, ...]
+    experiment: Indices
+    conditions: pd.DataFrame
+    table: pd.DataFrame
+    source: Table
+
+
+def rows_of(
+    table: Table,
+    id: str | None,
+    names: Sequence[str] | None,
+    taken: Sequence[str] = (),
+    beside: Collection[str] = (),
+    numbers: Collection[str] = (),
+) -> TableRows:
+    """The rows of a table; rows with the same id are one experiment, in order of appearance.
+
+    `taken` are columns of outcomes, which are not part of the table that is kept. Conditions are
+    `names`, or every other column but those `beside`. Those in `numbers` must be numbers.
+
+    Raises ExperimentsError for a column that is not there, a blank id, and a slip in a number.
+    """
+    import pandas as pd
+
+    if id is not None:
+        table.require(id, "the id")
+    elif DEFAULT_ID in table.columns and DEFAULT_ID not in taken:
+        id = DEFAULT_ID
+    ids, experiment = _ids(table, id)
+    if id is not None:
+        table = replace(table, owners=[ids[k] for k in experiment])
+    chosen = names is not None
+    kept = [name for name in table.columns if name != id and name not in taken]
+    if names is None:
+        names = [name for name in kept if name not in beside]
+    for name in names:
+        table.require(name, "the condition")
+    index = range(len(table))
+    conditions = {
+        name: table.numbers(name) if name in numbers else _condition(table, name, chosen)
+        for name in names
+    }
+    whole = {name: conditions[name] if name in conditions else _any(table, name) for name in kept}
+    return TableRows(
+        ids, experiment, pd.DataFrame(conditions, index=index),
+        pd.DataFrame(whole, index=index), table,
+    )  # fmt: skip
+
+
+def _ids(table: Table, column: str | None) -> tuple[tuple[str, ...], Indices]:
+    """The ids by first appearance, and the experiment of each row; row numbers without a column."""
+    if column is None:
+        return tuple(str(k) for k in range(1, len(table) + 1)), np.arange(len(table))
+    number: dict[str, int] = {}
+    experiment = np.empty(len(table), dtype=np.intp)
+    for row, cell in enumerate(table.columns[column]):
+        whole = isinstance(cell, float) and cell.is_integer()
+        name = str(int(cell)) if isinstance(cell, float) and whole else str(cell).strip()
+        if name in ("", "nan", "None", "<NA>"):
+            raise ExperimentsError(
+                f"{table.where(row, column)}: the id is blank",
+                "write the id of the row's experiment, or delete the column: each row is then one",
+            )
+        experiment[row] = number.setdefault(name, len(number))
+    return tuple(number), experiment
+
+
+def _condition(table: Table, name: str, chosen: bool) -> NDArray[np.float64] | pd.Series:
+    """A column of numbers, or one of objects if it is plainly not meant as numbers.
+
+    A text in a column of numbers is a slip that must not turn the column into text: it is an error
+    if most cells are numbers, and for a condition chosen by name already if one cell is.
+    """
+    import pandas as pd
+
+    numbers = table.is_number(name)
+    if np.any(numbers) and (chosen or 2 * int(np.sum(numbers)) >= len(numbers)):
+        try:
+            return table.numbers(name)
+        except ExperimentsError as error:
+            if chosen:
+                raise
+            remedy = f"{error.remedy}; or, if '{name}' is no condition, name those that are"
+            raise ExperimentsError(error.problem, f"{remedy}: conditions = [...]") from None
+    return pd.Series(table.columns[name], dtype=object)
+
+
+def _any(table: Table, name: str) -> NDArray[np.float64] | pd.Series:
+    """A column that is no condition: numbers, NaN where blank, if it has nothing else."""
+    import pandas as pd
+
+    try:
+        return table.numbers_or_blank(name)
+    except ExperimentsError:
+        return pd.Series(table.columns[name], dtype=object)
+
+
+OUTCOME = "outcome"
+
+
 @dataclass(frozen=True, eq=False, init=False)
-class Experiments:
+class _OfExperiments:
+    """What experiments and new conditions share: rows of a table, each of an experiment."""
+
+    ids: tuple[str, ...]
+    conditions: pd.DataFrame
+    table: pd.DataFrame
+    experiment: Indices
+    places: Sequence[str]
+
+    def _set(
+        self,
+        ids: tuple[str, ...],
+        conditions: pd.DataFrame,
+        table: pd.DataFrame | None,
+        experiment: Indices | None,
+        places: Sequence[str] | None,
+    ) -> None:
+        """Set what is shared; without `experiment` each row is one. Raises ExperimentsError."""
+        experiment = np.arange(len(ids)) if experiment is None else np.array(experiment, np.intp)
+        _check_sizes(ids, conditions, experiment)
+        if places is None:
+            places = [f"experiment '{ids[k]}'" for k in experiment]
+        table = conditions if table is None else table
+        values = {"ids": ids, "conditions": conditions, "table": table, "experiment": experiment}
+        for name, value in {**values, "places": places}.items():
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Conditions(_OfExperiments):
+    """N experiments without outcomes: R rows of conditions.
+
+    `ids` (N,) are distinct texts; `conditions` has R rows and a named column for each condition:
+    float64 where every cell is a number, else objects. `table` has R rows and every column but the
+    ids; `experiment` (R,) is the experiment of each row, arange(N) where each row is one,
+    and `places` (R,) say where each stands.
+    `responses` are those of the identification; `transform` is short for one response that has it.
+
+    Raises ExperimentsError if the sizes differ or an id appears twice.
+
+    >>> import pandas as pd
+    >>> Conditions(("a", "b"), pd.DataFrame({"ratio": [0.9, 0.8]})).ids
+    ('a', 'b')
+    """
+
+    responses: tuple[Response, ...]
+
+    def __init__(
+        self,
+        ids: tuple[str, ...],
+        conditions: pd.DataFrame,
+        transform: str = Transform.NONE,
+        *,
+        responses: Sequence[Response] = (),
+        table: pd.DataFrame | None = None,
+        experiment: Indices | None = None,
+        places: Sequence[str] | None = None,
+    ) -> None:
+        self._set(ids, conditions, table, experiment, places)
+        own = tuple(responses) or (Response(OUTCOME, Transform.named(transform)),)
+        object.__setattr__(self, "responses", own)
+
+    @property
+    def transform(self) -> Transform:
+        """The transform that all responses have; none where they differ."""
+        return common_transform(self.responses)
+
+    @property
+    def simple(self) -> bool:
+        """Whether each experiment is one row of which one value is asked for."""
+        alone = np.array_equal(self.experiment, np.arange(len(self.ids)))
+        return len(self.responses) == 1 and alone
+
+    @property
+    def observations(self) -> Observations:
+        """What is asked for: every response at every row. The values are NaN."""
+        order = np.argsort(self.experiment, kind="stable")
+        row = np.repeat(order, len(self.responses))
+        response = np.tile(np.arange(len(self.responses)), len(order))
+        values = np.full(len(row), np.nan)
+        return Observations(self.experiment[row], row, response, values, values, self.responses)
+
+    @classmethod
+    def from_frame(
+        cls,
+        frame: pd.DataFrame,
+        *,
+        id: str | None = None,
+        conditions: Sequence[str] | None = None,
+        transform: str = Transform.NONE,
+        responses: Sequence[Response] = (),
+    ) -> Conditions:
+        """Take `conditions` (default: every column but the id) from a data frame.
+
+        Raises ExperimentsError as Experiments.from_frame does.
+
+        >>> import pandas as pd
+        >>> Conditions.from_frame(pd.DataFrame({"ratio": [0.9, 0.8]})).ids
+        ('1', '2')
+        """
+        rows = rows_of(tables.from_frame(frame), id, conditions)
+        return cls._of(rows, Transform.named(transform), responses)
+
+    @classmethod
+    def from_csv(
+        cls,
+        path: str | Path,
+        *,
+        id: str | None = None,
+        conditions: Sequence[str] | None = None,
+        numbers: Collection[str] = (),
+        transform: str = Transform.NONE,
+        responses: Sequence[Response] = (),
+        delimiter: str = ",",
+        decimal: str = ".",
+    ) -> Conditions:
+        """Take `conditions` (default: every column but the id) from a delimited file.
+
+        Those named in `numbers` must be numbers; the others may be text.
+        Raises ExperimentsError as Experiments.from_csv does.
+        """
+        rows = rows_of(tables.read(path, delimiter, decimal), id, conditions, numbers=numbers)
+        return cls._of(rows, Transform.named(transform), responses)
+
+    @classmethod
+    def _of(
+        cls, rows: TableRows, transform: Transform, responses: Sequence[Response]
+    ) -> Conditions:
+        return cls(
+            rows.ids, rows.conditions, transform, responses=responses,
+            table=rows.table, experiment=rows.experiment, places=rows.source.rows,
+        )  # fmt: skip
+
+
+def _check_sizes(ids: tuple[str, ...], conditions: pd.DataFrame, experiment: Indices) -> None:
+    """Raise ExperimentsError unless there is an experiment a row, and each id is there once."""
+    if len(experiment) != len(conditions):
+        raise ExperimentsError(
+            f"{len(experiment)} ids for {len(conditions)} rows of conditions", "give one id a row"
+        )
+    if len(set(ids)) != len(ids):
+        twice = next(name for k, name in enumerate(ids) if name in ids[:k])
+        raise ExperimentsError(f"the id '{twice}' appears twice", "give each experiment its own id")
+    if not np.array_equal(np.unique(experiment), np.arange(len(ids))):
+        raise ExperimentsError(
+            f"rows belong to {len(np.unique(experiment))} experiments, and there are "
+            f"{len(ids)} ids",
+            "number the experiment of each row from zero, and give each a row",
+        )
+
+
+def covariates(experiments: Experiments | Conditions, names: Sequence[str]) -> pd.DataFrame:
+    """The named columns of the table with a row for each of the N experiments, indexed by ids.
+
+    Raises ExperimentsError for a name that is no column, a blank cell, and a value that differs
+    between rows of one experiment: a law holds for the whole experiment.
+
+    >>> import pandas as pd
+    >>> from aleator.observations.experiments import Conditions
+    >>> table = pd.DataFrame({"id": ["a", "a", "b"], "by": ["x", "x", "y"], "time": [1, 2, 1]})
+    >>> covariates(Conditions.from_frame(table, id="id"), ["by"])["by"].tolist()
+    ['x', 'y']
+    """
+    table, owner = experiments.table, experiments.experiment
+    first = np.searchsorted(np.sort(owner), np.arange(len(experiments.ids)))
+    rows = np.argsort(owner, kind="stable")[first]
+    for name in names:
+        if name not in table.columns:
+            known = [str(column) for column in table.columns]
+            raise ExperimentsError(
+                f"a law names '{name}', which is no column of the table{nearest(name, known)}",
+                f"name one of {', '.join(known)}" if known else "add the column to the table",
+            )
+        cells = table[name].to_numpy()
+        blank = table[name].isna().to_numpy() | (cells == "")
+        if blank.any():
+            raise ExperimentsError(
+                f"{experiments.places[int(np.argmax(blank))]}, column '{name}' of experiment "
+                f"'{experiments.ids[owner[int(np.argmax(blank))]]}' is blank, and a law needs it",
+                "write its value in every row, or leave the experiment out",
+            )
+        other = np.flatnonzero(cells != cells[rows][owner])
+        if other.size:
+            row = int(other[0])
+            one = int(rows[owner[row]])
+            raise ExperimentsError(
+                f"column '{name}' of experiment '{experiments.ids[owner[row]]}' is {cells[one]} in "
+                f"{experiments.places[one]} and {cells[row]} in {experiments.places[row]}, "
+                "and a law holds for the whole experiment",
+                "name a column that does not vary within an experiment; what varies is a condition "
+                "of the simulator",
+            )
+    found = table[list(names)].iloc[rows]
+    return found.set_axis(list(experiments.ids), axis=0)
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Experiments(_OfExperiments):
     """N experiments: R rows of conditions, and M observations.
 
     `ids` (N,) are distinct texts. `conditions` has R rows and a named column for each condition:
@@ -50,11 +354,6 @@ class Experiments:
     (('a', 'b'), [0, 0, 1], False)
     """
 
-    ids: tuple[str, ...]
-    conditions: pd.DataFrame
-    table: pd.DataFrame
-    experiment: Indices
-    places: Sequence[str]
     observations: Observations
 
     def __init__(
@@ -69,18 +368,10 @@ class Experiments:
         experiment: Indices | None = None,
         places: Sequence[str] | None = None,
     ) -> None:
-        experiment = np.arange(len(ids)) if experiment is None else np.array(experiment, np.intp)
-        table = conditions if table is None else table
-        check_sizes(ids, conditions, experiment)
+        self._set(ids, conditions, table, experiment, places)
         if not isinstance(outcomes, Observations):
             outcomes = _simple(outcomes, len(ids), outcome_name, Transform.named(transform))
-        values = {
-            "ids": ids, "conditions": conditions, "table": table, "experiment": experiment,
-            "observations": outcomes,
-            "places": [f"experiment '{ids[k]}'" for k in experiment] if places is None else places,
-        }  # fmt: skip
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "observations", outcomes)
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -133,8 +424,7 @@ class Experiments:
     @property
     def transform(self) -> Transform:
         """The transform that all responses have; none where they differ."""
-        found = {response.transform for response in self.observations.responses}
-        return found.pop() if len(found) == 1 else Transform.NONE
+        return common_transform(self.observations.responses)
 
     @classmethod
     def from_frame(
@@ -194,7 +484,7 @@ class Experiments:
         header is row 1), and for a file that is absent, empty, no text, or differently delimited.
         """
         outcomes = OutcomeColumns(_names(outcome), response, transform, censored)
-        table = files.read(path, delimiter, decimal)
+        table = tables.read(path, delimiter, decimal)
         return cls._from_table(table, outcomes, id, conditions, beside)
 
     @classmethod

@@ -1,16 +1,56 @@
-"""What was measured: responses, and the observations of them."""
+"""What was measured: responses, the observations of them, and the limits of the test."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from aleator.errors import ExperimentsError, nearest
-from aleator.observations.responses import Transform
 from aleator.types import Array, Flags, Indices
+
+
+class Transform(StrEnum):
+    """The scale on which the law of the outcome is identified: its own, or the logarithmic one.
+
+    Measured and simulated outcomes are both in the original unit, and both are transformed; means,
+    densities and log-likelihoods are those of the transformed outcome.
+
+    >>> Transform.LOG([1.0, 10.0]), Transform.LOG.fault(-2.0)
+    (array([0.        , 2.30258509]), 'the logarithm of -2 does not exist')
+    """
+
+    NONE = "none"
+    LOG = "log"
+
+    @classmethod
+    def named(cls, text: str) -> Transform:
+        """The transform of this name; raises ExperimentsError if there is none."""
+        if text not in [*cls]:
+            raise ExperimentsError(f"unknown transform {text!r}", 'it is "none" or "log"')
+        return cls(text)
+
+    def __call__(self, outcome: ArrayLike) -> Array:
+        """Outcomes in the original unit as the likelihood sees them; not finite where it cannot."""
+        values = np.asarray(outcome, dtype=np.float64)
+        if self is Transform.NONE:
+            return values
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.log(values)
+
+    def inverse(self, transformed: Array) -> Array:
+        """Outcomes in the original unit."""
+        return transformed if self is Transform.NONE else np.exp(transformed)
+
+    def fault(self, outcome: float) -> str:
+        """Why a finite outcome cannot be transformed, "" if it can."""
+        if self is Transform.NONE or outcome > 0.0:
+            return ""
+        return f"the logarithm of {outcome:g} does not exist"
 
 
 @dataclass(frozen=True)
@@ -40,13 +80,19 @@ def responses_of(
     """
     if isinstance(transform, str):
         return tuple(Response(name, Transform.named(transform)) for name in names)
-    require_known(transform, names, "transform")
+    require_responses(transform, names, "transform")
     return tuple(
         Response(name, Transform.named(transform.get(name, Transform.NONE))) for name in names
     )
 
 
-def require_known(keys: Mapping[str, object], names: Sequence[str], what: str) -> None:
+def common_transform(responses: Sequence[Response]) -> Transform:
+    """The transform that all responses have; none where they differ."""
+    found = {response.transform for response in responses}
+    return found.pop() if len(found) == 1 else Transform.NONE
+
+
+def require_responses(keys: Mapping[str, object], names: Sequence[str], what: str) -> None:
     """Raise ExperimentsError where a key names no response; `what` says what the keys are of."""
     for key in keys:
         if key not in names:
@@ -149,3 +195,47 @@ class Observations:
     def censored(self) -> Flags:
         """Of which values only bounds are known, bool (M,)."""
         return ~self.measured & ~np.isnan(self.lower)
+
+
+def limits_of_test(seen: Observations) -> list[tuple[float, float]] | None:
+    """Lower and upper limit of each response, infinite without one; values beyond are censored.
+
+    A response whose right-censored values all have one bound has that as its upper limit. None
+    where bounds differ, and where values lie between two bounds: these are no limits of a test.
+
+    >>> seen = Observations.exact([1.0, 2.0, 2.0])
+    >>> limits_of_test(replace(seen, upper=[1.0, np.inf, np.inf]))
+    [(-inf, 2.0)]
+    """
+    found = []
+    for k in range(len(seen.responses)):
+        own = (seen.response == k) & seen.censored
+        above = np.unique(seen.lower[own & np.isposinf(seen.upper)])
+        below = np.unique(seen.upper[own & np.isneginf(seen.lower)])
+        between = own & np.isfinite(seen.lower) & np.isfinite(seen.upper)
+        if above.size > 1 or below.size > 1 or np.any(between):
+            return None
+        found.append((float(below[0]) if below.size else -np.inf,
+                      float(above[0]) if above.size else np.inf))  # fmt: skip
+    return found
+
+
+def with_limits_of_test(asked: Observations, seen: Observations) -> Observations:
+    """Observations that were not made (M,), with the limits of the test of those that were seen.
+
+    As long as nothing is known of a new value, it is one beyond a limit.
+    """
+    lower, upper = asked.lower.copy(), asked.upper.copy()
+    for k, (low, high) in enumerate(limits_of_test(seen) or []):
+        new = asked.response == k
+        if np.isfinite(high):
+            lower[new], upper[new] = high, np.inf
+        elif np.isfinite(low):
+            lower[new], upper[new] = -np.inf, low
+    return replace(asked, lower=lower, upper=upper)
+
+
+def ends_of(seen: Observations, limits: list[tuple[float, float]]) -> tuple[Array, Array]:
+    """The limits of each observation, (M,)."""
+    each = np.array(limits).reshape(-1, 2)[seen.response]
+    return each[:, 0], each[:, 1]

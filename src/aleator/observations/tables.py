@@ -1,30 +1,151 @@
-"""A table as cells that know their row and column.
-
-What is wrong with a cell is told with its place, the offending text and what to do about it.
-"""
+"""A table as cells that know their row and column, and the files that hold one."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import csv
+import io
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aleator.errors import ExperimentsError, nearest
-from aleator.observations.tables import (
-    bound_of,
-    has_decimal_comma,
-    is_blank,
-    number_of,
-    outcome_remedy,
-    remedy,
-    text_of,
-)
+from aleator.types import Array
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+_MISSING_TYPES = ("NoneType", "NAType", "NaTType")
+"""None, and what pandas puts where there is nothing."""
+
+
+def real_numbers(values: Any) -> Array:
+    """The same numbers as float64, of the same shape; NaN where one is masked or missing.
+
+    Objects that are numbers (of Decimal, Fraction, a data frame) are taken. Raises TypeError for
+    texts, truth values, complex numbers and dates: none of them is an outcome.
+
+    >>> real_numbers(np.ma.masked_array([1, 2], mask=[True, False])).tolist()
+    [nan, 2.0]
+    >>> real_numbers(np.array([1.5, None], dtype=object)).tolist()
+    [1.5, nan]
+    >>> real_numbers(["1.5"])
+    Traceback (most recent call last):
+        ...
+    TypeError: values of type <U3
+    """
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        return values
+    array = np.asarray(values)
+    if array.dtype.kind == "O":
+        array = np.array([_real(value) for value in array.ravel()], np.float64).reshape(array.shape)
+    elif array.dtype.kind not in "fiu":
+        raise TypeError(f"values of type {array.dtype}")
+    numbers = array.astype(np.float64)
+    if isinstance(values, np.ma.MaskedArray):
+        numbers[np.ma.getmaskarray(values)] = np.nan
+    return numbers
+
+
+def _real(value: Any) -> float:
+    kind = type(value)
+    if kind.__name__ in _MISSING_TYPES or value is np.ma.masked:
+        return np.nan
+    if isinstance(value, (bool, np.bool_, complex, np.complexfloating)) or not hasattr(
+        kind, "__float__"
+    ):
+        raise TypeError(f"values of type {kind.__name__}")
+    try:
+        return float(value)
+    except OverflowError:
+        return np.inf
+
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_ABOVE = (">", "≥")
+_BOUND = re.compile(r"(?P<side>[<>≤≥])\s*=?\s*(?P<number>[+-]?\.?\d.*)")
+UNMEASURED = (
+    "write a finite number there; where only a bound is known, write that and say so by the key "
+    "censored; delete the row only if nothing was measured"
+)
+"""What to do about an outcome that is none."""
+
+
+def number_of(cell: object, decimal: str) -> tuple[float, str]:
+    """The number in a cell and "", or NaN and what is wrong with the cell."""
+    if isinstance(cell, Real) and not isinstance(cell, (bool, np.bool_)):
+        number = float(cell)
+    else:
+        text = text_of(cell)
+        if not text:
+            return math.nan, "the cell is blank, a number is needed"
+        try:
+            # float() also takes 1_000, which is a slip of the pen in a table.
+            number = float(text.replace("_", "?").replace(decimal, "."))
+        except ValueError:
+            return math.nan, f"'{short(text)}' is not a number"
+    if not math.isfinite(number):
+        return math.nan, f"'{short(str(cell))}' is not a finite number"
+    return number, ""
+
+
+def bound_of(cell: object, decimal: str) -> tuple[float, int, str]:
+    """The number in a cell, its sign, and what is wrong: "> 20" is 20 with the sign 1.
+
+    The sign is -1 for what lies below the number, 0 for the number itself.
+
+    >>> bound_of("> 20", "."), bound_of("<=0,5", ","), bound_of("3", ".")
+    ((20.0, 1, ''), (0.5, -1, ''), (3.0, 0, ''))
+    """
+    found = _BOUND.fullmatch(text_of(cell))
+    sign = 0 if found is None else 1 if found["side"] in _ABOVE else -1
+    number, fault = number_of(cell if found is None else found["number"], decimal)
+    return number, sign, fault
+
+
+def is_blank(cell: object) -> bool:
+    """Whether a cell holds nothing; a NaN that is a number, as pandas writes it, is nothing."""
+    return (isinstance(cell, Real) and cell != cell) or not text_of(cell)
+
+
+def text_of(cell: object) -> str:
+    """A cell as stripped text; whatever pandas calls missing is blank."""
+    return "" if type(cell).__name__ in _MISSING_TYPES else str(cell).strip()
+
+
+def short(text: str) -> str:
+    """A text cut to forty characters."""
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def has_decimal_comma(cell: object) -> bool:
+    """Whether it is a number with a comma where a point was expected."""
+    return _DECIMAL_COMMA.fullmatch(text_of(cell)) is not None
+
+
+def remedy(cell: object) -> str:
+    """What to write in place of a cell that is no number."""
+    if has_decimal_comma(cell):
+        return 'write a decimal point, or say so with the key decimal = ","'
+    return "write a finite number there, or delete the row of an experiment that has none"
+
+
+def outcome_remedy(cell: object) -> str:
+    """What to write for a measured value: to leave out those beyond a bound would bias the law."""
+    bound = _BOUND.fullmatch(text_of(cell))
+    if bound is None:
+        return remedy(cell) if has_decimal_comma(cell) else UNMEASURED
+    return (
+        "say that cells with such a sign are bounds: censored = {signs = true}; without the row "
+        "the law would be biased"
+    )
 
 
 @dataclass(frozen=True)
@@ -70,7 +191,7 @@ class Table:
     @property
     def rows(self) -> Sequence[str]:
         """The place of each row in words: file, row."""
-        return _Rows(self.source, self.places)
+        return _Places(self.source, self.places)
 
     def is_number(self, column: str) -> NDArray[np.bool_]:
         """Which of the N cells of a column are, or look like, finite numbers, bool (N,)."""
@@ -98,52 +219,48 @@ class Table:
 
         Raises ExperimentsError with the place of the first cell that is not a finite number.
         """
-        cells = self.columns[column]
-        found = _at_once(cells, self.decimal)
-        if found is not None:
-            return found
-        numbers = np.empty(len(self.places))
-        for row, cell in enumerate(cells):
-            numbers[row], fault = number_of(cell, self.decimal)
-            if fault:
-                raise ExperimentsError(f"{self.where(row, column)}: {fault}", remedy(cell))
-        return numbers
+        return self._read(column, remedy, blank=False)[0]
 
     def numbers_or_blank(self, column: str) -> NDArray[np.float64]:
         """The N numbers of a column, float64 (N,), NaN where the cell holds nothing.
 
         Raises ExperimentsError as `numbers` does for every other cell.
         """
-        cells = self.columns[column]
-        found = _at_once(cells, self.decimal)
-        if found is not None:
-            return found
-        numbers = np.full(len(self.places), np.nan)
-        for row, cell in enumerate(cells):
-            if is_blank(cell):
-                continue
-            numbers[row], fault = number_of(cell, self.decimal)
-            if fault:
-                raise ExperimentsError(f"{self.where(row, column)}: {fault}", outcome_remedy(cell))
-        return numbers
+        return self._read(column, outcome_remedy)[0]
 
     def bounds(self, column: str) -> tuple[NDArray[np.float64], NDArray[np.int_]]:
         """The N numbers of a column and their signs: 1 for "> 20", -1 for "< 0.5", else 0.
 
         NaN where the cell holds nothing. Raises ExperimentsError for every other cell.
         """
-        cells = self.columns[column]
-        numbers, signs = np.full(len(self), np.nan), np.zeros(len(self), dtype=int)
+        return self._read(column, remedy, signed=True)
+
+    def _read(
+        self,
+        column: str,
+        remedy: Callable[[object], str],
+        *,
+        blank: bool = True,
+        signed: bool = False,
+    ) -> tuple[NDArray[np.float64], NDArray[np.int_]]:
+        cells, signs = self.columns[column], np.zeros(len(self), dtype=int)
+        found = _at_once(cells, self.decimal)
+        if found is not None:
+            return found, signs
+        numbers = np.full(len(self), np.nan)
         for row, cell in enumerate(cells):
-            if is_blank(cell):
+            if blank and is_blank(cell):
                 continue
-            numbers[row], signs[row], fault = bound_of(cell, self.decimal)
+            if signed:
+                numbers[row], signs[row], fault = bound_of(cell, self.decimal)
+            else:
+                numbers[row], fault = number_of(cell, self.decimal)
             if fault:
                 raise ExperimentsError(f"{self.where(row, column)}: {fault}", remedy(cell))
         return numbers, signs
 
 
-class _Rows(Sequence[str]):
+class _Places(Sequence[str]):
     """The places of rows with their source, worded when they are asked for."""
 
     def __init__(self, source: str, places: Sequence[str]) -> None:
@@ -222,4 +339,158 @@ def check_header(header: Sequence[str], source: str) -> None:
                 f"{source}: row 1: the column name '{name}' appears twice "
                 f"(columns {header.index(name) + 1} and {k + 1})",
                 "give each column its own name",
+            )
+
+
+DELIMITERS = {",": "a comma", ";": "a semicolon", "\t": "a tab", "|": "a vertical bar"}
+_KEY = {"\t": r"\t"}
+_UNIT = re.compile(r"^(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]+)\]$")
+
+
+def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
+    """Read a delimited text file (UTF-8 or UTF-16, with or without a byte order mark).
+
+    `delimiter` is one character, `decimal` is "." or ",". Rows without any text are skipped but
+    counted, and so are columns at the end that have neither a name nor a text.
+
+    Raises ExperimentsError for a file that is absent, empty, in another encoding or a workbook, for
+    a delimiter that is not the file's, rows of unequal length and a column name that appears twice.
+    """
+    if len(delimiter) != 1 or decimal not in (".", ",") or delimiter == decimal:
+        raise ExperimentsError(
+            f"{path}: delimiter {delimiter!r} with decimal {decimal!r} cannot be read",
+            'the delimiter is one character, the decimal sign "." or ",", and they differ',
+        )
+    source = str(path)
+    rows = _rows(_decoded(Path(path)), delimiter, source)
+    if not rows:
+        raise ExperimentsError(
+            f"{source}: the file is empty", "write a header and a row per experiment"
+        )
+    header = [name.strip() for name in rows[0][1]]
+    rows = rows[1:]
+    while header and not header[-1] and not any(_beyond(row, len(header)) for _, row in rows):
+        header.pop()
+        rows = [(number, row[: len(header)]) for number, row in rows]
+    _check_delimiter(header, delimiter, source)
+    header, units = _parted(header)
+    check_header(header, source)
+    _check_lengths(header, rows, delimiter, source)
+    if not rows:
+        raise ExperimentsError(
+            f"{source}: there is a header but no rows", "write one row for each experiment"
+        )
+    columns: dict[str, list[object]] = {
+        name: [row[k].strip() for _, row in rows] for k, name in enumerate(header)
+    }
+    places = tuple(f"row {number}" for number, _ in rows)
+    return Table(source, columns, places, decimal, units=units)
+
+
+def stated_units(path: str | Path, delimiter: str = ",") -> dict[str, str]:
+    """The units in the heads of a file's columns, by the names without them."""
+    rows = csv.reader(io.StringIO(_decoded(Path(path)), newline=""), delimiter=delimiter)
+    header = next((row for row in rows if any(cell.strip() for cell in row)), [])
+    return _parted([name.strip() for name in header])[1]
+
+
+def _parted(header: Sequence[str]) -> tuple[list[str], dict[str, str]]:
+    """Heads without their units, and these; heads that differ by their units only keep them.
+
+    >>> _parted(["travel [mm]", "force [N]", "force [kN]", "id"])
+    (['travel', 'force [N]', 'force [kN]', 'id'], {'travel': 'mm'})
+    """
+    found = [_UNIT.match(head) for head in header]
+    bare = [match["name"] if match else head for match, head in zip(found, header, strict=True)]
+    units = {
+        name: match["unit"].strip()
+        for name, match in zip(bare, found, strict=True)
+        if match and bare.count(name) == 1
+    }
+    return [n if n in units else h for n, h in zip(bare, header, strict=True)], units
+
+
+def _beyond(row: Sequence[str], width: int) -> str:
+    """What a row holds from its last column on."""
+    return "".join(row[width - 1 :]).strip()
+
+
+def _decoded(path: Path) -> str:
+    try:
+        raw = path.read_bytes()
+    except FileNotFoundError:
+        near = nearest(path.name, _names_beside(path))
+        raise ExperimentsError(
+            f"{path}: there is no such file{near}",
+            "check the name; it is relative to the study file",
+        ) from None
+    except OSError as error:
+        raise ExperimentsError(
+            f"{path}: the file cannot be read: {error.strerror}", "name a text file (CSV)"
+        ) from None
+    if raw.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+        raise ExperimentsError(
+            f"{path}: this is a workbook, not a text file",
+            "save it as CSV UTF-8 and name that file",
+        )
+    encoding = "utf-16" if raw.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    try:
+        text = raw.decode(encoding)
+    except UnicodeDecodeError as error:
+        row = raw[: error.start].count(b"\n") + 1
+        raise ExperimentsError(
+            f"{path}: row {row} is not UTF-8 text (byte 0x{raw[error.start]:02x})",
+            "save the file with the encoding UTF-8 (in a spreadsheet: 'CSV UTF-8')",
+        ) from None
+    if "\0" in text:
+        row = text[: text.index("\0")].count("\n") + 1
+        raise ExperimentsError(
+            f"{path}: row {row} has a null character: this is not a text file",
+            "save it as CSV UTF-8",
+        )
+    return text
+
+
+def _names_beside(path: Path) -> Iterable[str]:
+    folder = path.parent
+    return sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else ()
+
+
+def _rows(text: str, delimiter: str, source: str) -> list[tuple[int, list[str]]]:
+    """The rows that hold any text, each with its number in a spreadsheet."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    rows = []
+    try:
+        for number, row in enumerate(reader, start=1):
+            if any(cell.strip() for cell in row):
+                rows.append((number, row))
+    except csv.Error as error:
+        raise ExperimentsError(
+            f"{source}: line {reader.line_num}: {error}", "check the quotation marks from there on"
+        ) from None
+    return rows
+
+
+def _check_delimiter(header: Sequence[str], delimiter: str, source: str) -> None:
+    if len(header) != 1:
+        return
+    for other, words in DELIMITERS.items():
+        if other != delimiter and other in header[0]:
+            raise ExperimentsError(
+                f"{source}: row 1: the columns are separated by {words}, not by "
+                f"{DELIMITERS.get(delimiter, repr(delimiter))}: '{short(header[0])}'",
+                f'say so with the key delimiter = "{_KEY.get(other, other)}"'
+                + (' (and decimal = "," if numbers look like 0,95)' if other != "," else ""),
+            )
+
+
+def _check_lengths(
+    header: Sequence[str], rows: Sequence[tuple[int, list[str]]], delimiter: str, source: str
+) -> None:
+    for number, row in rows:
+        if len(row) != len(header):
+            raise ExperimentsError(
+                f"{source}: row {number} has {len(row)} cells, the header has {len(header)}",
+                "fill in or delete cells so that the row fits the header"
+                + ("; a decimal comma splits a number in two" if delimiter == "," else ""),
             )

@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from aleator.errors import (
     AleatorError,
     InputsError,
     SimulatorError,
     StudyError,
+    key_path,
     nearest,
     require_filled,
 )
@@ -28,13 +30,20 @@ from aleator.likelihood.model import Model
 from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.observations.model import ObservationModel
+from aleator.results.units import checked_units
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
 from aleator.simulators.derived import Derivation, Derived, derived
 from aleator.simulators.fmu import FMUSimulator
-from aleator.study.file import study_error, units_of
-from aleator.study.kinds import ChosenKind
-from aleator.study.sections import ExperimentsSection, StudyFile, columns_of, pairs, scales_of
+from aleator.study.kinds import TOLD, ChosenKind, in_toml
+from aleator.study.sections import (
+    ExperimentsSection,
+    LawSection,
+    StudyFile,
+    columns_of,
+    pairs,
+    scales_of,
+)
 from aleator.study.simulators import RunsSection
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.individual.observed import varying_conditions
@@ -42,6 +51,102 @@ from aleator.tasks.individual.observed import varying_conditions
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
     from aleator.moments.propagation import Collocation
+
+
+def study_error(error: ValidationError, document: Mapping[str, Any], path: Path) -> StudyError:
+    """One message for everything that is wrong with the keys."""
+    faults = [_fault(details, document) for details in error.errors(include_url=False)]
+    lines = [f"{path}: {problem}" for problem, _ in faults]
+    if len(faults) == 1:
+        return StudyError(lines[0], faults[0][1])
+    numbered = [f"{line}: {remedy}" for line, (_, remedy) in zip(lines, faults, strict=True)]
+    return StudyError(
+        f"{path}: {len(faults)} keys are wrong\n  " + "\n  ".join(numbered), "correct these keys"
+    )
+
+
+def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str]:
+    """What is wrong with one key, and what to do about it."""
+    context: dict[str, Any] = dict(details.get("ctx", {}))
+    kind = details["type"]
+    location = key_path(details["loc"], document, missing=kind == "missing")
+    if context.get("key"):
+        location = f"{location}.{context['key']}" if location else str(context["key"])
+    key = f"key '{location}'"
+    if kind == TOLD:
+        return f"{key}{context['problem']}", str(context["remedy"])
+    if kind == "missing":
+        name = location.rpartition(".")[2]
+        return f"{key} is missing", f"add {_FORMS.get(location, _FORMS.get(name, 'it'))}"
+    if kind == "literal_error":
+        return _unknown(location, str(context["expected"]), details.get("input"))
+    shown = f"{key} = {in_toml(details.get('input'))}"
+    if kind in ("model_type", "dict_type", "model_attributes_type"):
+        return f"{shown} is not a table", f"write [{location}] and its keys under it"
+    message = details["msg"]
+    message = message.removeprefix("Input ").removeprefix("Value ").removeprefix("List ")
+    return f"{shown}: it {message}", _WANTED.get(kind, "correct the value")
+
+
+def _unknown(location: str, expected: str, value: object) -> tuple[str, str]:
+    """A value that is none of those that there are; pydantic tells them as one text."""
+    known = [word.strip(" '") for word in expected.replace(" or ", ", ").split(",")]
+    return (
+        f"key '{location}' = {in_toml(value)} is not known{nearest(str(value), known)}",
+        f"choose one of {', '.join(known)}",
+    )
+
+
+_FORMS = {
+    "experiments.file": 'file = "experiments.csv"',
+    "experiments.outcome": 'outcome = "COLUMN"',
+    "experiments": "[experiments] and its keys under it",
+    "simulator": "[simulator] and its keys under it",
+    "parameters": "[parameters.NAME] and its keys under it, for each parameter",
+    "box": "box = [LOWER, UPPER]",
+    "mean": "mean = NUMBER, or mean = {lower = NUMBER, upper = NUMBER} to identify it",
+    "sd": "sd = NUMBER, or sd = {lower = NUMBER, upper = NUMBER} to identify it",
+    "value": "value = NUMBER, or value = {lower = NUMBER, upper = NUMBER} to identify it",
+}
+"""How a key that a table needs is written."""
+
+_WANTED = {
+    "float_type": "write a number without quotes, such as 0.5",
+    "int_type": "write a whole number without quotes, such as 10",
+    "bool_type": "write true or false, without quotes",
+    "string_type": 'write a text in quotes: "..."',
+    "list_type": "write a list in brackets: [..., ...]",
+    "too_short": "write as many values as it says",
+    "too_long": "write as many values as it says",
+    "finite_number": "write a finite number",
+}
+
+
+def units_of(
+    file: StudyFile, folder: Path, table: Experiments, simulator: Simulator
+) -> Mapping[str, str]:
+    """The unit of each outcome, condition and parameter that has one.
+
+    Raises InputsError for a unit of what is no column.
+    """
+    columns = [*table.observations.names, *map(str, table.table.columns)]
+    checked_units(file.experiments.units, columns)
+    stated = file.experiments.stated_units(folder)
+    own = {name: unit.strip() for name, unit in stated.items() if name in columns and unit.strip()}
+    for name, choice in file.parameters.items():
+        if isinstance(choice.keys, LawSection) and choice.keys.unit.strip():
+            own[name] = choice.keys.unit.strip()
+    asked = (*columns, *file.parameters)
+    return {**_of_fmu(simulator, table.observations.names, asked), **own}
+
+
+def _of_fmu(
+    simulator: Simulator, responses: tuple[str, ...], names: tuple[str, ...]
+) -> Mapping[str, str]:
+    """What the variables of an FMU say; empty for every other simulator."""
+    inner = simulator.inner if isinstance(simulator, Derived) else simulator
+    return inner.units(responses, names) if isinstance(inner, FMUSimulator) else {}
+
 
 T = TypeVar("T")
 
@@ -119,7 +224,7 @@ class Study:
             varying=varying_conditions(measured, [*map(str, measured.conditions.columns)]),
         )  # fmt: skip
 
-    def told(self) -> tuple[str, ...]:
+    def simulator_notes(self) -> tuple[str, ...]:
         """What its user should know of the simulator: how an FMU is bound, and how runs of it went.
 
         Empty for what has nothing to tell.

@@ -1,22 +1,220 @@
-"""The kinds of a section of study.toml: those that come along, and those of installed plug-ins."""
+"""Keys of study.toml: a section's, and those of the kinds that it may choose, plug-ins too."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Generic, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Generic,
+    Self,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
-from pydantic import AfterValidator, Field, PydanticSchemaGenerationError, TypeAdapter, create_model
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    FiniteFloat,
+    PlainValidator,
+    PydanticSchemaGenerationError,
+    Tag,
+    TypeAdapter,
+    create_model,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from aleator.errors import AleatorError, StudyError, nearest
-from aleator.laws import Free
-from aleator.study.kinds import LawSpec, Section, fault, missing, specification, unknown
+from aleator.laws import By, Free, Specification
+
+TOLD = "told"
+"""The type of the errors that say themselves what is wrong with a key."""
+
+
+class Section(BaseModel):
+    """A table of the file: known keys only, values of the right type, numbers not as text."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, value: Any) -> Any:
+        for key in value if isinstance(value, Mapping) else ():
+            if key not in cls.model_fields:
+                raise fault(
+                    f"there is no such key{nearest(key, cls.model_fields)}",
+                    f"the keys here are {', '.join(cls.model_fields)}",
+                    key,
+                )
+        return value
+
+    def stated(self) -> dict[str, Any]:
+        """The keys that the file gives; the library's defaults stand for the others."""
+        return {key: getattr(self, key) for key in self.model_fields_set}
+
+
+def _law(value: Any) -> Any:
+    """A law by its keys; the table of laws is made with these sections, and therefore later."""
+    from aleator.study.sections import LAWS
+
+    return LAWS.read(value)
+
+
+class FreeSection(Section):
+    """A hyperparameter to be identified: `{lower = 0.5, upper = 1.4, start = 1.0}`.
+
+    `prior` is a law with numbers as its keys: `prior = {law = "normal", mean = 1.0, sd = 0.1}`.
+    """
+
+    lower: FiniteFloat | None = None
+    upper: FiniteFloat | None = None
+    start: FiniteFloat | None = None
+    prior: Annotated[Any, PlainValidator(_law)] = None
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        low, high, start = self.lower, self.upper, self.start
+        if low is not None and high is not None and not low < high:
+            raise fault(f"lower {low:g} >= upper {high:g}", "swap or correct the two numbers")
+        for bad, side, bound in (
+            (low is not None and start is not None and start < low, "below lower", low),
+            (high is not None and start is not None and start > high, "above upper", high),
+        ):
+            if bad:
+                raise fault(f"start {start:g} is {side} {bound:g}", "move it between them")
+        return self
+
+
+def fault(problem: str, remedy: str, key: str = "") -> PydanticCustomError:
+    """What is wrong with a table, or with a key of it, and what to do about it."""
+    return _told(key, f": {problem}", remedy)
+
+
+def missing(key: str, remedy: str) -> PydanticCustomError:
+    """A key that a table lacks."""
+    return _told(key, " is missing", remedy)
+
+
+def unknown(key: str, value: object, known: Sequence[str], group: str) -> PydanticCustomError:
+    """A key whose value is none of those that there are, nor of the plug-ins' in the group."""
+    problem = f" = {in_toml(value)} is not known{nearest(str(value), known)}"
+    remedy = f"choose one of {', '.join(known)}, or install the plug-in with this entry point"
+    return _told(key, problem, f"{remedy} of {group}")
+
+
+def _told(key: str, problem: str, remedy: str) -> PydanticCustomError:
+    context = {"key": key, "problem": problem, "remedy": remedy}
+    return PydanticCustomError(TOLD, "{key}{problem}", context)
+
+
+def in_toml(value: object) -> str:
+    """A value as it is written in TOML, cut to one line.
+
+    >>> in_toml(True), in_toml("text"), in_toml([1.0, "a"])
+    ('true', '"text"', '[1.0, "a"]')
+    """
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    text = text.replace("'", '"')
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def form(value: Any) -> str:
+    """What a value of the file is: a table, a list, a text or a number.
+
+    >>> form({"lower": 0.0}), form([1]), form("a"), form(1)
+    ('table', 'list', 'text', 'number')
+    """
+    if isinstance(value, Mapping | Section):
+        return "table"
+    return "list" if isinstance(value, list) else "text" if isinstance(value, str) else "number"
+
+
+BY_FORM = Discriminator(form)
+"""Tells alternatives apart, whose tags are forms."""
+
+Spec = Annotated[
+    Annotated[FiniteFloat, Tag("number")] | Annotated[FreeSection, Tag("table")], BY_FORM
+]
+
+
+class FormulaSection(FreeSection):
+    """A hyperparameter that follows covariates: `{formula = "1 + temperature", lower = 0, ...}`.
+
+    `terms` holds numbers or limits of coefficients by name.
+    """
+
+    formula: str
+    terms: dict[str, Spec] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _no_prior(self) -> Self:
+        if self.prior is not None:
+            raise fault(
+                "a formula has no prior",
+                "give one to its coefficients: terms = {NAME = {lower = ..., upper = ..., "
+                "prior = {...}}}",
+                "prior",
+            )
+        return self
+
+
+def _formula(text: str) -> str:
+    try:
+        float(text)
+    except ValueError:
+        return text
+    raise fault(f"{in_toml(text)} is a text", f"write the number without quotes: {text}")
+
+
+def _form_of_law(value: Any) -> str:
+    formula = isinstance(value, FormulaSection) or (
+        isinstance(value, Mapping) and ("formula" in value or "terms" in value)
+    )
+    return "formula table" if formula else form(value)
+
+
+LawSpec = Annotated[
+    Annotated[FiniteFloat, Tag("number")]
+    | Annotated[FreeSection, Tag("table")]
+    | Annotated[Annotated[str, AfterValidator(_formula)], Tag("text")]
+    | Annotated[FormulaSection, Tag("formula table")],
+    Discriminator(_form_of_law),
+]
+"""A hyperparameter of a law: a number, limits, or a formula of covariates."""
+
+
+def specification(spec: FiniteFloat | str | FreeSection) -> Specification:
+    """A number fixes a hyperparameter, a table frees it within its limits, a text is a formula.
+
+    >>> specification(FreeSection(lower=0.0, upper=1.0))
+    Free(lower=0.0, upper=1.0, start=None, prior=None)
+    >>> specification("1 + temperature").formula
+    '1 + temperature'
+    """
+    if isinstance(spec, str):
+        return By(spec)
+    if isinstance(spec, FormulaSection):
+        terms = {name: specification(term) for name, term in spec.terms.items()}
+        return By(spec.formula, spec.lower, spec.upper, spec.start, terms)
+    if not isinstance(spec, FreeSection):
+        return spec
+    prior = None if spec.prior is None else spec.prior.build(Path())
+    return Free(spec.lower, spec.upper, spec.start, prior)
+
 
 T = TypeVar("T")
 
@@ -25,7 +223,7 @@ FOLDER = "folder"
 
 
 @dataclass(frozen=True)
-class Choice(Generic[T]):
+class ChosenKind(Generic[T]):
     """One kind of a section, with its keys checked; `keys` holds those of every kind too.
 
     `origin` names the plug-in that it is of; it is empty for what comes along.
@@ -39,7 +237,7 @@ class Choice(Generic[T]):
     def build(self, folder: Path) -> T:
         """The library's value; `folder` is the study's. Raises AleatorError where it is refused."""
         own = inspect.signature(self.maker).parameters
-        given = {key: value for key, value in self.keys.given().items() if key in own}
+        given = {key: value for key, value in self.keys.stated().items() if key in own}
         arguments = {k: folder / v if isinstance(v, Path) else v for k, v in given.items()}
         if FOLDER in own:
             arguments[FOLDER] = folder
@@ -76,16 +274,16 @@ class Kinds(Generic[T]):
 
     group: str
     key: str
-    known: Mapping[str, Callable[..., T] | str]
+    built_in: Mapping[str, Callable[..., T] | str]
     default: str = ""
     common: type[Section] = Section
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of all kinds; those of plug-ins come last."""
-        return (*self.known, *sorted({*entry_points(group=self.group).names} - {*self.known}))
+        return (*self.built_in, *sorted({*entry_points(group=self.group).names} - {*self.built_in}))
 
-    def read(self, value: Any) -> Choice[T]:
+    def read(self, value: Any) -> ChosenKind[T]:
         """The kind that a table chooses, with its keys checked.
 
         Raises what pydantic makes a message of: a table without a kind, a kind that nobody offers,
@@ -98,7 +296,7 @@ class Kinds(Generic[T]):
         section = self._section(maker, origin)
         for key in value:
             self._not_of_another(str(key), kind, section)
-        return Choice(kind, section.model_validate(value), maker, origin)
+        return ChosenKind(kind, section.model_validate(value), maker, origin)
 
     def section(self, kind: str) -> type[Section]:
         """The keys of a kind. Raises what `read` does for one that nobody offers."""
@@ -114,9 +312,11 @@ class Kinds(Generic[T]):
         if self.key:
             kind = value.get(self.key, self.default)
             if not kind:
-                raise missing(self.key, f'say which it is: {self.key} = "{next(iter(self.known))}"')
+                raise missing(
+                    self.key, f'say which it is: {self.key} = "{next(iter(self.built_in))}"'
+                )
             return str(kind)
-        chosen = [kind for kind in self.known if kind in value] or [
+        chosen = [kind for kind in self.built_in if kind in value] or [
             kind for kind in self.names if kind in value
         ]
         if len(chosen) == 1:
@@ -131,8 +331,8 @@ class Kinds(Generic[T]):
 
     def _maker(self, kind: str) -> tuple[Callable[..., T], str]:
         """The maker of a kind, and the plug-in that it is of."""
-        if kind in self.known:
-            return _imported(self.known[kind]), ""
+        if kind in self.built_in:
+            return _imported(self.built_in[kind]), ""
         found = [*entry_points(group=self.group, name=kind)]
         if not found:
             raise unknown(self.key, kind, self.names, self.group)
@@ -160,7 +360,7 @@ class Kinds(Generic[T]):
         """Raise where a key belongs to another kind that comes along."""
         if key in section.model_fields:
             return
-        for other, maker in self.known.items():
+        for other, maker in self.built_in.items():
             if key in _section(_imported(maker), self.key, self.common).model_fields:
                 here = f'{self.key} = "{kind}"' if self.key else kind
                 there = f'{self.key} = "{other}"' if self.key else other

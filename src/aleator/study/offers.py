@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,14 +17,79 @@ from aleator.simulators.command.inputs import Text
 from aleator.simulators.command.simulator import STUDY
 from aleator.simulators.fmu.description import REALS, Description, Variable, read_description
 from aleator.simulators.function import load_function
-from aleator.study.offers import arrays_among, is_array, returned_by
+
+
+def is_array(annotation: object) -> bool:
+    """Whether an annotation says that an argument is an array."""
+    return any(word in str(annotation) for word in ("Array", "ndarray"))
+
+
+def arrays_among(function: Callable[..., Any]) -> frozenset[str]:
+    """The arguments that can only be arrays where others are numbers.
+
+    Those that are annotated so while others are not, and those that the function subscripts, loops
+    over, measures by `len`, or hands to an integrator as its times. Empty where all are annotated
+    as arrays, and where the source is not at hand.
+
+    >>> def level(time, rate):
+    ...     return [time[0] * rate]
+    >>> sorted(arrays_among(level))
+    ['time']
+    """
+    named = inspect.signature(function).parameters
+    told = {name for name, p in named.items() if is_array(p.annotation)}
+    if told:
+        return frozenset(told if len(told) < len(named) else ())
+    used = {one.id for node in _nodes(function) for one in _sequences(node)
+            if isinstance(one, ast.Name)}  # fmt: skip
+    return frozenset(used & set(named))
+
+
+def returned_by(function: Callable[..., Any]) -> tuple[str, ...]:
+    """The names of several responses: the texts that a function returns numbers under.
+
+    Empty where it returns no such table, and where the source is not at hand.
+
+    >>> def coasting(time, drag):
+    ...     return {"speed": time, "way": drag}
+    >>> returned_by(coasting)
+    ('speed', 'way')
+    """
+    tables = [node.value for node in _nodes(function) if isinstance(node, ast.Return)]
+    keys = [key for table in tables if isinstance(table, ast.Dict) for key in table.keys]
+    names = [key.value for key in keys if isinstance(key, ast.Constant)]
+    return tuple(dict.fromkeys(name for name in names if isinstance(name, str)))
+
+
+def _nodes(function: Callable[..., Any]) -> list[ast.AST]:
+    """All nodes of the source; none where it is not at hand."""
+    try:
+        return [*ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function))))]
+    except (OSError, TypeError, SyntaxError):
+        return []
+
+
+def _sequences(node: ast.AST) -> Iterator[ast.AST]:
+    """What a node of the source takes for a sequence."""
+    if isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Load):
+        yield node.value
+    if isinstance(node, ast.For | ast.comprehension):
+        yield node.iter
+    if isinstance(node, ast.Call):
+        called = ast.unparse(node.func).rpartition(".")[2]
+        if called in ("len", "enumerate", "zip", "diff"):
+            yield from node.args
+        if called == "odeint":
+            yield from node.args[2:3]
+        yield from (word.value for word in node.keywords if word.arg == "t_eval")
+
 
 INPUT = "input"
 """The placeholder of a program's input file."""
 
 
 @dataclass(frozen=True)
-class Given:
+class SimulatorInput:
     """Something that a simulator is given: its name, and what is known of its value.
 
     `nominal` is the default of a function's argument, or the start value of an FMU's variable;
@@ -49,8 +116,8 @@ class Offer:
 
     kind: str
     value: str
-    given: tuple[Given, ...]
-    returned: tuple[Given, ...]
+    given: tuple[SimulatorInput, ...]
+    returned: tuple[SimulatorInput, ...]
     vectorized: bool = False
     stop_time: float | None = None
     variables: Mapping[str, str] = field(default_factory=dict)
@@ -84,8 +151,10 @@ def offered_by_function(reference: str, folder: Path) -> Offer:
     return Offer(
         "function",
         reference,
-        tuple(Given(p.name, _number(p.default), required=p.default is p.empty) for p in named),
-        tuple(map(Given, returned_by(function))) or (Given(name),),
+        tuple(
+            SimulatorInput(p.name, _number(p.default), required=p.default is p.empty) for p in named
+        ),
+        tuple(map(SimulatorInput, returned_by(function))) or (SimulatorInput(name),),
         vectorized=_takes_arrays(function, named),
         arrays=arrays_among(function),
     )
@@ -129,7 +198,7 @@ def bound(offer: Offer, columns: Sequence[str]) -> Offer:
     A column stands for the only variable whose last name it is. Another variable whose name is no
     identifier is called by its last name, or by all of it with underscores.
 
-    >>> given = (Given("spring.force"), Given("spring.k"), Given("mass"))
+    >>> given = (SimulatorInput("spring.force"), SimulatorInput("spring.k"), SimulatorInput("mass"))
     >>> found = bound(Offer("fmu", "a.fmu", given, ()), ["Force", "travel"])
     >>> found.names, found.variables
     (('Force', 'k', 'mass'), {'Force': 'spring.force', 'k': 'spring.k'})
@@ -163,7 +232,9 @@ def offered_by_command(command: str) -> Offer:
             f"the command '{command}' has no place for a condition or a parameter",
             "write their names in braces: --command './spring {force} {stiffness}'",
         )
-    given = tuple(Given(name, required=True) for name in names if name not in (STUDY, INPUT))
+    given = tuple(
+        SimulatorInput(name, required=True) for name in names if name not in (STUDY, INPUT)
+    )
     return Offer("command", command, given, ())
 
 
@@ -174,8 +245,8 @@ def _recorded(description: Description) -> list[Variable]:
     return sorted(changing, key=lambda v: v.causality != "output")
 
 
-def _variable(variable: Variable) -> Given:
-    return Given(
+def _variable(variable: Variable) -> SimulatorInput:
+    return SimulatorInput(
         variable.name,
         variable.start,
         variable.unit or "",

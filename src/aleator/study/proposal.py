@@ -8,11 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 
-from aleator.errors import ExperimentsError
+from aleator.errors import ExperimentsError, SimulatorError, nearest
 from aleator.observations.outcomes import Censoring
 from aleator.observations.tables import Table
 from aleator.study.offers import Offer, SimulatorInput
-from aleator.study.proposal import Limits, Proposed, laws_for, parameters_of
 from aleator.study.roles import (
     Roles,
     Sheet,
@@ -26,17 +25,134 @@ from aleator.study.roles import (
     varies_within,
 )
 
+Limits = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ProposalRules:
+    """What a first study is made by; chosen by tests/test_cli_new.py on published tables.
+
+    factor: the box of a parameter reaches from its nominal value over this to this many times it.
+    experiments: for each law, half as many where they have several rows; most: laws at most.
+    alike: similarity from where on a name is taken for a slip of another. spans, log: decades of an
+    outcome whose logarithm may be the outcome, and whose logarithm is proposed. noise: its limits
+    over the standard deviation of all measured values: where no parameter scatters the noise is all
+    of it, and its interval reaches beyond. assumed: the same share as a noise that must be known.
+    """
+
+    factor: float = 3.0
+    experiments: int = 10
+    most: int = 3
+    alike: float = 0.8
+    spans: float = 2.0
+    log: float = 3.0
+    noise: tuple[float, float] = (1e-3, 2.0)
+    assumed: float = 0.01
+
+
+RULES = ProposalRules()
+
+
+@dataclass(frozen=True)
+class Proposed:
+    """One parameter: `scatters` with limits, or a constant at `value`; None has to be filled in.
+
+    `nominal` is what the limits were made of; None where the user gave them.
+    """
+
+    given: SimulatorInput
+    scatters: bool
+    limits: Limits | None = None
+    value: float | None = None
+    nominal: float | None = None
+
+    @property
+    def name(self) -> str:
+        """The parameter's name."""
+        return self.given.name
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing is left to be filled in."""
+        return self.limits is not None or (not self.scatters and self.value is not None)
+
+
+def parameters_of(
+    offer: Offer,
+    roles: Roles,
+    most: int,
+    chosen: Mapping[str, Limits | float | None],
+) -> tuple[tuple[Proposed, ...], tuple[SimulatorInput, ...]]:
+    """The parameters, and what keeps the value that the simulator gives it.
+
+    Those `chosen` scatter between their limits, or, where these are None, about the nominal value;
+    a number makes a constant. Where none is chosen it is those without a default value, else all
+    that have a nominal value, but `most` at most. What has no default and does not scatter is a
+    constant. Raises SimulatorError for a name that the simulator does not take.
+    """
+    free = [each for each in offer.given if each.name not in roles.conditions]
+    known = {each.name for each in free}
+    for name in chosen:
+        if name not in known:
+            raise SimulatorError(
+                f"the simulator takes no parameter '{name}'{nearest(name, known)}",
+                f"it takes {', '.join(sorted(known)) or 'no parameter'}",
+            )
+    laws = [name for name, value in chosen.items() if not isinstance(value, float)]
+    laws = laws or [each.name for each in _scattering(free, most) if each.name not in chosen]
+    taken = [each for each in free if each.name in (*laws, *chosen) or each.required]
+    if not taken:
+        raise SimulatorError(
+            "nothing is left to be identified: every argument of the simulator is a column",
+            "give it an argument for each unknown parameter, or leave a column out",
+        )
+    return (
+        tuple(_proposed(each, each.name in laws, chosen.get(each.name)) for each in taken),
+        tuple(each for each in free if each not in taken),
+    )
+
+
+def laws_for(experiments: int, rows: int) -> int:
+    """How many laws are proposed at most.
+
+    >>> laws_for(10, 10), laws_for(18, 180), laws_for(108, 108)
+    (1, 3, 3)
+    """
+    each = RULES.experiments if experiments == rows else RULES.experiments // 2
+    return min(max(experiments // each, 1), RULES.most)
+
+
+def nominal_limits(given: SimulatorInput) -> Limits | None:
+    """Limits of a factor of three about the nominal value, within those that an FMU states.
+
+    >>> nominal_limits(SimulatorInput("stiffness", 2.0))
+    (0.67, 6.0)
+    """
+    if not given.nominal:
+        return None
+    ends = (given.nominal / RULES.factor, given.nominal * RULES.factor)
+    low, high = sorted(float(f"{end:.2g}") for end in ends)
+    low = low if given.lower is None else max(low, given.lower)
+    high = high if given.upper is None else min(high, given.upper)
+    return (low, high) if low < high else None
+
+
+def _scattering(free: Sequence[SimulatorInput], most: int) -> list[SimulatorInput]:
+    """Those that a law is proposed for."""
+    required = [each for each in free if each.required]
+    return (required or [each for each in free if nominal_limits(each)] or [*free])[:most]
+
+
+def _proposed(given: SimulatorInput, scatters: bool, asked: Limits | float | None) -> Proposed:
+    if not scatters:
+        return Proposed(given, False, value=asked if isinstance(asked, float) else given.nominal)
+    if isinstance(asked, tuple):
+        return Proposed(given, True, asked)
+    return Proposed(given, True, nominal_limits(given), nominal=given.nominal)
+
+
 TIMES = ("time", "Time", "t")
 """What a column of times is called; T is rather a temperature."""
-ALIKE = 0.8
-"""Similarity from where on a name is taken for a slip of another."""
-SOME, MANY = 2.0, 3.0
-"""Decades of an outcome whose logarithm may be the outcome, and whose logarithm is proposed."""
-SMALLEST, LARGEST = 1e-3, 2.0
-"""Limits of the noise over the standard deviation of all measured values: where no parameter
-scatters the noise is all of it, and its interval reaches beyond."""
-ASSUMED = 0.01
-"""The same share as a noise that must be known: small beside the law's scatter."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +274,7 @@ def proposed(
     most = laws_for(experiments, len(sheet.table))
     parameters, untouched = parameters_of(offer, roles, most, chosen)
     decades = {name: decades_of(sheet.table, name) for name in outcomes}
-    log = len(decades) == 1 and decades[outcomes[0]] >= MANY and not roles.errors
+    log = len(decades) == 1 and decades[outcomes[0]] >= RULES.log and not roles.errors
     spread = {name: spread_of(sheet.table, name, log=log) for name in outcomes}
     spread = {name: one for name, one in spread.items() if math.isfinite(one) and one > 0.0}
     bounds = {name: censoring_of(sheet.table, name, roles.others) for name in outcomes}
@@ -170,12 +286,12 @@ def proposed(
     if experiments < len(sheet.table) or len(outcomes) > 1:
         noise = {name: noise_limits(one) for name, one in spread.items()}
     elif censored:
-        noise = {name: _rounded(ASSUMED * one, math.floor) for name, one in spread.items()}
+        noise = {name: _rounded(RULES.assumed * one, math.floor) for name, one in spread.items()}
     if len(roles.errors) == 1 and len(outcomes) == 1:
         noise = {outcomes[0]: roles.errors[0]}
     return Proposal(
         title, file, sheet, tuple(outcomes), id, roles, experiments, offer, parameters, untouched,
-        noise, tuple(n for n in outcomes if decades[n] >= SOME), log,
+        noise, tuple(n for n in outcomes if decades[n] >= RULES.spans), log,
         _units(sheet.table, roles, outcomes, parameters),
         _unlike(sheet, offer, roles, (*outcomes, id)),
         censored, covariates_in(sheet.table, left, id), within,
@@ -190,7 +306,9 @@ def noise_limits(spread: float) -> Limits:
     >>> noise_limits(3.73)
     (0.003, 8.0)
     """
-    return _rounded(SMALLEST * spread, math.floor), _rounded(LARGEST * spread, math.ceil)
+    return _rounded(RULES.noise[0] * spread, math.floor), _rounded(
+        RULES.noise[1] * spread, math.ceil
+    )
 
 
 def _rounded(value: float, whole: Callable[[float], int]) -> float:
@@ -210,7 +328,7 @@ def _unlike(sheet: Sheet, offer: Offer, roles: Roles, used: Sequence[str | None]
     """Columns not used yet that would be an argument if they were called as it is."""
     taken = {name.lower(): name for name in offer.names if name not in roles.conditions}
     left = [name for name in sheet.names if name not in (*roles.conditions, *used)]
-    near = {name: get_close_matches(name.lower(), taken, n=1, cutoff=ALIKE) for name in left}
+    near = {name: get_close_matches(name.lower(), taken, n=1, cutoff=RULES.alike) for name in left}
     return {name: taken[found[0]] for name, found in near.items() if found}
 
 

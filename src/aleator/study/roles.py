@@ -1,23 +1,194 @@
-"""What the columns of a table may be: outcome, conditions, the name of an experiment, an error."""
+"""What the columns of a table may be: outcome, condition, id, error, covariate, bound."""
 
 from __future__ import annotations
 
+import keyword
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from aleator.observations import tables as files
+from aleator.errors import ExperimentsError
+from aleator.observations import tables
 from aleator.observations.experiments import DEFAULT_ID
+from aleator.observations.outcomes import Censoring
 from aleator.observations.tables import Table
-from aleator.study.roles import numbers_of, tells_bounds, varies_within
 from aleator.types import Array
 
-MANY = 5
-"""Experiments from where on a column whose name does not say so may name them: of fewer values it
-is rather a supplier or a bench."""
+
+@dataclass(frozen=True)
+class RoleRules:
+    """What columns are told by; chosen by tests/test_cli_new.py on published tables.
+
+    levels: a column of texts with more different ones is no covariate. each: experiments for each
+    covariate that is proposed. words: a column of more words does not tell what is censored.
+    naming: experiments from where on a column whose name does not say so may name them: of fewer
+    values it is rather a supplier or a bench.
+    """
+
+    levels: int = 6
+    each: int = 10
+    words: int = 8
+    naming: int = 5
+
+
+RULES = RoleRules()
+
+
+def numbers_of(table: Table, name: str) -> Array | None:
+    """The numbers of a column, NaN where blank, and of "> 20" the 20.
+
+    None where it has none, or anything else.
+    """
+    try:
+        numbers, _ = table.bounds(name)
+    except ExperimentsError:
+        return None
+    return numbers if np.any(np.isfinite(numbers)) else None
+
+
+def varies_within(table: Table, name: str, id: str | None) -> bool:
+    """Whether a column has several values within any experiment."""
+    if id is None:
+        return False
+    texts = table.texts(name)
+    return len({*zip(table.texts(id), texts, strict=True)}) > len({*table.texts(id)})
+
+
+def covariates_in(table: Table, names: Sequence[str], id: str | None) -> dict[str, str]:
+    """Of these columns those that a law may follow, each with its term in a formula.
+
+    They have no blank cell and one value an experiment. Texts have few levels, each of two
+    experiments or more; numbers differ, and do not merely count the rows. One for each ten
+    experiments at most, but one always.
+
+    >>> cells = {"by": ["a", "a", "b", "b"], "t": ["20", "25", "20", "30"]}
+    >>> covariates_in(Table("a.csv", cells, ["row"] * 4), ["by", "t"], None)
+    {'by': 'C(by)'}
+    """
+    first = _first_rows(table, id)
+    found = {name: _term(table, name, first) for name in names if _can_be_named(name)}
+    known = [
+        (name, term) for name, term in found.items() if term and not varies_within(table, name, id)
+    ]
+    return dict(known[: max(len(first) // RULES.each, 1)])
+
+
+def _first_rows(table: Table, id: str | None) -> list[int]:
+    """The first row of each experiment."""
+    if id is None:
+        return [*range(len(table))]
+    return [*{text: row for row, text in reversed([*enumerate(table.texts(id))])}.values()]
+
+
+def _term(table: Table, name: str, rows: Sequence[int]) -> str:
+    """The column as a term of a formula; empty where it is no covariate."""
+    texts = [table.texts(name)[row] for row in rows]
+    numbers = numbers_of(table, name)
+    if "" in texts or len({*texts}) < 2:
+        return ""
+    if numbers is None:
+        fit = len({*texts}) <= RULES.levels and min(map(texts.count, {*texts})) > 1
+        return f"C({name})" if fit else ""
+    steps = np.diff(numbers[sorted(rows)])
+    return "" if np.all(steps == 1.0) else f"center({name})"
+
+
+def _can_be_named(name: str) -> bool:
+    """Whether a formula can name the column."""
+    return name.isidentifier() and not keyword.iskeyword(name)
+
+
+_RIGHT = re.compile(
+    r"run-?outs?|(right-?)?censored|right|suspen(ded|sion)|surviv(ed|or|al)|no-?failure|intact|"
+    r"(not|un)-?(failed|broken)|stopped|(still-)?(running|working|alive)|(on-?going|in-service|"
+    r"withdrawn|removed)|above|>.*"
+)
+_LEFT = re.compile(
+    r"left(-?censored)?|below(-?(lod|loq|limit))?|bdl|nd|(not|un)-?detected|lod|loq|<.*"
+)
+_FLAG = re.compile(r"(right-?)?censored|cens|run-?out|suspended")
+_EVENT = re.compile(r"event|fail(ed|ure)|broken|died")
+_NO, _YES = ("0", "no", "false", "n"), ("1", "yes", "true", "y")
+_LETTERS = ({"f", "s"}, {"f", "c"})
+"""Failed and suspended, failed and censored, as tables of reliability programs have them."""
+_UPPER = re.compile(r"(?:(?P<stem>.+)_)?(upper|upper_end|high|max|to|until|latest)", re.IGNORECASE)
+_LOWER = re.compile(r"(?:(?P<stem>.+)_)?(lower|lower_end|low|min|from|since|earliest)",
+                    re.IGNORECASE)  # fmt: skip
+
+
+def censoring_of(table: Table, outcome: str, columns: Iterable[str]) -> Censoring | None:
+    """How bounds of an outcome are told: by signs in its cells, or by one of the columns.
+
+    A column of words tells it where some but not all of its words are such as "run-out" or "<LOD",
+    or where it is called "censored" or "event" and has two values; a column of numbers where its
+    name is that of an upper end and it is never below the outcome. None where nothing tells it.
+
+    >>> table = Table("a.csv", {"y": ["1", "2"], "s": ["", "Run-out"]}, ("row 2", "row 3"))
+    >>> censoring_of(table, "y", ["s"]).right
+    ('Run-out',)
+    """
+    if shows_bounds(table, outcome):
+        return Censoring(signs=True)
+    for name in columns:
+        if is_upper_end(table, outcome, name):
+            return Censoring(upper=name)
+        if told := _by_words(table, name):
+            return told
+    return None
+
+
+def shows_bounds(table: Table, name: str) -> bool:
+    """Whether cells of a column say themselves that they are bounds: "> 20"."""
+    return any(text.startswith((">", "<", "≥", "≤")) for text in table.texts(name))
+
+
+def tells_bounds(table: Table, name: str, among: Sequence[str]) -> bool:
+    """Whether a column of numbers is the upper end of another one, or a flag of bounds."""
+    return _by_words(table, name) is not None or any(
+        is_upper_end(table, other, name) for other in among if other != name
+    )
+
+
+def is_upper_end(table: Table, outcome: str, name: str) -> bool:
+    """Whether a column is called as the upper end of another one, and is never below it."""
+    upper = _UPPER.fullmatch(name)
+    lower = _LOWER.fullmatch(outcome)
+    if upper is None:
+        return False
+    stem = (upper["stem"] or "").lower()
+    if stem not in ("", outcome.lower(), (lower["stem"] or "").lower() if lower else ""):
+        return False
+    low, high = numbers_of(table, outcome), numbers_of(table, name)
+    if low is None or high is None:
+        return False
+    with np.errstate(invalid="ignore"):
+        return bool(np.any(high > low) and not np.any(high < low))
+
+
+def _by_words(table: Table, name: str) -> Censoring | None:
+    words = [word for word in dict.fromkeys(table.texts(name)) if word]
+    if not 1 <= len(words) <= RULES.words:
+        return None
+    plain = {word: re.sub(r"[\s_-]+", "-", word.lower()) for word in words}
+    called = re.sub(r"[\s_-]+", "-", name.lower())
+    right = [word for word in words if _RIGHT.fullmatch(plain[word])]
+    left = [word for word in words if _LEFT.fullmatch(plain[word])]
+    for pattern, meant in ((_FLAG, _YES), (_EVENT, _NO)):
+        if pattern.fullmatch(called) and set(plain.values()) <= {*_NO, *_YES}:
+            right = [word for word in words if plain[word] in meant]
+    if set(plain.values()) in _LETTERS:
+        right = [word for word in words if plain[word] != "f"]
+    measured = [word for word in words if word not in (*right, *left)]
+    blank = "" in table.texts(name)
+    if not (right or left) or not (measured or blank):
+        return None
+    several = tuple(measured) if len(measured) > 1 else ()
+    return Censoring(name, tuple(right), tuple(left), measured=several)
+
+
 DELIMITERS = (",", ";", "\t", "|")
 _COMMA = re.compile(r"^[<>≤≥]?=?\s*-?\d+,\d+$")
 _ERROR = re.compile(
@@ -67,17 +238,17 @@ class Roles:
 def sheet_of(path: Path) -> Sheet:
     """Read a delimited file by the delimiter that its header has most of, and by its decimals.
 
-    Raises ExperimentsError as `files.read` does.
+    Raises ExperimentsError as `tables.read` does.
     """
     try:
         header = path.read_bytes()[:10_000].decode("utf-8", "replace").partition("\n")[0]
     except OSError:
-        header = ""  # `files.read` tells it
+        header = ""  # `tables.read` tells it
     delimiter = max(DELIMITERS, key=header.count)
-    table = files.read(path, delimiter)
+    table = tables.read(path, delimiter)
     cells = [str(cell) for column in table.columns.values() for cell in column]
     comma = delimiter != "," and any(_COMMA.match(cell) for cell in cells)
-    return Sheet(files.read(path, delimiter, ","), delimiter, ",") if comma else Sheet(
+    return Sheet(tables.read(path, delimiter, ","), delimiter, ",") if comma else Sheet(
         table, delimiter, "."
     )  # fmt: skip
 
@@ -165,7 +336,7 @@ def _names_experiments(
     rows = [*zip(*(table.texts(condition) for condition in conditions), strict=True)]
     told_apart = len({*zip(texts, rows, strict=True)}) if rows else 0
     repeated = bool(rows) and len({*rows}) < len(rows)
-    some = MANY <= distinct[name] <= len(table) // 2
+    some = RULES.naming <= distinct[name] <= len(table) // 2
     return some and repeated and told_apart == len(table)
 
 

@@ -1,15 +1,45 @@
-"""The sections and keys of study.toml, each checked and made into the library's value."""
+"""The sections of study.toml, each checked and made into the library's value."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    FiniteFloat,
+    PlainValidator,
+    Tag,
+    model_validator,
+)
+from scipy import stats
 
+from aleator.errors import StudyError, nearest
 from aleator.inference.check import Check
-from aleator.laws import Law, Specification
+from aleator.laws import (
+    OPEN,
+    Beta,
+    Constant,
+    Gamma,
+    Law,
+    LogNormal,
+    Mixture,
+    Normal,
+    ScipyLaw,
+    Specification,
+    TruncatedNormal,
+    Uniform,
+)
 from aleator.laws.correlation import full
+from aleator.observations import tables
+from aleator.observations.errors import Noise
+from aleator.observations.experiments import Experiments
+from aleator.observations.model import NormalError, ObservationModel, StudentError
+from aleator.observations.outcomes import Censored, Censoring
+from aleator.observations.responses import Transform
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -18,9 +48,360 @@ from aleator.search import (
     Search,
 )
 from aleator.simulators import Simulator
-from aleator.study.kinds import ChosenKind, Kinds, Section, Spec, fault, specification
-from aleator.study.sections import LAWS, PROPAGATIONS, ExperimentsSection, NoiseChoice
+from aleator.study.kinds import (
+    BY_FORM,
+    ChosenKind,
+    FreeSection,
+    Kinds,
+    Section,
+    Spec,
+    fault,
+    in_toml,
+    missing,
+    specification,
+)
 from aleator.study.simulators import SIMULATORS
+from aleator.surrogates import ResponseSurface
+from aleator.surrogates.choice import Surfaces
+
+TransformName = Annotated[Transform, Field(strict=False)]
+
+
+def _words(value: Any) -> Any:
+    """A word or a number in place of a list of them."""
+    return value if isinstance(value, list) else [value]
+
+
+def _one(value: Any) -> Any:
+    """Not several: these are another key."""
+    if isinstance(value, list):
+        raise fault(f"{in_toml(value)} is a list", f"write outcomes = {in_toml(value)}")
+    return value
+
+
+Words = Annotated[
+    list[str | int], BeforeValidator(_words, json_schema_input_type=list[str | int] | str | int)
+]
+
+
+class CensoringSection(Section):
+    """`censored = {column = "status", right = ["Runout"]}`: of which values there are bounds."""
+
+    column: str | None = None
+    right: Words = Field(default_factory=list)
+    left: Words = Field(default_factory=list)
+    upper: str | None = None
+    measured: Words = Field(default_factory=list)
+    signs: bool = False
+
+    def build(self) -> Censoring:
+        """The library's choice."""
+        return Censoring(**self.stated())
+
+
+def _of_each(value: Any) -> str:
+    """Whether a table is of responses, and not of the keys of one."""
+    keys = {*CensoringSection.model_fields}
+    return "each" if isinstance(value, Mapping) and value and not {*value} & keys else "one"
+
+
+class ExperimentsSection(Section):
+    """`[experiments]`: the table, and what its columns are."""
+
+    file: str
+    outcome: Annotated[str | None, BeforeValidator(_one)] = None
+    outcomes: list[str] | None = None
+    response: str | None = None
+    id: str | None = None
+    conditions: list[str] | None = None
+    transform: Annotated[
+        Annotated[TransformName, Tag("text")] | Annotated[dict[str, TransformName], Tag("table")],
+        BY_FORM,
+    ] = Transform.NONE
+    censored: (
+        Annotated[
+            Annotated[CensoringSection, Tag("one")]
+            | Annotated[dict[str, CensoringSection], Tag("each")],
+            Discriminator(_of_each),
+        ]
+        | None
+    ) = None
+    units: dict[str, str] = Field(default_factory=dict)
+    delimiter: str = ","
+    decimal: str = "."
+
+    @model_validator(mode="after")
+    def _one_of_the_two(self) -> Self:
+        if self.outcome is None and not self.outcomes:
+            raise missing("outcome", 'add outcome = "COLUMN", or outcomes = ["COLUMN", "COLUMN"]')
+        if self.outcome is not None and self.outcomes is not None:
+            raise fault("outcome is given too", "keep one of the two", "outcomes")
+        return self
+
+    def read(self, folder: Path, beside: Collection[str] = ()) -> Experiments:
+        """The table; columns `beside` are no conditions unless they are named.
+
+        Raises ExperimentsError as Experiments.from_csv does.
+        """
+        return Experiments.from_csv(
+            folder / self.file,
+            outcome=self.outcome or self.outcomes or (),
+            response=self.response,
+            id=self.id,
+            conditions=self.conditions,
+            transform=self.transform,
+            censored=self.censoring(),
+            beside=beside,
+            delimiter=self.delimiter,
+            decimal=self.decimal,
+        )
+
+    def stated_units(self, folder: Path) -> Mapping[str, str]:
+        """The units of columns: those of `units` before those in the heads of the table."""
+        heads = tables.stated_units(folder / self.file, self.delimiter)
+        return {**heads, **self.units}
+
+    def censoring(self) -> Censored:
+        """The library's choices; raises ExperimentsError for keys that say nothing together."""
+        if isinstance(self.censored, CensoringSection):
+            return self.censored.build()
+        if self.censored is None:
+            return None
+        return {name: one.build() for name, one in self.censored.items()}
+
+
+def uniform(
+    box: tuple[float, float] | None = None,
+    mean: Specification | None = None,
+    sd: Specification | None = None,
+) -> Uniform:
+    """A uniform law: known between the ends of a box, or identified by its mean and sd."""
+    if box is None:
+        return Uniform(OPEN if mean is None else mean, OPEN if sd is None else sd)
+    if mean is not None or sd is not None:
+        raise StudyError(
+            "a uniform law has either a box, and is then known, or mean and sd",
+            "delete box, or mean and sd",
+        )
+    return Uniform.between(*box)
+
+
+def scipy_law(
+    distribution: str,
+    args: dict[str, float] | None = None,
+    mean: Specification | None = None,
+    sd: Specification | None = None,
+) -> ScipyLaw:
+    """A continuous distribution of scipy.stats, known or moved and scaled."""
+    kind = getattr(stats, distribution, None)
+    if not isinstance(kind, stats.rv_continuous):
+        known = [
+            name for name in dir(stats) if isinstance(getattr(stats, name), stats.rv_continuous)
+        ]
+        raise StudyError(
+            f'distribution = "{distribution}": scipy.stats has no continuous '
+            f"distribution of that name{nearest(distribution, known)}",
+            'write its name in scipy.stats, such as distribution = "weibull_min"',
+        )
+    shapes = [name.strip() for name in (kind.shapes or "").split(",") if name.strip()]
+    given = args or {}
+    for name in given:
+        if name not in (*shapes, "loc", "scale"):
+            raise StudyError(
+                f'args.{name}: "{distribution}" has no such argument',
+                f"its arguments are {', '.join([*shapes, 'loc', 'scale'])}",
+            )
+    for name in shapes:
+        if name not in given:
+            raise StudyError(
+                f'args.{name} is missing: "{distribution}" needs it',
+                f"write args = {{{name} = ...}}",
+            )
+    return ScipyLaw(kind(**given), mean, sd)
+
+
+def _of_component(value: Any) -> ChosenKind[Law]:
+    return LAWS.read(value)
+
+
+def mixture(
+    components: tuple[Annotated[ChosenKind[Law], PlainValidator(_of_component)], ...],
+    shares: tuple[Specification, ...] | None = None,
+    folder: Path = Path(),
+) -> Mixture:
+    """A mixture of laws, each a table of its own."""
+    return Mixture(tuple(component.build(folder) for component in components), shares)
+
+
+class LawSection(Section):
+    """Keys of every law: `unit` is that of the parameter, shown on axes and in tables."""
+
+    unit: str = ""
+
+
+LAWS: Kinds[Law] = Kinds(
+    "aleator.laws",
+    "law",
+    {
+        "truncated_normal": TruncatedNormal,
+        "normal": Normal,
+        "uniform": uniform,
+        "beta": Beta,
+        "gamma": Gamma,
+        "lognormal": LogNormal,
+        "scipy": scipy_law,
+        "mixture": mixture,
+        "constant": Constant,
+    },
+    common=LawSection,
+)
+"""`law = "..."`: the laws of a parameter."""
+
+
+Sd = Annotated[
+    Annotated[FiniteFloat, Tag("number")]
+    | Annotated[FreeSection, Tag("table")]
+    | Annotated[str, Tag("text")],
+    BY_FORM,
+]
+"""A number, limits, or the column of known sds."""
+
+
+class NoiseSection(Section):
+    """Keys of every kind of noise."""
+
+    sd: Sd | None = None
+    relative: Spec | None = None
+
+    @model_validator(mode="after")
+    def _some(self) -> Self:
+        if self.sd is None and self.relative is None:
+            raise missing(
+                "sd",
+                'write sd = NUMBER, sd = {lower = NUMBER, upper = NUMBER}, sd = "COLUMN", or '
+                "relative = NUMBER",
+            )
+        return self
+
+
+OBSERVATIONS: Kinds[ObservationModel] = Kinds(
+    "aleator.observations",
+    "kind",
+    {"normal": NormalError, "student_t": StudentError},
+    "normal",
+    NoiseSection,
+)
+"""`[noise] kind = "..."`: how a measured outcome is distributed about the simulated one."""
+
+OneNoise = Annotated[ChosenKind[ObservationModel], PlainValidator(OBSERVATIONS.read)]
+
+
+def _form(value: Any) -> str:
+    """Which: it is of responses where there is none of the keys of every kind, but tables only."""
+    own = {*NoiseSection.model_fields, OBSERVATIONS.key}
+    if not isinstance(value, Mapping) or not value or {*value} & own:
+        return "one"
+    return "each" if all(isinstance(one, Mapping) for one in value.values()) else "one"
+
+
+NoiseChoice = Annotated[
+    Annotated[OneNoise, Tag("one")] | Annotated[dict[str, OneNoise], Tag("each")],
+    Discriminator(_form),
+]
+"""`[noise]` with its keys, or `[noise.RESPONSE]` for each response."""
+
+
+def scales_of(
+    choice: ChosenKind[ObservationModel],
+) -> tuple[Specification | str | None, Specification | None]:
+    """The sd and the relative part, as the library takes them."""
+    assert isinstance(choice.keys, NoiseSection)
+    sd, relative = choice.keys.sd, choice.keys.relative
+    return (
+        sd if sd is None or isinstance(sd, str) else specification(sd),
+        None if relative is None else specification(relative),
+    )
+
+
+def columns_of(noise: Noise | Mapping[str, Noise] | None) -> tuple[str, ...]:
+    """The columns of known sds, which are no conditions."""
+    noises = noise.values() if isinstance(noise, Mapping) else [noise]
+    return tuple(one.column for one in noises if one is not None and one.column is not None)
+
+
+RULES: Kinds[Any] = Kinds(
+    "aleator.cubatures",
+    "rule",
+    {
+        "gauss": "aleator.moments.quadrature:TensorGauss",
+        "smolyak": "aleator.moments.quadrature:Smolyak",
+        "sobol": "aleator.moments.quadrature:SobolPoints",
+        "monte_carlo": "aleator.moments.quadrature:MonteCarloPoints",
+        "probability_grid": "aleator.moments.quadrature:ProbabilityGrid",
+    },
+)
+"""`nodes = {rule = "sobol", points = 1024}`: other nodes than those of Gauss rules."""
+
+
+Nodes = Annotated[
+    Annotated[int, Tag("number")]
+    | Annotated[ChosenKind[Any], PlainValidator(RULES.read), Tag("table")],
+    BY_FORM,
+]
+
+
+def response_surface(
+    folder: Path,
+    tolerance: float | None = None,
+    max_runs: int = 1000,
+    nodes: Nodes | None = None,
+    surfaces: Surfaces | None = None,
+) -> ResponseSurface:
+    """One surface an experiment, in rounds or of one tolerance."""
+    return ResponseSurface(
+        tolerance=tolerance, max_runs=max_runs, nodes=_nodes(nodes, folder), surfaces=surfaces
+    )
+
+
+def collocation(
+    folder: Path,
+    nodes: Nodes | None = None,
+    moments: Literal["quadrature", "expansion"] = "quadrature",
+    degree: int | None = None,
+    fit: Literal["projection", "regression"] | None = None,
+    terms: Literal["total_degree", "hyperbolic"] | None = None,
+) -> Any:
+    """The simulator runs at the nodes of the law for every alpha."""
+    from aleator.moments.expansion import Hyperbolic, IndexSet, TotalDegree
+    from aleator.moments.projection import Projection, Regression
+    from aleator.moments.propagation import Collocation
+
+    if fit is None:
+        if terms is not None:
+            raise StudyError("terms has no meaning without fit", 'write fit = "regression"')
+        return Collocation(nodes=_nodes(nodes, folder), moments=moments, degree=degree)
+    if degree is None:
+        raise StudyError(f'fit = "{fit}" lacks degree', "add degree = 2")
+    kept: IndexSet = Hyperbolic(degree) if terms == "hyperbolic" else TotalDegree(degree)
+    fits: dict[str, type[Projection] | type[Regression]] = {
+        "projection": Projection,
+        "regression": Regression,
+    }
+    return Collocation(nodes=_nodes(nodes, folder), moments=moments, fit=fits[fit](kept))
+
+
+def _nodes(value: int | ChosenKind[Any] | None, folder: Path) -> Any:
+    return value.build(folder) if isinstance(value, ChosenKind) else value
+
+
+PROPAGATIONS: Kinds[Any] = Kinds(
+    "aleator.propagations",
+    "method",
+    {"response_surface": response_surface, "collocation": collocation},
+    "response_surface",
+)
+"""`[propagation] method = "..."`."""
+
 
 ALL = "all"
 """The key of `[correlation]` that ties every pair of a list."""
@@ -37,13 +418,9 @@ def _paired(section: Any) -> Any:
     return section
 
 
-def _is_list(value: Any) -> str:
-    return "list" if isinstance(value, list) else "pair"
-
-
 Tied = Annotated[
-    Annotated[dict[str, Spec], Tag("pair")] | Annotated[list[str], Tag("list")],
-    Discriminator(_is_list),
+    Annotated[dict[str, Spec], Tag("table")] | Annotated[list[str], Tag("list")],
+    BY_FORM,
 ]
 CorrelationSection = Annotated[dict[str, Tied], BeforeValidator(_paired)]
 """`[correlation]`: `a.b = {lower = -0.9, upper = 0.9}` ties the parameters a and b."""
@@ -54,7 +431,7 @@ def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
 
     `all` ties every pair of a list; one with a key of its own is what that says.
 
-    >>> from aleator.study.keys import FreeSection
+    >>> from aleator.study.kinds import FreeSection
     >>> pairs({"a": {"b": 0.5, "c": FreeSection()}})
     {('a', 'b'): 0.5, ('a', 'c'): Free(lower=None, upper=None, start=None, prior=None)}
     """

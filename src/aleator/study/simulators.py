@@ -1,8 +1,9 @@
-"""`[simulator]` in study.toml: which kind of simulator it is, and what it needs."""
+"""`[simulator]` of study.toml: a function, a program or an FMU, and what it needs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -26,11 +27,124 @@ from aleator.simulators.command import (
     RegexOutput,
     Template,
 )
-from aleator.simulators.fmu import Course, FMUSimulator, Operation
-from aleator.simulators.fmu.description import read_description
+from aleator.simulators.fmu import (
+    Course,
+    Crossing,
+    Extreme,
+    Final,
+    FMUSimulator,
+    Hook,
+    Operation,
+    Reduction,
+    Signal,
+    read_signal,
+)
+from aleator.simulators.fmu.description import Description, read_description
+from aleator.simulators.fmu.settings import columns_of
 from aleator.simulators.surroundings import STOP_ON
-from aleator.study.kinds import Kinds, Section, fault
-from aleator.study.simulators import Inputs, Outcome, Time, reductions, signals
+from aleator.study.kinds import BY_FORM, Kinds, Section, fault
+
+_CROSSING = ("value", "direction", "after", "interpolation")
+
+
+class OutcomeSection(Section):
+    """`outcome = {...}`: a variable and what is taken of it, or a Python function."""
+
+    variable: str | None = None
+    reduce: Literal["final", "maximum", "minimum", "crossing"] = "final"
+    value: float = 0.0
+    direction: Literal["down", "up", "any"] = "any"
+    after: float = -math.inf
+    interpolation: Literal["cubic", "linear"] = "cubic"
+    function: str | None = None
+    record: list[str] | None = None
+
+    @model_validator(mode="after")
+    def _keys_are_used(self) -> Self:
+        if (self.variable is None) == (self.function is None):
+            raise fault(
+                "it needs either variable or function",
+                'write {variable = "name", reduce = "final"}, or "module.py:function"',
+            )
+        own = {"function", "record"} if self.function else {"variable", "reduce"}
+        own |= {*_CROSSING} if self.reduce == "crossing" else set()
+        for key in sorted(self.model_fields_set - own):
+            owner = 'reduce = "crossing"' if key in _CROSSING else "the other"
+            raise fault(
+                f"{key} has no meaning beside {'function' if self.function else self.reduce}",
+                f"delete the key; it belongs to {owner}",
+            )
+        return self
+
+    def build(self, folder: Path) -> Reduction:
+        """The library's choice; `folder` is the study's."""
+        if self.function is not None:
+            return Hook(self.function, tuple(self.record or ()), str(folder))
+        signal = str(self.variable)
+        if self.reduce == "final":
+            return Final(signal)
+        if self.reduce != "crossing":
+            return Extreme(signal, largest=self.reduce == "maximum")
+        cubic = self.interpolation == "cubic"
+        return Crossing(signal, self.value, self.direction, self.after, cubic)
+
+
+def _written(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    return {"function" if ":" in value else "variable": value}
+
+
+def _several(value: Any) -> str:
+    """A table without any key of an outcome names responses; so does a table of tables."""
+    if not isinstance(value, Mapping) or not value:
+        return "one"
+    tables = all(isinstance(each, (Mapping, OutcomeSection)) for each in value.values())
+    return "several" if tables or not {*value} & {*OutcomeSection.model_fields} else "one"
+
+
+_FmuOutcome = Annotated[
+    OutcomeSection, BeforeValidator(_written, json_schema_input_type=OutcomeSection | str)
+]
+FmuOutcome = Annotated[
+    Annotated[_FmuOutcome, Tag("one")] | Annotated[dict[str, _FmuOutcome], Tag("several")],
+    Discriminator(_several),
+]
+"""`outcome = "variable"`, `"module.py:function"` or `{...}`; of several by response."""
+
+
+def reductions(
+    outcome: OutcomeSection | Mapping[str, OutcomeSection], folder: Path
+) -> Reduction | dict[str, Reduction]:
+    """The library's choice of each outcome; `folder` is the study's."""
+    if isinstance(outcome, OutcomeSection):
+        return outcome.build(folder)
+    return {response: each.build(folder) for response, each in outcome.items()}
+
+
+FmuTime = Annotated[
+    Annotated[float, Tag("number")] | Annotated[str, Tag("text")],
+    BY_FORM,
+]
+"""A time in s, or the name of the condition that has it."""
+
+
+def _named(value: Any) -> Any:
+    return {"*": value} if isinstance(value, str) else value
+
+
+FmuInputs = Annotated[
+    dict[str, str], BeforeValidator(_named, json_schema_input_type=dict[str, str] | str)
+]
+"""`inputs = {variable = "file.csv:column"}`, or a file with a column for every such input."""
+
+
+def signals(section: Mapping[str, str], folder: Path, fmu: Description) -> dict[str, Signal]:
+    """The inputs over time by variable. Raises SimulatorError, see `read_signal`."""
+    if "*" in section:
+        file = section["*"]
+        section = dict.fromkeys(columns_of(folder / file, fmu), file)
+    return {name: read_signal(reference, folder, name) for name, reference in section.items()}
 
 
 class RunsSection(Section):
@@ -74,8 +188,8 @@ class OutputSection(Section):
     regex: str | None = None
     match: int = -1
     column: Annotated[
-        Annotated[int, Tag("int")] | Annotated[str | None, Tag("text")],
-        Discriminator(lambda value: "int" if isinstance(value, int) else "text"),
+        Annotated[int, Tag("number")] | Annotated[str | None, Tag("text")],
+        BY_FORM,
     ] = None
     row: int = -1
     delimiter: str = ","
@@ -102,7 +216,7 @@ class OutputSection(Section):
         if self.hook is not None:
             return HookOutput(self.hook, folder)
         way = next((way for way in _OUTPUTS if way in self.model_fields_set), None)
-        return (_OUTPUTS[way][0] if way else OutputFile)(**self.given())
+        return (_OUTPUTS[way][0] if way else OutputFile)(**self.stated())
 
 
 def _listed(value: Any) -> Any:
@@ -132,7 +246,7 @@ _Names = Annotated[
 ]
 _Command = Annotated[
     Annotated[str, Tag("text")] | Annotated[list[str], Tag("list")],
-    Discriminator(lambda value: "text" if isinstance(value, str) else "list"),
+    BY_FORM,
 ]
 
 
@@ -197,16 +311,16 @@ def command(
 
 def fmu(
     fmu: Path,
-    outcome: Outcome,
+    outcome: FmuOutcome,
     folder: Path,
-    start_time: Time | None = None,
-    stop_time: Time | None = None,
+    start_time: FmuTime | None = None,
+    stop_time: FmuTime | None = None,
     step: float | None = None,
     kind: Literal["co_simulation", "model_exchange"] | None = None,
     tolerance: float | None = None,
     variables: dict[str, str] | None = None,
     constants: dict[str, Any] | None = None,
-    inputs: Inputs | None = None,
+    inputs: FmuInputs | None = None,
     reuse: Literal["reset", "recreate"] = "reset",
     recycle: int = 1000,
     timeout: float | None = None,

@@ -29,10 +29,6 @@ class StudentError:
     def name(self) -> str:
         return f"student({self.df:g})"
 
-    @property
-    def reach(self) -> float:
-        return np.inf
-
     def log_density(self, y: Array, eta: Array, scale: Array) -> Observed:
         u = (y - eta) / scale
         pull = (self.df + 1.0) * u / (self.df + u**2)

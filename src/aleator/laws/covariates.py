@@ -1,4 +1,4 @@
-"""Design matrices: a formula of covariates as columns, one for each coefficient."""
+"""Laws that follow covariates: formulas as columns, their coefficients, the values."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import ast
 import math
 import re
 import warnings
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -14,17 +15,17 @@ import pandas as pd
 
 from aleator.arithmetic import FUNCTIONS, NoArithmeticError, in_short, require_arithmetic, tree
 from aleator.errors import InputsError, nearest
-from aleator.types import Array, Flags
+from aleator.laws.hyperparameter import Beside, By, Hyperparameter, Specification, resolve, within
+from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     from formulaic import ModelMatrix
+
 
 Table = pd.DataFrame
 """Covariates: a row for each experiment, named by the index."""
 LEVEL = re.compile(r"(?:C\((\w+)\)|\b(\w+))\[(?:T\.)?([^\]]*)\]")
 """A level as formulaic names its column: C(supplier)[T.b], supplier[T.b], C(supplier)[b]."""
-DEPENDENT = 1e-9
-"""A column is a sum of the ones before it where less than this share of it is left."""
 TRANSFORMS = ("center", "scale", "standardize", "poly", "bs", "cs", "cr", "cc", "log2", "exp2")
 """Functions of formulaic that make columns of a column, beside the arithmetic of `FUNCTIONS`."""
 CODINGS = ("treatment", "sum", "helmert", "diff", "poly")
@@ -37,16 +38,18 @@ class FormulaBounds:
 
     characters: of its text; the time to read one grows with the square of them. terms: before
     equal ones are joined, so that a power of a sum has many. degree: of a power, a polynomial or a
-    spline, and degrees of freedom.
+    spline, and degrees of freedom. dependent: a column is a sum of the ones before it where less
+    than this share of it is left (by judgement).
     """
 
     characters: int = 2000
     terms: int = 1000
     degree: int = 50
+    dependent: float = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class DesignMatrix:
     """The columns (N, p) of a formula for N experiments, and the names of their coefficients.
 
     `state` is what the formula learned of the table that it was made of: levels, means of
@@ -59,14 +62,14 @@ class Design:
     state: Any
 
     @classmethod
-    def of(cls, formula: str, covariates: Table) -> Design:
+    def of(cls, formula: str, covariates: Table) -> DesignMatrix:
         """The formula on the covariates (N rows, named by their experiments).
 
         Raises InputsError for a formula that cannot be read, an unknown name, a missing value, a
         level that only one experiment has, and columns of which one is a sum of others.
 
         >>> table = pd.DataFrame({"t": [0.0, 1.0, 2.0, 3.0], "by": ["a", "a", "b", "b"]})
-        >>> design = Design.of("1 + t + C(by)", table)
+        >>> design = DesignMatrix.of("1 + t + C(by)", table)
         >>> design.names, design.matrix[2].tolist()
         (('Intercept', 't', 'by=b'), [1.0, 2.0, 1.0])
         """
@@ -77,14 +80,14 @@ class Design:
         _require_independent(design)
         return design
 
-    def at(self, covariates: Table) -> Design:
+    def at(self, covariates: Table) -> DesignMatrix:
         """The same formula, with what it learned, on the covariates of other experiments.
 
         Raises InputsError for a level that it has not met.
         """
         require_complete(self.formula, covariates)
         found = _columns(self.formula, self.state, covariates)
-        return Design(self.formula, self.names, np.asarray(found, dtype=float), self.state)
+        return DesignMatrix(self.formula, self.names, np.asarray(found, dtype=float), self.state)
 
     @property
     def base(self) -> Flags:
@@ -191,7 +194,7 @@ def _read(formula: str, bounds: FormulaBounds = FormulaBounds()) -> _Formula:
         if factor.eval_method is factor.EvalMethod.LOOKUP:
             names.add(str(factor.expr))
         else:
-            read = _Factor(formula, str(factor.expr), bounds)
+            read = _FormulaFactor(formula, str(factor.expr), bounds)
             names |= read.levels
             numbers |= read.numbers
     return _Formula(terms, tuple(sorted(names | numbers)), tuple(sorted(numbers)))
@@ -215,7 +218,7 @@ def _count(formula: str, node: Any, bounds: FormulaBounds) -> float:
     return products + (sum(sizes) if operator.symbol != ":" else 0.0)
 
 
-class _Factor:
+class _FormulaFactor:
     """A factor of a formula that is no plain column: what it names as levels and as numbers.
 
     formulaic evaluates it as Python. It is therefore read first: arithmetic of columns, transforms
@@ -343,7 +346,7 @@ def _unreadable(formula: str, error: Exception) -> InputsError:
     )
 
 
-def _require_levels(design: Design, covariates: Table) -> None:
+def _require_levels(design: DesignMatrix, covariates: Table) -> None:
     """Raise where a level is that of one experiment: nothing tells its coefficient from scatter."""
     for factor, (kind, _) in design.state.encoder_state.items():
         if kind.value != "categorical":
@@ -361,7 +364,7 @@ def _require_levels(design: Design, covariates: Table) -> None:
             )
 
 
-def _require_independent(design: Design) -> None:
+def _require_independent(design: DesignMatrix, bounds: FormulaBounds = FormulaBounds()) -> None:
     """Raise where a column is a sum of those before it."""
     basis = np.empty((len(design.matrix), 0))
     for k, name in enumerate(design.names):
@@ -370,10 +373,183 @@ def _require_independent(design: Design) -> None:
         rest = column - basis @ (basis.T @ column)
         rest -= basis @ (basis.T @ rest)
         size = float(np.linalg.norm(rest))
-        if size <= DEPENDENT * max(float(np.linalg.norm(column)), 1e-300):
+        if size <= bounds.dependent * max(float(np.linalg.norm(column)), 1e-300):
             raise InputsError(
                 f"'{design.formula}': {name} says nothing beyond {', '.join(design.names[:k])} "
                 f"in these {len(design.matrix)} experiments",
                 "leave one of the terms out",
             )
         basis = np.column_stack([basis, rest / size])
+
+
+@dataclass(frozen=True, eq=False)
+class CoefficientPlaces:
+    """A hyperparameter of a law, and where in alpha it is: one place, or its coefficients."""
+
+    hyperparameter: Hyperparameter
+    places: slice
+    design: DesignMatrix | None
+
+    def value(self, alpha: Array, experiments: slice) -> Array:
+        """The value (B,), or () where it is the same in every experiment; within its limits."""
+        if self.design is None:
+            return np.asarray(alpha[self.places.start])
+        linear = self.design.matrix[experiments] @ alpha[self.places]
+        return np.asarray(np.clip(linear, self.hyperparameter.lower, self.hyperparameter.upper))
+
+    def score(self, alpha: Array, by_value: Array, experiments: slice) -> Array:
+        """Derivatives (B, p) by its part of alpha from those by its value (B,)."""
+        if self.design is None:
+            return by_value[:, None]
+        columns = self.design.matrix[experiments]
+        linear = columns @ alpha[self.places]
+        inside = (linear >= self.hyperparameter.lower) & (linear <= self.hyperparameter.upper)
+        return np.asarray(np.where(inside, by_value, 0.0)[:, None] * columns)
+
+
+@dataclass(frozen=True, eq=False)
+class CovariateModel:
+    """All hyperparameters of the laws, each with its part of alpha, for N experiments.
+
+    A value that would leave the limits of its hyperparameter is held on them: no law exists beyond.
+    """
+
+    entries: tuple[CoefficientPlaces, ...]
+    hyperparameters: tuple[Hyperparameter, ...]
+    count: int
+
+    @classmethod
+    def of(cls, own: Sequence[Hyperparameter], covariates: Table) -> CovariateModel:
+        """From the hyperparameters of the laws, and covariates with a row for each experiment.
+
+        Raises InputsError, with the name of the hyperparameter, as `DesignMatrix.of` does.
+        """
+        entries: list[CoefficientPlaces] = []
+        found: list[Hyperparameter] = []
+        for h in own:
+            design = _design_of(h, covariates) if h.by is not None else None
+            new = [h] if design is None else coefficients(h, design)
+            entries.append(CoefficientPlaces(h, slice(len(found), len(found) + len(new)), design))
+            found += new
+        return cls(tuple(entries), tuple(found), len(covariates))
+
+    def at(self, covariates: Table) -> CovariateModel:
+        """The same coefficients for other experiments; raises InputsError for an unknown level."""
+        entries = [
+            entry if entry.design is None else replace(entry, design=entry.design.at(covariates))
+            for entry in self.entries
+        ]
+        return replace(self, entries=tuple(entries), count=len(covariates))
+
+    def values(self, alpha: Array, part: slice, experiments: slice) -> Array:
+        """Values of some of the hyperparameters: (k,), or (k, B, 1) where one has covariates."""
+        found = [entry.value(alpha, experiments) for entry in self.entries[part]]
+        if all(value.ndim == 0 for value in found):
+            return np.array(found)
+        count = len(range(*experiments.indices(self.count)))
+        return np.stack([np.broadcast_to(value, count) for value in found])[:, :, None]
+
+    def coefficients_for(self, wanted: Array) -> Array:
+        """The alpha whose values (H,) are nearest to the wanted ones in all experiments."""
+        found = np.array([h.start for h in self.hyperparameters])
+        for entry, value in zip(self.entries, wanted, strict=True):
+            if entry.design is None:
+                found[entry.places] = value
+            else:
+                matrix = entry.design.matrix
+                found[entry.places] = np.linalg.lstsq(matrix, np.full(len(matrix), value))[0]
+        return within(self.hyperparameters, found.tolist())
+
+    def score(self, alpha: Array, by_values: Array, experiments: slice) -> Array:
+        """Derivatives (B, K) by alpha from those by the hyperparameters' values (B, H)."""
+        return np.concatenate(
+            [
+                entry.score(alpha, by_values[:, h], experiments)
+                for h, entry in enumerate(self.entries)
+            ],
+            axis=1,
+        )
+
+    def held(self, alpha: Array) -> dict[str, Indices]:
+        """Which experiments (B,) are held on a limit, by the name of the hyperparameter."""
+        found = {}
+        for entry in self.entries:
+            if entry.design is not None:
+                linear = entry.design.matrix @ alpha[entry.places]
+                outside = (linear < entry.hyperparameter.lower) | (
+                    linear > entry.hyperparameter.upper
+                )
+                if outside.any():
+                    found[entry.hyperparameter.name] = np.flatnonzero(outside)
+        return found
+
+
+def coefficients(own: Hyperparameter, design: DesignMatrix) -> list[Hyperparameter]:
+    """The coefficients of a formula, as hyperparameters ``mean[temperature]``.
+
+    The columns that add up to one (the intercept, or the levels that stand for it) have the limits
+    of the value itself, every other +- the width of those limits over the range of its column: no
+    value within the limits is left out for which zero is among the covariates. Where zero is not
+    between the smallest and the largest of a covariate, the intercept is the value far from all
+    experiments: its limits are wider by as much, and the search looks at the value at the mean of
+    the covariate (see `Beside`).
+    """
+    assert own.by is not None
+    _require_terms(own, own.by, design.names)
+    low, high = design.matrix.min(axis=0), design.matrix.max(axis=0)
+    base, width = design.base, own.upper - own.lower
+    if base.any():
+        steepest = np.where(base, 0.0, width / np.where(high > low, high - low, 1.0))
+    else:
+        reach = max(abs(own.lower), abs(own.upper))
+        steepest = reach / np.maximum(np.maximum(np.abs(low), np.abs(high)), 1e-300)
+    far = ~base & ((low > 0.0) | (high < 0.0)) & base.any()
+    middle = design.matrix.mean(axis=0)
+    beyond = float(np.abs(middle[far]) @ steepest[far])
+    terms = tuple((_name(own, design.names[j]), float(middle[j])) for j in np.flatnonzero(far))
+    beside = Beside(terms, own.lower, own.upper) if terms else None
+    found = []
+    for name, is_base, steep in zip(design.names, base, steepest, strict=True):
+        limits = (own.lower - beyond, own.upper + beyond) if is_base else (-steep, steep)
+        wanted = own.by.terms.get(name)
+        log = bool(is_base and own.log and beside is None)
+        h = _coefficient(_name(own, name), wanted, limits, own.start if is_base else 0.0, log=log)
+        found.append(replace(h, beside=beside) if is_base and wanted is None else h)
+    return found
+
+
+def _coefficient(
+    name: str,
+    wanted: Specification | None,
+    limits: tuple[float, float],
+    start: float,
+    *,
+    log: bool,
+) -> Hyperparameter:
+    if wanted is None:
+        return Hyperparameter(name, *limits, start, free=True, log=log)
+    h = resolve(name, wanted, limits)
+    if h.free and getattr(wanted, "start", None) is None and h.lower <= start <= h.upper:
+        h = replace(h, start=start)
+    return replace(h, log=log and h.lower > 0.0)
+
+
+def _name(own: Hyperparameter, term: str) -> str:
+    return f"{own.name}[{term}]"
+
+
+def _require_terms(own: Hyperparameter, by: By, names: Sequence[str]) -> None:
+    for term in by.terms:
+        if term not in names:
+            raise InputsError(
+                f"{own.name}: '{by.formula}' has no coefficient '{term}'{nearest(term, names)}",
+                f"its coefficients are {', '.join(names)}",
+            )
+
+
+def _design_of(own: Hyperparameter, covariates: Table) -> DesignMatrix:
+    assert own.by is not None
+    try:
+        return DesignMatrix.of(own.by.formula, covariates)
+    except InputsError as error:
+        raise InputsError(f"{own.name} = {error.problem}", error.remedy) from None

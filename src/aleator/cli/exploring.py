@@ -1,0 +1,295 @@
+"""`aleator check`, `box`, `sensitivity` and `next`: what to simulate and to measure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from aleator.cli.running import (
+    FILE,
+    FOLDER,
+    NO_FIGURES,
+    OUTPUT,
+    SEED,
+    STUDY,
+    RunOptions,
+    Work,
+    folder_of,
+    identified,
+    linked,
+    makes_runs,
+    running,
+    units_in,
+    whole_number,
+)
+from aleator.errors import AleatorError, short
+from aleator.fit.question import Choices
+from aleator.plot.first_look import save_check
+from aleator.plot.sensitivity import save_sensitivity
+from aleator.report import box as box_report
+from aleator.report import first_look as check_report
+from aleator.report import next as next_report
+from aleator.report import sensitivity as sensitivity_report
+from aleator.results import documents
+from aleator.study import Study
+from aleator.tasks.box import feasible_box
+from aleator.tasks.expected_cost import expected_cost
+from aleator.tasks.first_look import first_look, planned_look
+from aleator.tasks.next_experiment import next_experiments, require_enough_candidates
+from aleator.tasks.screen import FIRST_RUNS, screen
+from aleator.tasks.wanted import Predicted, require_free
+
+
+@click.command()
+@STUDY
+@click.option(
+    "--output",
+    type=FOLDER,
+    metavar="DIR",
+    help="Write DIR/box.json.",
+)
+@SEED
+@makes_runs
+def box(
+    study: Path,
+    output: Path | None,
+    seed: int | None,
+    options: RunOptions,
+) -> None:
+    """Find the largest box in which every experiment works.
+
+    Looks within the boxes and limits that STUDY.toml states: make them as wide as physics allows.
+    A run that raises, or returns no finite number, counts as a failure and does not stop the
+    search. Tells for every side of the box which experiment limits it, and where it failed.
+    """
+    work = Work.on("box", study, options, folder=output, seed=seed, verified=True)
+    value = work.study
+    with work.running() as (runner, progress):
+        progress.stage("feasible box")
+        found = feasible_box(
+            runner, value.experiments, value.inputs, seed=value.seed, progress=progress
+        )
+    if options.quiet:
+        click.echo(box_report.verdict(found))
+    else:
+        Console().print(box_report.render(found, units_in(value)))
+    if output is not None:
+        made = {**box_report.document(found), **units_in(value)}
+        documents.write_json(linked(made, value, work.file, output), output / "box.json")
+        click.echo(f"Written: {short(output / 'box.json')}")
+
+
+@click.command()
+@STUDY
+@OUTPUT
+@SEED
+@makes_runs
+@NO_FIGURES
+def check(
+    study: Path,
+    output: Path | None,
+    seed: int | None,
+    options: RunOptions,
+    no_figures: bool,
+) -> None:
+    """Make the first runs, and tell what the rest will cost.
+
+    Each parameter takes five values over its limits, the others in the middle, and the corners of
+    all limits follow: 5 runs an experiment for one parameter, 13 for two, 21 for three. Of many
+    experiments some are looked at, evenly over the measured values, unless a run is fast. Every
+    run is kept in the store.
+
+    Tells which experiments no run comes to, which parameters have no influence, how long a run
+    takes, and how many an identification will need. Writes DIR/check.json, and DIR/check.png, the
+    outcome over each parameter, if matplotlib is installed.
+    """
+    work = Work.on(
+        "check", study, options, folder=folder_of(output, study), seed=seed, verified=True
+    )
+    value = work.study
+    Choices.of(
+        value.experiments, value.inputs, value.noise, value.propagation, value.density
+    ).require_enough()
+    with work.running() as (runner, progress):
+        plan = planned_look(runner, value.experiments, value.inputs)
+        options.say(
+            f"{plan.runs:,} runs: {len(plan.x)} points under {len(plan.cases)} of "
+            f"{plan.count} different conditions"
+        )
+        progress.stage("first runs")
+        runner.progress = progress
+        look = first_look(runner, value.experiments, plan, value.noise, progress)
+        cost = expected_cost(
+            runner, value.experiments, value.inputs, value.noise, value.propagation,
+            value.density, value.verification, plan,
+        )  # fmt: skip
+    work.end(
+        check_report.document(look, cost, options.workers or 1), check_report,
+        draw=None if no_figures else save_check,
+    )  # fmt: skip
+    if not options.quiet:
+        click.echo(f"Next: aleator identify {short(work.file)}")
+
+
+@click.command()
+@STUDY
+@OUTPUT
+@SEED
+@click.option(
+    "--runs",
+    type=click.IntRange(min=4),
+    help=f"Runs an experiment [default: {FIRST_RUNS} a parameter, and more until the expansions "
+    "are good].",
+)
+@click.option(
+    "--experiments",
+    metavar="ID,ID,...",
+    help="Only these experiments [default: all].",
+)
+@makes_runs
+@NO_FIGURES
+def sensitivity(
+    study: Path,
+    output: Path | None,
+    seed: int | None,
+    runs: int | None,
+    experiments: str | None,
+    no_figures: bool,
+    options: RunOptions,
+) -> None:
+    """Tell which parameters deserve a law.
+
+    These are the ones whose scatter moves the outcome. Tells also which ones act alike.
+
+    Expands the outcome of every experiment in the parameters and takes Sobol' indices from the
+    coefficients. A parameter is varied by its law where STUDY.toml states all of it, uniformly
+    over its limits or box where something is to be identified. To screen a parameter, make it a
+    constant with limits.
+
+    Writes DIR/sensitivity.json (all), DIR/sensitivity.csv (a row for each experiment and
+    parameter) and DIR/sensitivity.png if matplotlib is installed.
+    """
+    work = Work.on(
+        "sensitivity", study, options, folder=folder_of(output, study), seed=seed, verified=True
+    )
+    value = work.study
+    ids = None if experiments is None else [name.strip() for name in experiments.split(",")]
+    with work.running() as (runner, progress):
+        progress.stage("sensitivity")
+        runner.progress = progress
+        found = screen(
+            runner, value.experiments, value.inputs, only=ids, runs=runs, seed=value.seed,
+            progress=progress,
+        )  # fmt: skip
+    work.end(
+        {**sensitivity_report.document(found), "runs": runner.runs, "seed": value.seed},
+        sensitivity_report,
+        texts={"csv": found.table().to_csv(index=False, lineterminator="\n")},
+        draw=None if no_figures else save_sensitivity,
+    )
+
+
+@click.command()
+@STUDY
+@click.option(
+    "--candidates",
+    type=FILE,
+    required=True,
+    metavar="NEW.csv",
+    help="Table of experiments that could be made, written as the study's is, without outcomes.",
+)
+@whole_number("--count", 5, "Number of experiments to choose.")
+@click.option(
+    "--for",
+    "about",
+    metavar="NAME|all",
+    help="The hyperparameter to know better, or all together "
+    "[default: the standard deviation that is least known for its size].",
+)
+@click.option(
+    "--for-prediction",
+    type=FILE,
+    metavar="CONDITIONS.csv",
+    help="Know better what is predicted under these conditions: a quantile or a probability.",
+)
+@click.option("--quantile", type=float, help="The quantile that is predicted [default: 0.95].")
+@click.option("--above", type=float, help="The limit whose probability above is predicted.")
+@click.option("--below", type=float, help="The limit whose probability below is predicted.")
+@whole_number("--repeat", 1, "How often a candidate may be chosen.")
+@whole_number(
+    "--laws",
+    1,
+    "Plan for the mean over so many laws that the experiments leave possible; 1: for the "
+    "identified one.",
+)
+@click.option("--output", type=FOLDER, metavar="DIR", help="Write DIR/next.json and DIR/next.csv.")
+@SEED
+@makes_runs
+def next(
+    study: Path,
+    candidates: Path,
+    count: int,
+    about: str | None,
+    for_prediction: Path | None,
+    quantile: float | None,
+    above: float | None,
+    below: float | None,
+    repeat: int,
+    laws: int,
+    output: Path | None,
+    seed: int | None,
+    options: RunOptions,
+) -> None:
+    """Tell which experiments should be made next.
+
+    Identifies the law of STUDY.toml (runs that are kept are not made again) and computes what each
+    row of NEW.csv would tell of a hyperparameter or a prediction: its standard error after that
+    experiment. Then the set of experiments that tell most together, and how often all experiments
+    would have to be repeated for the same. Rows with one id are one experiment. Nothing is
+    measured; runs of the simulator are made for the candidates.
+    """
+    work = Work.on("next", study, options, folder=output, seed=seed)
+    value = work.study
+    table = value.read_conditions(candidates)
+    # what is wrong here is told before a slow simulator is run
+    require_enough_candidates(count, len(table.ids), repeat)
+    require_free(about, value.hyperparameters)
+    wanted = _predicted(value, for_prediction, quantile, above, below)
+    if wanted is not None and about is not None:
+        raise AleatorError("--for and --for-prediction contradict each other", "leave one out")
+    with work.running() as (runner, progress):
+        found = identified(value, runner, progress)
+        with running(value, replace(options, quiet=True), table) as others:
+            plan = next_experiments(
+                found, table, count, about=about if wanted is None else wanted, repeat=repeat,
+                laws=laws, simulator=others, progress=progress,
+            )  # fmt: skip
+    work.end(
+        {"seed": value.seed, **plan.to_dict()}, next_report,
+        texts={"csv": plan.table().to_csv(index_label="id", lineterminator="\n")},
+    )  # fmt: skip
+
+
+def _predicted(
+    study: Study,
+    conditions: Path | None,
+    quantile: float | None,
+    above: float | None,
+    below: float | None,
+) -> Predicted | None:
+    """What is to be predicted; a quantile unless a limit is given."""
+    limits = {"--quantile": quantile, "--above": above, "--below": below}
+    if conditions is None:
+        for option, given in limits.items():
+            if given is not None:
+                raise AleatorError(
+                    f"{option} says what to predict, but not under which conditions",
+                    "add --for-prediction CONDITIONS.csv",
+                )
+        return None
+    if above is None and below is None and quantile is None:
+        quantile = 0.95
+    return Predicted(study.read_conditions(conditions), quantile, below, above)

@@ -1,0 +1,368 @@
+"""`aleator compare`, `ceiling`, `bootstrap`, `posterior` and `recover`: how good an answer is."""
+
+from __future__ import annotations
+
+import os
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from aleator.cli.running import (
+    FILE,
+    FOLDER,
+    NO_FIGURES,
+    NO_VERIFY,
+    OUTPUT,
+    RESULT,
+    SEED,
+    STUDY,
+    RunOptions,
+    Work,
+    can_draw,
+    folder_of,
+    identified,
+    make_place,
+    makes_runs,
+    name_of,
+    running,
+    show_answer,
+    shown,
+    whole_number,
+)
+from aleator.errors import AleatorError, nearest, short
+from aleator.inference.chains import SAMPLER, installed
+from aleator.plot.ceiling import save_ceiling
+from aleator.plot.compare import save_compare
+from aleator.progress import Progress
+from aleator.report import bootstrap as bootstrap_report
+from aleator.report import ceiling as ceiling_report
+from aleator.report import compare as compare_report
+from aleator.report import posterior as posterior_report
+from aleator.report import recovery as recover_report
+from aleator.results import documents
+from aleator.simulators import Runner
+from aleator.study import Study, load_study
+from aleator.tasks.bootstrap import FILE as FINISHED
+from aleator.tasks.bootstrap import NONPARAMETRIC, PARAMETRIC
+from aleator.tasks.bootstrap import bootstrap as resample
+from aleator.tasks.ceiling import ceiling as best_possible
+from aleator.tasks.ceiling import require_one_law
+from aleator.tasks.compare import compare as compare_models
+from aleator.tasks.load import load
+from aleator.tasks.posterior import posterior as drawn
+from aleator.tasks.recover import recover as recover_law
+
+
+@click.command()
+@STUDY
+@whole_number("--replicates", 200, "Number of data sets.", least=2)
+@click.option(
+    "--parametric/--experiments",
+    default=True,
+    show_default=True,
+    help="Draw data under the identified law, or draw experiments with replacement.",
+)
+@OUTPUT
+@SEED
+@makes_runs
+def bootstrap(
+    study: Path,
+    replicates: int,
+    parametric: bool,
+    output: Path | None,
+    seed: int | None,
+    options: RunOptions,
+) -> None:
+    """Tell how far the estimates scatter, by a bootstrap.
+
+    The study is identified, by the runs in its store where they are known; then other data are
+    drawn and the maximum of each is climbed to on the same surfaces, without a run, or by a fast
+    simulator itself. Prints standard errors, biases and 95 % intervals; writes DIR/bootstrap.json,
+    and DIR/bootstrap.csv with every replicate. Finished replicates are kept in
+    DIR/bootstrap.jsonl: after Ctrl-C, and for more replicates, the same command goes on from there.
+    With --workers N processes do the work.
+    """
+    folder = folder_of(output, study)
+    work = Work.on("bootstrap", study, options, folder=folder, seed=seed)
+    with work.running() as (runner, progress):
+        found = resample(
+            identified(work.study, runner, progress, consistency=False),
+            replicates=replicates,
+            kind=PARAMETRIC if parametric else NONPARAMETRIC,
+            seed=work.study.seed,
+            workers=options.workers or 1,
+            folder=folder,
+            progress=progress,
+        )
+    work.end(
+        found.to_dict(), bootstrap_report, texts={"csv": found.replicates().to_csv()},
+        beside=[folder / FINISHED],
+    )  # fmt: skip
+
+
+@click.command()
+@STUDY
+@OUTPUT
+@whole_number(
+    "--replicates",
+    99,
+    "Data sets drawn from the identified law, at most; 0 for no p value.",
+    least=0,
+)
+@NO_VERIFY
+@SEED
+@makes_runs
+@NO_FIGURES
+def ceiling(
+    study: Path,
+    output: Path | None,
+    replicates: int,
+    no_verify: bool,
+    seed: int | None,
+    no_figures: bool,
+    options: RunOptions,
+) -> None:
+    """Tell how far any law could go, and where this one lacks.
+
+    Identifies the law of STUDY.toml first; with the runs in its store none is repeated. Then finds
+    the law, of any shape, under which the experiments are most likely, tells whether its
+    log-likelihood is higher than chance explains, by data drawn from the identified law, and where
+    the identified law lacks mass.
+
+    Where surfaces stand for the simulator it is run at the points of that law. Needs measurement
+    noise. Constants, and noise that was identified, are held at their estimates.
+    Writes DIR/ceiling.json, and DIR/ceiling.png if matplotlib is installed.
+    """
+    work = Work.on("ceiling", study, options, folder=folder_of(output, study), seed=seed)
+    require_one_law(work.study.inputs)
+    with work.running() as (runner, progress):
+        identification = identified(work.study, runner, progress, consistency=False)
+        found = best_possible(
+            identification, replicates=replicates, verify=not no_verify, seed=work.study.seed,
+            progress=progress,
+        )  # fmt: skip
+    work.end(
+        {**ceiling_report.document(found), "seed": work.study.seed}, ceiling_report,
+        draw=None if no_figures else save_ceiling,
+    )  # fmt: skip
+
+
+@click.command()
+@click.argument("studies", type=FILE, metavar="A.toml B.toml ...", nargs=-1, required=True)
+@click.option(
+    "--nested",
+    type=(str, str),
+    multiple=True,
+    metavar="SMALL LARGE",
+    help="Model SMALL is a special case of LARGE; may be given several times [default: what is "
+    "found by the names of the hyperparameters].",
+)
+@click.option(
+    "--bootstrap",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="R",
+    help="Judge likelihood ratios by R data sets drawn under the smaller model, too.",
+)
+@click.option("--no-ceiling", is_flag=True, help="Do not look for the best law of each model.")
+@click.option(
+    "--output",
+    type=FOLDER,
+    metavar="DIR",
+    help="Folder of compare.json and compare.png [default: out/compare].",
+)
+@SEED
+@NO_VERIFY
+@makes_runs
+@NO_FIGURES
+def compare(
+    studies: tuple[Path, ...],
+    nested: tuple[tuple[str, str], ...],
+    bootstrap: int,
+    no_ceiling: bool,
+    output: Path | None,
+    seed: int | None,
+    no_verify: bool,
+    no_figures: bool,
+    options: RunOptions,
+) -> None:
+    """Tell which of several models is to be believed.
+
+    Each study is identified, by the runs in its store where they are known, and called as its file
+    is, or as its folder where that is study.toml. Prints the log-likelihood, AIC, AICc and BIC, the
+    predictive log-likelihood of experiments left out with the error of the differences, and
+    likelihood ratios of nested models; writes DIR/compare.json and DIR/compare.png. Models of
+    different data, or of different transforms of the outcome, are refused.
+    """
+    folder = output or (Path("out") / "compare").absolute()
+    values = _named(studies, seed, not no_verify)
+    make_place(folder / "compare.json", studies[0].absolute())
+    with ExitStack() as stack:
+        runners = {name: stack.enter_context(running(v, options)) for name, v in values.items()}
+        progress = stack.enter_context(shown(options.quiet))
+        found = {name: identified(v, runners[name], progress) for name, v in values.items()}
+        result = compare_models(
+            nested=nested, bootstrap=bootstrap, ceilings=not no_ceiling, seed=seed or 0,
+            progress=progress, **found,
+        )  # fmt: skip
+    titles = {name: value.title for name, value in values.items()}
+    document = documents.plain({"titles": titles, "seed": seed or 0, **result.to_dict()})
+    documents.write_json(document, folder / "compare.json")
+    files = [short(folder / "compare.json")]
+    if not no_figures and can_draw(quiet=options.quiet):
+        files.append(short(save_compare(document, folder)))
+    show_answer(compare_report, document, files, options.quiet)
+
+
+def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[str, Study]:
+    """The studies by their names."""
+    if len(studies) < 2:
+        raise AleatorError(f"compare: {len(studies)} study", "name two or more")
+    found: dict[str, Study] = {}
+    for path in studies:
+        name = name_of(path)
+        if name in found:
+            raise AleatorError(
+                f"{path}: another study is called '{name}' too", "rename one of the files"
+            )
+        found[name] = load_study(path).overridden(seed, verified=verified)
+    return found
+
+
+@click.command()
+@STUDY
+@whole_number("--draws", 1000, "Draws of each chain.", least=10)
+@whole_number("--chains", 4, "Number of chains.", least=2)
+@SEED
+@OUTPUT
+@makes_runs
+def posterior(
+    study: Path,
+    draws: int,
+    chains: int,
+    seed: int | None,
+    output: Path | None,
+    options: RunOptions,
+) -> None:
+    """Draw from the posterior of alpha, priors included.
+
+    The study is identified first (without the check on the simulator). Then the No-U-Turn sampler
+    draws values of alpha by the exact score of the likelihood; a slow simulator is not run for
+    them. What is believed beforehand stands beside the limits in STUDY.toml, and is flat between
+    them where nothing does:
+
+    \b
+      mean = {lower = 0.5, upper = 1.5, prior = {law = "normal", mean = 1.0, sd = 0.1}}
+
+    Prints mean, standard deviation and 95 % interval of each hyperparameter, with R-hat and the
+    effective sample size, and whether the chains converged. Writes DIR/posterior.nc, which ArviZ
+    and xarray read, DIR/posterior.csv, a row for each draw, and DIR/posterior.json. Needs
+    the packages of the extra bayes, which are told where they are missing.
+    docs/statistics/posterior.md explains it.
+    """
+    for package in (SAMPLER, "arviz_stats", "arviz_base", "h5netcdf"):
+        installed(package)
+    folder = folder_of(output, study)
+    work = Work.on("posterior", study, options, folder=folder, seed=seed)
+    with work.running() as (runner, progress):
+        found = identified(work.study, runner, progress)
+        made = drawn(found, draws, chains, work.study.seed, progress)
+    made.save(folder / "posterior.nc")
+    text = made.frame().to_csv(index=False)
+    document, files = work.write(
+        made.to_dict(), texts={"csv": text}, beside=[folder / "posterior.nc"]
+    )
+    if options.quiet:
+        click.echo(made.verdict)
+    else:
+        Console().print(posterior_report.render(document, files))
+
+
+@click.command()
+@STUDY
+@whole_number("--replicates", 40, "Number of virtual data sets.", least=2)
+@click.option(
+    "--output",
+    type=FOLDER,
+    metavar="DIR",
+    help="Write DIR/recover_report.json, with every replicate.",
+)
+@SEED
+@click.option(
+    "--law",
+    type=RESULT,
+    metavar="IDENTIFICATION.json",
+    help="Take the true law from there [default: the study is identified first].",
+)
+@click.option(
+    "--truth",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="The true value of one hyperparameter, such as v.sd=0.03; may be given several times.",
+)
+@makes_runs
+def recover(
+    study: Path,
+    replicates: int,
+    output: Path | None,
+    seed: int | None,
+    law: Path | None,
+    truth: tuple[str, ...],
+    options: RunOptions,
+) -> None:
+    """Check that the method finds a law that is known.
+
+    Draws virtual outcomes of the study's experiments from the simulator under a true law,
+    identifies each virtual data set as if it were measured, and tells for each hyperparameter the
+    bias with its Monte Carlo error, the scatter, and how often the 95 % interval holds the truth.
+    Data sets are identified in as many processes as there are processors, or in N by --workers N.
+    """
+    work = Work.on("recovery", study, options, folder=output, seed=seed)
+    value = work.study
+    with work.running() as (runner, progress):
+        alpha = _truth(value, runner, law, truth, progress)
+        found = recover_law(
+            runner,
+            value.experiments,
+            value.inputs,
+            alpha,
+            noise=value.noise,
+            propagation=value.propagation,
+            density=value.density,
+            search=value.search,
+            replicates=replicates,
+            seed=value.seed,
+            workers=options.workers or os.cpu_count() or 1,
+            progress=progress,
+        )
+    work.end({"seed": value.seed, **recover_report.document(found)}, recover_report)
+
+
+def _truth(
+    study: Study, runner: Runner, law: Path | None, given: tuple[str, ...], progress: Progress
+) -> dict[str, float]:
+    """The true alpha: what is given by name, the rest from a law that was or is now identified."""
+    free = [h.name for h in study.hyperparameters if h.free]
+    values: dict[str, float] = {}
+    for entry in given:
+        name, _, text = entry.partition("=")
+        if name not in free:
+            raise AleatorError(
+                f"--truth {entry}: the study identifies no '{name}'{nearest(name, free)}",
+                f"it identifies {', '.join(free)}",
+            )
+        try:
+            values[name] = float(text)
+        except ValueError:
+            raise AleatorError(
+                f"--truth {entry}: '{text}' is not a number", f"write --truth {name}=0.1"
+            ) from None
+    if law is not None:
+        return {**load(law).values, **values}
+    if set(free) <= set(values):
+        return values
+    result = identified(study, runner, progress)
+    return {**{name: value.estimate for name, value in result.alpha.items()}, **values}
