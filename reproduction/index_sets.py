@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from aleator.moments.expansion import Basis
 from aleator.moments.expansion.indices import TotalDegree
 from aleator.moments.expansion.moments import ExactQuadrature, Galerkin, prepare
-from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
 from aleator.types import Indices
+from aleator.views.axes import BLUE, GREEN, ORANGE, VERMILION
 from reproduction.canvas import explain, powers_of_ten
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict, keyed

@@ -12,7 +12,6 @@ from aleator.clutch import shifting_time
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem, prepare
 from aleator.moments.densities import MaximumEntropy
-from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
 from aleator.progress import Progress
 from aleator.search import (
     CMAES,
@@ -25,6 +24,7 @@ from aleator.search import (
 )
 from aleator.simulators import as_runner
 from aleator.surrogates import ResponseSurface
+from aleator.views.axes import BLUE, GREEN, ORANGE, VERMILION
 from reproduction.canvas import explain, powers_of_ten
 from reproduction.clutch.laws import SEARCH_TOLERANCE
 from reproduction.clutch.study import PARAMETERS, ClutchStudy

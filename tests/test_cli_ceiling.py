@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator import cli
-from aleator.plot.ceiling import ceiling_figure
-from aleator.report.ceiling import verdict
+from aleator.views.figures import ceiling_figure
+from aleator.views.models import ceiling_verdict
 
 STUDY = """\
 title = "Springs"
@@ -69,7 +69,7 @@ def test_quiet_says_one_line_and_the_same_seed_gives_the_same_file(study: Path) 
         assert result.exit_code == 0, result.output
         assert result.stdout.count("\n") == 1
         document = json.loads(Path(folder, "ceiling.json").read_text(encoding="utf-8"))
-        assert result.stdout.strip() == verdict(document)
+        assert result.stdout.strip() == ceiling_verdict(document)
         texts.append(Path(folder, "ceiling.json").read_text(encoding="utf-8"))
     assert texts[0] == texts[1]
 
@@ -108,5 +108,5 @@ def test_laws_that_follow_a_column_are_refused_before_any_run(study: Path) -> No
 def test_of_parameters_that_points_cannot_cover_a_lower_bound_is_told() -> None:
     value = {"ceiling": 6.8, "estimated": -37.2, "verified": None, "error": 0.0, "gap": 44.0}
     told = {"log_likelihood": value, "bootstrap": None, "covered": False}
-    assert "at least 6.800" in verdict(told)
-    assert "at least" not in verdict({**told, "covered": True})
+    assert "at least 6.800" in ceiling_verdict(told)
+    assert "at least" not in ceiling_verdict({**told, "covered": True})

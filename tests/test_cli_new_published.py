@@ -9,9 +9,9 @@ from click.testing import CliRunner, Result
 from scipy import optimize
 
 from aleator import cli
-from aleator.report.individual import shrinkage
 from aleator.study import load_study
 from aleator.study.proposal import noise_limits
+from aleator.views.identification import shrinkage
 
 pytestmark = pytest.mark.usefixtures("folder")
 
@@ -95,4 +95,4 @@ def test_the_first_look_refuses_what_could_not_be_identified() -> None:
 
 
 def test_a_calibration_has_no_table_of_individual_parameters() -> None:
-    assert shrinkage({"shrinkage": {}, "experiments": [{"mean": {}, "sd": {}}]}) is None
+    assert not [*shrinkage({"shrinkage": {}, "experiments": [{"mean": {}, "sd": {}}]})]

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator import cli
-from aleator.plot.sensitivity import sensitivity_figure
+from aleator.views.figures import sensitivity_figure
 
 STUDY = """\
 title = "Springs"

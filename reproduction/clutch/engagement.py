@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from aleator.clutch.parameters import CLUTCH
-from aleator.plot.style import BLACK, BLUE, GRAY, GREEN, VERMILION
+from aleator.views.axes import BLACK, BLUE, GRAY, GREEN, VERMILION
 from reproduction.canvas import DASHES, DOTS, explain
 from reproduction.clutch.study import SHOWN
 from reproduction.context import Context

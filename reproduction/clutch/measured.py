@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aleator.plot.style import BLUE, VERMILION
 from aleator.surrogates.responses import DirectResponse
 from aleator.tasks.baselines import least_squares
+from aleator.views.axes import BLUE, VERMILION
 from reproduction.canvas import LIGHT, explain
 from reproduction.clutch.response import grid
 from reproduction.context import Context

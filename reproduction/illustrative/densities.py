@@ -11,8 +11,8 @@ import pandas as pd
 from aleator.moments.densities import Density, Gaussian, GaussianMixture, MaximumEntropy
 from aleator.moments.densities.distances import earth_movers_distance
 from aleator.moments.densities.moments import Moments, weighted_moments
-from aleator.plot.style import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from aleator.status import Status
+from aleator.views.axes import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from reproduction.canvas import DASHES, PALE, explain
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict

@@ -10,8 +10,8 @@ from scipy.special import ndtr
 
 from aleator.moments.densities import MaximumEntropy
 from aleator.moments.densities.distances import earth_movers_distance
-from aleator.plot.style import BLACK, BLUE, VERMILION
 from aleator.types import Array
+from aleator.views.axes import BLACK, BLUE, VERMILION
 from reproduction.canvas import LIGHT
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict

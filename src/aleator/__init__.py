@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from aleator.observations.experiments import Experiments as Experiments
     from aleator.observations.noise import Noise as Noise
     from aleator.observations.student import StudentError as StudentError
-    from aleator.report.progress_line import ProgressLine as ProgressLine
     from aleator.search import CMAES as CMAES
     from aleator.search import CustomSearch as CustomSearch
     from aleator.search import DifferentialEvolution as DifferentialEvolution
@@ -68,6 +67,7 @@ if TYPE_CHECKING:
     from aleator.tasks.recover import recover as recover
     from aleator.tasks.screen import screen as screen
     from aleator.tasks.wanted import Predicted as Predicted
+    from aleator.views.progress import ProgressLine as ProgressLine
 
 # A public name is imported when it is first used: `import aleator` itself costs nothing.
 _HOMES = {
@@ -112,7 +112,7 @@ _HOMES = {
         "GradientMultistart", "GeneticAlgorithm", "DifferentialEvolution", "CMAES", "CustomSearch",
     ],
     "inference.check": ["Check"],
-    "report.progress_line": ["ProgressLine"],
+    "views.progress": ["ProgressLine"],
     "errors": ["AleatorError"],
 }  # fmt: skip
 

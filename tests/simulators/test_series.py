@@ -16,9 +16,9 @@ from rich.console import Console
 from aleator.errors import SimulatorError
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Observations, responses_of
-from aleator.report import runs as report
 from aleator.simulators import FunctionSimulator, ProcessPool, Runner, Store, exchange, imports
 from aleator.simulators.records import stored_runs
+from aleator.views import runs as report
 
 # Rows of two experiments that are not adjacent, with a row less in the second.
 ROWS = pd.DataFrame(

@@ -21,12 +21,12 @@ from aleator.cli.running import (
     units_in,
 )
 from aleator.cli.showing import shown
-from aleator.report import bootstrap as report
 from aleator.results import documents
 from aleator.study import load_study
 from aleator.tasks.bootstrap import FILE as FINISHED
 from aleator.tasks.bootstrap import NONPARAMETRIC, PARAMETRIC
 from aleator.tasks.bootstrap import bootstrap as resample
+from aleator.views import uncertainty
 
 
 @click.command()
@@ -82,4 +82,4 @@ def bootstrap(
     documents.write_json(document, folder / "bootstrap.json")
     documents.write_text(found.replicates().to_csv(), folder / "bootstrap.csv")
     files = [folder / name for name in ("bootstrap.json", "bootstrap.csv", FINISHED)]
-    told(report, document, files, options.quiet)
+    told(uncertainty.bootstrap(document), files, options.quiet)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.console import Console
 
+from aleator.cli.ending import told
 from aleator.cli.running import (
     FILE,
     FOLDER,
@@ -20,10 +20,10 @@ from aleator.cli.running import (
 )
 from aleator.cli.showing import shown
 from aleator.errors import short
-from aleator.report import box as report
 from aleator.results import documents
 from aleator.study import load_study
 from aleator.tasks.box import feasible_box
+from aleator.views import planning
 
 
 @click.command()
@@ -56,11 +56,10 @@ def box(
         found = feasible_box(
             runner, value.experiments, value.inputs, seed=value.seed, progress=progress
         )
-    if options.quiet:
-        click.echo(report.verdict(found))
-    else:
-        Console().print(report.render(found, units_in(value)))
+    told(planning.box(found, units_in(value)), quiet=options.quiet)
     if output is not None:
-        document = linked({**report.document(found), **units_in(value)}, value, study_file, output)
+        document = linked(
+            {**planning.box_document(found), **units_in(value)}, value, study_file, output
+        )
         documents.write_json(document, output / "box.json")
         click.echo(f"Written: {short(output / 'box.json')}")

@@ -19,11 +19,11 @@ from aleator.cli.running import (
     running,
 )
 from aleator.cli.showing import shown
-from aleator.plot.ceiling import save_ceiling
-from aleator.report import ceiling as report
 from aleator.study import load_study
 from aleator.tasks.ceiling import ceiling as best_possible
 from aleator.tasks.ceiling import require_one_law
+from aleator.views import models
+from aleator.views.figures import save_ceiling
 
 
 @click.command()
@@ -74,7 +74,7 @@ def ceiling(
             progress=progress,
         )
     ended(
-        "ceiling", {**report.document(found), "seed": value.seed}, report, study=value,
-        file=study_file, folder=folder, quiet=options.quiet,
+        "ceiling", {**models.ceiling_document(found), "seed": value.seed}, models.ceiling,
+        study=value, file=study_file, folder=folder, quiet=options.quiet,
         draw=None if no_figures else save_ceiling,
     )  # fmt: skip

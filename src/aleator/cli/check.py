@@ -19,12 +19,12 @@ from aleator.cli.running import (
 )
 from aleator.cli.showing import shown
 from aleator.errors import short
-from aleator.plot.first_look import save_check
-from aleator.report import first_look as report
 from aleator.study import load_study
 from aleator.tasks.askable import require_askable
 from aleator.tasks.expected_cost import expected_cost
 from aleator.tasks.first_look import first_look, planned_look
+from aleator.views import planning
+from aleator.views.figures import save_check
 
 
 @click.command()
@@ -69,8 +69,8 @@ def check(
             value.density, value.verification, plan,
         )  # fmt: skip
     ended(
-        "check", report.document(look, cost, options.workers or 1), report, study=value,
-        file=study_file, folder=folder, quiet=options.quiet,
+        "check", planning.look_document(look, cost, options.workers or 1), planning.first_look,
+        study=value, file=study_file, folder=folder, quiet=options.quiet,
         draw=None if no_figures else save_check,
     )  # fmt: skip
     if not options.quiet:

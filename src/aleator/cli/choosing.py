@@ -11,8 +11,6 @@ from rich.console import Console
 
 from aleator.cli.asking import Questions
 from aleator.errors import AleatorError, SimulatorError, nearest
-from aleator.report.proposal import variables
-from aleator.report.rows import Rows
 from aleator.study.offers import (
     Offer,
     functions_in,
@@ -21,8 +19,10 @@ from aleator.study.offers import (
     offered_by_function,
 )
 from aleator.study.proposal import outcome_of, require_outcome, responses_of
+from aleator.study.proposal_text import variables
 from aleator.study.proposed_laws import Limits, around, parameters_of
 from aleator.study.roles import Roles, Sheet
+from aleator.views.terminal import Rows
 
 LISTED = 40
 """Variables of an FMU that are shown before the user is asked."""

@@ -6,8 +6,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import click
-from rich.console import Console
 
+from aleator.cli.ending import told
 from aleator.cli.running import (
     FILE,
     FOLDER,
@@ -20,12 +20,12 @@ from aleator.cli.running import (
     running,
 )
 from aleator.cli.showing import can_draw, shown
-from aleator.errors import AleatorError, short
-from aleator.plot.compare import save_compare
-from aleator.report import compare as report
+from aleator.errors import AleatorError
 from aleator.results import documents
 from aleator.study import Study, load_study
 from aleator.tasks.compare import compare as compare_models
+from aleator.views.figures import save_compare
+from aleator.views.models import comparison
 
 
 @click.command()
@@ -90,13 +90,10 @@ def compare(
     titles = {name: value.title for name, value in values.items()}
     document = documents.plain({"titles": titles, "seed": seed or 0, **result.to_dict()})
     documents.write_json(document, folder / "compare.json")
-    files = [short(folder / "compare.json")]
+    files = [folder / "compare.json"]
     if not no_figures and can_draw(quiet=options.quiet):
-        files.append(short(save_compare(document, folder)))
-    if options.quiet:
-        click.echo(report.verdict(document))
-    else:
-        Console().print(report.render(document, files))
+        files.append(save_compare(document, folder))
+    told(comparison(document), files, options.quiet)
 
 
 def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[str, Study]:

@@ -14,12 +14,13 @@ import pandas as pd
 from aleator.errors import AleatorError
 from aleator.inference.decisions.alpha_draws import AlphaDraws
 from aleator.progress import Progress
-from aleator.report import decisions
+from aleator.results.printed import Content
 from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.limits import Tolerance, limits
 from aleator.tasks.decide.probability import probabilities
 from aleator.tasks.decide.question import events_asked, responses_asked
 from aleator.tasks.decide.simulator_check import CHECKS
+from aleator.views import predictions
 
 CONFIDENCE = 0.95
 
@@ -74,13 +75,11 @@ class Asked:
         events = events_asked(ground, self.response, self.above, self.below, self.between)
         return probabilities(ground, draws, events, self.checks, progress)
 
-    def rendered(self, found: pd.DataFrame, outcome: str) -> Any:
-        """The table with its title, for the terminal."""
+    def content(self, found: pd.DataFrame, outcome: str) -> Content:
+        """The table with its title, and what is to be known of it."""
         columns = found.to_dict("list")
         if self.limits is None:
-            return decisions.render_probabilities(
-                columns, f"Probability of {outcome} {self._event}"
-            )
+            return predictions.probabilities(columns, f"Probability of {outcome} {self._event}")
         asked = self.limits
         if asked.side == "both":
             words = f"Limits that hold {asked.content:g} of {outcome}"
@@ -88,7 +87,7 @@ class Asked:
             words = (
                 f"Value that {outcome} is {_SIDES[asked.side]} with reliability {asked.content:g}"
             )
-        return decisions.render_limits(columns, f"{words}, with confidence {asked.confidence:g}")
+        return predictions.limits(columns, f"{words}, with confidence {asked.confidence:g}")
 
     @property
     def _event(self) -> str:

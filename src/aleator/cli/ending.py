@@ -4,34 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import click
-from rich.console import Console, RenderableType
+from rich.console import Console
 
 from aleator.cli.running import linked, units_in
 from aleator.cli.showing import can_draw
 from aleator.errors import short
 from aleator.results import documents
+from aleator.results.printed import WHOLE, Content, Depth
 from aleator.study import Study
+from aleator.views.terminal import terminal
 
 Document = Mapping[str, Any]
-
-
-class Told(Protocol):
-    """How a document is told: a module of `report`."""
-
-    def verdict(self, document: Document, /) -> str:
-        """A line."""
-
-    def render(self, document: Document, files: Sequence[str], /) -> RenderableType:
-        """A page, with the files that were written."""
 
 
 def ended(
     name: str,
     made: Document,
-    report: Told,
+    content: Callable[[Document], Content],
     *,
     study: Study,
     file: Path,
@@ -42,8 +34,8 @@ def ended(
 ) -> None:
     """Write name.json of what was made of a study and its `file`, and tell it.
 
-    A `table` is written as name.csv; `draw` writes a figure of the document into the folder, where
-    matplotlib is installed.
+    `content` makes of the document what is said of it. A `table` is written as name.csv; `draw`
+    writes a figure of the document into the folder, where matplotlib is installed.
     """
     entry = linked({**made, **units_in(study)}, study, file, folder)
     document, files = documents.plain(entry), [folder / f"{name}.json"]
@@ -53,12 +45,14 @@ def ended(
         documents.write_text(table, files[-1])
     if draw is not None and can_draw("no figure is drawn: it needs", quiet):
         files.append(draw(document, folder))
-    told(report, document, files, quiet)
+    told(content(document), files, quiet)
 
 
-def told(report: Told, document: Document, files: Sequence[Path], quiet: bool) -> None:
-    """The page, or of a quiet command the verdict alone."""
+def told(
+    content: Content, files: Sequence[Path] = (), quiet: bool = False, depth: Depth = WHOLE
+) -> None:
+    """The report, or of a quiet command the verdict alone."""
     if quiet:
-        click.echo(report.verdict(document))
+        click.echo(content.verdict)
     else:
-        Console().print(report.render(document, [short(file) for file in files]))
+        Console().print(terminal(content, [short(file) for file in files], depth))

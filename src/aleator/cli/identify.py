@@ -27,9 +27,8 @@ from aleator.cli.showing import can_draw, can_report, say, shown
 from aleator.errors import short
 from aleator.inference.check import Check
 from aleator.laws import LogNormal
-from aleator.plot.identification import save_figures
-from aleator.report import terminal
-from aleator.results import documents, printed
+from aleator.results import documents
+from aleator.results.answer import answer
 from aleator.search import GradientMultistart
 from aleator.simulators import Budget
 from aleator.study import load_study
@@ -38,6 +37,8 @@ from aleator.study.keys import in_toml
 from aleator.study.sections import StudyFile
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.pictures import pictured
+from aleator.views.figures import save_figures
+from aleator.views.identification import render
 
 IDENTIFICATION = "identification.json"
 
@@ -175,9 +176,9 @@ def identify(
         files += _figures(document, folder, options.quiet)
         files += _report(document, folder, study_file, options.quiet)
     if options.quiet:
-        click.echo("\n".join(printed.verdicts(document)))
+        click.echo(answer(document).verdict)
     else:
-        Console().print(terminal.render(document, files, details))
+        Console().print(render(document, files, details))
 
 
 def _figures(document: dict[str, Any], folder: Path, quiet: bool) -> list[str]:

@@ -18,10 +18,10 @@ from aleator.cli.choosing import (
 from aleator.cli.running import FILE, RESULT
 from aleator.cli.schema import schema_text
 from aleator.errors import AleatorError, short
-from aleator.report.proposal import notes, study_text
 from aleator.results import documents
 from aleator.study.offers import bound
 from aleator.study.proposal import proposed, roles_of
+from aleator.study.proposal_text import notes, study_text
 from aleator.study.proposed_laws import laws_for
 from aleator.study.roles import count_of, sheet_of
 

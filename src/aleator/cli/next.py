@@ -22,11 +22,11 @@ from aleator.cli.running import (
 )
 from aleator.cli.showing import shown
 from aleator.errors import AleatorError
-from aleator.report import next as report
 from aleator.results import documents
 from aleator.study import Study, load_study
 from aleator.tasks.next_experiment import next_experiments, require_enough_candidates
 from aleator.tasks.wanted import Predicted, require_free
+from aleator.views import planning
 
 QUANTILE = 0.95
 """What is predicted where nobody says."""
@@ -140,7 +140,7 @@ def next(
         text = plan.table().to_csv(index_label="id", lineterminator="\n")
         documents.write_text(text, output / "next.csv")
         files = [output / "next.json", output / "next.csv"]
-    told(report, document, files, options.quiet)
+    told(planning.next_experiments(document), files, options.quiet)
 
 
 def _predicted(

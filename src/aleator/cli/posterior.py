@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.console import Console
 
+from aleator.cli.ending import told
 from aleator.cli.running import (
     FILE,
     OUTPUT,
@@ -21,12 +21,11 @@ from aleator.cli.running import (
     units_in,
 )
 from aleator.cli.showing import shown
-from aleator.errors import short
 from aleator.inference.chains import SAMPLER, installed
-from aleator.report import posterior as report
 from aleator.results import documents
 from aleator.study import load_study
 from aleator.tasks.posterior import posterior as drawn
+from aleator.views import uncertainty
 
 
 @click.command()
@@ -81,7 +80,4 @@ def posterior(
     made.save(paths[0])
     documents.write_text(made.frame().to_csv(index=False), paths[1])
     documents.write_json(document, paths[2])
-    if options.quiet:
-        click.echo(made.verdict)
-    else:
-        Console().print(report.render(document, [short(path) for path in paths]))
+    told(uncertainty.posterior(document), paths, options.quiet)

@@ -11,9 +11,9 @@ from typing import Any
 import click
 import numpy as np
 import pandas as pd
-from rich.console import Console
 
 from aleator.cli.deciding import Asked, asks
+from aleator.cli.ending import told
 from aleator.cli.predict_notes import expected_runs, held, made_runs, untested
 from aleator.cli.running import (
     FILE,
@@ -28,7 +28,6 @@ from aleator.cli.showing import shown
 from aleator.errors import AleatorError, short
 from aleator.inference.decisions.alpha_draws import AlphaDraws, alpha_draws
 from aleator.observations.experiments import Conditions
-from aleator.report import terminal
 from aleator.results import documents
 from aleator.results.printed import number
 from aleator.results.result import Result
@@ -42,6 +41,7 @@ from aleator.tasks.decide.known import estimated
 from aleator.tasks.individual.session import OWN, session_of
 from aleator.tasks.session import OutcomeSession, Session
 from aleator.types import Indices
+from aleator.views import predictions
 
 
 @click.command()
@@ -164,15 +164,12 @@ def _show(found: pd.DataFrame, asked: Asked, value: Study) -> None:
         part = parts.get(response.name)
         if part is None:
             continue
+        name = label(units_in(value), response.name)
         if asked.distribution:
             columns, transform = part.to_dict("list"), str(response.transform)
-            Console().print(
-                terminal.render_predictions(
-                    columns, label(units_in(value), response.name), transform
-                )
-            )
+            told(predictions.distributions(columns, name, transform))
         else:
-            Console().print(asked.rendered(part, label(units_in(value), response.name)))
+            told(asked.content(part, name))
 
 
 def _write(found: pd.DataFrame, document: Mapping[str, Any], study: Path, output: Path) -> None:
@@ -180,8 +177,8 @@ def _write(found: pd.DataFrame, document: Mapping[str, Any], study: Path, output
     if output.suffix.lower() == ".json":
         rows = found.to_dict("records")
         entry, file = documents.study_entry(document), os.path.relpath(study, output.parent)
-        told = {"title": document.get("title"), "study": {**entry, "file": file}, "rows": rows}
-        documents.write_json(told, output)
+        entry_of = {"title": document.get("title"), "study": {**entry, "file": file}, "rows": rows}
+        documents.write_json(entry_of, output)
     else:
         documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
 

@@ -23,12 +23,12 @@ from aleator.cli.running import (
 from aleator.cli.showing import shown
 from aleator.errors import AleatorError, nearest
 from aleator.progress import Progress
-from aleator.report import recovery
 from aleator.results import documents
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.tasks.load import load
 from aleator.tasks.recover import recover as recover_law
+from aleator.views.uncertainty import recovery, recovery_document
 
 RECOVERY = "recovery.json"
 
@@ -98,12 +98,12 @@ def recover(
             progress=progress,
         )
     files = []
-    document = {"title": value.title, "seed": value.seed, **recovery.document(found)}
+    document = {"title": value.title, "seed": value.seed, **recovery_document(found)}
     if output is not None:
         document = linked(document, value, study_file, output)
         documents.write_json(document, output / RECOVERY)
         files.append(output / RECOVERY)
-    told(recovery, document, files, options.quiet)
+    told(recovery(document), files, options.quiet)
 
 
 def _truth(

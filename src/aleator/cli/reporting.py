@@ -23,7 +23,7 @@ def write_report(document: Document, folder: Path, study: Path | None = None) ->
 
     `study` is its study file. Raises AleatorError where Bokeh is not installed.
     """
-    from aleator.report.html.page import page
+    from aleator.views.page import page
 
     path = folder / REPORT
     documents.write_text(page(document, _ceiling(document, folder), _text(document, study)), path)
@@ -32,7 +32,7 @@ def write_report(document: Document, folder: Path, study: Path | None = None) ->
 
 def write_compared(document: Document, other: Document, folder: Path, beside: Path) -> Path:
     """Write compared.html of two identifications, which are called as their folders are."""
-    from aleator.report.html.compared import compared_page
+    from aleator.views.compared import compared_page
 
     names = [folder.name, beside.name]
     if names[0] == names[1]:

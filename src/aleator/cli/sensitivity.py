@@ -18,10 +18,10 @@ from aleator.cli.running import (
     running,
 )
 from aleator.cli.showing import shown
-from aleator.plot.sensitivity import save_sensitivity
-from aleator.report import sensitivity as report
 from aleator.study import load_study
 from aleator.tasks.screen import FIRST_RUNS, screen
+from aleator.views import planning
+from aleator.views.figures import save_sensitivity
 
 
 @click.command()
@@ -79,8 +79,9 @@ def sensitivity(
             progress=progress,
         )
     ended(
-        "sensitivity", {**report.document(found), "runs": runner.runs, "seed": value.seed}, report,
-        study=value, file=study_file, folder=folder, quiet=options.quiet,
+        "sensitivity",
+        {**planning.sensitivity_document(found), "runs": runner.runs, "seed": value.seed},
+        planning.sensitivity, study=value, file=study_file, folder=folder, quiet=options.quiet,
         draw=None if no_figures else save_sensitivity,
         table=found.table().to_csv(index=False, lineterminator="\n"),
     )  # fmt: skip

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from aleator.errors import AleatorError, installing
 from aleator.progress import Progress, Silent
-from aleator.report import live
+from aleator.views.progress import shown_on
 
 
 def say(text: str) -> None:
@@ -23,7 +23,7 @@ def say(text: str) -> None:
 @contextmanager
 def shown(quiet: bool) -> Iterator[Progress]:
     """Progress on the standard error, or none."""
-    with nullcontext(Silent()) if quiet else live.shown_on(Console(stderr=True)) as progress:
+    with nullcontext(Silent()) if quiet else shown_on(Console(stderr=True)) as progress:
         yield progress
 
 
