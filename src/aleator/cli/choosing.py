@@ -22,7 +22,7 @@ from aleator.study.proposal import outcome_of, require_outcome, responses_of
 from aleator.study.proposal_text import variables
 from aleator.study.proposed_laws import Limits, around, parameters_of
 from aleator.study.roles import Roles, Sheet
-from aleator.views.terminal import Rows
+from aleator.views.terminal import TerminalTable
 
 LISTED = 40
 """Variables of an FMU that are shown before the user is asked."""
@@ -115,7 +115,7 @@ def chosen_parameters(
     laws, others = parameters_of(offer, roles, most, {})
     known = {each.name: each for each in (*(law.given for law in laws), *others)}
     if others:
-        table = Rows(
+        table = TerminalTable(
             (("name", "left"), ("unit", "left"), ("value", "right"), ("meaning", "fold")),
             variables([*known.values()][:LISTED], offer),
         )

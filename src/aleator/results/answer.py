@@ -10,13 +10,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from aleator.results.printed import (
+    CRITERIA,
     NONE,
     PAGE,
     WHOLE,
+    Chapter,
     Content,
-    Section,
+    Criteria,
     Sentence,
-    Table,
+    TextTable,
     between,
     count,
     heads,
@@ -28,8 +30,6 @@ from aleator.results.units import label
 
 Document = Mapping[str, Any]
 COLUMNS = heads("alpha", ">estimate", ">std. error", ">95 % interval", "~note")
-SANDWICH = (0.7, 1.4)
-"""Ratios of a sandwich error to the standard error that are near one, by judgement."""
 
 
 def answer(document: Document) -> Content:
@@ -37,7 +37,7 @@ def answer(document: Document) -> Content:
     return Content(
         str(document.get("title") or ""),
         lead(document),
-        [Section("estimates", "Estimates", [estimates(document), log_likelihood(document)])],
+        [Chapter("estimates", "Estimates", [estimates(document), log_likelihood(document)])],
         warnings(document),
         verdicts(document),
     )
@@ -59,8 +59,10 @@ def words(name: object) -> str:
 def lead(document: Document) -> tuple[Sentence, ...]:
     """What was identified from what, and how."""
     free = sum(not entry.get("fixed") for entry in document["alpha"].values())
-    seen = document.get("observations")
+    seen = document.get("observations") or ()
+    bounds = sum(entry["lower"] is None or entry["lower"] != entry["upper"] for entry in seen)
     values = f" with {len(seen):,} observations" if seen else ""
+    values += f" ({bounds:,} of them bounds only)" if bounds else ""
     runs = f", {document['runs']:,} runs of the simulator" if "runs" in document else ""
     experiments = count(len(document["experiments"]), "experiment")
     return (
@@ -76,18 +78,15 @@ def _method(document: Document) -> str:
     because = f" ({reason})" if reason else ""
     starts = (document.get("search") or {}).get("starts", 0)
     best = f", best of {starts} starts" if starts > 1 else ""
-    seen = document.get("observations")
-    if not seen:
+    if not is_individual(document):
         what = f"{document.get('density') or NONE}, propagation by "
         what += f"{words(document.get('propagation'))}{because}"
     else:
-        bounds = sum(entry["lower"] is None or entry["lower"] != entry["upper"] for entry in seen)
         what = f"integral over individual parameters by {document.get('density') or NONE}, "
         direct = document["propagation"] == "direct"
         what += ("on the simulator itself" if direct else "on surfaces of it") + because
-        what += f"; of {bounds:,} observations only bounds are known" if bounds else ""
     log = ""
-    if document.get("transform") == "log" and not seen:
+    if document.get("transform") == "log" and not is_individual(document):
         name = document["outcome"]
         log = (
             f" The likelihood is that of log({name}); outcomes and ranges below are {name} itself."
@@ -98,7 +97,7 @@ def _method(document: Document) -> str:
 # ------------------------------------------------------------------------------------ estimates
 
 
-def estimates(document: Document) -> Table:
+def estimates(document: Document) -> TextTable:
     """A row for each hyperparameter: name with unit, estimate, standard error, interval, note."""
     rows: list[Sequence[str]] = []
     for name, entry in document["alpha"].items():
@@ -106,17 +105,17 @@ def estimates(document: Document) -> Table:
         shown = with_error(entry["estimate"], error, estimate=True)
         interval = between(entry.get("interval"), error)
         rows.append((label(document, name), *shown, interval, _note(entry)))
-    return Table(COLUMNS, rows, "estimates", "Estimates")
+    return TextTable(COLUMNS, rows, "estimates", "Estimates")
 
 
-def _note(entry: Document) -> str:
+def _note(entry: Document, criteria: Criteria = CRITERIA) -> str:
     if entry.get("fixed"):
         return "fixed"
     if entry.get("at_bound"):
         return f"at its {entry['at_bound']} bound"
     notes = []
     error, sandwich = entry.get("standard_error"), entry.get("sandwich_error")
-    if error and sandwich and not SANDWICH[0] < sandwich / error < SANDWICH[1]:
+    if error and sandwich and not criteria.sandwich[0] < sandwich / error < criteria.sandwich[1]:
         notes.append(f"sandwich error {number(sandwich, 2)}")
     if entry.get("cut"):
         notes.append(_to_limit(entry["cut"], entry.get("drops")))

@@ -139,6 +139,88 @@ Kind = Literal["plain", "strong", "good", "bad", "open", "warning", "missing", "
 
 
 @dataclass(frozen=True)
+class Amounts:
+    """How much is shown before the rest is counted, all by judgement: no answer depends on it."""
+
+    notebook: int = 20
+    """Rows of a table in a notebook."""
+    worst: int = 3
+    """Experiments, or observations, that are named as the least expected."""
+    experiments: int = 1000
+    """Rows of the table of experiments on a page; of more, the least expected."""
+    conditions: int = 8
+    """Conditions in that table."""
+    failed: int = 20
+    """Experiments with failed runs that are named."""
+    points: int = 12
+    """Points of the best possible law."""
+    gaining: int = 5
+    """Experiments that gain most by that law."""
+    out_of_reach: int = 12
+    """Experiments out of reach of the first runs."""
+    pairs: int = 5
+    """Pairs of parameters that act alike."""
+    candidates: int = 10
+    """Candidates for the next experiment."""
+    chosen: int = 30
+    """Experiments of a chosen set."""
+    failure: int = 10_000
+    """Letters of the message or the log of a run."""
+    marks: int = 600
+    """Marks in a chart."""
+    farthest: int = 150
+    """Of these, the ones that lie farthest out."""
+    hovered: int = 6
+    """Conditions that are told of a mark under the mouse."""
+    series: int = 200
+    """Experiments whose series a page has."""
+    observations: int = 20_000
+    """Observations in these series."""
+    named: int = 12
+    """Experiments or outliers that a figure has room to name."""
+    panels: int = 12
+    """Panels of series in a figure."""
+    across: int = 4
+    """Panels beside each other."""
+    farthest_panels: int = 4
+    """Of the panels, those with the largest residuals."""
+    letters: int = 18
+    """Letters of an id over a panel."""
+
+
+AMOUNTS = Amounts()
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """From where on something is said of an answer, by judgement unless a source is named."""
+
+    sandwich: tuple[float, float] = (0.7, 1.4)
+    """Ratios of a sandwich error to the standard error that are near one."""
+    strong: float = 0.9
+    """Correlation of two estimates that a report names."""
+    chance: float = 3.0
+    """Standard errors that chance hardly ever exceeds: 0.3 % of normal values do."""
+    large: float = 0.25
+    """Bias over the standard error from which 95 % intervals hold 94 % or less."""
+    piled: float = 0.01
+    """Share of replicates on a limit."""
+    small: float = 4.0
+    """Difference of models that is small, whatever its error (Sivula, Magnusson, Vehtari 2020)."""
+    paired: float = 2.0
+    """Standard errors within which such a difference may be chance: 5 % of normal values exceed."""
+    unlikely: float = 0.05
+    """A p value below which the family of the law is doubted."""
+    gain: float = 1.5
+    """Times the volume of the box from which leaving an experiment out is worth a thought."""
+    rare: float = 1e-3
+    """Probabilities below are written with a power of ten."""
+
+
+CRITERIA = Criteria()
+
+
+@dataclass(frozen=True)
 class Sentence:
     """Words, with what they are of (`head`) before them, and what to do (`remedy`) after them.
 
@@ -159,7 +241,7 @@ class Sentence:
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """Cells as they are read, each row as long as the columns; `folded` until it is opened.
 
     A column, after the first, in which nothing stands is left out.
@@ -182,7 +264,7 @@ class Part(Protocol):
 
 
 @dataclass(frozen=True)
-class Section:
+class Chapter:
     """Parts that are read together, under a heading where there is room for one."""
 
     name: str
@@ -196,14 +278,14 @@ class Content:
 
     title: str
     lead: Sequence[Sentence] = ()
-    sections: Sequence[Section] = ()
+    sections: Sequence[Chapter] = ()
     warnings: Sequence[Sentence] = ()
     verdicts: Sequence[Sentence] = ()
 
     @classmethod
     def of(cls, title: str, lead: str, parts: Sequence[Part], verdict: str) -> Content:
         """One section, and one verdict."""
-        section = Section("all", title, parts)
+        section = Chapter("all", title, parts)
         return cls(title, [Sentence(lead)], [section], (), [Sentence(verdict, "strong")])
 
     @property
@@ -212,16 +294,16 @@ class Content:
         return "\n".join(sentence.text for sentence in self.verdicts)
 
 
-def paragraphs(content: Content, depth: Depth) -> Iterator[list[Sentence | Table]]:
+def paragraphs(content: Content, depth: Depth) -> Iterator[list[Sentence | TextTable]]:
     """The sentences and tables of a text in the order of reading: the verdicts come last."""
 
-    def shown(parts: Sequence[Part]) -> list[Sentence | Table]:
+    def shown(parts: Sequence[Part]) -> list[Sentence | TextTable]:
         return [
             part
             for part in parts
-            if isinstance(part, Sentence | Table)
+            if isinstance(part, Sentence | TextTable)
             and part.depth <= depth
-            and not (isinstance(part, Table) and not part.rows)
+            and not (isinstance(part, TextTable) and not part.rows)
         ]
 
     yield [Sentence(content.title, "strong")] if content.title else []
@@ -236,7 +318,7 @@ def text(content: Content, width: int = 80, depth: Depth = SHORT) -> str:
     lines: list[str] = []
     for paragraph in paragraphs(content, depth):
         for part in paragraph:
-            if isinstance(part, Table):
+            if isinstance(part, TextTable):
                 head, body = laid_out(part.columns, part.rows, width)
                 lines += [*([part.title] if part.folded else []), *head, *body]
             else:
@@ -258,10 +340,10 @@ def prose(words: str) -> str:
     return re.sub("`([^`]+)`", r"<code>\1</code>", escape(words))
 
 
-def cells(table: Table) -> str:
+def cells(table: TextTable) -> str:
     """The head and the rows of a table as HTML; a column in which nothing stands is left out.
 
-    >>> '<td class="n">2</td>' in cells(Table([("a", "left"), ("b", "right")], [["1", "2"]]))
+    >>> '<td class="n">2</td>' in cells(TextTable([("a", "left"), ("b", "right")], [["1", "2"]]))
     True
     """
     columns, rows = _filled(table.columns, table.rows)
@@ -283,7 +365,7 @@ def fragment(content: Content) -> str:
     """The content in short for a notebook."""
     parts = [part for paragraph in paragraphs(content, SHORT) for part in paragraph]
     return "".join(
-        f"<table>{cells(part)}</table>" if isinstance(part, Table) else _paragraph(part)
+        f"<table>{cells(part)}</table>" if isinstance(part, TextTable) else _paragraph(part)
         for part in parts
     )
 
@@ -297,11 +379,7 @@ def _paragraph(part: Sentence) -> str:
     return f"<p>{head}{said}{remedy}</p>"
 
 
-ROWS = 20
-"""Rows of a table that a notebook shows; the first of them."""
-
-
-def shown(head: str, table: pd.DataFrame, *sentences: str) -> str:
+def shown(head: str, table: pd.DataFrame, *sentences: str, amounts: Amounts = AMOUNTS) -> str:
     """A result in HTML: its head, the first rows of its table, and sentences, the last one bold.
 
     >>> import pandas as pd
@@ -309,10 +387,10 @@ def shown(head: str, table: pd.DataFrame, *sentences: str) -> str:
     >>> "0.1235" in text, "a &lt;b&gt;" in text, text.endswith("<p><b>No bias.</b></p>")
     (True, True, True)
     """
-    rows = table.head(ROWS).to_html(
+    rows = table.head(amounts.notebook).to_html(
         border=0, float_format=lambda value: number(value), na_rep="-", notebook=False
     )
-    more = len(table) - ROWS
+    more = len(table) - amounts.notebook
     said = [f"and {more:,} more rows"] if more > 0 else []
     said += [sentence for sentence in sentences if sentence]
     ending = "".join(_paragraph(Sentence(sentence)) for sentence in said[:-1])

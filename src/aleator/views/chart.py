@@ -122,7 +122,7 @@ def meaning(color: str, marker: str) -> str:
 
 
 @dataclass(frozen=True)
-class Rule:
+class GuideLine:
     """A straight line over the whole chart, across at a y or up at an x: dashed where gray."""
 
     at: float
@@ -146,7 +146,7 @@ class Chart:
     y: Axis
     marks: Sequence[Mark]
     columns: Mapping[str, str]
-    rules: Sequence[Rule] = ()
+    rules: Sequence[GuideLine] = ()
     height: int = 320
     switched: bool = False
     wide: bool = False

@@ -10,22 +10,24 @@ import numpy as np
 
 from aleator.results.answer import estimates, lead, log_likelihood, verdicts
 from aleator.results.printed import (
+    AMOUNTS,
     PAGE,
+    Amounts,
+    Chapter,
     Column,
     Content,
     Part,
-    Section,
     Sentence,
-    Table,
+    TextTable,
     heads,
     to_three,
 )
 from aleator.results.units import label
 from aleator.views import chart
-from aleator.views.chart import Axis, Chart, Mark, Rule, Series, evenly, numbers
+from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, evenly, numbers
 from aleator.views.identification import missing
 from aleator.views.law_charts import law_curves
-from aleator.views.measured import MOST, Choice, measured
+from aleator.views.measured import AxisChoice, measured
 from aleator.views.outcome_charts import (
     PROBABILITY,
     curve_and_band,
@@ -42,7 +44,7 @@ LOOKS = ((chart.BLUE, "solid"), (chart.VERMILION, "dashed"))
 
 def compared_page(documents: Pair) -> str:
     """The text of a page of two identifications, by name; the same documents give the same text."""
-    choices: dict[str, Sequence[Choice]] = {}
+    choices: dict[str, Sequence[AxisChoice]] = {}
     predicted: list[Part] = []
     number = 0
     for name, document in documents.items():
@@ -54,11 +56,11 @@ def compared_page(documents: Pair) -> str:
             predicted += [drawn] if seen.by_law else []
             number += 1
     sections = [
-        Section("estimates", "Estimates", [*_estimates(documents)]),
-        Section("law", "The laws of the parameters", [*_laws(documents)]),
-        Section("prefer", "Which experiments prefer which", [*_experiments(documents)]),
-        Section("calibration", "Calibration", [_calibration(documents)]),
-        Section("predicted", "Measured against predicted", predicted),
+        Chapter("estimates", "Estimates", [*_estimates(documents)]),
+        Chapter("law", "The laws of the parameters", [*_laws(documents)]),
+        Chapter("prefer", "Which experiments prefer which", [*_experiments(documents)]),
+        Chapter("calibration", "Calibration", [_calibration(documents)]),
+        Chapter("predicted", "Measured against predicted", predicted),
     ]
     said = [
         replace(one, text=f"{name}: {one.text}")
@@ -85,14 +87,14 @@ def _estimates(documents: Pair) -> Iterator[Part]:
         (alpha, *(cell for own in rows.values() for cell in own.get(alpha, none)[1:4]))
         for alpha in every
     ]
-    yield Table(columns, cells, "estimates", "Estimates")
+    yield TextTable(columns, cells, "estimates", "Estimates")
     likelihoods = [
         (name, to_three(d["log_likelihood"]["estimated"]),
          str(sum(not entry.get("fixed") for entry in d["alpha"].values())))
         for name, d in documents.items()
     ]  # fmt: skip
     columns = heads("model", ">log-likelihood", ">identified")
-    yield Table(columns, likelihoods, "likelihoods", "Log-likelihoods")
+    yield TextTable(columns, likelihoods, "likelihoods", "Log-likelihoods")
     if _same_data(documents):
         yield Sentence("Both saw the same outcomes.")
     else:
@@ -151,7 +153,7 @@ def _two(
     )  # fmt: skip
 
 
-def _experiments(documents: Pair) -> Iterator[Part]:
+def _experiments(documents: Pair, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
     """The log-density of each experiment under the one and under the other."""
     each = [
         {str(e["id"]): e["log_density"] for e in d["experiments"] if e["log_density"] is not None}
@@ -163,7 +165,7 @@ def _experiments(documents: Pair) -> Iterator[Part]:
         return
     gain = np.array([each[1][one] - each[0][one] for one in ids])
     order = np.argsort(gain, kind="stable")
-    kept = evenly(len(ids), MOST)
+    kept = evenly(len(ids), amounts.marks)
     first, second = documents
     source = Series(
         "prefer",
@@ -176,7 +178,7 @@ def _experiments(documents: Pair) -> Iterator[Part]:
         Axis("experiments, in the order of the difference"), Axis("log-density, difference"),
         [Mark("points", source, "place", "gain", color=chart.INK, pick=True,
               hover=[("experiment", "{id}"), ("difference", "{gain}")])],
-        {"id": "id", "gain": f"log-density of {second} minus {first}"}, [Rule(0.0)], wide=True,
+        {"id": "id", "gain": f"log-density of {second} minus {first}"}, [GuideLine(0.0)], wide=True,
     )  # fmt: skip
 
 
@@ -195,4 +197,4 @@ def _calibration(documents: Pair) -> Part:
         "band is that of the first.",
         (PROBABILITY, "cumulative share − uniform"), [*documents], lines, [band],
     )  # fmt: skip
-    return replace(found, rules=[Rule(0.0)], wide=True)
+    return replace(found, rules=[GuideLine(0.0)], wide=True)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aleator.results.printed import percent
+from aleator.results.printed import AMOUNTS, Amounts, percent
 from aleator.results.units import label, seen_label
 from aleator.types import Array
 from aleator.views.axes import (
@@ -31,7 +31,7 @@ from aleator.views.axes import (
 )
 from aleator.views.chart import WIDE, evenly, numbers
 from aleator.views.law_charts import law_chart, law_curves
-from aleator.views.measured import Measured, measured, varying
+from aleator.views.measured import MeasuredValues, measured, varying
 from aleator.views.outcome_charts import (
     cumulative_chart,
     histogram_chart,
@@ -48,13 +48,6 @@ if TYPE_CHECKING:
 
 Document = Mapping[str, Any]
 Draw = Callable[[Document], "Figure"]
-
-NAMED = 12
-"""So many experiments or outliers still have room for their ids."""
-PANELS, ACROSS, WORST = 12, 4, 4
-"""Panels of series, in so many columns; so many are those with the largest residuals."""
-LONG = 18
-"""Letters of an id that fit over a panel."""
 
 
 def save_figures(document: Document, directory: str | Path) -> list[Path]:
@@ -104,13 +97,13 @@ def experiments_figure(document: Document) -> Figure:
     return figure
 
 
-def parameters_figure(document: Document) -> Figure:
+def parameters_figure(document: Document, amounts: Amounts = AMOUNTS) -> Figure:
     """The identified law of each parameter, and the means of the individual laws below it."""
     names, own = [*law_curves(document)], individuals_of(document)
     with styled():
-        rows = max(-(-len(names) // ACROSS), 1)
+        rows = max(-(-len(names) // amounts.across), 1)
         figure = _figure(document, 0.6 + 2.6 * rows)
-        grid = figure.subplots(rows, min(max(len(names), 1), ACROSS), squeeze=False).ravel()
+        grid = figure.subplots(rows, min(max(len(names), 1), amounts.across), squeeze=False).ravel()
         for axes in grid[len(names) :]:
             axes.set_axis_off()
         for axes, name in zip(grid, names, strict=False):
@@ -151,12 +144,17 @@ def calibration_figure(document: Document) -> Figure:
     return figure
 
 
-def _series(document: Document, all_measured: Sequence[Measured], name: str) -> Figure:
+def _series(
+    document: Document,
+    all_measured: Sequence[MeasuredValues],
+    name: str,
+    amounts: Amounts = AMOUNTS,
+) -> Figure:
     """A panel for each of some experiments and each response."""
     responses = len(all_measured)
-    most = max(ACROSS, PANELS // responses // ACROSS * ACROSS)
+    most = max(amounts.across, amounts.panels // responses // amounts.across * amounts.across)
     ids = chosen(document["observations"], most)
-    across = min(ACROSS, len(ids))
+    across = min(amounts.across, len(ids))
     blocks = -(-len(ids) // across)
     with styled():
         figure = _figure(document, 0.9 + 1.85 * blocks * responses)
@@ -174,7 +172,9 @@ def _series(document: Document, all_measured: Sequence[Measured], name: str) -> 
                 if one in lines:
                     draw(single_series_chart(seen, choice, r, lines, one), axes)
                 if r == 0:
-                    axes.set_title(one if len(one) <= LONG else f"{one[: LONG - 1]}…")
+                    axes.set_title(
+                        one if len(one) <= amounts.letters else f"{one[: amounts.letters - 1]}…"
+                    )
                 if k % across:
                     axes.set_ylabel("")
                 if r < responses - 1 or (k // across + 1) * across + k % across < len(ids):
@@ -185,7 +185,7 @@ def _series(document: Document, all_measured: Sequence[Measured], name: str) -> 
     return figure
 
 
-def chosen(seen: Sequence[Document], most: int) -> list[str]:
+def chosen(seen: Sequence[Document], most: int, amounts: Amounts = AMOUNTS) -> list[str]:
     """Ids of experiments to be shown: those with the largest residuals, others evenly chosen."""
     size: dict[str, float] = {}
     for entry in seen:
@@ -193,21 +193,21 @@ def chosen(seen: Sequence[Document], most: int) -> list[str]:
     ids = [*size]
     if len(ids) <= most:
         return ids
-    worst = sorted(ids, key=lambda name: -size[name])[: min(WORST, most)]
+    worst = sorted(ids, key=lambda name: -size[name])[: min(amounts.farthest_panels, most)]
     others = [name for name in ids if name not in worst]
     kept = {*worst, *(others[k] for k in evenly(len(others), most - len(worst)))}
     return [name for name in ids if name in kept]
 
 
-def _name(axes: Axes, seen: Measured) -> None:
+def _name(axes: Axes, seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> None:
     """The ids of few experiments on the axis; of many, those outside where these are few."""
     ids, place, size = seen.columns["id"], seen.columns["order"], len(seen)
     axes.set_xlim(0.4, size + 0.6)
-    if size <= NAMED:
+    if size <= amounts.named:
         ordered = [ids[k] for k in np.argsort(place)]
         long = sum(map(len, ids)) > 60
         axes.set_xticks(range(1, size + 1), ordered, rotation=20 if long else 0)
-    elif seen.outside.sum() <= NAMED:
+    elif seen.outside.sum() <= amounts.named:
         axes.margins(y=0.09)
         value, high = seen.array("value"), seen.array(seen.ends[1])
         for k in np.flatnonzero(seen.outside):
@@ -310,7 +310,9 @@ def sensitivity_figure(document: Document) -> Figure:
     return figure
 
 
-def _alignment(axes: Axes, names: Sequence[str], pairs: Sequence[Document]) -> None:
+def _alignment(
+    axes: Axes, names: Sequence[str], pairs: Sequence[Document], amounts: Amounts = AMOUNTS
+) -> None:
     matrix = np.eye(len(names))
     for pair in pairs:
         i, j = names.index(pair["first"]), names.index(pair["second"])
@@ -320,7 +322,7 @@ def _alignment(axes: Axes, names: Sequence[str], pairs: Sequence[Document]) -> N
     axes.set_yticks(range(len(names)), names)
     axes.spines[:].set_visible(False)
     axes.set_title("Alignment: ±1 cannot be told apart")
-    if len(names) > NAMED:
+    if len(names) > amounts.named:
         return
     for (i, j), value in np.ndenumerate(matrix):
         if i != j and np.isfinite(value):

@@ -27,16 +27,20 @@ from aleator.results.answer import (
 )
 from aleator.results.documents import study_entry
 from aleator.results.printed import (
+    AMOUNTS,
+    CRITERIA,
     DETAILS,
     NONE,
     PAGE,
     WHOLE,
+    Amounts,
+    Chapter,
     Column,
     Content,
+    Criteria,
     Part,
-    Section,
     Sentence,
-    Table,
+    TextTable,
     count,
     heads,
     number,
@@ -48,19 +52,11 @@ from aleator.results.printed import (
 from aleator.results.units import label, transforms, unit_of, with_unit
 from aleator.views import law_charts, outcome_charts
 from aleator.views.chart import Series, numbers
-from aleator.views.measured import Choice, Measured, conditions_of, measured, varying
+from aleator.views.measured import AxisChoice, MeasuredValues, conditions_of, measured, varying
 from aleator.views.outcome_charts import Individuals
 from aleator.views.terminal import terminal
 
 Document = Mapping[str, Any]
-WORST = 3
-"""Experiments, or observations, that are named as the least expected."""
-STRONG = 0.9
-"""A correlation of two estimates from which a report says so, by judgement."""
-MOST, MOST_CONDITIONS = 1000, 8
-"""Rows and conditions of the table of experiments; of more, the least expected rows."""
-NAMED = 20
-"""Experiments with failed runs that are named."""
 SCATTER = "the outcome's scatter"
 
 
@@ -68,7 +64,7 @@ SCATTER = "the outcome's scatter"
 class Drawn:
     """What the charts of a page are drawn from: the series that they share, and the best law."""
 
-    measured: Sequence[Measured]
+    measured: Sequence[MeasuredValues]
     sources: Sequence[Series]
     own: Individuals | None
     ceiling: Document | None
@@ -86,7 +82,7 @@ def render(document: Document, files: Sequence[str] = (), details: bool = False)
 
 def identification(
     document: Document, ceiling: Document | None = None, study: str | None = None
-) -> tuple[Content, dict[str, Sequence[Choice]]]:
+) -> tuple[Content, dict[str, Sequence[AxisChoice]]]:
     """The content of a page, and what can be chosen for the x of its series, by their names.
 
     `ceiling` is the content of ceiling.json, `study` the text of the study file, where known.
@@ -94,7 +90,7 @@ def identification(
     seen = measured(document)
     sources = [one.thinned().series(place) for place, one in enumerate(seen)]
     own = outcome_charts.individuals_of(document)
-    choices: dict[str, Sequence[Choice]] = {
+    choices: dict[str, Sequence[AxisChoice]] = {
         source.name: one.choices for source, one in zip(sources, seen, strict=True)
     }
     if own is not None:
@@ -119,7 +115,7 @@ def _content(document: Document, drawn: Drawn | None) -> Content:
         ("experiments", "Experiments"): _experiments(document, drawn),
         ("origin", "How this was computed"): _origin(document, drawn),
     }
-    made = [Section(*names, list(parts)) for names, parts in sections.items()]
+    made = [Chapter(*names, list(parts)) for names, parts in sections.items()]
     title = short.title or "Identification"
     return Content(
         title, short.lead, [section for section in made if section.parts], warnings(document),
@@ -192,7 +188,7 @@ def _estimates(document: Document, drawn: Drawn | None) -> Iterator[Part]:
         yield chart
 
 
-def _correlations(document: Document) -> Iterator[Part]:
+def _correlations(document: Document, criteria: Criteria = CRITERIA) -> Iterator[Part]:
     """Those of the estimates where one is strong, and those of the parameters."""
     correlation = document.get("correlation") or {}
     names, matrix = correlation.get("names") or [], correlation.get("matrix") or []
@@ -202,7 +198,7 @@ def _correlations(document: Document) -> Iterator[Part]:
         for j in range(i)
         if matrix[i][j] is not None
     ]
-    if pairs and max(pairs)[0] >= STRONG:
+    if pairs and max(pairs)[0] >= criteria.strong:
         _, i, j = max(pairs)
         yield Sentence(
             f"Correlation of the estimates of {names[j]} and {names[i]}: {matrix[i][j]:.3f}",
@@ -219,14 +215,14 @@ def _correlations(document: Document) -> Iterator[Part]:
             (name, *(number(v, 2) for v in row)) for name, row in zip(names, matrix, strict=True)
         ]
         heads: list[Column] = [("", "left"), *((name, "right") for name in names)]
-        yield Table(heads, rows, "correlations", title, DETAILS, folded=True)
+        yield TextTable(heads, rows, "correlations", title, DETAILS, folded=True)
 
 
 def _likelihoods(document: Document) -> Iterator[Part]:
     """Log-likelihoods beside that of the answer, and what other densities would change."""
     rows = [*_other_likelihoods(document)]
     columns = heads("log-likelihood of", ">", "~what it is")
-    yield Table(columns, rows, "likelihoods", "Log-likelihoods of simpler models", WHOLE)
+    yield TextTable(columns, rows, "likelihoods", "Log-likelihoods of simpler models", WHOLE)
     if distances := document.get("density_distances"):
         yield Sentence(
             "Densities made of moments, beside the exact density of the outcome: what they change "
@@ -240,7 +236,9 @@ def _likelihoods(document: Document) -> Iterator[Part]:
              f"no solution for {count(row['failed'], 'experiment')}" if row["failed"] else "")
             for row in distances
         ]  # fmt: skip
-        yield Table(columns, cells, "densities", "Densities made of moments", DETAILS, folded=True)
+        yield TextTable(
+            columns, cells, "densities", "Densities made of moments", DETAILS, folded=True
+        )
 
 
 def _other_likelihoods(document: Document) -> Iterator[tuple[str, str, str]]:
@@ -298,7 +296,7 @@ def _predicted(document: Document, drawn: Drawn | None) -> Iterator[Part]:
         yield outcome_charts.predicted_chart(seen, source)
 
 
-def _worst(document: Document) -> Iterator[Part]:
+def _worst(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
     """The experiments that the law expects least, in the unit of the outcome."""
 
     def surprise(experiment: Document) -> tuple[bool, float, float]:
@@ -309,7 +307,7 @@ def _worst(document: Document) -> Iterator[Part]:
 
     log = document.get("transform") == "log"
     rows = []
-    for entry in sorted(document["experiments"], key=surprise)[:WORST]:
+    for entry in sorted(document["experiments"], key=surprise)[: amounts.worst]:
         cells = _outcome(entry, log)
         ends = f"{cells['95 % from']} .. {cells['to']}"
         known = (cells[name] for name in ("measured", "predicted median"))
@@ -320,13 +318,13 @@ def _worst(document: Document) -> Iterator[Part]:
         ("least expected", "left"), (with_unit("outcome", unit), "right"), ("median", "right"),
         ("95 % range", "right"), ("P(below)", "right"), ("density", "fold"),
     )  # fmt: skip
-    yield Table(columns, rows, "worst", "Least expected", WHOLE)
+    yield TextTable(columns, rows, "worst", "Least expected", WHOLE)
 
 
-def _worst_observed(document: Document) -> Iterator[Part]:
+def _worst_observed(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
     """The observations that lie farthest from what the individual law predicts, in scales."""
     seen = [entry for entry in document["observations"] if entry["residual"] is not None]
-    worst = sorted(seen, key=lambda entry: -abs(entry["residual"]))[:WORST]
+    worst = sorted(seen, key=lambda entry: -abs(entry["residual"]))[: amounts.worst]
     responses = transforms(document)
     logs = [name for name, transform in responses.items() if transform == "log"]
     unit = unit_of(document, next(iter(responses))) if len(responses) == 1 and not logs else None
@@ -339,7 +337,7 @@ def _worst_observed(document: Document) -> Iterator[Part]:
          number(entry["scale"], 3), f"{entry['residual']:+.2f}")
         for entry in worst
     ]  # fmt: skip
-    yield Table(columns, rows, "worst", "Farthest from their predictions", WHOLE)
+    yield TextTable(columns, rows, "worst", "Farthest from their predictions", WHOLE)
     if logs:
         yield Sentence(f"Of {', '.join(logs)} the logarithms.", depth=WHOLE)
 
@@ -385,7 +383,7 @@ def _calibration(document: Document, drawn: Drawn | None) -> Iterator[Part]:
         for row in sorted(tests, key=lambda row: float(numbers([row["p"]])[0]))
     ]  # fmt: skip
     title = f"All {len(rows)} tests of consistency, the one that says most first"
-    yield Table(columns, rows, "tests", title, DETAILS, folded=True)
+    yield TextTable(columns, rows, "tests", title, DETAILS, folded=True)
 
 
 def _series(drawn: Drawn | None, name: str | None) -> Iterator[Part]:
@@ -417,7 +415,9 @@ def _individuals(document: Document, drawn: Drawn | None) -> Iterator[Part]:
          percent(document["shrinkage"][row["parameter"]]))
         for row in sorted(relations, key=lambda row: row["p"])
     ]  # fmt: skip
-    yield Table(columns, rows, "relations", "Individual means and columns", DETAILS, folded=True)
+    yield TextTable(
+        columns, rows, "relations", "Individual means and columns", DETAILS, folded=True
+    )
 
 
 def shrinkage(document: Document) -> Iterator[Part]:
@@ -443,7 +443,7 @@ def shrinkage(document: Document) -> Iterator[Part]:
     columns = heads(
         "individual", ">shrinkage", ">means from .. to", ">sd of the means", ">their own sd"
     )
-    yield Table(columns, rows, "shrinkage", "Parameters of the experiments", WHOLE)
+    yield TextTable(columns, rows, "shrinkage", "Parameters of the experiments", WHOLE)
     every = [entry.get("components") or {} for entry in experiments]
     for name in every[0]:
         most = Counter(1 + max(range(len(p[name])), key=lambda c: p[name][c] or 0.0) for p in every)
@@ -459,7 +459,9 @@ def _finite(values: Iterator[float | None]) -> list[float]:
 # ------------------------------------------------------------------------------------ the simulator
 
 
-def _simulator(document: Document, drawn: Drawn | None) -> Iterator[Part]:
+def _simulator(
+    document: Document, drawn: Drawn | None, amounts: Amounts = AMOUNTS
+) -> Iterator[Part]:
     """What stood for it, over its parameters, and where its runs failed."""
     simulator = document.get("simulator") or {}
     for note in simulator.get("notes") or ():
@@ -490,15 +492,15 @@ def _simulator(document: Document, drawn: Drawn | None) -> Iterator[Part]:
         yield Sentence("No run failed.", depth=PAGE)
         return
     ids = list(failures["experiments"])
-    more = f" and {len(ids) - NAMED:,} more" if len(ids) > NAMED else ""
+    more = f" and {len(ids) - amounts.failed:,} more" if len(ids) > amounts.failed else ""
     yield Sentence(
         f"{failures['runs']:,} of {failures['needed']:,} runs had no outcome, in the experiments "
-        f"{', '.join(ids[:NAMED])}{more}. The first one said: {failures['message']}",
+        f"{', '.join(ids[: amounts.failed])}{more}. The first one said: {failures['message']}",
         depth=PAGE,
     )
     columns = heads("parameter", ">from", ">to")
     rows = [(name, *map(number, ends)) for name, ends in failures["region"].items()]
-    yield Table(columns, rows, "failures", "Where runs failed", PAGE)
+    yield TextTable(columns, rows, "failures", "Where runs failed", PAGE)
 
 
 def _surfaces(surface: Document, experiments: int) -> str:
@@ -542,26 +544,28 @@ def _effort(document: Document) -> Iterator[Part]:
         if name != "total"
     ]
     columns = heads("stage", ">runs", ">seconds")
-    yield Table(columns, rows, "runs", "Runs and seconds by stage", DETAILS, folded=True)
+    yield TextTable(columns, rows, "runs", "Runs and seconds by stage", DETAILS, folded=True)
     columns = heads("log-likelihood", ">starts", "~alpha")
     cells = [(number(one.get("log_likelihood"), 7), str(one.get("starts", 0)),
               _values(one.get("alpha") or {})) for one in optima]  # fmt: skip
-    yield Table(columns, cells, "optima", "Optima that the search met", DETAILS, folded=True)
+    yield TextTable(columns, cells, "optima", "Optima that the search met", DETAILS, folded=True)
 
 
 # ------------------------------------------------------------------------------------ experiments
 
 
-def _experiments(document: Document, drawn: Drawn | None) -> Iterator[Part]:
+def _experiments(
+    document: Document, drawn: Drawn | None, amounts: Amounts = AMOUNTS
+) -> Iterator[Part]:
     """A row for each experiment, with what was measured or what is known of it."""
     if drawn is None:
         return
     entries = document["experiments"]
     kept = list(range(len(entries)))
-    if len(entries) > MOST:
+    if len(entries) > amounts.experiments:
         likely = numbers([entry.get("log_density") for entry in entries])
-        kept = sorted(np.argsort(likely, kind="stable")[:MOST].tolist())
-    conditions = list(conditions_of(document).items())[:MOST_CONDITIONS]
+        kept = sorted(np.argsort(likely, kind="stable")[: amounts.experiments].tolist())
+    conditions = list(conditions_of(document).items())[: amounts.conditions]
     log = document.get("transform") == "log"
     rows = []
     for k in kept:
@@ -580,7 +584,7 @@ def _experiments(document: Document, drawn: Drawn | None) -> Iterator[Part]:
     responses = [label(document, name) for name in transforms(document) if name]
     yield Sentence(f"Measured: {', '.join(responses) or 'outcome'}.", depth=PAGE)
     cells = [list(row.values()) for row in rows]
-    yield Table(columns, cells, "experiments", title, PAGE, folded=True)
+    yield TextTable(columns, cells, "experiments", title, PAGE, folded=True)
 
 
 def _head(document: Document, name: str) -> str:
@@ -646,7 +650,7 @@ def _origin(document: Document, drawn: Drawn | None) -> Iterator[Part]:
         return
     columns = heads("what", "~value")
     rows = [(name, str(value)) for name, value in _facts(document) if value not in (None, "")]
-    yield Table(columns, rows, "origin", "What was computed with what", PAGE)
+    yield TextTable(columns, rows, "origin", "What was computed with what", PAGE)
     yield Sentence("The same again", "heading", depth=PAGE)
     yield Sentence(_commands(document), "code", depth=PAGE)
     yield Sentence("The study file", "heading", depth=PAGE)

@@ -15,7 +15,7 @@ from bokeh.document import Document
 
 from aleator.types import Array
 from aleator.views import chart as colors
-from aleator.views.chart import Axis, Chart, Mark, Rule, Series, looks, meaning
+from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, looks, meaning
 
 # Bokeh's own types know fewer arguments than it takes.
 models: Any = bokeh.models
@@ -132,7 +132,7 @@ def fewer_ticks(plot: Any, values: Array) -> None:
         plot.yaxis.formatter = models.LogTickFormatter()
 
 
-def straight(plot: Any, rule: Rule) -> None:
+def straight(plot: Any, rule: GuideLine) -> None:
     """A line across the plot, or up."""
     plot.add_layout(
         models.Span(

@@ -14,7 +14,7 @@ from aleator.results.units import label, transforms
 from aleator.tasks.pictures.between import finer, profile_line
 from aleator.types import Array
 from aleator.views import chart
-from aleator.views.chart import Axis, Chart, Mark, Rule, Series, numbers
+from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, numbers
 from aleator.views.outcome_charts import Individuals
 
 Document = Mapping[str, Any]
@@ -109,7 +109,7 @@ def profile_chart(document: Document, name: str) -> Chart:
     x, y = profile_line(at, below)
     source = Series(f"profile-{name}", {"at": at, "below": -below})
     ends = [end for end in entry.get("interval") or () if end is not None]
-    best = [Rule(entry["estimate"], across=False, color=chart.INK)] if entry else []
+    best = [GuideLine(entry["estimate"], across=False, color=chart.INK)] if entry else []
     return Chart(
         source.name, f"Profile of {name}",
         "The largest log-likelihood for each value. Dashed: the 95 % interval, where it has "
@@ -120,7 +120,7 @@ def profile_chart(document: Document, name: str) -> Chart:
             Mark("points", source, "at", "below", color=chart.BLUE, size=4.0),
         ],
         {"at": name, "below": "log-likelihood minus its maximum"},
-        [Rule(-DROP), *(Rule(end, across=False) for end in ends), *best],
+        [GuideLine(-DROP), *(GuideLine(end, across=False) for end in ends), *best],
         height=250, own=source,
     )  # fmt: skip
 

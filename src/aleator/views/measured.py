@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.results.printed import AMOUNTS, Amounts
 from aleator.results.units import label, seen_label
 from aleator.types import Array
 from aleator.views.chart import GRAY, GREEN, INK, VERMILION, Series, evenly, numbers
@@ -17,9 +18,6 @@ from aleator.views.chart import GRAY, GREEN, INK, VERMILION, Series, evenly, num
 Bools = NDArray[np.bool_]
 Document = Mapping[str, Any]
 QUANTILES = ("0.025", "0.25", "0.5", "0.75", "0.975")
-MOST = 600
-"""Marks in a chart: more are thinned, but what lies farthest out stays."""
-FARTHEST = 150
 SHAPES = {"at least": "triangle", "at most": "inverted_triangle", "between": "square"}
 """Marks of values of which only bounds are known, by their kind."""
 NORMAL = 1.96
@@ -27,7 +25,7 @@ NORMAL = 1.96
 
 
 @dataclass(frozen=True)
-class Choice:
+class AxisChoice:
     """What can be chosen for x: a column, its title, and of texts what stands for 0, 1, 2 ...
 
     `name` is that of a condition, without its unit.
@@ -40,7 +38,7 @@ class Choice:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredValues:
     """The observations of one response, a row each, in its own unit.
 
     `columns` have M values each: `id`, `value` (of a bound, that), `kind` ("measured", "at least",
@@ -53,7 +51,7 @@ class Measured:
     response: str
     log: bool
     columns: Mapping[str, list[Any]]
-    choices: tuple[Choice, ...]
+    choices: tuple[AxisChoice, ...]
     label: str = ""
 
     def __len__(self) -> int:
@@ -91,13 +89,13 @@ class Measured:
         """The columns with the ends of the predicted 95 %."""
         return ("q0.025", "q0.975") if self.by_law else ("own_low", "own_high")
 
-    def thinned(self) -> Measured:
+    def thinned(self, amounts: Amounts = AMOUNTS) -> MeasuredValues:
         """At most so many rows: those farthest out, and others evenly chosen."""
-        if len(self) <= MOST:
+        if len(self) <= amounts.marks:
             return self
         away = np.abs(np.nan_to_num(self.array("pit"), nan=0.5) - 0.5)
-        out = np.argsort(-away, kind="stable")[:FARTHEST].tolist()
-        rows = sorted({*out, *evenly(len(self), MOST - FARTHEST)})
+        out = np.argsort(-away, kind="stable")[: amounts.farthest].tolist()
+        rows = sorted({*out, *evenly(len(self), amounts.marks - amounts.farthest)})
         part = {key: [column[k] for k in rows] for key, column in self.columns.items()}
         return replace(self, columns=part)
 
@@ -118,7 +116,7 @@ class Measured:
         return Series(f"measured-{number}", {**self.columns, **marks})
 
 
-def measured(document: Document, seen: bool = False) -> list[Measured]:
+def measured(document: Document, seen: bool = False) -> list[MeasuredValues]:
     """What was measured, of each response; as the likelihood has `seen` it: maybe a logarithm."""
     conditions = conditions_of(document)
     if document.get("observations"):
@@ -147,7 +145,9 @@ def conditions_of(document: Document) -> Mapping[str, Sequence[Any]]:
     return {name: column for name, column in found.items() if len(column) == count}
 
 
-def _outcomes(document: Document, conditions: Mapping[str, Sequence[Any]], seen: bool) -> Measured:
+def _outcomes(
+    document: Document, conditions: Mapping[str, Sequence[Any]], seen: bool
+) -> MeasuredValues:
     entries = document["experiments"]
     log = document.get("transform") == "log" and not seen
     shown = np.exp if log else np.asarray
@@ -166,7 +166,7 @@ def _outcomes(document: Document, conditions: Mapping[str, Sequence[Any]], seen:
 
 def _observed(
     document: Document, conditions: Mapping[str, Sequence[Any]], as_seen: bool
-) -> list[Measured]:
+) -> list[MeasuredValues]:
     seen = document["observations"]
     place = {str(e["id"]): k for k, e in enumerate(document["experiments"])}
     pictures = document.get("pictures") or {}
@@ -225,7 +225,7 @@ def _finished(
     columns: dict[str, list[Any]],
     conditions: Mapping[str, Sequence[Any]],
     seen: bool,
-) -> Measured:
+) -> MeasuredValues:
     """With the orders and the conditions as axes."""
     middle = numbers(columns["q0.5"]) if "q0.5" in columns else numbers(columns.get("own", []))
     rank = np.empty(len(middle), dtype=int)
@@ -234,9 +234,9 @@ def _finished(
     )
     columns["order"] = rank.tolist()
     what = "predicted median" if "q0.5" in columns else "predicted value"
-    found = [Choice("order", f"order of the {what}")]
+    found = [AxisChoice("order", f"order of the {what}")]
     if "q0.5" in columns:
-        found.append(Choice("q0.5", f"{what} of {label(document, response)}"))
+        found.append(AxisChoice("q0.5", f"{what} of {label(document, response)}"))
     for k, (name, column) in enumerate(conditions.items()):
         key = f"c{k}"
         texts = sorted({v for v in column if isinstance(v, str)})
@@ -245,9 +245,9 @@ def _finished(
             columns[key] = [texts.index(v) if isinstance(v, str) else None for v in column]
         else:
             columns[key] = list(column)
-        found.append(Choice(key, label(document, name), tuple(texts) or None, name))
+        found.append(AxisChoice(key, label(document, name), tuple(texts) or None, name))
     named = seen_label(document, response) if seen else label(document, response)
-    return Measured(response, log, columns, tuple(found), named)
+    return MeasuredValues(response, log, columns, tuple(found), named)
 
 
 def _short(value: Any) -> str:

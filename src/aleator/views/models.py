@@ -7,13 +7,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from aleator.results.printed import (
+    AMOUNTS,
+    CRITERIA,
     NONE,
+    Amounts,
+    Chapter,
     Column,
     Content,
+    Criteria,
     Part,
-    Section,
     Sentence,
-    Table,
+    TextTable,
     heads,
     number,
     to_three,
@@ -26,11 +30,6 @@ Document = Mapping[str, Any]
 
 # ------------------------------------------------------------------------------------ compare
 
-SMALL = 4.0
-"""A difference below this is small, whatever its error says (Sivula, Magnusson, Vehtari 2020)."""
-CHANCE = 2.0
-"""Standard errors within which a difference may be chance."""
-
 
 def comparison(document: Document) -> Content:
     """The tables of compare.json: criteria, predictions of what was left out, ratios."""
@@ -39,10 +38,10 @@ def comparison(document: Document) -> Content:
         f"N = {document['experiments']} experiments, M = {models[0]['observations']} observations."
     )
     sections = [
-        Section("criteria", "Criteria", _criteria(models)),
-        Section("predictions", "Predictions", _predictions(models)),
-        Section("ratios", "Likelihood ratios", _ratios(document["nested"])),
-        Section("notes", "Notes", [Sentence(note) for note in map(_note, models) if note]),
+        Chapter("criteria", "Criteria", _criteria(models)),
+        Chapter("predictions", "Predictions", _predictions(models)),
+        Chapter("ratios", "Likelihood ratios", _ratios(document["nested"])),
+        Chapter("notes", "Notes", [Sentence(note) for note in map(_note, models) if note]),
     ]
     return Content(
         f"{len(models)} models of the same data", [Sentence(lead)], sections,
@@ -78,12 +77,12 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:-1]) + " and " + names[-1] if len(names) > 1 else names[0]
 
 
-def _alike(model: Document) -> bool:
+def _alike(model: Document, criteria: Criteria = CRITERIA) -> bool:
     """Whether chance explains how much worse it is than the best."""
     gap, error = model["difference"], model["difference_error"]
     if gap is None or error is None or not math.isfinite(gap + error):
         return True
-    return bool(abs(gap) < max(SMALL, CHANCE * error))
+    return bool(abs(gap) < max(criteria.small, criteria.paired * error))
 
 
 def _criteria(models: Sequence[Document]) -> list[Part]:
@@ -94,7 +93,7 @@ def _criteria(models: Sequence[Document]) -> list[Part]:
         for model in models
     ]  # fmt: skip
     return [
-        Table(columns, rows, "criteria", "Criteria"),
+        TextTable(columns, rows, "criteria", "Criteria"),
         Sentence(
             "K free hyperparameters. Smaller AIC, AICc and BIC are better. BIC counts log N for "
             "those of laws that scatter and log M for those of the noise and of constants. Below "
@@ -114,7 +113,7 @@ def _predictions(models: Sequence[Document]) -> list[Part]:
         error = with_error(0.0, model["elpd_error"])[1]
         rows.append((model["name"], _to_two(model["elpd"]), error, *gap, str(model["refits"])))
     return [
-        Table(columns, rows, "predictions", "Predictions"),
+        TextTable(columns, rows, "predictions", "Predictions"),
         Sentence(
             "Left out: the log-likelihood of each experiment by the maximum of the others, summed; "
             "larger is better. The difference is to the first model, its error that of the paired "
@@ -136,7 +135,7 @@ def _ratios(nested: Sequence[Document]) -> list[Part]:
     if not rows:
         return []
     return [
-        Table(columns, rows, "ratios", "Likelihood ratios"),
+        TextTable(columns, rows, "ratios", "Likelihood ratios"),
         Sentence(
             "Ratio: 2 (log L of the larger - log L of the smaller). A small p speaks against the "
             "smaller."
@@ -158,11 +157,6 @@ def _to_two(value: float | None) -> str:
 
 
 # ------------------------------------------------------------------------------------ ceiling
-
-UNLIKELY = 0.05
-"""A p value below which the family of the law is doubted."""
-GAINING, SHOWN = 5, 12
-"""Experiments, and points of the best law, that are named."""
 
 
 def ceiling_document(found: Ceiling) -> dict[str, Any]:
@@ -205,9 +199,9 @@ def ceiling(document: Document) -> Content:
     return Content(
         document.get("title") or "The best possible law", [Sentence(lead)],
         [
-            Section("log-likelihood", "Log-likelihood", [_values(document)]),
-            Section("points", "Points of the best law", _points(document)),
-            Section("meaning", "What it means", parts),
+            Chapter("log-likelihood", "Log-likelihood", [_values(document)]),
+            Chapter("points", "Points of the best law", _points(document)),
+            Chapter("meaning", "What it means", parts),
         ],
         verdicts=[Sentence(ceiling_verdict(document), "strong")],
     )  # fmt: skip
@@ -224,15 +218,15 @@ def ceiling_verdict(document: Document) -> str:
     return text if test is None else f"{text}, {_p(test)}"
 
 
-def meaning(document: Document) -> str:
+def meaning(document: Document, amounts: Amounts = AMOUNTS, criteria: Criteria = CRITERIA) -> str:
     """What the gap says of the family of the chosen law."""
     test, value = document["bootstrap"], document["log_likelihood"]
     if test is None:
         return (
             "Any law gains from fitting chance: whether the gap is more than that needs replicates."
         )
-    if test["p_value"] < UNLIKELY:
-        gains = sorted(document["gains"], key=lambda e: -e["gain"])[:GAINING]
+    if test["p_value"] < criteria.unlikely:
+        gains = sorted(document["gains"], key=lambda e: -e["gain"])[: amounts.gaining]
         named = ", ".join(f"{entry['id']} ({entry['gain']:+.1f})" for entry in gains)
         return (
             "The chosen law lacks mass where the experiments need it: of data drawn from it so "
@@ -249,7 +243,7 @@ def _p(test: Document) -> str:
     return f"p = {number(test['p_value'], 2)}"
 
 
-def _values(document: Document) -> Table:
+def _values(document: Document) -> TextTable:
     value, test = document["log_likelihood"], document["bootstrap"]
     error, gap = f"no law has {number(max(value['error'], 1e-4), 1)} more", ""
     if not document["covered"]:
@@ -264,18 +258,18 @@ def _values(document: Document) -> Table:
         rows.append(("verified", to_three(value["verified"]), what))
     rows += [("chosen law", to_three(value["estimated"]), ""), ("gap", to_three(value["gap"]), gap)]
     columns = heads("log-likelihood", ">", "~")
-    return Table(columns, rows, "log-likelihood", "Log-likelihood")
+    return TextTable(columns, rows, "log-likelihood", "Log-likelihood")
 
 
-def _points(document: Document) -> list[Part]:
+def _points(document: Document, amounts: Amounts = AMOUNTS) -> list[Part]:
     """The points of most probability, in the order of their parameters."""
     points: Sequence[Mapping[str, float]] = document["points"]
-    least = sorted((point["probability"] for point in points), reverse=True)[:SHOWN][-1]
-    kept = [point for point in points if point["probability"] >= least][:SHOWN]
+    least = sorted((point["probability"] for point in points), reverse=True)[: amounts.points][-1]
+    kept = [point for point in points if point["probability"] >= least][: amounts.points]
     columns: list[Column] = [(label(document, name), "right") for name in points[0]]
     rows = [[number(value) for value in point.values()] for point in kept]
     more = len(points) - len(kept)
-    table = Table(columns, rows, "points", "Points of the best law")
+    table = TextTable(columns, rows, "points", "Points of the best law")
     return [table, *([Sentence(f"and {more} more in ceiling.json")] if more else [])]
 
 

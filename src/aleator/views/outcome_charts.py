@@ -9,18 +9,14 @@ from typing import Any
 import numpy as np
 
 from aleator.inference.calibration import counted, cumulated
-from aleator.results.printed import outside, percent
+from aleator.results.printed import AMOUNTS, Amounts, outside, percent
 from aleator.results.units import label
 from aleator.types import Array
 from aleator.views import chart
-from aleator.views.chart import Axis, Chart, Mark, Rule, Series, evenly, numbers
-from aleator.views.measured import MOST, NORMAL, SHAPES, Choice, Measured, conditions_of
+from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, evenly, numbers
+from aleator.views.measured import NORMAL, SHAPES, AxisChoice, MeasuredValues, conditions_of
 
 Document = Mapping[str, Any]
-CONDITIONS = 6
-"""Conditions that are told of a mark under the mouse."""
-SERIES, ROWS = 200, 20_000
-"""Experiments, and observations, of which the page has each: of more, those of some experiments."""
 IN_A_SERIES = (
     "value", "own", "own_low", "own_high", "q0.025", "q0.5", "q0.975", "pit", "kind",
 )  # fmt: skip
@@ -29,7 +25,7 @@ PROBABILITY = "probability of a smaller value"
 # ------------------------------------------------------------------------------------ predictions
 
 
-def predicted_chart(seen: Measured, source: Series) -> Chart:
+def predicted_chart(seen: MeasuredValues, source: Series) -> Chart:
     """Each value in the distribution that is predicted for it, or beside its own prediction.
 
     `source` has the rows that are drawn, which may be fewer than those of `seen`.
@@ -61,7 +57,7 @@ def predicted_chart(seen: Measured, source: Series) -> Chart:
     )  # fmt: skip
 
 
-def hover(seen: Measured) -> list[tuple[str, str]]:
+def hover(seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> list[tuple[str, str]]:
     """What is told of a value under the mouse."""
     lines = [("experiment", "{id}"), (seen.label, "{value} ({kind})")]
     if seen.by_law:
@@ -69,11 +65,11 @@ def hover(seen: Measured) -> list[tuple[str, str]]:
     if "own" in seen.columns:
         lines.append(("individual prediction", "{own}"))
     lines.append(("P(below)", "{pit}"))
-    conditions = [one for one in seen.choices if one.name][:CONDITIONS]
+    conditions = [one for one in seen.choices if one.name][: amounts.hovered]
     return lines + [(one.title, f"{{{one.key}_shown}}") for one in conditions]
 
 
-def _outside(seen: Measured, source: Series) -> str:
+def _outside(seen: MeasuredValues, source: Series) -> str:
     known = seen.exact & np.isfinite([seen.array(key) for key in seen.ends]).all(axis=0)
     beyond = int(np.sum(seen.outside))
     words = f"Outside the predicted 95 % are {beyond} of {int(known.sum()):,} (diamonds). "
@@ -91,7 +87,7 @@ def _outside(seen: Measured, source: Series) -> str:
 # ------------------------------------------------------------------------------------ calibration
 
 
-def probabilities(all_measured: Sequence[Measured]) -> tuple[Array, list[str]]:
+def probabilities(all_measured: Sequence[MeasuredValues]) -> tuple[Array, list[str]]:
     """The known probabilities of smaller values, in ascending order, and their experiments."""
     pit = np.concatenate([seen.array("pit") for seen in all_measured])
     ids = [one for seen in all_measured for one in seen.columns["id"]]
@@ -119,17 +115,17 @@ def histogram_chart(pit: Array) -> Chart:
             Mark("bars", source, "middle", "count", color=chart.NARROW,
                  width=float(0.84 * bins.edges[1])),
         ],
-        {"left": "from", "right": "to", "count": "count"}, [Rule(bins.expected)], foot=True,
+        {"left": "from", "right": "to", "count": "count"}, [GuideLine(bins.expected)], foot=True,
         own=source,
     )  # fmt: skip
 
 
-def cumulative_chart(pit: Array, ids: Sequence[str] = ()) -> Chart:
+def cumulative_chart(pit: Array, ids: Sequence[str] = (), amounts: Amounts = AMOUNTS) -> Chart:
     """The cumulative share of ascending probabilities (N,) minus the uniform one, and its band.
 
     With `ids` of their experiments each has a mark.
     """
-    kept = evenly(pit.size, MOST) if ids else []
+    kept = evenly(pit.size, amounts.marks) if ids else []
     share = (np.array(kept, dtype=float) + 0.5) / pit.size
     source = Series(
         "pit-cumulative",
@@ -146,7 +142,7 @@ def cumulative_chart(pit: Array, ids: Sequence[str] = ()) -> Chart:
             *(dots if ids else ()),
         ],
         {"id": "id", "pit": PROBABILITY, "difference": "cumulative share - uniform"},
-        [Rule(0.0)], own=source,
+        [GuideLine(0.0)], own=source,
     )  # fmt: skip
 
 
@@ -165,13 +161,15 @@ def curve_and_band(pit: Array) -> tuple[Mark, Mark]:
 # ------------------------------------------------------------------------------------ over time
 
 
-def series_charts(seen: Measured, name: str, number: int) -> Iterator[Chart]:
+def series_charts(
+    seen: MeasuredValues, name: str, number: int, amounts: Amounts = AMOUNTS
+) -> Iterator[Chart]:
     """All series over the condition `name`, and the marked one with its predictions."""
     choice = next((one for one in seen.choices if one.name == name), None)
     if choice is None:
         return
     ids = list(dict.fromkeys(seen.columns["id"]))
-    most = max(1, min(SERIES, ROWS * len(ids) // max(len(seen), 1)))
+    most = max(1, min(amounts.series, amounts.observations * len(ids) // max(len(seen), 1)))
     lines = lines_of(seen, choice, [ids[k] for k in evenly(len(ids), most)])
     few = "" if len(lines) == len(ids) else f" {len(lines)} are drawn."
     every = {
@@ -191,7 +189,7 @@ def series_charts(seen: Measured, name: str, number: int) -> Iterator[Chart]:
 
 
 def single_series_chart(
-    seen: Measured, choice: Choice, number: int, lines: Mapping[str, Any], one: str
+    seen: MeasuredValues, choice: AxisChoice, number: int, lines: Mapping[str, Any], one: str
 ) -> Chart:
     """The observations of an experiment with its own prediction, and what the law expects."""
     line = lines[one]
@@ -216,7 +214,9 @@ def single_series_chart(
     )  # fmt: skip
 
 
-def lines_of(seen: Measured, choice: Choice, ids: Sequence[str]) -> dict[str, dict[str, list[Any]]]:
+def lines_of(
+    seen: MeasuredValues, choice: AxisChoice, ids: Sequence[str]
+) -> dict[str, dict[str, list[Any]]]:
     """Of each of these experiments its observations in the order of a condition."""
     at, columns = seen.array(choice.key), seen.columns
     rows: dict[str, list[int]] = {one: [] for one in ids}
@@ -250,11 +250,11 @@ class Individuals:
 
     parameters: tuple[str, ...]
     series: Series
-    choices: tuple[Choice, ...]
+    choices: tuple[AxisChoice, ...]
     count: int
 
 
-def individuals_of(document: Document) -> Individuals | None:
+def individuals_of(document: Document, amounts: Amounts = AMOUNTS) -> Individuals | None:
     """Means and 95 % given the observations; None where experiments have no parameters of theirs.
 
     A few hundred experiments are drawn of more.
@@ -262,7 +262,7 @@ def individuals_of(document: Document) -> Individuals | None:
     entries = document["experiments"]
     if not document.get("observations") or not entries:
         return None
-    kept = evenly(len(entries), MOST)
+    kept = evenly(len(entries), amounts.marks)
     names = tuple(n for n in document.get("law_curves") or {} if n in entries[0]["mean"])
     columns: dict[str, list[Any]] = {"id": [str(entries[k]["id"]) for k in kept]}
     columns["foot"] = [0.0] * len(kept)
@@ -272,11 +272,11 @@ def individuals_of(document: Document) -> Individuals | None:
         columns |= {f"mean_{name}": mean.tolist(), f"low_{name}": (mean - reach).tolist(),
                     f"high_{name}": (mean + reach).tolist()}  # fmt: skip
     columns["order"] = [k + 1 for k in kept]
-    choices = [Choice("order", "order of the table")]
+    choices = [AxisChoice("order", "order of the table")]
     for k, (name, column) in enumerate(conditions_of(document).items()):
         texts = sorted({v for v in column if isinstance(v, str)})
         columns[f"c{k}"] = [texts.index(column[j]) if texts else column[j] for j in kept]
-        choices.append(Choice(f"c{k}", label(document, name), tuple(texts) or None, name))
+        choices.append(AxisChoice(f"c{k}", label(document, name), tuple(texts) or None, name))
     columns["x"] = list(columns["order"])
     return Individuals(names, Series("individuals", columns), tuple(choices), len(entries))
 
@@ -309,7 +309,7 @@ def individual_charts(document: Document, own: Individuals) -> Iterator[Chart]:
         )  # fmt: skip
 
 
-def roughness_chart(seen: Measured, source: Series, against: str) -> Chart | None:
+def roughness_chart(seen: MeasuredValues, source: Series, against: str) -> Chart | None:
     """The error of each surface over a condition; None where that is not known."""
     if all(value is None for value in seen.columns.get("error", ())):
         return None

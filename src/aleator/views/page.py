@@ -17,20 +17,20 @@ from typing import Any
 
 from aleator.errors import AleatorError, installing
 from aleator.results import documents
-from aleator.results.printed import Content, Part, Section, Sentence, Table, cells, prose
+from aleator.results.printed import Chapter, Content, Part, Sentence, TextTable, cells, prose
 from aleator.views.chart import PAIRS, Chart
 from aleator.views.identification import identification
-from aleator.views.measured import Choice
+from aleator.views.measured import AxisChoice
 
 TALL = 900
 """Pixels of the frame in a notebook."""
 
 
 @dataclass(frozen=True)
-class Report:
+class HtmlReport:
     """The text of a page that needs no network; a notebook shows it in a frame.
 
-    >>> Report("<p>Found</p>")
+    >>> HtmlReport("<p>Found</p>")
     Report of 12 characters: save it, or show it in a notebook
     """
 
@@ -52,12 +52,12 @@ class Report:
         )
 
 
-def report_of(document: Mapping[str, Any]) -> Report:
+def report_of(document: Mapping[str, Any]) -> HtmlReport:
     """The report of the content of identification.json.
 
     Raises AleatorError where Bokeh is not installed.
     """
-    return Report(page(documents.plain(document)))
+    return HtmlReport(page(documents.plain(document)))
 
 
 def page(
@@ -72,7 +72,7 @@ def page(
     return written(*identification(document, ceiling, study))
 
 
-def written(content: Content, choices: Mapping[str, Sequence[Choice]]) -> str:
+def written(content: Content, choices: Mapping[str, Sequence[AxisChoice]]) -> str:
     """The text of a page; `choices` say by the name of a series what its x can be.
 
     Raises AleatorError where Bokeh is not installed.
@@ -86,7 +86,7 @@ def written(content: Content, choices: Mapping[str, Sequence[Choice]]) -> str:
             "a report needs bokeh, which is not installed", installing("report")
         ) from None
     warnings = content.warnings or [Sentence("There are no warnings.")]
-    whole = [Section("warnings", "Warnings and remedies", warnings), *content.sections]
+    whole = [Chapter("warnings", "Warnings and remedies", warnings), *content.sections]
     sections = [section for section in whole if section.parts]
     charts = [part for section in sections for part in section.parts if isinstance(part, Chart)]
     facts = {
@@ -151,7 +151,7 @@ def _parts(parts: Sequence[Part]) -> str:
 
 
 def _part(part: Part) -> str:
-    if isinstance(part, Table):
+    if isinstance(part, TextTable):
         return _table(part)
     if isinstance(part, Chart):
         return _figure(part)
@@ -173,7 +173,7 @@ def _sentence(part: Sentence) -> str:
     return f"<p{kind}>{head}{prose(part.text)}{picks}{remedy}</p>"
 
 
-def _table(part: Table) -> str:
+def _table(part: TextTable) -> str:
     """A table with a button that copies it; what few look for is under a line that opens it."""
     if not part.rows:
         return ""
@@ -202,7 +202,7 @@ def _figure(chart: Chart) -> str:
 # ------------------------------------------------------------------------------------ the frame
 
 
-def _choices(choices: Mapping[str, Sequence[Choice]]) -> list[dict[str, Any]]:
+def _choices(choices: Mapping[str, Sequence[AxisChoice]]) -> list[dict[str, Any]]:
     """What can be chosen for x, by title: in each series the column that has it."""
     titles: dict[str, dict[str, Any]] = {}
     for series, own in choices.items():
@@ -212,7 +212,7 @@ def _choices(choices: Mapping[str, Sequence[Choice]]) -> list[dict[str, Any]]:
     return list(titles.values())
 
 
-def _switch(section: Section) -> str:
+def _switch(section: Chapter) -> str:
     """A choice of x where a chart of the section has one; the page fills it."""
     charts = [part for part in section.parts if isinstance(part, Chart) and part.switched]
     if not charts:

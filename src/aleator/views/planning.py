@@ -9,13 +9,17 @@ import numpy as np
 import pandas as pd
 
 from aleator.results.printed import (
+    AMOUNTS,
+    CRITERIA,
     NONE,
+    Amounts,
+    Chapter,
     Column,
     Content,
+    Criteria,
     Part,
-    Section,
     Sentence,
-    Table,
+    TextTable,
     heads,
     number,
     percent,
@@ -30,9 +34,6 @@ from aleator.types import Array
 Document = Mapping[str, Any]
 
 # ------------------------------------------------------------------------------------ first runs
-
-OUT_OF_REACH = 12
-"""Experiments out of reach that are named; the document has all."""
 
 
 def look_document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]:
@@ -119,8 +120,8 @@ def first_look(document: Document) -> Content:
         document.get("title") or "First look",
         [Sentence(f"{document['runs']:,} runs under {under}; one takes {took} s.")],
         [
-            Section("parameters", "Parameters", parts),
-            Section("reach", "Out of reach", [_out_of_reach(document)]),
+            Chapter("parameters", "Parameters", parts),
+            Chapter("reach", "Out of reach", [_out_of_reach(document)]),
         ],
         verdicts=[Sentence(_reach(document), "strong"), Sentence(_cost(document), "strong")],
     )
@@ -139,7 +140,7 @@ def duration(hours: float) -> str:
     return f"{seconds:.0f} seconds" if seconds >= 1.0 else "less than a second"
 
 
-def _parameters(document: Document) -> Table:
+def _parameters(document: Document) -> TextTable:
     columns = heads("parameter", ">from", ">to", ">moves the outcome by", ">at most", "~note")
     several = len(document["measured"]) > 1
     rows = [
@@ -151,26 +152,30 @@ def _parameters(document: Document) -> Table:
         for row in document["parameters"]
         for response, moves in row["moves"].items()
     ]  # fmt: skip
-    return Table(columns, rows, "parameters", "Parameters")
+    return TextTable(columns, rows, "parameters", "Parameters")
 
 
-def _out_of_reach(document: Document) -> Table:
+def _out_of_reach(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
     known = {row["id"]: row for row in document["observations"]}
     columns = heads("out of reach", ">measured", ">reached from", ">to", ">beyond by")
     rows = []
-    for name in document["out_of_reach"][:OUT_OF_REACH]:
+    for name in document["out_of_reach"][: amounts.out_of_reach]:
         row = known[name]
         measured = row["lower"] if row["beyond"] > 0.0 else row["upper"]
         rows.append((name, number(measured), *map(number, row["reached"]),
                      number(row["beyond"], 2)))  # fmt: skip
-    return Table(columns, rows, "reach", "Out of reach")
+    return TextTable(columns, rows, "reach", "Out of reach")
 
 
-def _reach(document: Document) -> str:
+def _reach(document: Document, amounts: Amounts = AMOUNTS) -> str:
     size, of = len(document["out_of_reach"]), len(document["observations"])
     if not size:
         return f"All {of} measured values lie within what the simulator reaches in this region."
-    more = f" ({size - OUT_OF_REACH} more are in check.json)" if size > OUT_OF_REACH else ""
+    more = (
+        f" ({size - amounts.out_of_reach} more are in check.json)"
+        if size > amounts.out_of_reach
+        else ""
+    )
     noisy = any(row["margin"] for row in document["observations"])
     by = ", within three standard deviations of the noise, known or in the middle of its limits"
 
@@ -206,9 +211,6 @@ def _cost(document: Document) -> str:
 
 # ------------------------------------------------------------------------------------ the box
 
-GAIN = 1.5
-"""Times the volume from which leaving an experiment out is worth a thought, by judgement."""
-
 
 def box_document(found: FeasibleBox) -> dict[str, Any]:
     """A feasible box as plain lists and numbers, as box.json holds it."""
@@ -235,7 +237,9 @@ def box_document(found: FeasibleBox) -> dict[str, Any]:
     }
 
 
-def box(found: FeasibleBox, units: Mapping[str, Any] | None = None) -> Content:
+def box(
+    found: FeasibleBox, units: Mapping[str, Any] | None = None, criteria: Criteria = CRITERIA
+) -> Content:
     """A row for each side, and the lines that go into the study; `units` as documents have them."""
     columns = heads("parameter", "side", ">value", "~limited by")
     rows = [
@@ -245,7 +249,7 @@ def box(found: FeasibleBox, units: Mapping[str, Any] | None = None) -> Content:
     ]  # fmt: skip
     sure = " The last rounds still met failures: shrink the box a little."
     parts: list[Part] = [
-        Table(columns, rows, "sides", "Sides of the box"),
+        TextTable(columns, rows, "sides", "Sides of the box"),
         Sentence(
             f"The box holds {found.share:.1%} of the limits' volume. None of {found.tested:,} "
             f"points inside fails under any experiment. This took {found.runs:,} runs."
@@ -254,7 +258,7 @@ def box(found: FeasibleBox, units: Mapping[str, Any] | None = None) -> Content:
     ]
     if found.without:
         name, share = max(found.without.items(), key=lambda entry: entry[1])
-        if share >= GAIN * found.share:
+        if share >= criteria.gain * found.share:
             parts.append(
                 Sentence(
                     f"Without experiment {name} the box would hold about {share:.0%} of the "
@@ -270,7 +274,7 @@ def box(found: FeasibleBox, units: Mapping[str, Any] | None = None) -> Content:
     said = [Sentence("; ".join(lines), "strong", "For the study")] if lines else [
         Sentence("The study's limits are feasible as they are.", "strong")
     ]  # fmt: skip
-    return Content("The feasible box", sections=[Section("box", "Box", parts)], verdicts=said)
+    return Content("The feasible box", sections=[Chapter("box", "Box", parts)], verdicts=said)
 
 
 def _limit(names: Sequence[str], side: Side) -> str:
@@ -281,9 +285,6 @@ def _limit(names: Sequence[str], side: Side) -> str:
 
 
 # ------------------------------------------------------------------------------------ sensitivity
-
-PAIRS = 5
-"""Pairs of parameters that are shown; the document has all."""
 
 
 def sensitivity_document(found: Sensitivity) -> dict[str, Any]:
@@ -322,7 +323,7 @@ def sensitivity_document(found: Sensitivity) -> dict[str, Any]:
     }
 
 
-def sensitivity(document: Document) -> Content:
+def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
     """Shares of the variance by parameter, pairs that act alike, and what to make of it."""
     expansion, outcome = document["expansion"], document["study"]["outcome"]
     missed = expansion["unexplained"]
@@ -339,17 +340,17 @@ def sensitivity(document: Document) -> Content:
          f"{row['spread']}; most in {row['experiment']}")
         for row in document["parameters"]
     ]  # fmt: skip
-    parts: list[Part] = [Table(columns, rows, "parameters", "Parameters")]
+    parts: list[Part] = [TextTable(columns, rows, "parameters", "Parameters")]
     if document["pairs"]:
         pairing = heads("pair", ">explains", ">alignment", "~")
         pairs = [
             (f"{row['first']}, {row['second']}", percent(row["explained"], 1),
              NONE if row["alignment"] is None else f"{row['alignment']:+.3f}",
              "hard to tell apart" if row["confounded"] else "")
-            for row in document["pairs"][:PAIRS]
+            for row in document["pairs"][:amounts.pairs]
         ]  # fmt: skip
         parts += [
-            Table(pairing, pairs, "pairs", "Pairs"),
+            TextTable(pairing, pairs, "pairs", "Pairs"),
             Sentence(
                 "Shares are means over the experiments: of a parameter alone (first-order Sobol' "
                 "index) and with its interactions (total), at most in the experiment named. The "
@@ -381,10 +382,6 @@ def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 # ------------------------------------------------------------------------------------ next
 
-CANDIDATES = 10
-"""Candidates that are shown; the document has all."""
-CHOSEN = 30
-"""Experiments of a set that are shown."""
 BESIDE = ("id", "standard_error", "chosen", "ties")
 """Columns of a candidate that are no condition."""
 
@@ -404,12 +401,12 @@ def next_experiments(document: Document) -> Content:
     sections = {
         "After one such experiment:": _candidates(document),
         "The best set, the most useful first:": _chosen(document),
-        "What the set does to each:": Table(columns, rows, "after", "Standard errors"),
+        "What the set does to each:": TextTable(columns, rows, "after", "Standard errors"),
     }
     notes = [Sentence(note, "warning", head) for head, note in _notes(document)]
     return Content(
         document.get("title") or "The next experiment", [Sentence(lead), *notes],
-        [Section(part.name, head, [Sentence(head, "strong"), part])
+        [Chapter(part.name, head, [Sentence(head, "strong"), part])
          for head, part in sections.items()],
         verdicts=[Sentence(_gain(document), "strong")],
     )  # fmt: skip
@@ -435,7 +432,7 @@ def _error(document: Document) -> str:
     return "standard errors over those now, in the mean," if relative else "standard error"
 
 
-def _notes(document: Document) -> list[tuple[str, str]]:
+def _notes(document: Document, amounts: Amounts = AMOUNTS) -> list[tuple[str, str]]:
     """What a reader must know of the plan: in a few words, and in a sentence."""
     notes = [
         (f"{name} ended on its limit", f"no experiment tells anything of it there. Planned for "
@@ -453,7 +450,7 @@ def _notes(document: Document) -> list[tuple[str, str]]:
         so = f" So does each of {len(lost)} candidates by itself." if lost else ""
         notes.append(("Open", f"the experiments that were made leave it open.{so}"))
     elif lost:
-        notes.append(("Cannot be simulated", f"{', '.join(lost[:CANDIDATES])}."))
+        notes.append(("Cannot be simulated", f"{', '.join(lost[: amounts.candidates])}."))
     largest = max(document["uncertain"].values(), default=0.0) or 0.0
     if largest > 0.0:
         known = f"errors of candidates are known to {number(largest, 2)}."
@@ -461,8 +458,8 @@ def _notes(document: Document) -> list[tuple[str, str]]:
     return notes
 
 
-def _candidates(document: Document) -> Table:
-    rows = document["candidates"][:CANDIDATES]
+def _candidates(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
+    rows = document["candidates"][: amounts.candidates]
     names = [name for name in rows[0] if name not in BESIDE]
     columns: list[Column] = [
         ("id", "left"), *((label(document, name), "right") for name in names),
@@ -475,11 +472,11 @@ def _candidates(document: Document) -> Table:
         )
         for row in rows
     ]  # fmt: skip
-    return Table(columns, cells, "candidates", "Candidates")
+    return TextTable(columns, cells, "candidates", "Candidates")
 
 
-def _chosen(document: Document) -> Table:
-    rows = document["chosen"][:CHOSEN]
+def _chosen(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
+    rows = document["chosen"][: amounts.chosen]
     names = [name for name in rows[0] if name not in BESIDE]
     columns: list[Column] = [
         ("", "right"), ("id", "left"), *((label(document, name), "right") for name in names),
@@ -496,7 +493,7 @@ def _chosen(document: Document) -> Table:
     left = len(document["chosen"]) - len(rows)
     if left:
         cells.append(("", f"... {left} more", *("" for _ in names), "", ""))
-    return Table(columns, cells, "chosen", "The best set")
+    return TextTable(columns, cells, "chosen", "The best set")
 
 
 def _cell(value: Any) -> str:

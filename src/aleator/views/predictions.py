@@ -7,13 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from aleator.results.answer import words
-from aleator.results.printed import NONE, Content, Section, Sentence, Table, heads, number
+from aleator.results.printed import (
+    CRITERIA,
+    NONE,
+    Chapter,
+    Content,
+    Criteria,
+    Sentence,
+    TextTable,
+    heads,
+    number,
+)
 from aleator.views.identification import exponential
 
 Columns = Mapping[Any, Sequence[Any]]
 """The columns of a table of predictions (see docs/tables.md)."""
-SMALL = 1e-3
-"""Probabilities below are written with a power of ten, by judgement."""
 
 
 def distributions(columns: Columns, outcome: str, transform: str = "none") -> Content:
@@ -34,7 +42,7 @@ def distributions(columns: Columns, outcome: str, transform: str = "none") -> Co
         )
         for row in _rows(columns)
     ]  # fmt: skip
-    return _content(f"Predicted distribution of {outcome}", Table(shown, rows))
+    return _content(f"Predicted distribution of {outcome}", TextTable(shown, rows))
 
 
 def probabilities(columns: Columns, title: str) -> Content:
@@ -66,7 +74,7 @@ def probabilities(columns: Columns, title: str) -> Content:
             f"alone one with a probability above {_chance(max(unseen), 1)} is excluded with 95 % "
             "confidence, a smaller one is not."
         )
-    return _content(title, Table(shown, rows), *map(Sentence, notes))
+    return _content(title, TextTable(shown, rows), *map(Sentence, notes))
 
 
 def limits(columns: Columns, title: str) -> Content:
@@ -80,7 +88,7 @@ def limits(columns: Columns, title: str) -> Content:
         )
         for row in _rows(columns)
     ]  # fmt: skip
-    return _content(title, Table(shown, rows))
+    return _content(title, TextTable(shown, rows))
 
 
 def beyond(value: float | None) -> str:
@@ -94,20 +102,20 @@ def beyond(value: float | None) -> str:
     return "untested" if math.isinf(value) else f"{number(value, 2)} ranges"
 
 
-def _content(title: str, *parts: Table | Sentence) -> Content:
-    return Content(title, sections=[Section("table", title, parts)])
+def _content(title: str, *parts: TextTable | Sentence) -> Content:
+    return Content(title, sections=[Chapter("table", title, parts)])
 
 
 def _rows(columns: Columns) -> list[dict[Any, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _chance(value: float, digits: int = 3) -> str:
+def _chance(value: float, digits: int = 3, criteria: Criteria = CRITERIA) -> str:
     """A probability, near zero and one with the digits that differ."""
     if math.isnan(value):
         return NONE
-    if 0.0 < value < SMALL:
+    if 0.0 < value < criteria.rare:
         return f"{value:.{digits - 1}e}"
-    if 1.0 - SMALL < value < 1.0:
+    if 1.0 - criteria.rare < value < 1.0:
         return f"1 - {1.0 - value:.{digits - 1}e}"
     return number(value, digits)

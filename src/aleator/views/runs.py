@@ -8,7 +8,16 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from aleator.results.printed import Content, Section, Sentence, Table, heads, number
+from aleator.results.printed import (
+    AMOUNTS,
+    Amounts,
+    Chapter,
+    Content,
+    Sentence,
+    TextTable,
+    heads,
+    number,
+)
 from aleator.simulators.records import Holding, StoredRun
 from aleator.views.terminal import terminal
 
@@ -17,8 +26,6 @@ MINUTES = 16
 SHORT = 8
 """Letters of a fingerprint that are shown, and suffice to name it."""
 
-READ = 10_000
-"""Letters of a failure or a log that are shown."""
 
 HOLDINGS = heads("simulator", "fingerprint", ">runs", ">failed", ">seconds", "last run", "~")
 RUNS = heads(">run", "when", ">outcome", "~of")
@@ -40,7 +47,7 @@ def holdings(found: Sequence[Holding], current: str | None, store: str) -> Rende
         )
         for held in found
     ]
-    return _shown(f"Runs in {store}", Table(HOLDINGS, rows))
+    return _shown(f"Runs in {store}", TextTable(HOLDINGS, rows))
 
 
 def runs(found: Sequence[StoredRun], more: int) -> RenderableType:
@@ -57,7 +64,7 @@ def runs(found: Sequence[StoredRun], more: int) -> RenderableType:
         for run in found
     ]
     note = [Sentence(f"and {more:,} before these")] if more else []
-    return _shown("", Table(RUNS, rows), *note)
+    return _shown("", TextTable(RUNS, rows), *note)
 
 
 def one(run: StoredRun) -> RenderableType:
@@ -73,14 +80,14 @@ def one(run: StoredRun) -> RenderableType:
         ("seconds", "-" if run.seconds is None else f"{run.seconds:.3g}"),
         ("when", f"{moment(run.time)}, attempt {run.attempt}, on {run.host or 'an unknown host'}"),
     ]
-    table = Table((("run", "left"), (str(run.number), "fold")), rows)
+    table = TextTable((("run", "left"), (str(run.number), "fold")), rows)
     return _shown(
         "", table, *([Sentence(_cut(run.log, start=False), head="log")] if run.log else [])
     )
 
 
-def _shown(title: str, *parts: Table | Sentence) -> RenderableType:
-    return terminal(Content(title, sections=[Section("runs", title, parts)]))
+def _shown(title: str, *parts: TextTable | Sentence) -> RenderableType:
+    return terminal(Content(title, sections=[Chapter("runs", title, parts)]))
 
 
 def _outcome(outcome: float | tuple[float, ...]) -> str:
@@ -104,12 +111,16 @@ def moment(seconds: float) -> str:
     return datetime.fromtimestamp(seconds).strftime("%Y-%m-%d %H:%M:%S")
 
 
-def _cut(text: str, start: bool = True) -> str:
+def _cut(text: str, start: bool = True, amounts: Amounts = AMOUNTS) -> str:
     """A text that somebody may read: programs that fail may print millions of letters."""
-    if len(text) <= READ:
+    if len(text) <= amounts.failure:
         return text
-    left_out = f"... ({len(text) - READ:,} letters are left out) ..."
-    return f"{text[:READ]} {left_out}" if start else f"{left_out} {text[-READ:]}"
+    left_out = f"... ({len(text) - amounts.failure:,} letters are left out) ..."
+    return (
+        f"{text[: amounts.failure]} {left_out}"
+        if start
+        else f"{left_out} {text[-amounts.failure :]}"
+    )
 
 
 def _values_of(run: StoredRun) -> str:

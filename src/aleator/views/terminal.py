@@ -14,7 +14,7 @@ from aleator.results.printed import (
     Content,
     Depth,
     Sentence,
-    Table,
+    TextTable,
     laid_out,
     paragraphs,
 )
@@ -43,7 +43,7 @@ def written(files: Sequence[str]) -> list[Text]:
 
 
 @dataclass(frozen=True)
-class Rows:
+class TerminalTable:
     """A table that cuts no word, with a line under its head."""
 
     columns: Sequence[Column]
@@ -59,11 +59,11 @@ class Rows:
             yield Text(line)
 
 
-def _part(part: Sentence | Table) -> list[RenderableType]:
+def _part(part: Sentence | TextTable) -> list[RenderableType]:
     """A table, or a sentence whose first words have its color."""
-    if isinstance(part, Table):
+    if isinstance(part, TextTable):
         title = [Text(), Text(part.title, style="bold")] if part.folded else []
-        return [*title, Rows(part.columns, part.rows)]
+        return [*title, TerminalTable(part.columns, part.rows)]
     text = Text(str(part))
     end = str(part).find(":") if part.kind != "strong" else len(text)
     text.stylize(STYLES.get(part.kind, ""), 0, end if end >= 0 else len(text))

@@ -7,12 +7,14 @@ from typing import Any
 
 from aleator.inference.information import LEVEL
 from aleator.results.printed import (
+    CRITERIA,
     NONE,
+    Chapter,
     Content,
+    Criteria,
     Part,
-    Section,
     Sentence,
-    Table,
+    TextTable,
     between,
     heads,
     number,
@@ -24,12 +26,6 @@ from aleator.tasks.bootstrap import ARRIVED, PARAMETRIC
 from aleator.tasks.recover import Recovery
 
 Document = Mapping[str, Any]
-CHANCE = 3.0
-"""Standard errors that chance hardly ever exceeds."""
-LARGE = 0.25
-"""Share of the standard error from which a bias matters: 95 % intervals then hold 94 % or less."""
-PILED = 0.01
-"""Share of replicates on a limit from which it is said, by judgement."""
 
 
 # ------------------------------------------------------------------------------------ bootstrap
@@ -59,19 +55,19 @@ def bootstrap(document: Document) -> Content:
     if size > arrived:
         notes.append(f"{size - arrived} of {size} replicates did not arrive")
     columns = heads("alpha", ">estimate", ">std. error", ">bias", ">95 % BCa", "~note")
-    parts: list[Part] = [Table(columns, rows, "bootstrap", "Bootstrap")]
+    parts: list[Part] = [TextTable(columns, rows, "bootstrap", "Bootstrap")]
     if document["in_this_process"]:
         parts.append(Sentence("The simulator cannot travel to workers: one process did it all."))
     verdict = f"{'; '.join(notes) or 'No bias that matters, and no replicate on a limit'}."
     return Content.of(document.get("title") or "Bootstrap", lead, parts, verdict)
 
 
-def _bias(row: Document) -> str:
+def _bias(row: Document, criteria: Criteria = CRITERIA) -> str:
     notes = []
     bias, error, scatter = row["bias"], row["bias_error"], row["standard_error"]
-    if scatter and abs(bias) > max(CHANCE * error, LARGE * scatter):
+    if scatter and abs(bias) > max(criteria.chance * error, criteria.large * scatter):
         notes.append(f"biased by {bias / scatter:+.1f} standard errors")
-    if row["at_limit"] and row["at_limit"] >= PILED:
+    if row["at_limit"] and row["at_limit"] >= criteria.piled:
         notes.append(f"on a limit in {number(100.0 * row['at_limit'], 2)} %")
     return ", ".join(notes)
 
@@ -102,7 +98,7 @@ def posterior(document: Document) -> Content:
     )
     return Content(
         document.get("title") or "Posterior", [Sentence(lead)],
-        [Section("posterior", "Posterior", [Table(columns, rows, "posterior", "Posterior")])],
+        [Chapter("posterior", "Posterior", [TextTable(columns, rows, "posterior", "Posterior")])],
         [Sentence(warning, "warning", "Warning") for warning in document["warnings"]],
         [Sentence(document["verdict"], "good" if document["converged"] else "bad")],
     )  # fmt: skip
@@ -151,7 +147,7 @@ def recovery(document: Document) -> Content:
                      number(row["scatter"], 2), percent(row["coverage"]), note))  # fmt: skip
         verdicts += [f"{name} {note}"] if note else []
     columns = heads("alpha", ">truth", ">mean", ">bias", ">+-", ">scatter", ">coverage", "~note")
-    parts: list[Part] = [Table(columns, rows, "recovery", "Recovery")]
+    parts: list[Part] = [TextTable(columns, rows, "recovery", "Recovery")]
     by_errors = [
         (name, percent(row["by_error"]), percent(row["by_sandwich"]))
         for name, row in document["hyperparameters"].items()
@@ -161,7 +157,7 @@ def recovery(document: Document) -> Content:
         parts.append(Sentence("Coverage of the estimate -+ 1.96 standard errors, or sandwich "
                               "errors, where it has one:"))  # fmt: skip
         columns = heads("alpha", ">by error", ">by sandwich")
-        parts.append(Table(columns, by_errors, "by-errors", "Coverage by errors"))
+        parts.append(TextTable(columns, by_errors, "by-errors", "Coverage by errors"))
     parts += [
         Sentence(text) for word, text in MEANING.items() if any(word in row[-1] for row in rows)
     ]
@@ -174,12 +170,12 @@ def recovery(document: Document) -> Content:
     return Content.of(document.get("title") or "Recovery", lead, parts, verdict)
 
 
-def _unexplained(row: Document, replicates: int) -> str:
+def _unexplained(row: Document, replicates: int, criteria: Criteria = CRITERIA) -> str:
     """What chance does not explain."""
     notes = []
-    if row["bias_error"] and abs(row["bias"]) > CHANCE * row["bias_error"]:
+    if row["bias_error"] and abs(row["bias"]) > criteria.chance * row["bias_error"]:
         notes.append(f"biased by {row['bias'] / row['scatter']:+.1f} scatter")
-    lowest = LEVEL - CHANCE * (LEVEL * (1.0 - LEVEL) / replicates) ** 0.5
+    lowest = LEVEL - criteria.chance * (LEVEL * (1.0 - LEVEL) / replicates) ** 0.5
     if row["coverage"] is not None and row["coverage"] < lowest:
         notes.append("intervals too short")
     return ", ".join(notes)
