@@ -17,6 +17,7 @@ from aleator.results.printed import Column, Content, Sentence, fragment, laid_ou
 from aleator.simulators import Identity
 from aleator.simulators.records import Holding, StoredRun
 from aleator.tasks.box import FeasibleBox, Side
+from aleator.tasks.documents import box_document, recovery_document
 from aleator.tasks.recover import Recovery
 from aleator.views import models, planning, predictions, runs, uncertainty
 from aleator.views.identification import render
@@ -135,7 +136,7 @@ def test_a_recovery_tells_bias_and_coverage() -> None:
         ("x.mean", "x.sd"), np.array([1.0, 0.02]), alpha,
         np.stack([alpha - 0.05, alpha + 0.05], axis=-1), np.zeros(3), np.array([True, True, False]),
     )  # fmt: skip
-    document = uncertainty.recovery_document(found)
+    document = recovery_document(found)
     assert document["hyperparameters"]["x.mean"]["coverage"] == pytest.approx(1 / 3)
     assert document["replicates"][2]["converged"] is False
     (section,) = uncertainty.recovery(document).sections
@@ -154,7 +155,7 @@ def test_a_recovery_tells_what_its_errors_hold_where_there_is_one() -> None:
     row = found.table().loc["x.mean"]
     assert np.isnan(row["coverage"])
     assert (row["by_error"], row["by_sandwich"]) == pytest.approx((0.5, 1.0))
-    shown = text(uncertainty.recovery(uncertainty.recovery_document(found)))
+    shown = text(uncertainty.recovery(recovery_document(found)))
     assert "50 %" in shown
     assert "100 %" in shown
 
@@ -274,7 +275,7 @@ def recovered() -> RenderableType:
     alpha = truth * (1.3 + 0.01 * np.random.default_rng(0).standard_normal((40, 2)))
     ends = np.stack([alpha - 0.05, alpha + 0.05], axis=-1)
     found = Recovery((LONG, "x.sd"), truth, alpha, ends, np.zeros(40), np.ones(40, dtype=bool))
-    return terminal(uncertainty.recovery(uncertainty.recovery_document(found)))
+    return terminal(uncertainty.recovery(recovery_document(found)))
 
 
 def boxed() -> RenderableType:
@@ -284,7 +285,7 @@ def boxed() -> RenderableType:
         Side(names[0], True, 0.2, None, None),
     )
     found = FeasibleBox(names, limits, limits, sides, 0.03, 12345, 2345, False, {BENCH: 0.8})
-    return terminal(planning.box(found))
+    return terminal(planning.box(box_document(found)))
 
 
 SIMULATOR = Identity("3f2a91c0" * 8, "shifting_time_of_the_engagement", "model:f", "version 12")

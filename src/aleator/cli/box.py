@@ -23,6 +23,7 @@ from aleator.errors import short
 from aleator.results import documents
 from aleator.study import load_study
 from aleator.tasks.box import feasible_box
+from aleator.tasks.documents import box_document
 from aleator.views import planning
 
 
@@ -56,10 +57,8 @@ def box(
         found = feasible_box(
             runner, value.experiments, value.inputs, seed=value.seed, progress=progress
         )
-    told(planning.box(found, units_in(value)), quiet=options.quiet)
+    answer = {**box_document(found), **units_in(value)}
+    told(planning.box(answer), quiet=options.quiet)
     if output is not None:
-        document = linked(
-            {**planning.box_document(found), **units_in(value)}, value, study_file, output
-        )
-        documents.write_json(document, output / "box.json")
+        documents.write_json(linked(answer, value, study_file, output), output / "box.json")
         click.echo(f"Written: {short(output / 'box.json')}")

@@ -22,6 +22,7 @@ from aleator.cli.showing import shown
 from aleator.study import load_study
 from aleator.tasks.ceiling import ceiling as best_possible
 from aleator.tasks.ceiling import require_one_law
+from aleator.tasks.documents import ceiling_document
 from aleator.views import models
 from aleator.views.figures import save_ceiling
 
@@ -74,7 +75,7 @@ def ceiling(
             progress=progress,
         )
     ended(
-        "ceiling", {**models.ceiling_document(found), "seed": value.seed}, models.ceiling,
+        "ceiling", {**ceiling_document(found), "seed": value.seed}, models.ceiling,
         study=value, file=study_file, folder=folder, quiet=options.quiet,
         draw=None if no_figures else save_ceiling,
     )  # fmt: skip

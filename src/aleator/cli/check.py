@@ -21,6 +21,7 @@ from aleator.cli.showing import shown
 from aleator.errors import short
 from aleator.study import load_study
 from aleator.tasks.askable import require_askable
+from aleator.tasks.documents import look_document
 from aleator.tasks.expected_cost import expected_cost
 from aleator.tasks.first_look import first_look, planned_look
 from aleator.views import planning
@@ -69,7 +70,7 @@ def check(
             value.density, value.verification, plan,
         )  # fmt: skip
     ended(
-        "check", planning.look_document(look, cost, options.workers or 1), planning.first_look,
+        "check", look_document(look, cost, options.workers or 1), planning.first_look,
         study=value, file=study_file, folder=folder, quiet=options.quiet,
         draw=None if no_figures else save_check,
     )  # fmt: skip

@@ -26,9 +26,10 @@ from aleator.progress import Progress
 from aleator.results import documents
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
+from aleator.tasks.documents import recovery_document
 from aleator.tasks.load import load
 from aleator.tasks.recover import recover as recover_law
-from aleator.views.uncertainty import recovery, recovery_document
+from aleator.views.uncertainty import recovery
 
 RECOVERY = "recovery.json"
 

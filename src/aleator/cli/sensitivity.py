@@ -19,6 +19,7 @@ from aleator.cli.running import (
 )
 from aleator.cli.showing import shown
 from aleator.study import load_study
+from aleator.tasks.documents import sensitivity_document
 from aleator.tasks.screen import FIRST_RUNS, screen
 from aleator.views import planning
 from aleator.views.figures import save_sensitivity
@@ -80,7 +81,7 @@ def sensitivity(
         )
     ended(
         "sensitivity",
-        {**planning.sensitivity_document(found), "runs": runner.runs, "seed": value.seed},
+        {**sensitivity_document(found), "runs": runner.runs, "seed": value.seed},
         planning.sensitivity, study=value, file=study_file, folder=folder, quiet=options.quiet,
         draw=None if no_figures else save_sensitivity,
         table=found.table().to_csv(index=False, lineterminator="\n"),

@@ -10,15 +10,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from aleator.results.printed import (
-    CRITERIA,
     NONE,
     PAGE,
+    THRESHOLDS,
     WHOLE,
     Chapter,
     Content,
-    Criteria,
     Sentence,
     TextTable,
+    Thresholds,
     between,
     count,
     heads,
@@ -108,14 +108,18 @@ def estimates(document: Document) -> TextTable:
     return TextTable(COLUMNS, rows, "estimates", "Estimates")
 
 
-def _note(entry: Document, criteria: Criteria = CRITERIA) -> str:
+def _note(entry: Document, thresholds: Thresholds = THRESHOLDS) -> str:
     if entry.get("fixed"):
         return "fixed"
     if entry.get("at_bound"):
         return f"at its {entry['at_bound']} bound"
     notes = []
     error, sandwich = entry.get("standard_error"), entry.get("sandwich_error")
-    if error and sandwich and not criteria.sandwich[0] < sandwich / error < criteria.sandwich[1]:
+    if (
+        error
+        and sandwich
+        and not thresholds.sandwich[0] < sandwich / error < thresholds.sandwich[1]
+    ):
         notes.append(f"sandwich error {number(sandwich, 2)}")
     if entry.get("cut"):
         notes.append(_to_limit(entry["cut"], entry.get("drops")))

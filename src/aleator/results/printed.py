@@ -192,7 +192,7 @@ AMOUNTS = Amounts()
 
 
 @dataclass(frozen=True)
-class Criteria:
+class Thresholds:
     """From where on something is said of an answer, by judgement unless a source is named."""
 
     sandwich: tuple[float, float] = (0.7, 1.4)
@@ -217,7 +217,7 @@ class Criteria:
     """Probabilities below are written with a power of ten."""
 
 
-CRITERIA = Criteria()
+THRESHOLDS = Thresholds()
 
 
 @dataclass(frozen=True)

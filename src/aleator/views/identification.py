@@ -28,19 +28,19 @@ from aleator.results.answer import (
 from aleator.results.documents import study_entry
 from aleator.results.printed import (
     AMOUNTS,
-    CRITERIA,
     DETAILS,
     NONE,
     PAGE,
+    THRESHOLDS,
     WHOLE,
     Amounts,
     Chapter,
     Column,
     Content,
-    Criteria,
     Part,
     Sentence,
     TextTable,
+    Thresholds,
     count,
     heads,
     number,
@@ -188,7 +188,7 @@ def _estimates(document: Document, drawn: Drawn | None) -> Iterator[Part]:
         yield chart
 
 
-def _correlations(document: Document, criteria: Criteria = CRITERIA) -> Iterator[Part]:
+def _correlations(document: Document, thresholds: Thresholds = THRESHOLDS) -> Iterator[Part]:
     """Those of the estimates where one is strong, and those of the parameters."""
     correlation = document.get("correlation") or {}
     names, matrix = correlation.get("names") or [], correlation.get("matrix") or []
@@ -198,7 +198,7 @@ def _correlations(document: Document, criteria: Criteria = CRITERIA) -> Iterator
         for j in range(i)
         if matrix[i][j] is not None
     ]
-    if pairs and max(pairs)[0] >= criteria.strong:
+    if pairs and max(pairs)[0] >= thresholds.strong:
         _, i, j = max(pairs)
         yield Sentence(
             f"Correlation of the estimates of {names[j]} and {names[i]}: {matrix[i][j]:.3f}",

@@ -8,23 +8,22 @@ from typing import Any
 
 from aleator.results.printed import (
     AMOUNTS,
-    CRITERIA,
     NONE,
+    THRESHOLDS,
     Amounts,
     Chapter,
     Column,
     Content,
-    Criteria,
     Part,
     Sentence,
     TextTable,
+    Thresholds,
     heads,
     number,
     to_three,
     with_error,
 )
 from aleator.results.units import label
-from aleator.tasks.ceiling import Ceiling
 
 Document = Mapping[str, Any]
 
@@ -77,12 +76,12 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:-1]) + " and " + names[-1] if len(names) > 1 else names[0]
 
 
-def _alike(model: Document, criteria: Criteria = CRITERIA) -> bool:
+def _alike(model: Document, thresholds: Thresholds = THRESHOLDS) -> bool:
     """Whether chance explains how much worse it is than the best."""
     gap, error = model["difference"], model["difference_error"]
     if gap is None or error is None or not math.isfinite(gap + error):
         return True
-    return bool(abs(gap) < max(criteria.small, criteria.paired * error))
+    return bool(abs(gap) < max(thresholds.small, thresholds.paired * error))
 
 
 def _criteria(models: Sequence[Document]) -> list[Part]:
@@ -159,35 +158,6 @@ def _to_two(value: float | None) -> str:
 # ------------------------------------------------------------------------------------ ceiling
 
 
-def ceiling_document(found: Ceiling) -> dict[str, Any]:
-    """A best possible law as plain lists and numbers, as ceiling.json holds it."""
-    test, values = found.judged, found.map
-    return {
-        "log_likelihood": {
-            "ceiling": found.log_likelihood,
-            "error": found.error,
-            "verified": found.verified,
-            "estimated": found.estimated,
-            "gap": found.gap,
-        },
-        "bootstrap": None if test is None else dict(vars(test)),
-        "points": found.points.to_dict("records"),
-        "gains": [{"id": name, "gain": gain} for name, gain in found.gains.items()],
-        "region": {name: list(ends) for name, ends in found.region.items()},
-        "held": dict(found.held),
-        "covered": found.covered,
-        "edges": list(found.edges),
-        "curves": {name: curve.to_dict("list") for name, curve in found.curves.items()},
-        "map": None
-        if values is None
-        else {
-            "first": values.columns.tolist(),
-            "second": values.index.tolist(),
-            "gradient": values.to_numpy().tolist(),
-        },
-    }
-
-
 def ceiling(document: Document) -> Content:
     """How far any law could go, the points of the best one, and what the gap means."""
     names = ", ".join(document["region"])
@@ -218,14 +188,16 @@ def ceiling_verdict(document: Document) -> str:
     return text if test is None else f"{text}, {_p(test)}"
 
 
-def meaning(document: Document, amounts: Amounts = AMOUNTS, criteria: Criteria = CRITERIA) -> str:
+def meaning(
+    document: Document, amounts: Amounts = AMOUNTS, thresholds: Thresholds = THRESHOLDS
+) -> str:
     """What the gap says of the family of the chosen law."""
     test, value = document["bootstrap"], document["log_likelihood"]
     if test is None:
         return (
             "Any law gains from fitting chance: whether the gap is more than that needs replicates."
         )
-    if test["p_value"] < criteria.unlikely:
+    if test["p_value"] < thresholds.unlikely:
         gains = sorted(document["gains"], key=lambda e: -e["gain"])[: amounts.gaining]
         named = ", ".join(f"{entry['id']} ({entry['gain']:+.1f})" for entry in gains)
         return (

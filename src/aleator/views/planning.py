@@ -2,95 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
-import pandas as pd
 
 from aleator.results.printed import (
     AMOUNTS,
-    CRITERIA,
     NONE,
+    THRESHOLDS,
     Amounts,
     Chapter,
     Column,
     Content,
-    Criteria,
     Part,
     Sentence,
     TextTable,
+    Thresholds,
     heads,
     number,
     percent,
 )
 from aleator.results.units import label
-from aleator.tasks.box import FeasibleBox, Side
-from aleator.tasks.expected_cost import Cost
-from aleator.tasks.first_look import Look
-from aleator.tasks.screen import CONFOUNDED, GOOD, Sensitivity
-from aleator.types import Array
+from aleator.tasks.screen import CONFOUNDED, GOOD
 
 Document = Mapping[str, Any]
 
 # ------------------------------------------------------------------------------------ first runs
-
-
-def look_document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]:
-    """The first runs of a study as plain lists and numbers, as check.json holds them."""
-    plan, response = look.plan, np.array(look.response)
-    of = {name: response == name for name in dict.fromkeys(look.response)}
-    return {
-        "runs": look.runs,
-        "failed": look.failed,
-        "fault": look.fault,
-        "seconds_a_run": look.seconds,
-        "conditions": {"all": plan.count, "looked_at": look.looked_at},
-        "parameters": [
-            {
-                "name": plan.names[i],
-                "lower": plan.region[i, 0],
-                "upper": plan.region[i, 1],
-                "moves": {r: float(np.nanmedian(look.swing[own, j])) for r, own in of.items()},
-                "moves_at_most": {r: float(np.nanmax(look.swing[own, j])) for r, own in of.items()},
-                "influence": not look.without_influence[j],
-                "values": plan.x[plan.star[j], i],
-            }
-            for j, i in enumerate(plan.moving)
-        ],
-        "measured": {r: _range(look.lower[own], look.upper[own]) for r, own in of.items()},
-        "observations": [
-            {
-                "id": name,
-                "experiment": look.owner[k],
-                "response": look.response[k],
-                "lower": look.lower[k],
-                "upper": look.upper[k],
-                "reached": look.reached[k],
-                "beyond": look.beyond[k],
-                "margin": look.margin[k],
-                "by_parameter": [look.outcome[k][star] for star in plan.star],
-            }
-            for k, name in enumerate(look.ids)
-        ],
-        "out_of_reach": [look.ids[k] for k in look.out_of_reach],
-        "cost": None
-        if cost is None
-        else {
-            "least_runs": cost.least,
-            "most_runs": cost.most,
-            "direct": cost.direct,
-            "workers": workers,
-            "hours": [n * look.seconds / 3600.0 / workers for n in (cost.least, cost.most)],
-        },
-    }
-
-
-def _range(lower: Array, upper: Array) -> list[float]:
-    """The least and the largest measured value; bounds count by the end that is known."""
-    known = np.concatenate([lower, upper])
-    known = known[np.isfinite(known)]
-    return [float(known.min()), float(known.max())]
 
 
 def first_look(document: Document) -> Content:
@@ -212,115 +148,47 @@ def _cost(document: Document) -> str:
 # ------------------------------------------------------------------------------------ the box
 
 
-def box_document(found: FeasibleBox) -> dict[str, Any]:
-    """A feasible box as plain lists and numbers, as box.json holds it."""
-    return {
-        "box": dict(zip(found.names, found.box.tolist(), strict=True)),
-        "limits": dict(zip(found.names, found.limits.tolist(), strict=True)),
-        "sides": [
-            {
-                "parameter": side.parameter,
-                "side": "upper" if side.upper else "lower",
-                "value": side.value,
-                "experiment": side.experiment,
-                "failed_at": None
-                if side.at is None
-                else dict(zip(found.names, side.at.tolist(), strict=True)),
-            }
-            for side in found.sides
-        ],
-        "share": found.share,
-        "runs": found.runs,
-        "tested": found.tested,
-        "confirmed": found.confirmed,
-        "without": dict(found.without),
-    }
-
-
-def box(
-    found: FeasibleBox, units: Mapping[str, Any] | None = None, criteria: Criteria = CRITERIA
-) -> Content:
-    """A row for each side, and the lines that go into the study; `units` as documents have them."""
+def box(document: Document, thresholds: Thresholds = THRESHOLDS) -> Content:
+    """A row for each side of a box document, and the lines that go into the study."""
     columns = heads("parameter", "side", ">value", "~limited by")
-    rows = [
-        (label(units or {}, side.parameter), "upper" if side.upper else "lower",
-         f"{side.value:.6g}", _limit(found.names, side))
-        for side in found.sides
-    ]  # fmt: skip
+    rows = []
+    for side in document["sides"]:
+        limited = "the study's limits"
+        if at := side["failed_at"]:
+            where = ", ".join(f"{name}={value:.4g}" for name, value in at.items())
+            limited = f"experiment {side['experiment']}, which fails at {where}"
+        name = label(document, side["parameter"])
+        rows.append((name, side["side"], f"{side['value']:.6g}", limited))
     sure = " The last rounds still met failures: shrink the box a little."
     parts: list[Part] = [
         TextTable(columns, rows, "sides", "Sides of the box"),
         Sentence(
-            f"The box holds {found.share:.1%} of the limits' volume. None of {found.tested:,} "
-            f"points inside fails under any experiment. This took {found.runs:,} runs."
-            f"{'' if found.confirmed else sure}"
+            f"The box holds {document['share']:.1%} of the limits' volume. None of "
+            f"{document['tested']:,} points inside fails under any experiment. This took "
+            f"{document['runs']:,} runs.{'' if document['confirmed'] else sure}"
         ),
     ]
-    if found.without:
-        name, share = max(found.without.items(), key=lambda entry: entry[1])
-        if share >= criteria.gain * found.share:
-            parts.append(
-                Sentence(
-                    f"Without experiment {name} the box would hold about {share:.0%} of the "
-                    "limits' volume: check its row, or leave it out and look again."
-                )
+    name, share = max(document["without"].items(), key=lambda one: one[1], default=("", 0.0))
+    if share >= thresholds.gain * document["share"]:
+        parts.append(
+            Sentence(
+                f"Without experiment {name} the box would hold about {share:.0%} of the limits' "
+                "volume: check its row, or leave it out and look again."
             )
-    moved = {side.parameter for side in found.sides if side.experiment is not None}
+        )
+    moved = {side["parameter"] for side in document["sides"] if side["experiment"] is not None}
     lines = [
         f"{name}: box = [{low:.6g}, {high:.6g}]"
-        for name, (low, high) in zip(found.names, found.box, strict=True)
+        for name, (low, high) in document["box"].items()
         if name in moved
     ]
-    said = [Sentence("; ".join(lines), "strong", "For the study")] if lines else [
-        Sentence("The study's limits are feasible as they are.", "strong")
-    ]  # fmt: skip
-    return Content("The feasible box", sections=[Chapter("box", "Box", parts)], verdicts=said)
-
-
-def _limit(names: Sequence[str], side: Side) -> str:
-    if side.at is None:
-        return "the study's limits"
-    at = ", ".join(f"{name}={value:.4g}" for name, value in zip(names, side.at, strict=True))
-    return f"experiment {side.experiment}, which fails at {at}"
+    said = Sentence("; ".join(lines), "strong", "For the study")
+    if not lines:
+        said = Sentence("The study's limits are feasible as they are.", "strong")
+    return Content("The feasible box", sections=[Chapter("box", "Box", parts)], verdicts=[said])
 
 
 # ------------------------------------------------------------------------------------ sensitivity
-
-
-def sensitivity_document(found: Sensitivity) -> dict[str, Any]:
-    """A sensitivity study as plain lists and numbers, as sensitivity.json holds it."""
-    expansion, sobol = found.expansion, found.sobol
-
-    def named(values: Any) -> dict[str, float]:
-        return dict(zip(found.names, values.tolist(), strict=True))
-
-    return {
-        "parameters": _records(found.parameters()),
-        "pairs": _records(found.pairs()),
-        "expansion": {
-            "runs": found.runs,
-            "terms": len(expansion.indices),
-            "degree": int(expansion.indices.sum(axis=1).max()),
-            "converged": found.converged,
-            "unexplained": {
-                name: float(np.quantile(expansion.unexplained, share))
-                for name, share in (("median", 0.5), ("nine_in_ten", 0.9), ("largest", 1.0))
-            },
-        },
-        "experiments": [
-            {
-                "id": name,
-                "mean": expansion.mean[l],
-                "standard_deviation": np.sqrt(sobol.variance[l]),
-                "unexplained": expansion.unexplained[l],
-                "first": named(sobol.first[l]),
-                "total": named(sobol.total[l]),
-                "effect": named(found.effects[l]),
-                "second": sobol.second[l],
-            }
-            for l, name in enumerate(found.ids)
-        ],
-    }
 
 
 def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
@@ -374,10 +242,6 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
              for row in document["parameters"][:3]]  # fmt: skip
     verdict = f"Shares of the variance of {outcome}: {', '.join(first)}{rough}."
     return Content.of(document.get("title") or "Sensitivity", lead, parts, verdict)
-
-
-def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
 
 
 # ------------------------------------------------------------------------------------ next

@@ -8,13 +8,13 @@ from typing import Any
 
 from aleator.results.answer import words
 from aleator.results.printed import (
-    CRITERIA,
     NONE,
+    THRESHOLDS,
     Chapter,
     Content,
-    Criteria,
     Sentence,
     TextTable,
+    Thresholds,
     heads,
     number,
 )
@@ -110,12 +110,12 @@ def _rows(columns: Columns) -> list[dict[Any, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _chance(value: float, digits: int = 3, criteria: Criteria = CRITERIA) -> str:
+def _chance(value: float, digits: int = 3, thresholds: Thresholds = THRESHOLDS) -> str:
     """A probability, near zero and one with the digits that differ."""
     if math.isnan(value):
         return NONE
-    if 0.0 < value < criteria.rare:
+    if 0.0 < value < thresholds.rare:
         return f"{value:.{digits - 1}e}"
-    if 1.0 - criteria.rare < value < 1.0:
+    if 1.0 - thresholds.rare < value < 1.0:
         return f"1 - {1.0 - value:.{digits - 1}e}"
     return number(value, digits)

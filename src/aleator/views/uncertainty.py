@@ -7,14 +7,14 @@ from typing import Any
 
 from aleator.inference.information import LEVEL
 from aleator.results.printed import (
-    CRITERIA,
     NONE,
+    THRESHOLDS,
     Chapter,
     Content,
-    Criteria,
     Part,
     Sentence,
     TextTable,
+    Thresholds,
     between,
     heads,
     number,
@@ -23,7 +23,6 @@ from aleator.results.printed import (
 )
 from aleator.results.units import label
 from aleator.tasks.bootstrap import ARRIVED, PARAMETRIC
-from aleator.tasks.recover import Recovery
 
 Document = Mapping[str, Any]
 
@@ -62,12 +61,12 @@ def bootstrap(document: Document) -> Content:
     return Content.of(document.get("title") or "Bootstrap", lead, parts, verdict)
 
 
-def _bias(row: Document, criteria: Criteria = CRITERIA) -> str:
+def _bias(row: Document, thresholds: Thresholds = THRESHOLDS) -> str:
     notes = []
     bias, error, scatter = row["bias"], row["bias_error"], row["standard_error"]
-    if scatter and abs(bias) > max(criteria.chance * error, criteria.large * scatter):
+    if scatter and abs(bias) > max(thresholds.chance * error, thresholds.large * scatter):
         notes.append(f"biased by {bias / scatter:+.1f} standard errors")
-    if row["at_limit"] and row["at_limit"] >= criteria.piled:
+    if row["at_limit"] and row["at_limit"] >= thresholds.piled:
         notes.append(f"on a limit in {number(100.0 * row['at_limit'], 2)} %")
     return ", ".join(notes)
 
@@ -117,24 +116,6 @@ MEANING = {
 }
 
 
-def recovery_document(recovery: Recovery) -> dict[str, Any]:
-    """A recovery as plain lists and numbers: the table by hyperparameter, and every replicate."""
-    alpha, ends = recovery.alpha.tolist(), recovery.intervals.tolist()
-    rows = zip(alpha, ends, recovery.log_likelihood, recovery.converged, strict=True)
-    return {
-        "hyperparameters": recovery.table().to_dict("index"),
-        "replicates": [
-            {
-                "alpha": dict(zip(recovery.names, values, strict=True)),
-                "intervals": dict(zip(recovery.names, intervals, strict=True)),
-                "log_likelihood": float(log_likelihood),
-                "converged": bool(converged),
-            }
-            for values, intervals, log_likelihood, converged in rows
-        ],
-    }
-
-
 def recovery(document: Document) -> Content:
     """Truth, mean estimate, bias, scatter and coverage of each hyperparameter."""
     replicates = document["replicates"]
@@ -170,12 +151,12 @@ def recovery(document: Document) -> Content:
     return Content.of(document.get("title") or "Recovery", lead, parts, verdict)
 
 
-def _unexplained(row: Document, replicates: int, criteria: Criteria = CRITERIA) -> str:
+def _unexplained(row: Document, replicates: int, thresholds: Thresholds = THRESHOLDS) -> str:
     """What chance does not explain."""
     notes = []
-    if row["bias_error"] and abs(row["bias"]) > criteria.chance * row["bias_error"]:
+    if row["bias_error"] and abs(row["bias"]) > thresholds.chance * row["bias_error"]:
         notes.append(f"biased by {row['bias'] / row['scatter']:+.1f} scatter")
-    lowest = LEVEL - criteria.chance * (LEVEL * (1.0 - LEVEL) / replicates) ** 0.5
+    lowest = LEVEL - thresholds.chance * (LEVEL * (1.0 - LEVEL) / replicates) ** 0.5
     if row["coverage"] is not None and row["coverage"] < lowest:
         notes.append("intervals too short")
     return ", ".join(notes)
