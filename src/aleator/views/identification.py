@@ -10,7 +10,6 @@ import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import fmean, pstdev
 from typing import Any
 
 import numpy as np
@@ -281,10 +280,10 @@ def _predicted(document: Document, drawn: Drawn | None) -> Iterator[Part]:
     yield from _worst_observed(document) if is_individual(document) else _worst(document)
     if drawn is None:
         pit = [p for seen in measured(document) for p in seen.exact_probabilities]
-        given = ", given the earlier observations of their experiments," if is_individual(
-            document) else ""  # fmt: skip
+        given = "given the earlier observations of their experiments, "
         if pit:
-            yield Sentence(f"Outside their 95 %{given} {outside(pit)}", depth=WHOLE)
+            said = f"Outside their 95 %, {given if is_individual(document) else ''}{outside(pit)}"
+            yield Sentence(said, depth=WHOLE)
         return
     for seen, source in zip(drawn.measured, drawn.sources, strict=True):
         if not seen.by_law:
@@ -299,11 +298,11 @@ def _predicted(document: Document, drawn: Drawn | None) -> Iterator[Part]:
 def _worst(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
     """The experiments that the law expects least, in the unit of the outcome."""
 
-    def surprise(experiment: Document) -> tuple[bool, float, float]:
-        pit, log_density = experiment.get("pit"), experiment.get("log_density")
-        solved = experiment.get("status") == "solved" and pit is not None
-        tail = min(pit, 1.0 - pit) if pit is not None else 0.0
-        return solved, tail, log_density if log_density is not None else -math.inf
+    def surprise(entry: Document) -> tuple[bool, float, float]:
+        pit, log_density = entry.get("pit"), entry.get("log_density")
+        if entry.get("status") != "solved" or pit is None:
+            return False, 0.0, -math.inf if log_density is None else log_density
+        return True, min(pit, 1.0 - pit), -math.inf if log_density is None else log_density
 
     log = document.get("transform") == "log"
     rows = []
@@ -425,14 +424,12 @@ def shrinkage(document: Document) -> Iterator[Part]:
     experiments = document["experiments"]
     rows = []
     for name, share in document["shrinkage"].items():
-        means = _finite(entry["mean"].get(name) for entry in experiments)
-        sds = _finite(entry["sd"].get(name) for entry in experiments)
-        if means and sds:
-            rows.append(
-                (label(document, name), percent(share),
-                 f"{number(min(means))} .. {number(max(means))}", number(pstdev(means), 3),
-                 number(fmean(sds), 3))
-            )  # fmt: skip
+        means, sds = (numbers(e[key].get(name) for e in experiments) for key in ("mean", "sd"))
+        means, sds = means[np.isfinite(means)], sds[np.isfinite(sds)]
+        if means.size and sds.size:
+            ends = f"{number(means.min())} .. {number(means.max())}"
+            scatter = number(means.std(), 3), number(sds.mean(), 3)
+            rows.append((label(document, name), percent(share), ends, *scatter))
     if not rows:
         return
     yield Sentence(
@@ -447,13 +444,9 @@ def shrinkage(document: Document) -> Iterator[Part]:
     every = [entry.get("components") or {} for entry in experiments]
     for name in every[0]:
         most = Counter(1 + max(range(len(p[name])), key=lambda c: p[name][c] or 0.0) for p in every)
-        said = ", ".join(f"{size} of {component}" for component, size in sorted(most.items()))
+        said = ", ".join(f"{component} of {size}" for component, size in sorted(most.items()))
         head = label(document, name)
         yield Sentence(f"{head}: the most probable component is {said} experiments.", depth=WHOLE)
-
-
-def _finite(values: Iterator[float | None]) -> list[float]:
-    return [value for value in values if value is not None and math.isfinite(value)]
 
 
 # ------------------------------------------------------------------------------------ the simulator
