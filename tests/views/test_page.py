@@ -17,8 +17,7 @@ import pytest
 from aleator import Censoring, Check, Experiments, Free, Identification, Inputs, Noise, Normal
 from aleator.tasks.identify import identify
 from aleator.tasks.pictures import pictured
-from aleator.views.chart import Axis
-from aleator.views.interactive import TEX, axes, bokeh_script, fewer_ticks
+from aleator.views.interactive import TEX, bokeh_script
 from aleator.views.page import page, report_of
 
 VOID = {"meta", "input", "br", "link", "img"}
@@ -211,18 +210,6 @@ def test_bounds_are_drawn_as_bounds() -> None:
     for kind, marker, out in zip(columns["kind"], columns["marker"], beyond, strict=True):
         assert kind == ("at least" if out else "measured")
         assert (marker == "triangle") == out
-
-
-def test_an_axis_of_many_decades_has_few_ticks() -> None:
-    wide, narrow = (axes(Axis("x"), Axis("y", log=True)) for _ in range(2))
-    fewer_ticks(wide, np.array([2.0, np.nan, 1e18]))
-    fewer_ticks(narrow, np.array([0.0, 2.0, 3e4]))
-    ticks = np.array(wide.yaxis[0].ticker.ticks)
-    assert 5 <= ticks.size <= 12
-    assert ticks[0] <= 2.0
-    assert ticks[-1] >= 1e17
-    # within few decades there are ticks between these
-    assert {2.0, 5.0, 1e3} <= set(narrow.yaxis[0].ticker.ticks)
 
 
 def test_the_script_of_a_page_takes_no_text_for_tex_and_fetches_nothing() -> None:
