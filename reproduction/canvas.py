@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aleator.plot.style import empty_figure, styled
+from aleator.views.axes import empty_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

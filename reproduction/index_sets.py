@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from aleator.moments.exact_moments import ExactQuadrature, Galerkin, prepare
 from aleator.moments.expansion import Basis, TotalDegree
-from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
 from aleator.types import Indices
+from aleator.views.axes import BLUE, GREEN, ORANGE, VERMILION
 from reproduction.canvas import explain, powers_of_ten
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict, keyed

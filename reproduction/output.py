@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from aleator.plot.style import save_figure
 from aleator.results import documents
+from aleator.views.axes import save_figure
 from reproduction.canvas import drawn
 from reproduction.context import Context
 from reproduction.document import COLUMNS, page

@@ -11,7 +11,6 @@ import pandas as pd
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem, prepare
 from aleator.moments.maximum_entropy import MaximumEntropy
-from aleator.plot.style import BLUE, GREEN, ORANGE, VERMILION
 from aleator.progress import Progress
 from aleator.search import (
     CMAES,
@@ -24,6 +23,7 @@ from aleator.search import (
 )
 from aleator.simulators import as_runner
 from aleator.surrogates import ResponseSurface
+from aleator.views.axes import BLUE, GREEN, ORANGE, VERMILION
 from examples.wet_clutch.model import shifting_time
 from reproduction.canvas import explain, powers_of_ten
 from reproduction.clutch.laws import SEARCH_TOLERANCE

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator import cli
-from aleator.plot.first_look import check_figure
+from aleator.views.figures import check_figure
 
 STUDY = """\
 [experiments]

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 from aleator import cli
 from aleator.cli import main
-from aleator.report.ceiling import verdict
+from aleator.views.models import ceiling_verdict
 
 STUDY = """
 title = "Levels"
@@ -125,7 +125,7 @@ def test_quiet_says_one_line_and_the_same_seed_gives_the_same_file(ceiling_study
         assert result.exit_code == 0, result.output
         assert result.stdout.count("\n") == 1
         document = json.loads(Path(folder, "ceiling.json").read_text(encoding="utf-8"))
-        assert result.stdout.strip() == verdict(document)
+        assert result.stdout.strip() == ceiling_verdict(document)
         texts.append(Path(folder, "ceiling.json").read_text(encoding="utf-8"))
     assert texts[0] == texts[1]
 

@@ -108,8 +108,7 @@ def test_without_bokeh_it_says_what_it_needs(
     from aleator import AleatorError, load
     from aleator.cli.running import can_report
 
-    for name in [name for name in sys.modules if name.startswith("aleator.report.html")]:
-        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delitem(sys.modules, "aleator.views.interactive", raising=False)
     for name in [name for name in sys.modules if name.partition(".")[0] == "bokeh"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr(sys, "meta_path", [Without("bokeh"), *sys.meta_path])

@@ -16,10 +16,10 @@ from scipy import stats
 import aleator
 from aleator import Check, Constant, Free, Identification, Inputs, Noise, Normal, Uniform
 from aleator.errors import AleatorError, InputsError
-from aleator.report.terminal import render
 from aleator.results.documents import to_json
 from aleator.results.law import JointLaw
 from aleator.results.values import Diagnostic, Estimate
+from aleator.views.identification import render
 
 LOAD = np.arange(1.0, 13.0)
 CONSTANT = Estimate(2.0, None, None, None, None, fixed=True)

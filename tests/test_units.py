@@ -11,12 +11,11 @@ from click.testing import CliRunner
 import aleator
 from aleator import Check, Free, Identification, Inputs, Noise, Normal, cli, plot
 from aleator.errors import AleatorError
-from aleator.plot.identification import experiments_figure
-from aleator.plot.individual import experiments_figure as series_figure
-from aleator.plot.individual import parameters_figure
-from aleator.report.html.page import page
 from aleator.results.units import label, seen_label
 from aleator.study import load_study
+from aleator.views.figures import experiments_figure, parameters_figure
+from aleator.views.figures import experiments_figure as series_figure
+from aleator.views.page import page
 
 UNITS = {"travel": "mm", "force": "N", "softness": "mm/N"}
 

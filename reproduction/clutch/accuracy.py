@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aleator.plot.style import BLACK, BLUE, GRAY, SKY, VERMILION
+from aleator.views.axes import BLACK, BLUE, GRAY, SKY, VERMILION
 from reproduction.canvas import explain
 from reproduction.clutch.laws import EXPANSION, SAMPLED, Judged
 from reproduction.clutch.reference import DENSITIES

@@ -9,8 +9,8 @@ import pandas as pd
 
 from aleator.moments.moments import weighted_moments
 from aleator.moments.quadrature import TensorGauss
-from aleator.plot.style import BLUE, GRAY, VERMILION
 from aleator.status import Status
+from aleator.views.axes import BLUE, GRAY, VERMILION
 from reproduction.canvas import DASHES, PALE, explain
 from reproduction.clutch.reference import (
     DENSITIES,

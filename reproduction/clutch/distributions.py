@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from aleator.moments.densities import FittedDensity
-from aleator.plot.style import VERMILION
 from aleator.tasks.identification import Identification
+from aleator.views.axes import VERMILION
 from reproduction.clutch.laws import EXPANSION, PAPER_ENTROPY, PAPER_GAUSSIAN, Judged
 from reproduction.clutch.reference import SAMPLES
 from reproduction.context import Context

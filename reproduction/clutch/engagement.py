@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aleator.plot.style import BLACK, BLUE, GRAY, GREEN, VERMILION
+from aleator.views.axes import BLACK, BLUE, GRAY, GREEN, VERMILION
 from examples.wet_clutch.model import CLUTCH
 from reproduction.canvas import DASHES, DOTS, explain
 from reproduction.clutch.study import SHOWN

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 from aleator.fit.search import fitted
-from aleator.plot.style import BLUE, VERMILION
 from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array
+from aleator.views.axes import BLUE, VERMILION
 from reproduction.canvas import LIGHT, explain
 from reproduction.clutch.response import grid
 from reproduction.context import Context

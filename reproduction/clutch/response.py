@@ -9,8 +9,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from aleator.plot.style import VERMILION
 from aleator.types import Array
+from aleator.views.axes import VERMILION
 from reproduction.clutch.study import GIVEN, PARAMETERS, SHOWN, ClutchStudy
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from aleator.plot.style import BLACK, BLUE, GRAY, GREEN, ORANGE, PURPLE
+from aleator.views.axes import BLACK, BLUE, GRAY, GREEN, ORANGE, PURPLE
 from reproduction.canvas import DASHES, DOTS, LIGHT, explain, powers_of_ten
 from reproduction.clutch.laws import EXPANSION
 from reproduction.clutch.sampling import (

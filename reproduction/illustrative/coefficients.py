@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aleator.plot.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from aleator.polynomials import gauss_hermite
+from aleator.views.axes import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from reproduction.canvas import explain
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict, keyed

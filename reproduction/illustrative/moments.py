@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aleator.plot.style import BLUE, ORANGE, VERMILION
 from aleator.polynomials import evaluate
 from aleator.types import Array
+from aleator.views.axes import BLUE, ORANGE, VERMILION
 from reproduction.canvas import explain, powers_of_ten
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict

@@ -10,8 +10,8 @@ from scipy.special import ndtr
 
 from aleator.moments.distances import earth_movers_distance
 from aleator.moments.maximum_entropy import MaximumEntropy
-from aleator.plot.style import BLACK, BLUE, VERMILION
 from aleator.types import Array
+from aleator.views.axes import BLACK, BLUE, VERMILION
 from reproduction.canvas import LIGHT
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict

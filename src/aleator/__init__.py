@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from aleator.observations.experiments import Experiments as Experiments
     from aleator.observations.model import StudentError as StudentError
     from aleator.observations.outcomes import Censoring as Censoring
-    from aleator.report.progress_line import ProgressLine as ProgressLine
     from aleator.search import CMAES as CMAES
     from aleator.search import CustomSearch as CustomSearch
     from aleator.search import DifferentialEvolution as DifferentialEvolution
@@ -65,6 +64,7 @@ if TYPE_CHECKING:
     from aleator.tasks.recover import recover as recover
     from aleator.tasks.screen import screen as screen
     from aleator.tasks.wanted import Predicted as Predicted
+    from aleator.views.progress import ProgressLine as ProgressLine
 
 # A public name is imported when it is first used: `import aleator` itself costs nothing.
 _HOMES = {
@@ -109,7 +109,7 @@ _HOMES = {
         "GradientMultistart", "GeneticAlgorithm", "DifferentialEvolution", "CMAES", "CustomSearch",
     ],
     "inference.check": ["Check"],
-    "report.progress_line": ["ProgressLine"],
+    "views.progress": ["ProgressLine"],
     "errors": ["AleatorError"],
 }  # fmt: skip
 

@@ -29,9 +29,9 @@ from aleator import (
 from aleator.errors import AleatorError
 from aleator.laws.law import Law
 from aleator.progress import Silent
-from aleator.report.terminal import render
 from aleator.tasks.ceiling import Ceiling, quick
 from aleator.tasks.load import load
+from aleator.views.identification import render
 
 COUNT, NOISE = 80, 0.1
 LAW = Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.6))

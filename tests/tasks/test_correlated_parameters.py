@@ -26,9 +26,9 @@ from aleator import (
     predict,
 )
 from aleator.errors import StudyError
-from aleator.report.terminal import render
 from aleator.study import load_study
 from aleator.types import Array
+from aleator.views.identification import render
 
 COEFFICIENTS = "abc"
 

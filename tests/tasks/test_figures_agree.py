@@ -25,12 +25,13 @@ from aleator import (
     Normal,
     plot,
 )
-from aleator.plot import identification
-from aleator.report.html.opening import opening
-from aleator.report.terminal import render
+from aleator.results.answer import answer
+from aleator.results.printed import fragment
 from aleator.tasks.pictures import pictured
 from aleator.tasks.pictures.between import profile_line
 from aleator.types import Array
+from aleator.views import figures as identification
+from aleator.views.identification import render
 
 RNG = np.random.default_rng(2028)
 
@@ -109,7 +110,7 @@ def assert_written(found: Identification) -> None:
     """Every writer says by what the total was made, beside the total."""
     document = found.to_dict()
     assert document["density"] == found.density
-    for text in (repr(found), opening(document), terminal(document)):
+    for text in (repr(found), fragment(answer(document)), terminal(document)):
         words = " ".join(text.split())
         before = words.index(f"{found.log_likelihood.estimated:.3f}")
         assert f"by {found.density}" in words[before:]
@@ -159,7 +160,7 @@ def test_the_chart_of_a_profile_has_the_interval_of_the_table(
         assert below[at == entry.estimate] == pytest.approx(0.0) or entry.at_bound
         verticals = [
             line.get_xdata()[0] for line in plot.profile(found, name).lines
-            if len({*line.get_xdata()}) == 1
+            if len({*line.get_xdata()}) == 1 and line.get_linestyle() == "--"
         ]  # fmt: skip
         assert verticals == pytest.approx(entry.interval)
         plt.close("all")

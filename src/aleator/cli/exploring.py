@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from aleator.cli.running import (
     FILE,
@@ -22,25 +21,23 @@ from aleator.cli.running import (
     linked,
     makes_runs,
     running,
+    show_answer,
     units_in,
     whole_number,
 )
 from aleator.errors import AleatorError, short
 from aleator.fit.question import Choices
-from aleator.plot.first_look import save_check
-from aleator.plot.sensitivity import save_sensitivity
-from aleator.report import box as box_report
-from aleator.report import first_look as check_report
-from aleator.report import next as next_report
-from aleator.report import sensitivity as sensitivity_report
 from aleator.results import documents
 from aleator.study import Study
 from aleator.tasks.box import feasible_box
+from aleator.tasks.documents import box_document, look_document, sensitivity_document
 from aleator.tasks.expected_cost import expected_cost
 from aleator.tasks.first_look import first_look, planned_look
 from aleator.tasks.next_experiment import next_experiments, require_enough_candidates
 from aleator.tasks.screen import FIRST_RUNS, screen
 from aleator.tasks.wanted import Predicted, require_free
+from aleator.views import planning
+from aleator.views.figures import save_check, save_sensitivity
 
 
 @click.command()
@@ -72,12 +69,9 @@ def box(
         found = feasible_box(
             runner, value.experiments, value.inputs, seed=value.seed, progress=progress
         )
-    if options.quiet:
-        click.echo(box_report.verdict(found))
-    else:
-        Console().print(box_report.render(found, units_in(value)))
+    made = {**box_document(found), **units_in(value)}
+    show_answer(planning.box(made), quiet=options.quiet)
     if output is not None:
-        made = {**box_report.document(found), **units_in(value)}
         documents.write_json(linked(made, value, work.file, output), output / "box.json")
         click.echo(f"Written: {short(output / 'box.json')}")
 
@@ -127,7 +121,7 @@ def check(
             value.density, value.verification, plan,
         )  # fmt: skip
     work.end(
-        check_report.document(look, cost, options.workers or 1), check_report,
+        look_document(look, cost, options.workers or 1), planning.first_look,
         draw=None if no_figures else save_check,
     )  # fmt: skip
     if not options.quiet:
@@ -185,8 +179,8 @@ def sensitivity(
             progress=progress,
         )  # fmt: skip
     work.end(
-        {**sensitivity_report.document(found), "runs": runner.runs, "seed": value.seed},
-        sensitivity_report,
+        {**sensitivity_document(found), "runs": runner.runs, "seed": value.seed},
+        planning.sensitivity,
         texts={"csv": found.table().to_csv(index=False, lineterminator="\n")},
         draw=None if no_figures else save_sensitivity,
     )
@@ -268,7 +262,7 @@ def next(
                 laws=laws, simulator=others, progress=progress,
             )  # fmt: skip
     work.end(
-        {"seed": value.seed, **plan.to_dict()}, next_report,
+        {"seed": value.seed, **plan.to_dict()}, planning.next_experiments,
         texts={"csv": plan.table().to_csv(index_label="id", lineterminator="\n")},
     )  # fmt: skip
 

@@ -31,13 +31,14 @@ from aleator.cli.running import (
     shown,
 )
 from aleator.errors import AleatorError, short
-from aleator.plot.identification import save_figures
-from aleator.report import terminal
-from aleator.results import documents, printed
+from aleator.results import documents
+from aleator.results.answer import answer
 from aleator.results.schema import read_answer, read_ceiling
 from aleator.simulators import Budget
 from aleator.study import load_study
 from aleator.tasks.pictures import pictured
+from aleator.views.figures import save_figures
+from aleator.views.identification import render
 
 REPORT = "report.html"
 COMPARED = "compared.html"
@@ -51,7 +52,7 @@ def write_report(document: Document, folder: Path, study: Path | None = None) ->
 
     `study` is its study file. Raises AleatorError where Bokeh is not installed.
     """
-    from aleator.report.html.page import page
+    from aleator.views.page import page
 
     path = folder / REPORT
     documents.write_text(
@@ -62,7 +63,7 @@ def write_report(document: Document, folder: Path, study: Path | None = None) ->
 
 def write_compared(document: Document, other: Document, folder: Path, beside: Path) -> Path:
     """Write compared.html of two identifications, which are called as their folders are."""
-    from aleator.report.html.compared import compared_page
+    from aleator.views.compared import compared_page
 
     names = [folder.name, beside.name]
     if names[0] == names[1]:
@@ -221,9 +222,9 @@ def identify(
         files += _figures(document, folder, options.quiet)
         files += _report(document, folder, study_file, options.quiet)
     if options.quiet:
-        click.echo("\n".join(printed.verdicts(document)))
+        click.echo(answer(document).verdict)
     else:
-        Console().print(terminal.render(document, files, details))
+        Console().print(render(document, files, details))
 
 
 def _figures(document: dict[str, Any], folder: Path, quiet: bool) -> list[str]:

@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from aleator.cli.running import (
     FILE,
@@ -33,14 +32,7 @@ from aleator.cli.running import (
 )
 from aleator.errors import AleatorError, nearest, short
 from aleator.inference.chains import SAMPLER, installed
-from aleator.plot.ceiling import save_ceiling
-from aleator.plot.compare import save_compare
 from aleator.progress import Progress
-from aleator.report import bootstrap as bootstrap_report
-from aleator.report import ceiling as ceiling_report
-from aleator.report import compare as compare_report
-from aleator.report import posterior as posterior_report
-from aleator.report import recovery as recover_report
 from aleator.results import documents
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
@@ -50,9 +42,12 @@ from aleator.tasks.bootstrap import bootstrap as resample
 from aleator.tasks.ceiling import ceiling as best_possible
 from aleator.tasks.ceiling import require_one_law
 from aleator.tasks.compare import compare as compare_models
+from aleator.tasks.documents import ceiling_document, recovery_document
 from aleator.tasks.load import load
 from aleator.tasks.posterior import posterior as drawn
 from aleator.tasks.recover import recover as recover_law
+from aleator.views import models, uncertainty
+from aleator.views.figures import save_ceiling, save_compare
 
 
 @click.command()
@@ -97,7 +92,7 @@ def bootstrap(
             progress=progress,
         )
     work.end(
-        found.to_dict(), bootstrap_report, texts={"csv": found.replicates().to_csv()},
+        found.to_dict(), uncertainty.bootstrap, texts={"csv": found.replicates().to_csv()},
         beside=[folder / FINISHED],
     )  # fmt: skip
 
@@ -144,7 +139,7 @@ def ceiling(
             progress=progress,
         )  # fmt: skip
     work.end(
-        {**ceiling_report.document(found), "seed": work.study.seed}, ceiling_report,
+        {**ceiling_document(found), "seed": work.study.seed}, models.ceiling,
         draw=None if no_figures else save_ceiling,
     )  # fmt: skip
 
@@ -214,7 +209,7 @@ def compare(
     files = [short(folder / "compare.json")]
     if not no_figures and can_draw(quiet=options.quiet):
         files.append(short(save_compare(document, folder)))
-    show_answer(compare_report, document, files, options.quiet)
+    show_answer(models.comparison(document), files, options.quiet)
 
 
 def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[str, Study]:
@@ -275,10 +270,7 @@ def posterior(
     document, files = work.write(
         made.to_dict(), texts={"csv": text}, beside=[folder / "posterior.nc"]
     )
-    if options.quiet:
-        click.echo(made.verdict)
-    else:
-        Console().print(posterior_report.render(document, files))
+    show_answer(uncertainty.posterior(document), files, options.quiet)
 
 
 @click.command()
@@ -288,7 +280,7 @@ def posterior(
     "--output",
     type=FOLDER,
     metavar="DIR",
-    help="Write DIR/recover_report.json, with every replicate.",
+    help="Write DIR/recovery.json, with every replicate.",
 )
 @SEED
 @click.option(
@@ -338,7 +330,7 @@ def recover(
             workers=options.workers or os.cpu_count() or 1,
             progress=progress,
         )
-    work.end({"seed": value.seed, **recover_report.document(found)}, recover_report)
+    work.end({"seed": value.seed, **recovery_document(found)}, uncertainty.recovery)
 
 
 def _truth(

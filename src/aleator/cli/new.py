@@ -14,8 +14,6 @@ from rich.console import Console
 
 from aleator.cli.running import FILE, RESULT, make_place
 from aleator.errors import AleatorError, SimulatorError, nearest, short
-from aleator.report.proposal import notes, study_text, variables
-from aleator.report.rows import Rows
 from aleator.results import documents
 from aleator.study.offers import (
     Offer,
@@ -36,8 +34,10 @@ from aleator.study.proposal import (
     responses_of,
     roles_of,
 )
+from aleator.study.proposal_text import notes, study_text, variables
 from aleator.study.roles import Roles, Sheet, count_of, sheet_of
 from aleator.study.schema import study_schema
+from aleator.views.terminal import TerminalTable
 
 
 def at_terminal() -> bool:
@@ -214,7 +214,7 @@ def chosen_parameters(
     laws, others = parameters_of(offer, roles, most, {})
     known = {each.name: each for each in (*(law.given for law in laws), *others)}
     if others:
-        table = Rows(
+        table = TerminalTable(
             (("name", "left"), ("unit", "left"), ("value", "right"), ("meaning", "fold")),
             variables([*known.values()][:listed], offer),
         )

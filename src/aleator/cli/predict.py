@@ -13,7 +13,6 @@ from typing import Any
 import click
 import numpy as np
 import pandas as pd
-from rich.console import Console
 
 from aleator.cli.running import (
     FILE,
@@ -22,6 +21,7 @@ from aleator.cli.running import (
     make_place,
     makes_runs,
     running,
+    show_answer,
     shown,
     units_in,
 )
@@ -29,9 +29,8 @@ from aleator.errors import AleatorError, short
 from aleator.inference.decisions.alpha_draws import AlphaDraws, alpha_draws
 from aleator.observations.experiments import Conditions
 from aleator.progress import Progress
-from aleator.report import decisions, terminal
 from aleator.results import documents
-from aleator.results.printed import number
+from aleator.results.printed import Content, number
 from aleator.results.result import Result
 from aleator.results.schema import read_answer
 from aleator.results.units import label
@@ -49,6 +48,7 @@ from aleator.tasks.decide.simulator_check import CHECKS
 from aleator.tasks.individual.session import OWN, session_of
 from aleator.tasks.session import OutcomeSession, Session
 from aleator.types import Indices
+from aleator.views import predictions
 
 
 def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
@@ -152,13 +152,11 @@ class PredictionRequest:
         events = events_asked(ground, self.response, self.above, self.below, self.between)
         return probabilities(ground, draws, events, self.checks, progress)
 
-    def rendered(self, found: pd.DataFrame, outcome: str) -> Any:
+    def content(self, found: pd.DataFrame, outcome: str) -> Content:
         """The table with its title, for the terminal."""
         columns = found.to_dict("list")
         if self.limits is None:
-            return decisions.render_probabilities(
-                columns, f"Probability of {outcome} {self._event}"
-            )
+            return predictions.probabilities(columns, f"Probability of {outcome} {self._event}")
         asked = self.limits
         if asked.side == "both":
             words = f"Limits that hold {asked.content:g} of {outcome}"
@@ -166,7 +164,7 @@ class PredictionRequest:
             words = (
                 f"Value that {outcome} is {_SIDES[asked.side]} with reliability {asked.content:g}"
             )
-        return decisions.render_limits(columns, f"{words}, with confidence {asked.confidence:g}")
+        return predictions.limits(columns, f"{words}, with confidence {asked.confidence:g}")
 
     @property
     def _event(self) -> str:
@@ -351,15 +349,12 @@ def _show(found: pd.DataFrame, asked: PredictionRequest, value: Study) -> None:
         part = parts.get(response.name)
         if part is None:
             continue
+        name = label(units_in(value), response.name)
         if asked.distribution:
             columns, transform = part.to_dict("list"), str(response.transform)
-            Console().print(
-                terminal.render_predictions(
-                    columns, label(units_in(value), response.name), transform
-                )
-            )
+            show_answer(predictions.distributions(columns, name, transform))
         else:
-            Console().print(asked.rendered(part, label(units_in(value), response.name)))
+            show_answer(asked.content(part, name))
 
 
 def _write(found: pd.DataFrame, document: Mapping[str, Any], study: Path, output: Path) -> None:

@@ -12,24 +12,26 @@ from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import click
 import numpy as np
-from rich.console import Console, RenderableType
+from rich.console import Console
 
 from aleator.errors import AleatorError, installing, short
 from aleator.fit.question import start_point
 from aleator.observations.experiments import Conditions
 from aleator.progress import Progress, Silent
-from aleator.report import live
 from aleator.results import documents
+from aleator.results.printed import Content
 from aleator.results.units import seen_label
 from aleator.simulators import Budget, ProcessPool, Runner, Store, notified
 from aleator.simulators.clusters import dask_executor, mpi_executor
 from aleator.study import Study, load_study
 from aleator.tasks.identification import Identification
 from aleator.tasks.identify import UNLIMITED, identify
+from aleator.views.progress import shown_on
+from aleator.views.terminal import terminal
 
 
 def say(text: str) -> None:
@@ -40,7 +42,7 @@ def say(text: str) -> None:
 @contextmanager
 def shown(quiet: bool) -> Iterator[Progress]:
     """Progress on the standard error, or none."""
-    with nullcontext(Silent()) if quiet else live.shown_on(Console(stderr=True)) as progress:
+    with nullcontext(Silent()) if quiet else shown_on(Console(stderr=True)) as progress:
         yield progress
 
 
@@ -331,16 +333,6 @@ def _processes(number: int) -> Iterator[Executor]:
 Document = Mapping[str, Any]
 
 
-class AnswerPage(Protocol):
-    """How a document is told: a module of `report`."""
-
-    def verdict(self, document: Document, /) -> str:
-        """A line."""
-
-    def render(self, document: Document, files: Sequence[str], /) -> RenderableType:
-        """A page, with the files that were written."""
-
-
 @dataclass(frozen=True)
 class Work:
     """A command at work on a study: what it works on, and where its answer goes.
@@ -383,9 +375,10 @@ class Work:
         ):
             yield runner, progress
 
-    def end(self, made: Document, report: AnswerPage, **files: Any) -> None:
-        """Write what was made, as `write` does, and tell it."""
-        show_answer(report, *self.write(made, **files), self.options.quiet)
+    def end(self, made: Document, content: Callable[[Document], Content], **files: Any) -> None:
+        """Write what was made, as `write` does, and show the content of its document."""
+        document, names = self.write(made, **files)
+        show_answer(content(document), names, self.options.quiet)
 
     def write(
         self,
@@ -415,9 +408,9 @@ class Work:
         return document, [short(file) for file in files]
 
 
-def show_answer(report: AnswerPage, document: Document, files: Sequence[str], quiet: bool) -> None:
-    """The page, or of a quiet command the verdict alone."""
+def show_answer(content: Content, files: Sequence[str] = (), quiet: bool = False) -> None:
+    """The report, or of a quiet command the verdict alone."""
     if quiet:
-        click.echo(report.verdict(document))
+        click.echo(content.verdict)
     else:
-        Console().print(report.render(document, files))
+        Console().print(terminal(content, files))

@@ -14,9 +14,9 @@ from rich.console import Console
 
 from aleator.cli.running import FILE
 from aleator.errors import AleatorError, StoreError, short
-from aleator.report import runs as report
 from aleator.simulators import Simulator, Store, records
 from aleator.study import load_study
+from aleator.views import runs as report
 
 TARGET = click.argument("target", type=FILE, metavar="STUDY.toml|STORE")
 

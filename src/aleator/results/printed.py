@@ -1,26 +1,27 @@
-"""Results as text that fits a width, and as HTML for a notebook: tables, numbers, sentences."""
+"""What a result says, made once: sentences and tables in sections, and their plain writers.
+
+A `Content` is made of a document by pure functions; it is written as text that fits a width, and as
+HTML for a notebook (`aleator.views` has the terminal, the page and the charts).
+"""
 
 from __future__ import annotations
 
 import math
+import re
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from scipy.stats import binom
-
-from aleator.results.units import label
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Document = Mapping[str, Any]
 NONE = "-"
-COLUMNS: Sequence[Column] = (
-    ("alpha", "left"), ("estimate", "right"), ("std. error", "right"), ("95 % interval", "right"),
-    ("note", "fold"),
-)  # fmt: skip
+
+# ------------------------------------------------------------------------------------ numbers
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -52,20 +53,30 @@ def with_error(value: float, error: float | None, *, estimate: bool = False) -> 
     return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{error:.{decimals}f}"
 
 
-def outside(probabilities: Sequence[float]) -> str:
-    """How many independent values lie outside their 95 %, and how many of a right model would.
+def between(ends: Sequence[float | None] | None, error: float | None) -> str:
+    """An interval, its ends as an estimate with this standard error; "-" for none.
 
-    By their `probabilities` P(below), of which none is missing; the count is binomial.
-
-    >>> outside([0.01, 0.5, 0.99, 0.6])
-    '2 of 4 are, and 0 to 1 would be of a right model, in 95 % of all cases.'
+    >>> between((0.88816, 0.93653), 0.01234), between(None, 0.1), between((None, 1.0), 0.1)
+    ('0.888 .. 0.937', '-', '-')
     """
-    count, found = len(probabilities), sum(abs(p - 0.5) > 0.475 for p in probabilities)
-    fewest, most = binom.ppf([0.025, 0.975], count, 0.05).astype(int)
-    return (
-        f"{found} of {count:,} are, and {fewest} to {most} would be of a right model, in 95 % of "
-        "all cases."
-    )
+    known = [end for end in ends or () if end is not None]
+    if len(known) < 2:
+        return NONE
+    return " .. ".join(with_error(end, error, estimate=True)[0] for end in known)
+
+
+def percent(share: float | None, digits: int = 0) -> str:
+    """A share in percent, "-" for none.
+
+    >>> percent(0.4284), percent(0.4284, 1), percent(0.00004, 1), percent(None)
+    ('43 %', '42.8 %', '<0.1 %', '-')
+    """
+    if share is None or math.isnan(share):
+        return NONE
+    least = 0.5 * 10.0**-digits
+    if digits and 0.0 < 100.0 * share < least:
+        return f"<{2.0 * least:g} %"
+    return f"{100.0 * share:.{digits}f} %"
 
 
 def to_three(value: float | None) -> str:
@@ -77,234 +88,319 @@ def to_three(value: float | None) -> str:
     return NONE if value is None else f"{value:.3f}"
 
 
-def alpha_rows(document: Document) -> Iterator[tuple[str, str, str, str, str]]:
-    """A row for each hyperparameter: name with unit, estimate, standard error, interval, note."""
-    for name, entry in document["alpha"].items():
-        error_of = entry.get("standard_error")
-        estimate, error = with_error(entry["estimate"], error_of, estimate=True)
-        interval = NONE
-        if entry.get("interval") and None not in entry["interval"]:
-            low, high = (with_error(e, error_of, estimate=True)[0] for e in entry["interval"])
-            interval = f"{low} .. {high}"
-        yield label(document, name), estimate, error, interval, _note(entry)
+def count(size: int, what: str) -> str:
+    """So many of something.
 
-
-def _note(entry: Document) -> str:
-    if entry.get("fixed"):
-        return "fixed"
-    if entry.get("at_bound"):
-        return f"at its {entry['at_bound']} bound"
-    notes = []
-    error, sandwich = entry.get("standard_error"), entry.get("sandwich_error")
-    if error and sandwich and not 0.7 < sandwich / error < 1.4:
-        notes.append(f"sandwich error {number(sandwich, 2)}")
-    if entry.get("cut"):
-        notes.append(_to_limit(entry["cut"], entry.get("drops")))
-    return ", ".join(notes)
-
-
-def _to_limit(cut: str, drops: Sequence[float] | None) -> str:
-    """Which ends of an interval are limits, and how far the profile has dropped there.
-
-    >>> _to_limit("lower", (1.263, 1.92)), _to_limit("both", (0.5, 0.004))
-    ('to its lower limit (drop 1.26)', 'from limit to limit (drops 0.50, 0.00)')
+    >>> count(1, "experiment"), count(1200, "run")
+    ('1 experiment', '1,200 runs')
     """
-    if cut == "both":
-        told = f" (drops {drops[0]:.2f}, {drops[1]:.2f})" if drops else ""
-        return f"from limit to limit{told}"
-    return f"to its {cut} limit" + (f" (drop {drops[cut == 'upper']:.2f})" if drops else "")
+    return f"{size:,} {what}{'' if size == 1 else 's'}"
 
 
-def verdict(document: Document) -> str:
-    """One sentence: whether the answer can be used, and why.
+def outside(probabilities: Sequence[float]) -> str:
+    """How many independent values lie outside their 95 %, and how many of a right model would.
 
-    >>> verdict({"sound": False, "warnings": [{"about": "search"}, {"about": "check"}]})
-    'NOT computed soundly: do not use alpha before the warnings are dealt with (search, check).'
+    By their `probabilities` P(below), of which none is missing; the count is binomial.
+
+    >>> outside([0.01, 0.5, 0.99, 0.6])
+    '2 of 4 are, and 0 to 1 would be of a right model, in 95 % of all cases.'
     """
-    if document["sound"]:
-        return f"Computed soundly: {_reasons(document)}."
-    about = dict.fromkeys(str(entry["about"]) for entry in document.get("warnings") or [])
-    named = f" ({', '.join(about)})" if about else ""
-    return f"NOT computed soundly: do not use alpha before the warnings are dealt with{named}."
-
-
-def second_verdict(document: Document) -> str:
-    """One sentence: whether the model is consistent with the experiments, and what is not.
-
-    Empty where the document does not say. A probability is that of all tests together.
-
-    >>> second_verdict({"consistent": None, "consistency": {"reason": "there are only 4"}})
-    'Not tested whether consistent with the experiments: there are only 4.'
-    """
-    found = document.get("consistency")
-    if not found:
-        return ""
-    if document["consistent"] is None:
-        return f"Not tested whether consistent with the experiments: {found['reason']}."
-    if document["consistent"]:
-        left = f"; {_columns(copies)} left out" if (copies := found.get("copies")) else ""
-        return (
-            f"Consistent with the experiments: none of {len(found['tests'])} tests contradicts the "
-            f"model (p = {number(found['p'], 2)}){left}."
-        )
-    told = [
-        f"{place}{row['message']} (p = {number(row['test']['corrected'], 1)})"
-        for place, row in _counted("({}) ", found["discrepancies"])
-    ]
-    return f"NOT consistent with the experiments: {'; '.join(told)}."
-
-
-def verdicts(document: Document) -> list[str]:
-    """Both verdicts, a sentence each; the second where it is known."""
-    return [line for line in (verdict(document), second_verdict(document)) if line]
-
-
-def remedies(document: Document) -> list[str]:
-    """What may mend a model that is not consistent, the outliers by name, what was left out."""
-    found = document.get("consistency") or {}
-    rows = [
-        f"  Remedy{place}: {row['remedy']}."
-        for place, row in _counted(" ({})", found.get("discrepancies", ()))
-    ]
-    outliers = [
-        f"{row['id']}{_row_of(document, row)} (p = {number(row['p'], 1)})"
-        for row in found.get("outliers", ())
-    ]
-    if outliers:
-        rows += [f"  Outliers: {', '.join(outliers)}."]
-    if copies := found.get("copies"):
-        rows += [f"  Left out of the tests: {left_out(copies)}"]
-    return rows
-
-
-def left_out(copies: Sequence[str]) -> str:
-    """Why columns had no say in the second verdict, and what to do if they should.
-
-    >>> left_out(["travel_in"])[:41]
-    '`travel_in`, which the outcome determines'
-    """
+    size, beyond = len(probabilities), sum(abs(p - 0.5) > 0.475 for p in probabilities)
+    fewest, most = binom.ppf([0.025, 0.975], size, 0.05).astype(int)
     return (
-        f"{_columns(copies)}, which the outcome determines, as in another unit, a rank, a class "
-        "(pass or fail) or a ratio. If it is a condition of the tests, let the simulator or a law "
-        "take it."
+        f"{beyond} of {size:,} are, and {fewest} to {most} would be of a right model, in 95 % of "
+        "all cases."
     )
 
 
-def _columns(names: Sequence[str]) -> str:
-    return ", ".join(f"`{name}`" for name in names)
-
-
-def _counted(form: str, rows: Sequence[Document]) -> Iterator[tuple[str, Document]]:
-    """Rows with a number before each; one alone needs none."""
-    for place, row in enumerate(rows, start=1):
-        yield form.format(place) if len(rows) > 1 else "", row
-
-
-def _row_of(document: Document, outlier: Document) -> str:
-    return f", row {outlier['row']}" if document.get("observations") else ""
-
-
-def _reasons(document: Document) -> str:
-    if not document.get("observations"):
-        return f"the search converged, every density was solved{_checked(document)}"
-    what = "the search converged, and more nodes do not change the answer"
-    return f"{what}{_checked(document)}"
-
-
-def _checked(document: Document) -> str:
-    found = document["log_likelihood"]
-    if document["propagation"] == "direct":
-        return "; the simulator itself was integrated over"
-    agrees = found.get("verified") is not None
-    return ", and the simulator itself agrees" if agrees else "; not verified on the simulator"
-
-
-def text(document: Document) -> str:
-    """The answer in short: alpha, log-likelihood, warnings, verdict."""
-    head, body = laid_out(COLUMNS, [*alpha_rows(document)])
-    sentences = [log_likelihood(document)]
-    for warning in document["warnings"]:
-        sentences += [f"Warning, {warning['about']}: {warning['message']}"]
-        sentences += [f"  Remedy: {warning['remedy']}"] if warning["remedy"] else []
-    ending = (*sentences, *verdicts(document), *remedies(document))
-    folded = [textwrap.fill(line, WIDTH) for line in ending]
-    return "\n".join([textwrap.fill(_head(document), WIDTH), *head, *body, *folded])
-
-
-def html(document: Document) -> str:
-    """The same for a notebook."""
-    head = "".join(f"<th>{escape(name)}</th>" for name, _ in COLUMNS)
-    rows = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
-        for row in alpha_rows(document)
-    )
-    warnings = "".join(
-        f"<p><b>Warning, {escape(w['about'])}:</b> {escape(w['message'])}<br>"
-        f"Remedy: {escape(w['remedy'])}</p>"
-        for w in document["warnings"]
-    )
-    return (
-        f"<p>{escape(_head(document))}</p>"
-        f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
-        f"<p>{escape(log_likelihood(document))}</p>{warnings}"
-        + "".join(f"<p><b>{escape(line)}</b></p>" for line in verdicts(document))
-        + "".join(f"<p>{escape(line)}</p>" for line in remedies(document))
-    )
-
-
-def _head(document: Document) -> str:
-    free = sum(not entry["fixed"] for entry in document["alpha"].values())
-    seen = document.get("observations")
-    values = f" with {len(seen):,} observations" if seen else ""
-    return (
-        f"{free} hyperparameters identified from {len(document['experiments'])} experiments"
-        f"{values}, {document['runs']:,} runs of the simulator"
-    )
-
-
-def principle(document: Document) -> str:
-    """By what alpha was found: the maximum of the likelihood, or with priors of the posterior."""
-    prior = document["log_likelihood"].get("log_prior")
-    return "by maximum likelihood" if prior is None else "by maximum a posteriori"
-
-
-def stated_error(likelihood: Mapping[str, Any]) -> str:
-    """The error of a log-likelihood behind it, where it is known."""
-    error = likelihood.get("error")
-    return "" if error is None else f" +- {number(error, 2)}"
-
-
-def by_name(document: Document) -> str:
-    """What made the log-likelihood and those of the experiments, which sum to it.
-
-    >>> by_name({"density": "level sets"}), by_name({})
-    ('by level sets', '')
-    """
-    name = document.get("density")
-    return f"by {name}" if name else ""
-
-
-def log_likelihood(document: Document) -> str:
-    """The log-likelihood, by what, with the log prior and what the check says: a sentence."""
-    found = document["log_likelihood"]
-    value = f"{to_three(found['estimated'])}{stated_error(found)}"
-    line = f"log-likelihood {value} {by_name(document)}".rstrip()
-    if (prior := found.get("log_prior")) is not None:
-        line += f", log prior {to_three(prior)} (maximum a posteriori)"
-    if found.get("verified") is None:
-        return line
-    error = number(found.get("verified_standard_error"), 2)
-    return f"{line}; on the simulator itself {to_three(found['verified'])} +- {error}"
-
-
-# ---------------------------------------------------------------------------------- tables of text
+# ------------------------------------------------------------------------------------ content
 
 
 Side = Literal["left", "right", "fold"]
 Column = tuple[str, Side]
 """The head of a column, and where its cells stand; the last column may "fold", at words."""
 
-WIDTH = 80
+
+def heads(*names: str) -> list[Column]:
+    """Columns by their heads: numbers stand on the right of ">", sentences behind "~" fold.
+
+    >>> heads("alpha", ">estimate", "~note")
+    [('alpha', 'left'), ('estimate', 'right'), ('note', 'fold')]
+    """
+    sides: dict[str, Side] = {">": "right", "~": "fold"}
+    return [(name.lstrip(">~"), sides.get(name[:1], "left")) for name in names]
+
+
+Depth = int
+SHORT, WHOLE, DETAILS, PAGE = range(4)
+"""How much a writer shows: the answer in short, a report, a report with details, the page."""
+Kind = Literal["plain", "strong", "good", "bad", "open", "warning", "missing", "heading", "code"]
+"""What a sentence is."""
+
+
+@dataclass(frozen=True)
+class Amounts:
+    """How much is shown before the rest is counted, all by judgement: no answer depends on it."""
+
+    notebook: int = 20
+    """Rows of a table in a notebook."""
+    worst: int = 3
+    """Experiments, or observations, that are named as the least expected."""
+    experiments: int = 1000
+    """Rows of the table of experiments on a page; of more, the least expected."""
+    conditions: int = 8
+    """Conditions in that table."""
+    failed: int = 20
+    """Experiments with failed runs that are named."""
+    points: int = 12
+    """Points of the best possible law."""
+    gaining: int = 5
+    """Experiments that gain most by that law."""
+    out_of_reach: int = 12
+    """Experiments out of reach of the first runs."""
+    pairs: int = 5
+    """Pairs of parameters that act alike."""
+    candidates: int = 10
+    """Candidates for the next experiment."""
+    chosen: int = 30
+    """Experiments of a chosen set."""
+    failure: int = 10_000
+    """Letters of the message or the log of a run."""
+    marks: int = 600
+    """Marks in a chart."""
+    farthest: int = 150
+    """Of these, the ones that lie farthest out."""
+    hovered: int = 6
+    """Conditions that are told of a mark under the mouse."""
+    series: int = 200
+    """Experiments whose series a page has."""
+    observations: int = 20_000
+    """Observations in these series."""
+    named: int = 12
+    """Experiments or outliers that a figure has room to name."""
+    panels: int = 12
+    """Panels of series in a figure."""
+    across: int = 4
+    """Panels beside each other."""
+    farthest_panels: int = 4
+    """Of the panels, those with the largest residuals."""
+    letters: int = 18
+    """Letters of an id over a panel."""
+
+
+AMOUNTS = Amounts()
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """From where on something is said of an answer, by judgement unless a source is named."""
+
+    sandwich: tuple[float, float] = (0.7, 1.4)
+    """Ratios of a sandwich error to the standard error that are near one."""
+    strong: float = 0.9
+    """Correlation of two estimates that a report names."""
+    chance: float = 3.0
+    """Standard errors that chance hardly ever exceeds: 0.3 % of normal values do."""
+    large: float = 0.25
+    """Bias over the standard error from which 95 % intervals hold 94 % or less."""
+    piled: float = 0.01
+    """Share of replicates on a limit."""
+    small: float = 4.0
+    """Difference of models that is small, whatever its error (Sivula, Magnusson, Vehtari 2020)."""
+    paired: float = 2.0
+    """Standard errors within which such a difference may be chance: 5 % of normal values exceed."""
+    unlikely: float = 0.05
+    """A p value below which the family of the law is doubted."""
+    gain: float = 1.5
+    """Times the volume of the box from which leaving an experiment out is worth a thought."""
+    rare: float = 1e-3
+    """Probabilities below are written with a power of ten."""
+
+
+THRESHOLDS = Thresholds()
+
+
+@dataclass(frozen=True)
+class Sentence:
+    """Words, with what they are of (`head`) before them, and what to do (`remedy`) after them.
+
+    `ids` are experiments that can be marked in charts; what needs more `depth` than a writer has
+    is left out.
+    """
+
+    text: str
+    kind: Kind = "plain"
+    head: str = ""
+    remedy: str = ""
+    ids: tuple[str, ...] = ()
+    depth: Depth = SHORT
+
+    def __str__(self) -> str:
+        said = f"{self.head}: {self.text}" if self.head else self.text
+        return f"{said}\n  Remedy: {self.remedy}" if self.remedy else said
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Cells as they are read, each row as long as the columns; `folded` until it is opened.
+
+    A column, after the first, in which nothing stands is left out.
+    """
+
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[str]]
+    name: str = ""
+    title: str = ""
+    depth: Depth = SHORT
+    folded: bool = False
+
+
+class Part(Protocol):
+    """What stands in a section: a sentence, a table, or a chart of `aleator.views`."""
+
+    @property
+    def depth(self) -> Depth:
+        """How much a writer must show to show it."""
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """Parts that are read together, under a heading where there is room for one."""
+
+    name: str
+    title: str
+    parts: Sequence[Part]
+
+
+@dataclass(frozen=True)
+class Content:
+    """Everything that a result says: its title, what was done, sections, warnings, verdicts."""
+
+    title: str
+    lead: Sequence[Sentence] = ()
+    sections: Sequence[Chapter] = ()
+    warnings: Sequence[Sentence] = ()
+    verdicts: Sequence[Sentence] = ()
+
+    @classmethod
+    def of(cls, title: str, lead: str, parts: Sequence[Part], verdict: str) -> Content:
+        """One section, and one verdict."""
+        section = Chapter("all", title, parts)
+        return cls(title, [Sentence(lead)], [section], (), [Sentence(verdict, "strong")])
+
+    @property
+    def verdict(self) -> str:
+        """The verdicts alone, a line each."""
+        return "\n".join(sentence.text for sentence in self.verdicts)
+
+
+def paragraphs(content: Content, depth: Depth) -> Iterator[list[Sentence | TextTable]]:
+    """The sentences and tables of a text in the order of reading: the verdicts come last."""
+
+    def shown(parts: Sequence[Part]) -> list[Sentence | TextTable]:
+        return [
+            part
+            for part in parts
+            if isinstance(part, Sentence | TextTable)
+            and part.depth <= depth
+            and not (isinstance(part, TextTable) and not part.rows)
+        ]
+
+    yield [Sentence(content.title, "strong")] if content.title else []
+    yield shown(content.lead)
+    yield from (shown(section.parts) for section in content.sections)
+    yield from (shown([warning]) for warning in content.warnings)
+    yield shown(content.verdicts)
+
+
+def text(content: Content, width: int = 80, depth: Depth = SHORT) -> str:
+    """The content as plain text that fits a width."""
+    lines: list[str] = []
+    for paragraph in paragraphs(content, depth):
+        for part in paragraph:
+            if isinstance(part, TextTable):
+                head, body = laid_out(part.columns, part.rows, width)
+                lines += [*([part.title] if part.folded else []), *head, *body]
+            else:
+                lines += [
+                    line for each in str(part).splitlines() for line in textwrap.wrap(each, width)
+                ]
+    return "\n".join(lines)
+
+
+# ------------------------------------------------------------------------------------ HTML
+
+
+def prose(words: str) -> str:
+    """Plain text as HTML; what stands in backticks is code.
+
+    >>> prose("a < b, see `aleator box`")
+    'a &lt; b, see <code>aleator box</code>'
+    """
+    return re.sub("`([^`]+)`", r"<code>\1</code>", escape(words))
+
+
+def cells(table: TextTable) -> str:
+    """The head and the rows of a table as HTML; a column in which nothing stands is left out.
+
+    >>> '<td class="n">2</td>' in cells(TextTable([("a", "left"), ("b", "right")], [["1", "2"]]))
+    True
+    """
+    columns, rows = _filled(table.columns, table.rows)
+    kinds = [' class="n"' if side == "right" else "" for _, side in columns]
+    head = "".join(
+        f'<th scope="col"{kind}>{escape(name)}</th>'
+        for kind, (name, _) in zip(kinds, columns, strict=True)
+    )
+    body = "".join(
+        "<tr>"
+        + "".join(f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True))
+        + "</tr>"
+        for row in rows
+    )
+    return f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody>"
+
+
+def fragment(content: Content) -> str:
+    """The content in short for a notebook."""
+    parts = [part for paragraph in paragraphs(content, SHORT) for part in paragraph]
+    return "".join(
+        f"<table>{cells(part)}</table>" if isinstance(part, TextTable) else _paragraph(part)
+        for part in parts
+    )
+
+
+def _paragraph(part: Sentence) -> str:
+    said = prose(part.text)
+    if part.kind != "plain" and not part.head:
+        said = f"<b>{said}</b>"
+    head = f"<b>{escape(part.head)}:</b> " if part.head else ""
+    remedy = f"<br>Remedy: {prose(part.remedy)}" if part.remedy else ""
+    return f"<p>{head}{said}{remedy}</p>"
+
+
+def shown(head: str, table: pd.DataFrame, *sentences: str, amounts: Amounts = AMOUNTS) -> str:
+    """A result in HTML: its head, the first rows of its table, and sentences, the last one bold.
+
+    >>> import pandas as pd
+    >>> text = shown("40 replicates", pd.DataFrame({"bias": [0.123456]}, ["a <b>"]), "No bias.")
+    >>> "0.1235" in text, "a &lt;b&gt;" in text, text.endswith("<p><b>No bias.</b></p>")
+    (True, True, True)
+    """
+    rows = table.head(amounts.notebook).to_html(
+        border=0, float_format=lambda value: number(value), na_rep="-", notebook=False
+    )
+    more = len(table) - amounts.notebook
+    said = [f"and {more:,} more rows"] if more > 0 else []
+    said += [sentence for sentence in sentences if sentence]
+    ending = "".join(_paragraph(Sentence(sentence)) for sentence in said[:-1])
+    ending += "".join(_paragraph(Sentence(sentence, "strong")) for sentence in said[-1:])
+    return f"<p>{escape(head)}</p>{rows}{ending}"
+
+
+# ------------------------------------------------------------------------- a table as text
+
+
 GAP = 2
 INDENT = 4
 """Columns by which what does not fit beside the first cell stands under it."""
@@ -312,8 +408,16 @@ NARROWEST = 16
 """A column that folds is no narrower, if its cells are as long: else it stands below."""
 
 
+def _filled(
+    columns: Sequence[Column], rows: Sequence[Sequence[str]]
+) -> tuple[Sequence[Column], Sequence[Sequence[str]]]:
+    """Without the columns, after the first, in which nothing stands."""
+    kept = [k for k in range(len(columns)) if not k or any(row[k] for row in rows)]
+    return [columns[k] for k in kept], [[row[k] for k in kept] for row in rows]
+
+
 def laid_out(
-    columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int = WIDTH
+    columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int = 80
 ) -> tuple[list[str], list[str]]:
     """The head and the rows of a table, each as lines of at most `width` letters.
 
@@ -329,8 +433,7 @@ def laid_out(
     a_long_name
                  2
     """
-    if columns[-1][1] == "fold" and not any(row[-1] for row in rows):
-        columns, rows = columns[:-1], [row[:-1] for row in rows]
+    columns, rows = _filled(columns, rows)
     names = [name for name, _ in columns]
     every = [names, *rows]
     folds = columns[-1][1] == "fold" and len(columns) > 1
@@ -399,29 +502,3 @@ def _folded(text: str, indent: int, width: int) -> list[str]:
             part, width, initial_indent=margin, subsequent_indent=margin, break_on_hyphens=False
         )
     ]
-
-
-# ----------------------------------------------------------------------------------- in a notebook
-
-
-ROWS = 20
-"""Rows of a table that are shown; the first of them."""
-
-
-def shown(head: str, table: pd.DataFrame, *sentences: str) -> str:
-    """A result in HTML: its head, the first rows of its table, and sentences, the last one bold.
-
-    >>> import pandas as pd
-    >>> text = shown("40 replicates", pd.DataFrame({"bias": [0.123456]}, ["a <b>"]), "No bias.")
-    >>> "0.1235" in text, "a &lt;b&gt;" in text, text.endswith("<p><b>No bias.</b></p>")
-    (True, True, True)
-    """
-    rows = table.head(ROWS).to_html(
-        border=0, float_format=lambda value: number(value), na_rep="-", notebook=False
-    )
-    more = len(table) - ROWS
-    told = [f"and {more:,} more rows"] if more > 0 else []
-    *others, last = [*told, *(text for text in sentences if text)] or [""]
-    ending = "".join(f"<p>{escape(text)}</p>" for text in others)
-    ending += f"<p><b>{escape(last)}</b></p>" if last else ""
-    return f"<p>{escape(head)}</p>{rows}{ending}"

@@ -13,6 +13,7 @@ import pandas as pd
 
 from aleator.observations.responses import Transform
 from aleator.results import documents, printed
+from aleator.results.answer import answer
 from aleator.results.values import (
     Consistency,
     DensityDistance,
@@ -112,11 +113,11 @@ class Result(Plain):
         return all(same(getattr(self, name), getattr(other, name)) for name in plain_fields(Result))
 
     def __repr__(self) -> str:
-        return printed.text(self.to_dict())
+        return printed.text(answer(self.to_dict()))
 
     def _repr_html_(self) -> str:
         """The report in a notebook."""
-        return printed.html(self.to_dict())
+        return printed.fragment(answer(self.to_dict()))
 
     @property
     def consistent(self) -> bool | None:

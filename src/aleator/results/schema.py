@@ -51,13 +51,13 @@ def fault(key: str, problem: str) -> PydanticCustomError:
     return PydanticCustomError("disagrees", "{problem}", {"key": key, "problem": problem})
 
 
-class Entry(BaseModel):
+class DocumentEntry(BaseModel):
     """An object of the document; it may have keys that nobody reads."""
 
     model_config = ConfigDict(strict=True, extra="allow")
 
 
-class Exact(Entry):
+class ExactEntry(DocumentEntry):
     """An entry of a data class: each key is a field of it."""
 
     model_config = ConfigDict(extra="forbid")
@@ -79,7 +79,7 @@ def require_shape(key: str, grid: Grid | None, rows: int, columns: int) -> None:
 # ------------------------------------------------------------------------------ parts
 
 
-class Correlation(Entry):
+class CorrelationEntry(DocumentEntry):
     """The estimates that have an error, and a number for each pair of them."""
 
     names: list[str]
@@ -91,7 +91,7 @@ class Correlation(Entry):
         return self
 
 
-class Optimum(Entry):
+class OptimumEntry(DocumentEntry):
     """A maximum that the search met."""
 
     log_likelihood: Number
@@ -99,17 +99,17 @@ class Optimum(Entry):
     alpha: dict[str, Number] = {}
 
 
-class Search(Entry):
+class SearchEntry(DocumentEntry):
     """How the maximum was searched."""
 
     method: str = ""
     starts: int = 0
     evaluations: int = 0
     distinct_optima: int = 0
-    optima: list[Optimum] = []
+    optima: list[OptimumEntry] = []
 
 
-class Surfaces(Entry):
+class Surfaces(DocumentEntry):
     """The surfaces that stood for the simulator."""
 
     converged: int = 0
@@ -121,7 +121,7 @@ class Surfaces(Entry):
     where: str = ""
 
 
-class LeastSquares(Entry):
+class LeastSquaresEntry(DocumentEntry):
     """One value of each parameter for all experiments."""
 
     parameters: dict[str, Number]
@@ -129,28 +129,28 @@ class LeastSquares(Entry):
     log_likelihood: Number
 
 
-class Circe(Entry):
+class Circe(DocumentEntry):
     """The law by linearization."""
 
     alpha: dict[str, Number]
     log_likelihood: Number
 
 
-class Baselines(Entry):
+class Baselines(DocumentEntry):
     """What simpler methods find."""
 
-    least_squares: LeastSquares | None = None
+    least_squares: LeastSquaresEntry | None = None
     circe: Circe | None = None
 
 
-class Quadrature(Entry):
+class Quadrature(DocumentEntry):
     """The nodes of the individual integrals."""
 
     nodes: Finite
     gap: Number
 
 
-class BestPossible(Entry):
+class BestPossible(DocumentEntry):
     """What a law of any family could reach."""
 
     log_likelihood: Number
@@ -159,7 +159,7 @@ class BestPossible(Entry):
     replicates: Number
 
 
-class Study(Entry):
+class StudyEntry(DocumentEntry):
     """The study file that was identified."""
 
     file: str | None = None
@@ -167,7 +167,7 @@ class Study(Entry):
     outcome: str | None = None
 
 
-class Simulator(Entry):
+class SimulatorEntry(DocumentEntry):
     """The simulator of the study."""
 
     name: str
@@ -178,7 +178,7 @@ class Simulator(Entry):
 # ------------------------------------------------------------------------------ pictures
 
 
-class Curve(Entry):
+class Curve(DocumentEntry):
     """A density, and the ends of its band."""
 
     x: Series
@@ -194,7 +194,7 @@ class Curve(Entry):
         return self
 
 
-class Contour(Entry):
+class Contour(DocumentEntry):
     """Closed curves that hold shares of the law of two parameters: x and y of each."""
 
     between: tuple[str, str]
@@ -207,7 +207,7 @@ class Contour(Entry):
         return self
 
 
-class Profile(Entry):
+class ProfileEntry(DocumentEntry):
     """A profile of the likelihood."""
 
     at: Series
@@ -219,7 +219,7 @@ class Profile(Entry):
         return self
 
 
-class LikelihoodSurface(Entry):
+class SurfaceEntry(DocumentEntry):
     """The likelihood over two estimates, on a square grid of at least four points a side."""
 
     between: tuple[str, str]
@@ -236,7 +236,7 @@ class LikelihoodSurface(Entry):
         return self
 
 
-class Shown(Entry):
+class Shown(DocumentEntry):
     """An observation whose simulated values are drawn."""
 
     id: str
@@ -249,7 +249,7 @@ class Shown(Entry):
     values: Series | None = None
 
 
-class Simulated(Entry):
+class Simulated(DocumentEntry):
     """The simulator over its parameters: curves and a map, or its values at nodes."""
 
     over: dict[str, list[Finite]] = {}
@@ -275,14 +275,14 @@ class Simulated(Entry):
         return self
 
 
-class Pictures(Entry):
+class Pictures(DocumentEntry):
     """What a report draws beside the answer."""
 
     conditions: dict[str, list[Number | str]] = {}
     laws: dict[str, Curve] = {}
     contours: list[Contour] = []
-    profiles: dict[str, Profile] = {}
-    surface: LikelihoodSurface | None = None
+    profiles: dict[str, ProfileEntry] = {}
+    surface: SurfaceEntry | None = None
     response: Simulated | None = None
     roughness: Series = []
     predicted: dict[str, Series] = {}
@@ -291,14 +291,14 @@ class Pictures(Entry):
 # ------------------------------------------------------------------------------ the documents
 
 
-class _Answer(Entry):
+class _Answer(DocumentEntry):
     """What identification.json has beside the fields of `Result`, and what must agree."""
 
     title: str = ""
-    study: Study | None = None
-    simulator: Simulator | None = None
+    study: StudyEntry | None = None
+    simulator: SimulatorEntry | None = None
     consistent: bool | None = None
-    correlation: Correlation
+    correlation: CorrelationEntry
     pictures: Pictures = Pictures()
 
     @model_validator(mode="after")
@@ -350,10 +350,10 @@ def _disagreement(answer: Any) -> tuple[str, str] | None:
     return None
 
 
-class _Ceiling(Entry):
+class _Ceiling(DocumentEntry):
     """What a report takes from ceiling.json."""
 
-    study: Study = Study()
+    study: StudyEntry = StudyEntry()
     log_likelihood: dict[str, Number] = {}
     bootstrap: dict[str, Number] | None = None
     points: list[dict[str, Finite]] = []
@@ -370,8 +370,8 @@ class _Ceiling(Entry):
 
 
 def entry_of(
-    kind: type, base: type[Entry] = Exact, required: tuple[str, ...] = (), **own: Any
-) -> type[Entry]:
+    kind: type, base: type[DocumentEntry] = ExactEntry, required: tuple[str, ...] = (), **own: Any
+) -> type[DocumentEntry]:
     """The entry of a data class; those of its fields that have a default need not be there.
 
     `own` are types and defaults of fields that differ in it; None for one that is not there.
@@ -385,7 +385,7 @@ def entry_of(
         for field in fields(kind)
     }
     every = {name: value for name, value in (known | own).items() if value is not None}
-    found: type[Entry] = create_model(kind.__name__, __base__=base, **every)
+    found: type[DocumentEntry] = create_model(kind.__name__, __base__=base, **every)
     return found
 
 
@@ -410,7 +410,7 @@ def _in_json(hint: Any) -> Any:
 
 
 @cache
-def _answer(individual: bool) -> type[Entry]:
+def _answer(individual: bool) -> type[DocumentEntry]:
     """The entry of an identification, of outcomes or of experiments with several observations."""
     estimate = entry_of(
         Estimate, estimate=(Finite, ...), interval=(tuple[Number, Number] | None, None)
@@ -429,7 +429,7 @@ def _answer(individual: bool) -> type[Entry]:
         log_likelihood=(likelihood, ...),
         experiments=(GenericAlias(list, (one,)), ...),
         consistency=(consistency, None),
-        search=(Search, ...), surface=(Surfaces | None, None), baselines=(Baselines, ...),
+        search=(SearchEntry, ...), surface=(Surfaces | None, None), baselines=(Baselines, ...),
         seconds=(dict[str, Finite], ...), law_curves=(dict[str, Curve], {}),
         quadrature=(Quadrature | None, None), best_possible=(BestPossible | None, None),
         correlation=None, correlation_names=None, pictures=None,
@@ -482,7 +482,7 @@ def _whole(digits: str) -> float:
     return int(digits) if len(digits) <= DIGITS else math.inf
 
 
-def _check(entry: type[Entry], document: Document, path: str | Path, command: str) -> None:
+def _check(entry: type[DocumentEntry], document: Document, path: str | Path, command: str) -> None:
     """Raise AleatorError, naming the key, where a document is not as its entry says."""
     try:
         entry.model_validate_json(json.dumps(document))

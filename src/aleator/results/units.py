@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from aleator.errors import InputsError, nearest
@@ -99,19 +99,3 @@ def checked_units(given: Units | None, known: Iterable[str]) -> dict[str, str]:
                 f"units: the unit of '{name}' is {unit!r}", f'write a text: {{"{name}": "mm"}}'
             )
     return {name: unit.strip() for name, unit in (given or {}).items() if unit.strip()}
-
-
-def varying_number(seen: Sequence[Mapping[str, Any]]) -> str | None:
-    """The condition that varies within experiments, is a number, and has the most values.
-
-    `seen` are the observations of a document.
-
-    >>> varying_number([{"conditions": {"time": 1.0}}, {"conditions": {"time": 2.0}}])
-    'time'
-    """
-    values: dict[str, set[float]] = {}
-    for entry in seen:
-        for name, value in entry["conditions"].items():
-            if isinstance(value, int | float):
-                values.setdefault(name, set()).add(float(value))
-    return max(values, key=lambda name: len(values[name])) if values else None

@@ -32,7 +32,7 @@ NO_SESSION = OutcomeSession(None, None, None)
 
 
 class Report(Protocol):
-    """A page to look at; `aleator.report.html.saved` makes it."""
+    """A page to look at; `aleator.views.page` makes it."""
 
     text: str
 
@@ -256,6 +256,6 @@ class Identification(Result):
         if not self.pictures and self.session.fit is not None:
             whole = pictured(self, progress)
         # a room above, by its name: imports run downward only
-        above = import_module("aleator.report.html.saved")
+        above = import_module("aleator.views.page")
         made: Report = above.report_of(whole.to_dict())
         return made

@@ -1,0 +1,194 @@
+"""Charts of an identification on matplotlib axes of your own, for figures that you compose.
+
+Each takes an identification, or the content of identification.json, draws on `ax`, and returns the
+axes. Without `ax` it makes a figure of its own: `axes.figure.savefig(...)` writes it. What is not
+in the document is computed where the fit is at hand.
+
+>>> from aleator import plot
+>>> plot.__all__
+['calibration', 'histogram', 'experiments', 'law', 'profile', 'surface', 'response']
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from aleator.errors import AleatorError, nearest
+from aleator.results.result import Result
+from aleator.tasks.identification import Identification
+from aleator.tasks.pictures import pictured
+from aleator.types import Array
+from aleator.views import law_charts, outcome_charts
+from aleator.views.axes import draw, empty_figure, styled
+from aleator.views.chart import Chart
+from aleator.views.measured import measured
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["calibration", "histogram", "experiments", "law", "profile", "surface", "response"]
+
+Found = Result | Mapping[str, Any]
+SIZE = (4.5, 3.4)
+"""Inches of a figure that is made for one chart."""
+
+
+def calibration(found: Found, ax: Axes | None = None) -> Axes:
+    """The cumulative share of the probabilities of what was measured, minus the uniform one.
+
+    The band holds the whole curve in 95 % of all uniform samples (Kolmogorov). Raises AleatorError
+    where no probability is known, and where matplotlib is not installed.
+
+    >>> ten = [{"id": k, "pit": (k + 0.5) / 10} for k in range(10)]
+    >>> calibration({"experiments": ten}).get_ylabel()
+    'cumulative share − uniform'
+    """
+    axes = _drawn(outcome_charts.cumulative_chart(_probabilities(found)), ax)
+    axes.set_xlim(0.0, 1.0)
+    return axes
+
+
+def histogram(found: Found, ax: Axes | None = None) -> Axes:
+    """The histogram of these probabilities, with the 95 % range of each bin (binomial).
+
+    >>> ten = [{"id": k, "pit": (k + 0.5) / 10} for k in range(10)]
+    >>> histogram({"experiments": ten}).get_ylabel()
+    'count'
+    """
+    axes = _drawn(outcome_charts.histogram_chart(_probabilities(found)), ax)
+    axes.set_xlim(0.0, 1.0)
+    return axes
+
+
+def experiments(found: Found, ax: Axes | None = None, *, response: str | None = None) -> Axes:
+    """Measured outcomes in the distributions that the law predicts, by predicted median.
+
+    On the scale of the likelihood: of a logarithm that is the logarithm. Of several responses one
+    is named; a censored value stands at its bound. Raises AleatorError where predictions are not
+    known.
+
+    >>> quantiles = {"0.025": 0.0, "0.25": 0.7, "0.5": 1.0, "0.75": 1.3, "0.975": 2.0}
+    >>> one = {"id": "7", "outcome": 1.2, "quantiles": quantiles, "pit": 0.65}
+    >>> experiments({"outcome": "time", "experiments": [one]}).get_ylabel()
+    'time'
+    """
+    of = {seen.response: seen for seen in measured(_document(found), seen=True)}
+    seen = of[_named([*of], response)]
+    if not seen.by_law:
+        raise _lacking("predictions of what was observed")
+    axes = _drawn(outcome_charts.predicted_chart(seen, seen.series()), ax)
+    axes.set_xlabel("ordered by predicted median")
+    return axes
+
+
+def law(found: Found, parameter: str, ax: Axes | None = None) -> Axes:
+    """The density of a parameter's law, with a band of 95 % of the densities of plausible laws.
+
+    >>> curve = {"x": [0.0, 1.0], "density": [1.0, 1.0], "lower": [0.5, 0.5], "upper": [2.0, 2.0]}
+    >>> law({"pictures": {"laws": {"wear": curve}}}, "wear").get_xlabel()
+    'wear'
+    """
+    document = _document(found)
+    _require((document.get("pictures") or {}).get("laws"), parameter, "laws")
+    return _drawn(law_charts.law_chart(document, parameter), ax)
+
+
+def profile(found: Found, hyperparameter: str, ax: Axes | None = None) -> Axes:
+    """The profile of the likelihood over a hyperparameter, and where it has dropped by 1.92.
+
+    Dashed: that drop, and the 95 % interval.
+
+    >>> curve = {"at": [0.0, 1.0, 2.0], "below": [2.0, 0.0, 2.0]}
+    >>> profile({"pictures": {"profiles": {"wear.mean": curve}}}, "wear.mean").get_xlabel()
+    'wear.mean'
+    """
+    document = _document(found)
+    _require((document.get("pictures") or {}).get("profiles"), hyperparameter, "profiles")
+    return _drawn(law_charts.profile_chart(document, hyperparameter), ax)
+
+
+def surface(found: Found, ax: Axes | None = None) -> Axes:
+    """The likelihood over the two estimates that are told apart worst: 50, 80 and 95 % of both.
+
+    The cross is the largest value. Raises AleatorError where there are no two.
+    """
+    chart = law_charts.surface_chart(_document(found))
+    if chart is None:
+        raise _lacking("surface of the likelihood")
+    return _drawn(chart, ax)
+
+
+def response(
+    found: Found, parameter: str, ax: Axes | None = None, *, response: str | None = None
+) -> Axes:
+    """What stands for the simulator over a parameter, the others in their middle.
+
+    A line for each of some experiments; of a series its first row is dotted, the middle one dashed.
+    With collocation, marks at the nodes of the law. Raises AleatorError where nothing is known.
+
+    >>> shown = [{"id": "7", "response": "way", "curves": {"k": [1.0, 2.0]}}]
+    >>> drawn = {"over": {"k": [0.0, 1.0]}, "shown": shown}
+    >>> response({"pictures": {"response": drawn}}, "k").get_ylabel()
+    'way'
+    """
+    document = _document(found)
+    drawn = (document.get("pictures") or {}).get("response")
+    if not drawn:
+        raise _lacking("response of the simulator")
+    _require(drawn.get("nodes") or drawn.get("over"), parameter, "parameters that were drawn")
+    name = _named(law_charts.responses_drawn(drawn), response)
+    return _drawn(law_charts.response_chart(document, parameter, name), ax)
+
+
+def _drawn(chart: Chart, ax: Axes | None) -> Axes:
+    """The chart on the axes, or on those of a new figure."""
+    if ax is not None:
+        return draw(chart, ax)
+    with styled():
+        return draw(chart, empty_figure(None, *SIZE).subplots())
+
+
+def _document(found: Found) -> Mapping[str, Any]:
+    """The content of identification.json, with pictures where the fit is at hand."""
+    if not isinstance(found, Result):
+        return found
+    if not found.pictures and isinstance(found, Identification) and found.session.fit is not None:
+        found = pictured(found)
+    return found.to_dict()
+
+
+def _probabilities(found: Found) -> Array:
+    document = found.to_dict() if isinstance(found, Result) else found
+    pit, _ = outcome_charts.probabilities(measured(document))
+    if not pit.size:
+        raise AleatorError("no probability is known", "the warnings say why")
+    return pit
+
+
+def _named(names: Sequence[str], response: str | None) -> str:
+    """The response that is meant, by default the first."""
+    name = names[0] if response is None else response
+    if name not in names:
+        raise AleatorError(
+            f"there is no response '{name}'{nearest(name, names)}",
+            f"the responses are {', '.join(names)}",
+        )
+    return name
+
+
+def _require(known: Mapping[str, Any] | None, name: str, what: str) -> None:
+    if not known:
+        raise _lacking(what)
+    if name not in known:
+        raise AleatorError(
+            f"there is no '{name}' among the {what}{nearest(name, [*known])}",
+            f"there are {', '.join(known)}",
+        )
+
+
+def _lacking(what: str) -> AleatorError:
+    return AleatorError(
+        f"the document has no {what}",
+        "identify again: `aleator identify` writes them, and in Python the fit is at hand",
+    )

@@ -1,0 +1,248 @@
+"""What an identification says in short, from its document: estimates, warnings, verdicts.
+
+`answer` is what a notebook and `print` show. A report (`aleator.views.identification`) begins with
+the same sentences and tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from aleator.results.printed import (
+    NONE,
+    PAGE,
+    THRESHOLDS,
+    WHOLE,
+    Chapter,
+    Content,
+    Sentence,
+    TextTable,
+    Thresholds,
+    between,
+    count,
+    heads,
+    number,
+    to_three,
+    with_error,
+)
+from aleator.results.units import label
+
+Document = Mapping[str, Any]
+COLUMNS = heads("alpha", ">estimate", ">std. error", ">95 % interval", "~note")
+
+
+def answer(document: Document) -> Content:
+    """The answer in short: alpha, log-likelihood, warnings, verdicts."""
+    return Content(
+        str(document.get("title") or ""),
+        lead(document),
+        [Chapter("estimates", "Estimates", [estimates(document), log_likelihood(document)])],
+        warnings(document),
+        verdicts(document),
+    )
+
+
+def is_individual(document: Document) -> bool:
+    """Whether the experiments have individual parameters: then it has their observations."""
+    return bool(document.get("observations"))
+
+
+def words(name: object) -> str:
+    """The name of a method or a status as words, "-" for none."""
+    return str(name or NONE).replace("_", " ")
+
+
+# ------------------------------------------------------------------------------------ what was done
+
+
+def lead(document: Document) -> tuple[Sentence, ...]:
+    """What was identified from what, and how."""
+    free = sum(not entry.get("fixed") for entry in document["alpha"].values())
+    seen = document.get("observations") or ()
+    bounds = sum(entry["lower"] is None or entry["lower"] != entry["upper"] for entry in seen)
+    values = f" with {len(seen):,} observations" if seen else ""
+    values += f" ({bounds:,} of them bounds only)" if bounds else ""
+    runs = f", {document['runs']:,} runs of the simulator" if "runs" in document else ""
+    experiments = count(len(document["experiments"]), "experiment")
+    return (
+        Sentence(f"{count(free, 'hyperparameter')} identified from {experiments}{values}{runs}"),
+        Sentence(_method(document), depth=WHOLE),
+    )
+
+
+def _method(document: Document) -> str:
+    prior = (document.get("log_likelihood") or {}).get("log_prior")
+    principle = "maximum likelihood" if prior is None else "maximum a posteriori"
+    reason = document.get("propagation_reason")
+    because = f" ({reason})" if reason else ""
+    starts = (document.get("search") or {}).get("starts", 0)
+    best = f", best of {starts} starts" if starts > 1 else ""
+    if not is_individual(document):
+        what = f"{document.get('density') or NONE}, propagation by "
+        what += f"{words(document.get('propagation'))}{because}"
+    else:
+        what = f"integral over individual parameters by {document.get('density') or NONE}, "
+        direct = document["propagation"] == "direct"
+        what += ("on the simulator itself" if direct else "on surfaces of it") + because
+    log = ""
+    if document.get("transform") == "log" and not is_individual(document):
+        name = document["outcome"]
+        log = (
+            f" The likelihood is that of log({name}); outcomes and ranges below are {name} itself."
+        )
+    return f"By {principle}: {what}{best}, seed {document.get('seed', NONE)}.{log}"
+
+
+# ------------------------------------------------------------------------------------ estimates
+
+
+def estimates(document: Document) -> TextTable:
+    """A row for each hyperparameter: name with unit, estimate, standard error, interval, note."""
+    rows: list[Sequence[str]] = []
+    for name, entry in document["alpha"].items():
+        error = entry.get("standard_error")
+        shown = with_error(entry["estimate"], error, estimate=True)
+        interval = between(entry.get("interval"), error)
+        rows.append((label(document, name), *shown, interval, _note(entry)))
+    return TextTable(COLUMNS, rows, "estimates", "Estimates")
+
+
+def _note(entry: Document, thresholds: Thresholds = THRESHOLDS) -> str:
+    if entry.get("fixed"):
+        return "fixed"
+    if entry.get("at_bound"):
+        return f"at its {entry['at_bound']} bound"
+    notes = []
+    error, sandwich = entry.get("standard_error"), entry.get("sandwich_error")
+    if (
+        error
+        and sandwich
+        and not thresholds.sandwich[0] < sandwich / error < thresholds.sandwich[1]
+    ):
+        notes.append(f"sandwich error {number(sandwich, 2)}")
+    if entry.get("cut"):
+        notes.append(_to_limit(entry["cut"], entry.get("drops")))
+    return ", ".join(notes)
+
+
+def _to_limit(cut: str, drops: Sequence[float] | None) -> str:
+    """Which ends of an interval are limits, and how far the profile has dropped there.
+
+    >>> _to_limit("lower", (1.263, 1.92)), _to_limit("both", (0.5, 0.004))
+    ('to its lower limit (drop 1.26)', 'from limit to limit (drops 0.50, 0.00)')
+    """
+    if cut == "both":
+        known = f" (drops {drops[0]:.2f}, {drops[1]:.2f})" if drops else ""
+        return f"from limit to limit{known}"
+    return f"to its {cut} limit" + (f" (drop {drops[cut == 'upper']:.2f})" if drops else "")
+
+
+def log_likelihood(document: Document) -> Sentence:
+    """The log-likelihood, by what, with the log prior and what the check says."""
+    value, density = document["log_likelihood"], document.get("density")
+    line = f"log-likelihood {to_three(value.get('estimated'))}"
+    line += "" if value.get("error") is None else f" +- {number(value['error'], 2)}"
+    line += f" by {density}" if density else ""
+    if (prior := value.get("log_prior")) is not None:
+        line += f", log prior {to_three(prior)} (maximum a posteriori)"
+    if value.get("verified") is not None:
+        error = number(value.get("verified_standard_error"), 2)
+        line += f"; on the simulator itself {to_three(value['verified'])} +- {error}"
+    return Sentence(line)
+
+
+# ------------------------------------------------------------------------------------ verdicts
+
+
+def verdicts(document: Document) -> tuple[Sentence, ...]:
+    """Whether alpha can be used, and whether the experiments agree with the model, as far as known.
+
+    >>> [str(v) for v in verdicts({"sound": False, "warnings": [{"about": "search"}]})]
+    ['NOT computed soundly: do not use alpha before the warnings are dealt with (search).']
+    >>> [v.kind for v in verdicts({"consistent": None, "consistency": {"reason": "only 4"}})]
+    ['open']
+    """
+    first = [_soundness(document)] if "sound" in document else []
+    return (*first, *([_agreement(document)] if document.get("consistency") else []))
+
+
+def _soundness(document: Document) -> Sentence:
+    if not document["sound"]:
+        about = dict.fromkeys(str(entry["about"]) for entry in document.get("warnings") or [])
+        named = f" ({', '.join(about)})" if about else ""
+        return Sentence(
+            f"NOT computed soundly: do not use alpha before the warnings are dealt with{named}.",
+            "bad",
+        )
+    if is_individual(document):
+        what = "the search converged, and more nodes do not change the answer"
+    else:
+        what = "the search converged, every density was solved"
+    if document["propagation"] == "direct":
+        checked = "; the simulator itself was integrated over"
+    elif document["log_likelihood"].get("verified") is not None:
+        checked = ", and the simulator itself agrees"
+    else:
+        checked = "; not verified on the simulator"
+    return Sentence(f"Computed soundly: {what}{checked}.", "good")
+
+
+def _agreement(document: Document) -> Sentence:
+    """The second verdict; a probability is that of all tests together."""
+    second, verdict = document["consistency"], document["consistent"]
+    if verdict is None:
+        reason = second["reason"]
+        return Sentence(f"Not tested whether consistent with the experiments: {reason}.", "open")
+    if verdict:
+        return Sentence(
+            f"Consistent with the experiments: none of {len(second['tests'])} tests contradicts "
+            f"the model (p = {number(second['p'], 2)}).",
+            "good",
+        )
+    against = [*_numbered(second["discrepancies"])]
+    said = "; ".join(f"{place}{_contradiction(row)}" for place, row in against)
+    mended = " ".join(f"{place}{row['remedy']}." for place, row in against)
+    return Sentence(f"NOT consistent with the experiments: {said}.", "bad", remedy=mended)
+
+
+def warnings(document: Document) -> tuple[Sentence, ...]:
+    """Everything to know before the numbers are used, each with its remedy."""
+    warned: list[Sentence] = []
+    for entry in document.get("warnings") or ():
+        head = f"Warning, {entry.get('about', '')}"
+        said, remedy = str(entry.get("message", "")), entry.get("remedy") or ""
+        warned.append(Sentence(said, "warning", head, remedy))
+    second = document.get("consistency") or {}
+    for row in second.get("discrepancies", ()):  # the verdict says them where it comes last
+        said, remedy = _contradiction(row), row["remedy"]
+        warned.append(Sentence(said, "warning", "Not consistent", remedy, depth=PAGE))
+    if outliers := second.get("outliers"):
+        rows = [f"{row['id']}{_row(document, row)} (p = {number(row['p'], 1)})" for row in outliers]
+        ids = tuple(str(row["id"]) for row in outliers)
+        warned.append(Sentence(f"{', '.join(rows)}.", "warning", "Outliers", ids=ids))
+    if copies := second.get("copies"):
+        named = ", ".join(f"`{name}`" for name in copies)
+        warned.append(
+            Sentence(
+                f"{named}, which the outcome determines, as in another unit, a rank, a class (pass "
+                "or fail) or a ratio. If it is a condition of the tests, let the simulator or a "
+                "law take it.",
+                head="Left out of the tests",
+            )
+        )
+    return tuple(warned)
+
+
+def _contradiction(row: Document) -> str:
+    return f"{row['message']} (p = {number(row['test']['corrected'], 1)})"
+
+
+def _numbered(rows: Sequence[Document]) -> Iterator[tuple[str, Document]]:
+    """Rows with a number before each; one alone needs none."""
+    for place, row in enumerate(rows, start=1):
+        yield f"({place}) " if len(rows) > 1 else "", row
+
+
+def _row(document: Document, outlier: Document) -> str:
+    return f", row {outlier['row']}" if is_individual(document) else ""

@@ -1,0 +1,340 @@
+"""A proposed study as the text of study.toml, with a reason at every key, and as notes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from aleator.study.offers import Offer, SimulatorInput
+from aleator.study.proposal import Proposal, Proposed
+
+LAST = r"(\S+)\s*\Z"
+"""What a program prints last."""
+KNOWN = "the number that is known: one value an experiment hardly tells it from the law"
+SHOWN = 20
+"""Variables of an FMU that are listed."""
+WIDTH = 34
+"""Where the remarks begin."""
+FILL_IN = "FILL IN"
+
+
+def study_text(proposal: Proposal, schema: str | None = None) -> str:
+    """The study file; what has to be filled in stands there as a remark that says so.
+
+    `schema` is the file of its JSON schema, which editors look for.
+    """
+    sections = [
+        _experiments(proposal),
+        _simulator(proposal),
+        *(_parameter(each, proposal) for each in proposal.parameters),
+        _untouched(proposal),
+        _noise(proposal),
+    ]
+    top = [f"#:schema {schema}"] if schema else []
+    title = line("title", proposal.title, "printed above the report and its figures")
+    return "\n".join([*top, title, *("\n".join(["", *s]) for s in sections if s), ""])
+
+
+def notes(proposal: Proposal) -> list[str]:
+    """What was recognized, a sentence a line."""
+    roles = proposal.roles
+    said = [f"outcome: {', '.join(proposal.outcomes)}"]
+    said.append(f"conditions: {', '.join(proposal.conditions) or 'none'}")
+    if proposal.repeated:
+        said.append(
+            f"repeated: {len(proposal.sheet.table)} rows of {proposal.experiments} experiments, "
+            f"named by the column {proposal.id}"
+        )
+    laws = [each.name for each in proposal.parameters if each.scatters]
+    known = [each.name for each in proposal.parameters if not each.scatters]
+    said.append(f"identified: the laws of {', '.join(laws) or 'nothing yet'}")
+    if known:
+        said.append(f"held constant: {', '.join(known)}")
+    if roles.constant:
+        said.append(f"the same in every row, not used: {', '.join(roles.constant)}")
+    if proposal.censored:
+        said.append(f"censored values: {', '.join(proposal.censored)}")
+    said += [f"noise: {sd:g} is assumed; write {KNOWN}" for sd in proposal.noise.values()
+             if isinstance(sd, float)]  # fmt: skip
+    if proposal.series:
+        said.append(f"a run serves all rows of an experiment, with arrays of "
+                    f"{', '.join(proposal.within)}")  # fmt: skip
+    if proposal.covariates:
+        said.append(f"laws may follow: {', '.join(proposal.covariates)}")
+    telling = {name for one in proposal.censored.values() for name in one.columns}
+    unused = [name for name in roles.others if name not in {*telling, *proposal.covariates}]
+    if unused:
+        said.append(f"not used: {', '.join(unused)}")
+    said += [
+        f"the column '{column}' is not used; if it is the simulator's '{argument}', call it so"
+        for column, argument in proposal.unlike.items()
+    ]
+    return said
+
+
+def variables(given: Sequence[SimulatorInput], offer: Offer) -> list[tuple[str, str, str, str]]:
+    """Rows of what a simulator can be given: name, unit, value at the start, what it is."""
+    return [
+        (each.name, each.unit, "" if each.nominal is None else f"{each.nominal:g}",
+         ", ".join(filter(None, (offer.variables.get(each.name), each.description))))
+        for each in given
+    ]  # fmt: skip
+
+
+def _experiments(proposal: Proposal) -> list[str]:
+    sheet = proposal.sheet
+    lines = [
+        "[experiments]",
+        line("file", proposal.file, "a header, then a row for each measured value"),
+        _outcome(proposal.outcomes),
+    ]
+    if proposal.id:
+        lines.append(
+            line("id", proposal.id, "rows with the same name are one experiment: one draw of the "
+                  "parameters")
+            if proposal.repeated
+            else line("id", proposal.id, "the name of each experiment")
+        )  # fmt: skip
+    else:
+        lines.append("# id = ...  if rows belong together: the column that names their experiment")
+    lines.append(line("conditions", [*proposal.conditions], "columns that the simulator is given"))
+    lines += _censored(proposal)
+    lines.append(_units(proposal))
+    if sheet.delimiter != ",":
+        lines.append(line("delimiter", sheet.delimiter, "between the cells"))
+    if sheet.decimal != ".":
+        lines.append(line("decimal", sheet.decimal, "the decimal sign"))
+    if proposal.log:
+        lines.append(line("transform", "log", "the outcome spans decades: its logarithm is taken"))
+    elif proposal.decades:
+        lines.append(off("transform", "log", "for outcomes that span decades, as these do"))
+    return lines
+
+
+def _censored(proposal: Proposal) -> list[str]:
+    """Of which values there are bounds only."""
+    told = {
+        name: {key: value for key, value in asdict(one).items() if value}
+        for name, one in proposal.censored.items()
+    }
+    if not told:
+        return []
+    said: object = told if len(proposal.outcomes) > 1 else told[proposal.outcomes[0]]
+    return [line("censored", said, "of these values only bounds are known")]
+
+
+def _units(proposal: Proposal) -> str:
+    """Those of the columns, as far as their heads say."""
+    names = (*proposal.outcomes, *proposal.conditions)
+    known = {name: proposal.units[name] for name in names if name in proposal.units}
+    remark = "shown on every axis and in every table"
+    if known:
+        return line("units", known, remark)
+    return off("units", dict.fromkeys(names[:1], "..."), remark)
+
+
+def _outcome(outcomes: Sequence[str]) -> str:
+    if len(outcomes) == 1:
+        return line("outcome", outcomes[0], "the measured column")
+    return line("outcomes", [*outcomes], "the measured columns; a cell may be blank")
+
+
+def _simulator(proposal: Proposal) -> list[str]:
+    offer = proposal.offer
+    lines = ["[simulator]", line(offer.kind, offer.value, _SIMULATORS[offer.kind])]
+    if offer.kind == "function":
+        shape = "with arrays of many runs" if offer.vectorized else "once a run, with numbers"
+        if proposal.series:
+            lines.append(line("series", True, "called once for all rows of an experiment"))
+        else:
+            lines.append(line("vectorized", offer.vectorized, f"called {shape}"))
+            lines += _could_be_series(proposal)
+    if offer.kind == "fmu":
+        lines += _of_fmu(proposal, offer)
+    if offer.kind == "command":
+        lines += _of_command(proposal)
+    return lines
+
+
+def _of_command(proposal: Proposal) -> list[str]:
+    """Where the outcome of a program is."""
+    if proposal.series:
+        several = off("output", {"file": "result.txt"}, "else all numbers that it prints")
+        return [line("series", True, "one run serves all rows of an experiment"), several]
+    last = remarked(f"output = {{regex = '{LAST}'}}", "the last that it prints; or {file = ...}")
+    return [*_could_be_series(proposal), last]
+
+
+def _could_be_series(proposal: Proposal) -> list[str]:
+    """A line that makes one run serve a whole experiment."""
+    if not proposal.within or proposal.offer.vectorized:
+        return []
+    names = ", ".join(proposal.within)
+    return [off("series", True, f"if one run serves all rows of an experiment: arrays of {names}")]
+
+
+_SIMULATORS = {
+    "function": "takes conditions and parameters by name",
+    "fmu": "conditions and parameters are its variables",
+    "command": "a program; {name} is where a value goes",
+}
+
+
+def _of_fmu(proposal: Proposal, offer: Offer) -> list[str]:
+    names = ", ".join(each.name for each in offer.returned[:SHOWN])
+    lines = [
+        line("outcome", proposal.returned, "its value at the end; also maximum, crossing: "
+              "docs/simulators.md")
+        if proposal.returned
+        else fill("outcome", "...", f"the variable that is measured: {names}")
+    ]  # fmt: skip
+    used = {*proposal.conditions, *(each.name for each in proposal.parameters)}
+    if named := {name: called for name, called in offer.variables.items() if name in used}:
+        lines.append(line("variables", named, "what these are called in the FMU"))
+    if proposal.time and proposal.repeated:
+        lines.append(line("series", True, "one run serves all rows of an experiment"))
+        lines.append(line("time", proposal.time, "the column of their times, in s"))
+    elif proposal.time:
+        lines.append(line("stop_time", proposal.time, "the column of the time that is simulated"))
+    elif offer.stop_time is None:
+        lines.append(fill("stop_time", "...", "seconds that are simulated"))
+    else:
+        lines.append(off("stop_time", offer.stop_time, "s, as the FMU says"))
+    return lines
+
+
+def _parameter(each: Proposed, proposal: Proposal) -> list[str]:
+    if not each.scatters:
+        return _constant(each)
+    head = remarked(f"[parameters.{key(each.name)}]", "differs between experiments")
+    lines = [head, line("law", "truncated_normal", "a normal law, cut at the ends of the box")]
+    if each.given.unit:
+        lines.insert(1, line("unit", each.given.unit, "shown on every axis and in every table"))
+    if each.limits is None:
+        box = fill("box", "[..., ...]", "where the simulator works; mean and sd are sought inside")
+        return [*lines, box, *_follows(proposal)]
+    why = (
+        "where the simulator works; mean and sd are sought inside"
+        if each.nominal is None
+        else f"a factor of three about {written(each.nominal)}: make it as wide as physics allows"
+    )
+    return [*lines, line("box", [*each.limits], why), *_follows(proposal)]
+
+
+def _follows(proposal: Proposal) -> list[str]:
+    """A formula of covariates that the mean may follow."""
+    if not proposal.covariates:
+        return []
+    formula = " + ".join(["1", *proposal.covariates.values()])
+    remark = "if the parameter depends on these" + ("" if proposal.noise else "; needs [noise]")
+    return [off("mean", formula, remark)]
+
+
+def _constant(each: Proposed) -> list[str]:
+    head = remarked(f"[parameters.{key(each.name)}]", "the same in all experiments")
+    lines = [head, line("law", "constant", "no scatter")]
+    if each.value is None:
+        return [*lines, fill("value", "...", "a number, or {lower = ..., upper = ...} to "
+                              "identify it")]  # fmt: skip
+    return [
+        *lines,
+        line("value", each.value, "known; {lower = ..., upper = ...} identifies it"),
+    ]
+
+
+def _untouched(proposal: Proposal) -> list[str]:
+    """What keeps its value, so that it can be taken as a parameter."""
+    if not proposal.untouched:
+        return []
+    rest = len(proposal.untouched) - SHOWN
+    of = "variables of the FMU" if proposal.offer.kind == "fmu" else "arguments"
+    lines = [f"# Other {of}, which keep their values unless they get a section:"]
+    lines += [
+        f"#   {each.name}{f' [{each.unit}]' if each.unit else ''}"
+        f"{'' if each.nominal is None else f' = {each.nominal:g}'}"
+        f"{f'  {each.description}' if each.description else ''}"
+        f"{_variable(proposal.offer, each)}"
+        for each in proposal.untouched[:SHOWN]
+    ]
+    return [*lines, *([f"#   and {rest} more"] if rest > 0 else [])]
+
+
+def _variable(offer: Offer, each: SimulatorInput) -> str:
+    """The line that lets a name stand for a variable, where it has to be named."""
+    called = offer.variables.get(each.name)
+    return f"  (variables = {{{each.name} = {written(called)}}})" if called else ""
+
+
+def _noise(proposal: Proposal) -> list[str]:
+    several = len(proposal.outcomes) > 1
+    if not proposal.noise:
+        return [
+            "# Without [noise] the parameters alone explain all scatter. With it:",
+            "# [noise]",
+            f"# sd = ...  # {KNOWN}",
+        ]
+    lines: list[str] = []
+    for name, sd in proposal.noise.items():
+        lines += [""] if lines else []
+        head = f"[noise.{key(name)}]" if several else "[noise]"
+        of = " of the logarithm: 0.1 is 10 %" if proposal.log else ""
+        lines.append(remarked(head, f"measurement noise, normal{of}"))
+        if isinstance(sd, str):
+            lines.append(line("sd", sd, "the column with the sd of each measured value"))
+        elif isinstance(sd, float):
+            lines.append(
+                line("sd", sd, f"assumed, 1 % of the scatter of all values; write {KNOWN}")
+            )
+        else:
+            lines.append(remarked(f"sd = {ends(sd)}", "identified; a number would be known"))
+    return lines
+
+
+# ------------------------------------------------------------------------------------ lines
+
+
+def line(key: str, value: object, remark: str) -> str:
+    """A key with its value."""
+    return remarked(f"{key} = {written(value)}", remark)
+
+
+def off(key: str, value: object, remark: str) -> str:
+    """The same as a remark: it holds where the user takes the sign away."""
+    return remarked(f"# {key} = {written(value)}", remark)
+
+
+def fill(key: str, form: str, remark: str) -> str:
+    """What the user has to fill in."""
+    return remarked(f"# {key} = {form}", f"{FILL_IN}: {remark}")
+
+
+def remarked(text: str, remark: str) -> str:
+    """A line with its remark beside it, or above where it is long."""
+    return f"{text:<{WIDTH}} # {remark}" if len(text) <= WIDTH else f"# {remark}:\n{text}"
+
+
+def key(name: str) -> str:
+    """A name as a key of TOML."""
+    bare = all(c.isascii() and (c.isalnum() or c in "_-") for c in name)
+    return name if name and bare else written(name)
+
+
+def written(value: object) -> str:
+    """A value as TOML has it.
+
+    >>> written([1.0, 0.5]), written("a\\tb"), written({"file": "x"})
+    ('[1.0, 0.5]', '"a\\\\tb"', '{file = "x"}')
+    """
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key(k)} = {written(v)}' for k, v in value.items())}}}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(written, value))}]"
+    if isinstance(value, float):
+        return repr(value)
+    return json.dumps(value, ensure_ascii=False)
+
+
+def ends(limits: tuple[float, float]) -> str:
+    """Limits as a table."""
+    return f"{{lower = {written(limits[0])}, upper = {written(limits[1])}}}"

@@ -1,0 +1,185 @@
+"""Answers of tasks as plain lists and numbers, as their files hold them and views read them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from aleator.tasks.box import FeasibleBox
+from aleator.tasks.ceiling import Ceiling
+from aleator.tasks.expected_cost import Cost
+from aleator.tasks.first_look import Look
+from aleator.tasks.recover import Recovery
+from aleator.tasks.screen import Sensitivity
+from aleator.types import Array
+
+
+def look_document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]:
+    """The first runs of a study as plain lists and numbers, as check.json holds them."""
+    plan, response = look.plan, np.array(look.response)
+    of = {name: response == name for name in dict.fromkeys(look.response)}
+    return {
+        "runs": look.runs,
+        "failed": look.failed,
+        "fault": look.fault,
+        "seconds_a_run": look.seconds,
+        "conditions": {"all": plan.count, "looked_at": look.looked_at},
+        "parameters": [
+            {
+                "name": plan.names[i],
+                "lower": plan.region[i, 0],
+                "upper": plan.region[i, 1],
+                "moves": {r: float(np.nanmedian(look.swing[own, j])) for r, own in of.items()},
+                "moves_at_most": {r: float(np.nanmax(look.swing[own, j])) for r, own in of.items()},
+                "influence": not look.without_influence[j],
+                "values": plan.x[plan.star[j], i],
+            }
+            for j, i in enumerate(plan.moving)
+        ],
+        "measured": {r: _range(look.lower[own], look.upper[own]) for r, own in of.items()},
+        "observations": [
+            {
+                "id": name,
+                "experiment": look.owner[k],
+                "response": look.response[k],
+                "lower": look.lower[k],
+                "upper": look.upper[k],
+                "reached": look.reached[k],
+                "beyond": look.beyond[k],
+                "margin": look.margin[k],
+                "by_parameter": [look.outcome[k][star] for star in plan.star],
+            }
+            for k, name in enumerate(look.ids)
+        ],
+        "out_of_reach": [look.ids[k] for k in look.out_of_reach],
+        "cost": None
+        if cost is None
+        else {
+            "least_runs": cost.least,
+            "most_runs": cost.most,
+            "direct": cost.direct,
+            "workers": workers,
+            "hours": [n * look.seconds / 3600.0 / workers for n in (cost.least, cost.most)],
+        },
+    }
+
+
+def _range(lower: Array, upper: Array) -> list[float]:
+    """The least and the largest measured value; bounds count by the end that is known."""
+    known = np.concatenate([lower, upper])
+    known = known[np.isfinite(known)]
+    return [float(known.min()), float(known.max())]
+
+
+def box_document(found: FeasibleBox) -> dict[str, Any]:
+    """A feasible box as plain lists and numbers, as box.json holds it."""
+    return {
+        "box": dict(zip(found.names, found.box.tolist(), strict=True)),
+        "limits": dict(zip(found.names, found.limits.tolist(), strict=True)),
+        "sides": [
+            {
+                "parameter": side.parameter,
+                "side": "upper" if side.upper else "lower",
+                "value": side.value,
+                "experiment": side.experiment,
+                "failed_at": None
+                if side.at is None
+                else dict(zip(found.names, side.at.tolist(), strict=True)),
+            }
+            for side in found.sides
+        ],
+        "share": found.share,
+        "runs": found.runs,
+        "tested": found.tested,
+        "confirmed": found.confirmed,
+        "without": dict(found.without),
+    }
+
+
+def sensitivity_document(found: Sensitivity) -> dict[str, Any]:
+    """A sensitivity study as plain lists and numbers, as sensitivity.json holds it."""
+    expansion, sobol = found.expansion, found.sobol
+
+    def named(values: Any) -> dict[str, float]:
+        return dict(zip(found.names, values.tolist(), strict=True))
+
+    return {
+        "parameters": _records(found.parameters()),
+        "pairs": _records(found.pairs()),
+        "expansion": {
+            "runs": found.runs,
+            "terms": len(expansion.indices),
+            "degree": int(expansion.indices.sum(axis=1).max()),
+            "converged": found.converged,
+            "unexplained": {
+                name: float(np.quantile(expansion.unexplained, share))
+                for name, share in (("median", 0.5), ("nine_in_ten", 0.9), ("largest", 1.0))
+            },
+        },
+        "experiments": [
+            {
+                "id": name,
+                "mean": expansion.mean[l],
+                "standard_deviation": np.sqrt(sobol.variance[l]),
+                "unexplained": expansion.unexplained[l],
+                "first": named(sobol.first[l]),
+                "total": named(sobol.total[l]),
+                "effect": named(found.effects[l]),
+                "second": sobol.second[l],
+            }
+            for l, name in enumerate(found.ids)
+        ],
+    }
+
+
+def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
+
+
+def recovery_document(recovery: Recovery) -> dict[str, Any]:
+    """A recovery as plain lists and numbers: the table by hyperparameter, and every replicate."""
+    alpha, ends = recovery.alpha.tolist(), recovery.intervals.tolist()
+    rows = zip(alpha, ends, recovery.log_likelihood, recovery.converged, strict=True)
+    return {
+        "hyperparameters": recovery.table().to_dict("index"),
+        "replicates": [
+            {
+                "alpha": dict(zip(recovery.names, values, strict=True)),
+                "intervals": dict(zip(recovery.names, intervals, strict=True)),
+                "log_likelihood": float(log_likelihood),
+                "converged": bool(converged),
+            }
+            for values, intervals, log_likelihood, converged in rows
+        ],
+    }
+
+
+def ceiling_document(found: Ceiling) -> dict[str, Any]:
+    """A best possible law as plain lists and numbers, as ceiling.json holds it."""
+    test, values = found.judged, found.map
+    return {
+        "log_likelihood": {
+            "ceiling": found.log_likelihood,
+            "error": found.error,
+            "verified": found.verified,
+            "estimated": found.estimated,
+            "gap": found.gap,
+        },
+        "bootstrap": None if test is None else dict(vars(test)),
+        "points": found.points.to_dict("records"),
+        "gains": [{"id": name, "gain": gain} for name, gain in found.gains.items()],
+        "region": {name: list(ends) for name, ends in found.region.items()},
+        "held": dict(found.held),
+        "covered": found.covered,
+        "edges": list(found.edges),
+        "curves": {name: curve.to_dict("list") for name, curve in found.curves.items()},
+        "map": None
+        if values is None
+        else {
+            "first": values.columns.tolist(),
+            "second": values.index.tolist(),
+            "gradient": values.to_numpy().tolist(),
+        },
+    }

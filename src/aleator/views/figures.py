@@ -1,0 +1,455 @@
+"""Figures as files: charts of an identification on a sheet, and those of other answers.
+
+Each is a pure function of a document, drawn with matplotlib; AleatorError is raised where that is
+not installed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aleator.results.printed import AMOUNTS, Amounts, percent
+from aleator.results.units import label, seen_label
+from aleator.types import Array
+from aleator.views.axes import (
+    BLACK,
+    BLUE,
+    GRAY,
+    VERMILION,
+    WIDTH,
+    draw,
+    empty_figure,
+    legend,
+    save_figure,
+    styled,
+)
+from aleator.views.chart import WIDE, evenly, numbers
+from aleator.views.law_charts import law_chart, law_curves
+from aleator.views.measured import MeasuredValues, measured, varying
+from aleator.views.outcome_charts import (
+    cumulative_chart,
+    histogram_chart,
+    individuals_of,
+    lines_of,
+    predicted_chart,
+    probabilities,
+    single_series_chart,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Document = Mapping[str, Any]
+Draw = Callable[[Document], "Figure"]
+
+
+def save_figures(document: Document, directory: str | Path) -> list[Path]:
+    """Write experiments.png and calibration.png into a folder, which is made if need be.
+
+    With individual parameters parameters.png too. Returns the paths written. The bytes depend on
+    nothing but the document and the version of matplotlib. Raises AleatorError where matplotlib is
+    not installed or a file cannot be written.
+    """
+    figures: dict[str, Draw] = {"experiments": experiments_figure}
+    if document.get("observations"):
+        figures["parameters"] = parameters_figure
+    figures["calibration"] = calibration_figure
+    return [
+        save_figure(make(document), Path(directory) / f"{name}.png")
+        for name, make in figures.items()
+    ]
+
+
+def experiments_figure(document: Document) -> Figure:
+    """Each measured value in the distribution that is predicted for it, ordered by its median.
+
+    Where a number varies within experiments each of some of them has a panel, with its own
+    prediction: the four with the largest residuals, and others evenly chosen.
+
+    >>> quantiles = {"0.025": 0.0, "0.25": 0.7, "0.5": 1.0, "0.75": 1.3, "0.975": 2.0}
+    >>> one = {"id": "7", "outcome": 1.2, "quantiles": quantiles, "pit": 0.65}
+    >>> figure = experiments_figure({"title": "Beam", "experiments": [one]})
+    >>> figure.axes[0].get_title(loc="left")
+    'Outside the predicted 95 %: 0 of 1 (expected 0.05)'
+    """
+    all_measured, name = measured(document), varying(document)
+    if name is not None:
+        return _series(document, all_measured, name)
+    with styled():
+        figure = _figure(document, 1.0 + 3.6 * len(all_measured))
+        grid = figure.subplots(len(all_measured), 1, squeeze=False).ravel()
+        for axes, seen in zip(grid, all_measured, strict=True):
+            draw(predicted_chart(seen, seen.series()), axes)
+            beyond, known = seen.outside, np.isfinite(seen.array(seen.ends[0])) & seen.exact
+            axes.set_title(
+                f"Outside the predicted 95 %: {beyond.sum()} of {known.sum()} "
+                f"(expected {0.05 * known.sum():.3g})"
+            )
+            _name(axes, seen)
+        legend(figure)
+    return figure
+
+
+def parameters_figure(document: Document, amounts: Amounts = AMOUNTS) -> Figure:
+    """The identified law of each parameter, and the means of the individual laws below it."""
+    names, own = [*law_curves(document)], individuals_of(document)
+    with styled():
+        rows = max(-(-len(names) // amounts.across), 1)
+        figure = _figure(document, 0.6 + 2.6 * rows)
+        grid = figure.subplots(rows, min(max(len(names), 1), amounts.across), squeeze=False).ravel()
+        for axes in grid[len(names) :]:
+            axes.set_axis_off()
+        for axes, name in zip(grid, names, strict=False):
+            draw(law_chart(document, name, own), axes)
+            share = (document.get("shrinkage") or {}).get(name)
+            axes.set_title("" if share is None else f"shrinkage {percent(share)}")
+            axes.set_yticks([])
+            axes.set_ylabel("")
+            axes.spines["left"].set_visible(False)
+            axes.locator_params(axis="x", nbins=5)
+        legend(figure)
+    return figure
+
+
+def calibration_figure(document: Document) -> Figure:
+    """How the probabilities of what was measured compare with a uniform sample.
+
+    Left their histogram, with the range that each bin of a uniform sample has in 95 % of all
+    samples (binomial). Right their cumulative distribution minus that of the uniform law, with the
+    band that holds the whole curve in 95 % of all uniform samples (Kolmogorov). Both are a little
+    wide, for the law was fitted to the same outcomes.
+
+    >>> ten = [{"id": k, "pit": (k + 0.5) / 10} for k in range(10)]
+    >>> [axes.get_ylabel() for axes in calibration_figure({"experiments": ten}).axes]
+    ['count', 'cumulative share − uniform']
+    """
+    pit, _ = probabilities(measured(document))
+    with styled():
+        figure = _figure(document, 3.9)
+        grid = figure.subplots(1, 2)
+        for axes, make in zip(grid, (histogram_chart, cumulative_chart), strict=True):
+            axes.set_xlim(0.0, 1.0)
+            if pit.size:
+                chart = make(pit)
+                draw(chart, axes)
+                axes.set_title(chart.title)
+        legend(figure)
+    return figure
+
+
+def _series(
+    document: Document,
+    all_measured: Sequence[MeasuredValues],
+    name: str,
+    amounts: Amounts = AMOUNTS,
+) -> Figure:
+    """A panel for each of some experiments and each response."""
+    responses = len(all_measured)
+    most = max(amounts.across, amounts.panels // responses // amounts.across * amounts.across)
+    ids = chosen(document["observations"], most)
+    across = min(amounts.across, len(ids))
+    blocks = -(-len(ids) // across)
+    with styled():
+        figure = _figure(document, 0.9 + 1.85 * blocks * responses)
+        grid = figure.subplots(
+            blocks * responses, across, squeeze=False, sharex=True, sharey=responses == 1
+        )
+        for axes in grid.ravel():
+            axes.set_axis_off()
+        for r, seen in enumerate(all_measured):
+            (choice,) = [one for one in seen.choices if one.name == name]
+            lines = lines_of(seen, choice, ids)
+            for k, one in enumerate(ids):
+                axes = grid[k // across * responses + r, k % across]
+                axes.set_axis_on()
+                if one in lines:
+                    draw(single_series_chart(seen, choice, r, lines, one), axes)
+                if r == 0:
+                    axes.set_title(
+                        one if len(one) <= amounts.letters else f"{one[: amounts.letters - 1]}…"
+                    )
+                if k % across:
+                    axes.set_ylabel("")
+                if r < responses - 1 or (k // across + 1) * across + k % across < len(ids):
+                    axes.set_xlabel("")
+                else:
+                    axes.tick_params(labelbottom=True)
+        legend(figure)
+    return figure
+
+
+def chosen(seen: Sequence[Document], most: int, amounts: Amounts = AMOUNTS) -> list[str]:
+    """Ids of experiments to be shown: those with the largest residuals, others evenly chosen."""
+    size: dict[str, float] = {}
+    for entry in seen:
+        size[entry["id"]] = max(size.get(entry["id"], 0.0), abs(entry["residual"] or 0.0))
+    ids = [*size]
+    if len(ids) <= most:
+        return ids
+    worst = sorted(ids, key=lambda name: -size[name])[: min(amounts.farthest_panels, most)]
+    others = [name for name in ids if name not in worst]
+    kept = {*worst, *(others[k] for k in evenly(len(others), most - len(worst)))}
+    return [name for name in ids if name in kept]
+
+
+def _name(axes: Axes, seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> None:
+    """The ids of few experiments on the axis; of many, those outside where these are few."""
+    ids, place, size = seen.columns["id"], seen.columns["order"], len(seen)
+    axes.set_xlim(0.4, size + 0.6)
+    if size <= amounts.named:
+        ordered = [ids[k] for k in np.argsort(place)]
+        long = sum(map(len, ids)) > 60
+        axes.set_xticks(range(1, size + 1), ordered, rotation=20 if long else 0)
+    elif seen.outside.sum() <= amounts.named:
+        axes.margins(y=0.09)
+        value, high = seen.array("value"), seen.array(seen.ends[1])
+        for k in np.flatnonzero(seen.outside):
+            side = 1 if value[k] > high[k] else -1
+            axes.annotate(ids[k], (place[k], value[k]), (0, 5 * side), color=VERMILION,
+                          textcoords="offset points", fontsize=8.0, ha="center",
+                          va="bottom" if side > 0 else "top")  # fmt: skip
+
+
+def _figure(document: Document, height: float) -> Figure:
+    """An empty figure under the title of the study."""
+    title = document.get("title")
+    return empty_figure(str(title) if title else None, WIDTH, height)
+
+
+def _save(make: Draw, name: str, document: Document, folder: str | Path) -> Path:
+    return save_figure(make(document), Path(folder) / f"{name}.png")
+
+
+# ------------------------------------------------------------------------------------ first runs
+
+
+def check_figure(document: Document) -> Figure:
+    """The outcome of each observation over each parameter, a panel a parameter and response.
+
+    `document` is the content of check.json. The other parameters are in the middle of the region.
+    The gray band is the range of the measured outcomes, and what no point reaches is drawn in
+    another color.
+    """
+    rows, responses = document["parameters"], [*document["measured"]]
+    across = min(len(rows), 3)
+    down = -(-len(rows) // across)
+    with styled():
+        figure = _figure(document, 0.9 + 2.9 * down * len(responses))
+        grid = figure.subplots(down * len(responses), across, sharey="row", squeeze=False)
+        for axes in grid.ravel():
+            axes.set_visible(False)
+        for r, response in enumerate(responses):
+            for k, row in enumerate(rows):
+                axes = grid[r * down + k // across, k % across]
+                axes.set_visible(True)
+                _panel(axes, document, response, k, row)
+                if k % across == 0:
+                    axes.set_ylabel(seen_label(document, response))
+        legend(figure)
+    return figure
+
+
+def _panel(axes: Axes, document: Document, response: str, k: int, row: Document) -> None:
+    low, high = _drawable(document["measured"][response])
+    axes.axhspan(low, high, color="#e8e8e8", lw=0.0, label="measured", zorder=0)
+    lost = set(document["out_of_reach"])
+    alpha = float(np.clip(8.0 / max(len(document["observations"]), 1), 0.15, 0.9))
+    for each in (e for e in document["observations"] if e["response"] == response):
+        outside = each["id"] in lost
+        axes.plot(
+            row["values"], _drawable(each["by_parameter"][k]), "-", lw=1.0, marker=".", ms=3.0,
+            color=VERMILION if outside else BLUE, alpha=max(alpha, 0.6) if outside else alpha,
+            label="of an experiment out of reach" if outside else "of an experiment",
+            zorder=3 if outside else 2,
+        )  # fmt: skip
+    axes.set_xlabel(label(document, row["name"]))
+    if not row["influence"]:
+        axes.set_title("no influence", color=GRAY)
+
+
+def _drawable(values: ArrayLike) -> Array:
+    """Values cut where matplotlib ends: no axis is longer than the largest number."""
+    most = np.finfo(np.float64).max / 8.0
+    return np.clip(np.asarray(values, dtype=np.float64), -most, most)
+
+
+# ------------------------------------------------------------------------------------ sensitivity
+
+
+def sensitivity_figure(document: Document) -> Figure:
+    """Shares of the variance by parameter, and which parameters act alike.
+
+    `document` is the content of sensitivity.json. Left the mean first-order and total Sobol'
+    indices over the experiments with the range of the total, right the alignment of the linear
+    effects.
+    """
+    rows = document["parameters"]
+    names = [row["parameter"] for row in rows]
+    with styled():
+        figure = _figure(document, max(3.2, 1.6 + 0.34 * len(names)))
+        left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
+        place = np.arange(len(rows))[::-1]
+        left.barh(place, [row["mean_total"] for row in rows], 0.72, color=WIDE, label="mean total")
+        left.barh(place, [row["mean_first"] for row in rows], 0.36, color=BLUE, label="mean alone")
+        for y, name in zip(place.tolist(), names, strict=True):
+            shares = numbers(each["total"][name] for each in document["experiments"])
+            left.plot(shares, np.full(shares.size, y), "|", color=VERMILION, ms=7.0, mew=0.7,
+                      label="total in each experiment")  # fmt: skip
+        left.set_yticks(place, names)
+        left.set(xlim=(0.0, 1.02), xlabel="share of the outcome's variance")
+        left.set_title("Sobol' indices")
+        _alignment(right, names, document["pairs"])
+        legend(figure)
+    return figure
+
+
+def _alignment(
+    axes: Axes, names: Sequence[str], pairs: Sequence[Document], amounts: Amounts = AMOUNTS
+) -> None:
+    matrix = np.eye(len(names))
+    for pair in pairs:
+        i, j = names.index(pair["first"]), names.index(pair["second"])
+        matrix[i, j] = matrix[j, i] = numbers([pair["alignment"]])[0]
+    axes.imshow(matrix, cmap="RdBu", vmin=-1.0, vmax=1.0)
+    axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor")
+    axes.set_yticks(range(len(names)), names)
+    axes.spines[:].set_visible(False)
+    axes.set_title("Alignment: ±1 cannot be told apart")
+    if len(names) > amounts.named:
+        return
+    for (i, j), value in np.ndenumerate(matrix):
+        if i != j and np.isfinite(value):
+            color = "white" if abs(value) > 0.6 else "black"
+            axes.text(j, i, f"{value:.2f}", ha="center", va="center", color=color, fontsize=7.5)
+
+
+# ------------------------------------------------------------------------------------ models
+
+
+def compare_figure(document: Document) -> Figure:
+    """How much worse each model predicts than the best, and by which experiments.
+
+    `document` is the content of compare.json. Left the difference of the predictive log-likelihood
+    with two standard errors, right that of each experiment.
+    """
+    models = document["models"]
+    best, places = models[0]["name"], range(len(models) - 1, -1, -1)
+    with styled():
+        figure = empty_figure(None, WIDTH, max(2.6, 1.5 + 0.36 * len(models)))
+        left, right = figure.subplots(1, 2, sharey=True)
+        for axes in (left, right):
+            axes.axvline(0.0, color=GRAY, lw=0.8)
+        for place, model in zip(places, models, strict=True):
+            error = 2.0 * (model["difference_error"] or 0.0)
+            color = BLUE if model["sound"] else VERMILION
+            left.errorbar(model["difference"], place, xerr=error, fmt="o", color=color, capsize=3.0)
+            gaps = [row[model["name"]] - row[best] for row in document["left_out"]]
+            right.plot(gaps, np.full(len(gaps), place), "|", color=BLUE, ms=10.0, mew=0.8)
+        left.set_xlabel("predictive log-likelihood minus that of the best")
+        left.set_title("Left out, with two standard errors")
+        right.set_xlabel("the same of each experiment")
+        right.set_title("Each experiment")
+        left.set_yticks(places, [model["name"] for model in models])
+        left.set_ylim(-0.6, len(models) - 0.4)
+    return figure
+
+
+LACKING = "#f6d5c3"
+TALLEST = 10.0
+"""The gradient function is cut there: what matters is where it is above zero."""
+NOTHING = -0.99
+"""A gradient below it: no experiment has anything there."""
+LINEAR = 0.2
+"""Gradients up to which colors are linear."""
+
+
+def ceiling_figure(document: Document) -> Figure:
+    """Where the chosen law lacks mass, over each parameter, and over two parameters as a map.
+
+    `document` is the content of ceiling.json. Above the density of the chosen law with the points
+    of the best one as stems, below the gradient function: where it is above zero, more mass would
+    make the experiments more likely.
+    """
+    names, flat = [*document["curves"]], document["map"] is not None
+    with styled():
+        figure = _figure(document, 5.0)
+        grid = figure.subplots(2, len(names) + flat, sharex="col", squeeze=False)
+        for k, name in enumerate(names):
+            _mass(grid[0, k], name, document)
+            _gradient(grid[1, k], name, document)
+        if flat:
+            for axes in grid[:, -1]:
+                axes.remove()
+            whole = figure.add_subplot(grid[0, -1].get_gridspec()[:, -1])
+            _map(figure, whole, names, document)
+        grid[0, 0].set_ylabel("density, probability")
+        grid[1, 0].set_ylabel("gradient function")
+        legend(figure)
+    return figure
+
+
+def _mass(axes: Axes, name: str, document: Document) -> None:
+    """The density, and the probabilities of points as stems on a scale of their own."""
+    curve = document["curves"][name]
+    x, density = numbers(curve["x"]), numbers(curve["density"])
+    tall = np.nanmax(density, initial=0.0) or 1.0
+    axes.fill_between(x, density / tall, color=WIDE, lw=0.0)
+    axes.plot(x, density / tall, color=BLUE, lw=1.4, label="chosen law (its largest density is 1)")
+    at = numbers(point[name] for point in document["points"])
+    share = numbers(point["probability"] for point in document["points"])
+    axes.vlines(at, 0.0, share, color=BLACK, lw=1.2)
+    axes.plot(at, share, color=BLACK, marker="o", ms=4.0, mew=0.0, ls="none", clip_on=False,
+              label="points of the best law")  # fmt: skip
+    axes.set_ylim(0.0, 1.05)
+    axes.set_title(label(document, name))
+
+
+def _gradient(axes: Axes, name: str, document: Document) -> None:
+    curve = document["curves"][name]
+    x, density, gradient = (numbers(curve[key]) for key in ("x", "density", "gradient"))
+    value = np.minimum(gradient, TALLEST)
+    axes.axhline(0.0, color=GRAY, lw=0.8)
+    axes.fill_between(x, value, where=value > 0.0, interpolate=True, color=LACKING, lw=0.0,
+                      label="the chosen law lacks mass here")  # fmt: skip
+    axes.plot(x, value, color=VERMILION, lw=1.4)
+    # from where to where there is density, gain, or a point, with a margin
+    some = (density > 1e-3 * np.nanmax(density, initial=0.0)) | (gradient > NOTHING)
+    at = np.concatenate([x[some], [point[name] for point in document["points"]]])
+    margin = 0.05 * np.ptp(at)
+    axes.set_xlim(max(x[0], at.min() - margin), min(x[-1], at.max() + margin))
+    axes.set_xlabel(label(document, name))
+    axes.locator_params(axis="x", nbins=5)
+
+
+def _map(figure: Figure, axes: Axes, names: list[str], document: Document) -> None:
+    """The gradient function of two parameters; blue where there is too much mass."""
+    from matplotlib.colors import AsinhNorm
+
+    first, second = (numbers(document["map"][key]) for key in ("first", "second"))
+    height = np.array([numbers(row) for row in document["map"]["gradient"]])
+    most = float(np.clip(np.nanmax(height, initial=1.0), 1.0, TALLEST))
+    mesh = axes.pcolormesh(
+        first, second, np.minimum(height, most), cmap="RdBu_r", shading="nearest", rasterized=True,
+        norm=AsinhNorm(LINEAR, -most, most),
+    )  # fmt: skip
+    bar = figure.colorbar(mesh, ax=axes, ticks=[-1.0, 0.0, 1.0, most], format="{x:.2g}", aspect=40)
+    bar.outline.set_visible(False)
+    share = numbers(point["probability"] for point in document["points"])
+    x, y = (numbers(point[name] for point in document["points"]) for name in names)
+    axes.scatter(x, y, 12.0 + 300.0 * share, facecolors="none", edgecolors=BLACK, lw=1.3,
+                 clip_on=False, zorder=3)  # fmt: skip
+    axes.set(xlabel=label(document, names[0]), ylabel=label(document, names[1]))
+    axes.set_title("gradient function")
+
+
+save_check = partial(_save, check_figure, "check")
+save_sensitivity = partial(_save, sensitivity_figure, "sensitivity")
+save_compare = partial(_save, compare_figure, "compare")
+save_ceiling = partial(_save, ceiling_figure, "ceiling")

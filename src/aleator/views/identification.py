@@ -1,0 +1,694 @@
+"""What a report says of an identification, from its document: for the terminal and for the page.
+
+Each section is made once. The page has charts in it too, and what only a page has room for.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.console import RenderableType
+
+from aleator.results.answer import (
+    answer,
+    estimates,
+    is_individual,
+    log_likelihood,
+    verdicts,
+    warnings,
+    words,
+)
+from aleator.results.documents import study_entry
+from aleator.results.printed import (
+    AMOUNTS,
+    DETAILS,
+    NONE,
+    PAGE,
+    THRESHOLDS,
+    WHOLE,
+    Amounts,
+    Chapter,
+    Column,
+    Content,
+    Part,
+    Sentence,
+    TextTable,
+    Thresholds,
+    count,
+    heads,
+    number,
+    outside,
+    percent,
+    to_three,
+    with_error,
+)
+from aleator.results.units import label, transforms, unit_of, with_unit
+from aleator.views import law_charts, outcome_charts
+from aleator.views.chart import Series, numbers
+from aleator.views.measured import AxisChoice, MeasuredValues, conditions_of, measured, varying
+from aleator.views.outcome_charts import Individuals
+from aleator.views.terminal import terminal
+
+Document = Mapping[str, Any]
+SCATTER = "the outcome's scatter"
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What the charts of a page are drawn from: the series that they share, and the best law."""
+
+    measured: Sequence[MeasuredValues]
+    sources: Sequence[Series]
+    own: Individuals | None
+    ceiling: Document | None
+    study: str | None
+
+
+def render(document: Document, files: Sequence[str] = (), details: bool = False) -> RenderableType:
+    """The report of an identification on a terminal; `files` are named at its end.
+
+    It has what helps to decide; `details` are the rest: what other densities would change, all
+    tests, optima, runs and seconds by stage. Keys that the document lacks are left out.
+    """
+    return terminal(_content(document, None), files, DETAILS if details else WHOLE)
+
+
+def identification(
+    document: Document, ceiling: Document | None = None, study: str | None = None
+) -> tuple[Content, dict[str, Sequence[AxisChoice]]]:
+    """The content of a page, and what can be chosen for the x of its series, by their names.
+
+    `ceiling` is the content of ceiling.json, `study` the text of the study file, where known.
+    """
+    seen = measured(document)
+    sources = [one.thinned().series(place) for place, one in enumerate(seen)]
+    own = outcome_charts.individuals_of(document)
+    choices: dict[str, Sequence[AxisChoice]] = {
+        source.name: one.choices for source, one in zip(sources, seen, strict=True)
+    }
+    if own is not None:
+        choices[own.series.name] = own.choices
+    return _content(document, Drawn(seen, sources, own, ceiling, study)), choices
+
+
+def _content(document: Document, drawn: Drawn | None) -> Content:
+    """All sections, those without parts left out; charts where they are to be `drawn`."""
+    short = answer(document)
+    name = varying(document)
+    sections = {
+        ("law", "The law of the parameters"): _law(document, drawn),
+        ("estimates", "Estimates"): _estimates(document, drawn),
+        ("likelihoods", "Log-likelihoods"): _likelihoods(document),
+        ("predicted", "Measured against predicted"): _predicted(document, drawn),
+        ("calibration", "Calibration and tests"): _calibration(document, drawn),
+        ("series", f"Observations over {name}"): _series(drawn, name),
+        ("individuals", "Parameters of single experiments"): _individuals(document, drawn),
+        ("surfaces", "The simulator"): _simulator(document, drawn),
+        ("effort", "Runs and cost"): _effort(document),
+        ("experiments", "Experiments"): _experiments(document, drawn),
+        ("origin", "How this was computed"): _origin(document, drawn),
+    }
+    made = [Chapter(*names, list(parts)) for names, parts in sections.items()]
+    title = short.title or "Identification"
+    return Content(
+        title, short.lead, [section for section in made if section.parts], warnings(document),
+        verdicts(document),
+    )  # fmt: skip
+
+
+def missing(what: str, remedy: str) -> Sentence:
+    """What a reader of a page would look for, why it is not there, and what brings it."""
+    return Sentence(f"{what} {remedy}", "missing", depth=PAGE)
+
+
+# ------------------------------------------------------------------------------------ the law
+
+
+def _law(document: Document, drawn: Drawn | None) -> Iterator[Part]:
+    if drawn is None:
+        return
+    curves = law_charts.law_curves(document)
+    if not curves:
+        yield missing(
+            "The densities are not in this document.",
+            "Identify again with this version: aleator identify writes them.",
+        )
+    for name in curves:
+        yield law_charts.law_chart(document, name, drawn.own, drawn.ceiling)
+    for pair in (document.get("pictures") or {}).get("contours") or ():
+        yield law_charts.joint_chart(document, pair, drawn.own)
+    ceiling = drawn.ceiling
+    if ceiling is None:
+        yield missing(
+            "Where the best of all laws has its mass is not known here.",
+            "aleator ceiling STUDY.toml with the same --output writes ceiling.json, and aleator "
+            "report shows it.",
+        )
+        return
+    best = {**ceiling.get("log_likelihood", {}), **(ceiling.get("bootstrap") or {})}
+    if "gap" in best:
+        yield Sentence(f"A law of any family would have {_gap(best)}.", depth=PAGE)
+
+
+def _gap(best: Document) -> str:
+    """By how much the best of all laws is above this one, and whether chance explains it."""
+    gap = f"at most {number(best['gap'], 3)} more log-likelihood"
+    if best.get("p_value") is None:
+        return gap
+    p = number(best["p_value"], 2)
+    return f"{gap}; if this law is the true one, chance makes as much with p = {p}"
+
+
+# ------------------------------------------------------------------------------------ estimates
+
+
+def _estimates(document: Document, drawn: Drawn | None) -> Iterator[Part]:
+    yield estimates(document)
+    yield log_likelihood(document)
+    yield from _correlations(document)
+    if drawn is None:
+        return
+    profiles = (document.get("pictures") or {}).get("profiles") or {}
+    if not profiles:
+        yield missing(
+            "There are no profiles of the likelihood in this document.",
+            "They are left out where the maximum has no curvature, and of more than 3,000 "
+            "observations.",
+        )
+    for name in profiles:
+        yield law_charts.profile_chart(document, name)
+    if chart := law_charts.surface_chart(document):
+        yield chart
+
+
+def _correlations(document: Document, thresholds: Thresholds = THRESHOLDS) -> Iterator[Part]:
+    """Those of the estimates where one is strong, and those of the parameters."""
+    correlation = document.get("correlation") or {}
+    names, matrix = correlation.get("names") or [], correlation.get("matrix") or []
+    pairs = [
+        (abs(matrix[i][j]), i, j)
+        for i in range(len(names))
+        for j in range(i)
+        if matrix[i][j] is not None
+    ]
+    if pairs and max(pairs)[0] >= thresholds.strong:
+        _, i, j = max(pairs)
+        yield Sentence(
+            f"Correlation of the estimates of {names[j]} and {names[i]}: {matrix[i][j]:.3f}",
+            depth=WHOLE,
+        )
+    for entry in document.get("parameter_correlations") or ():
+        value, error = with_error(entry["estimate"], entry["standard_error"], estimate=True)
+        known = "" if entry["standard_error"] is None else f" +- {error}"
+        between = " and ".join(entry["between"])
+        yield Sentence(f"Correlation of the parameters {between}: {value}{known}", depth=WHOLE)
+    if pairs:
+        title = "Correlations of the estimates"
+        rows = [
+            (name, *(number(v, 2) for v in row)) for name, row in zip(names, matrix, strict=True)
+        ]
+        heads: list[Column] = [("", "left"), *((name, "right") for name in names)]
+        yield TextTable(heads, rows, "correlations", title, DETAILS, folded=True)
+
+
+def _likelihoods(document: Document) -> Iterator[Part]:
+    """Log-likelihoods beside that of the answer, and what other densities would change."""
+    rows = [*_other_likelihoods(document)]
+    columns = heads("log-likelihood of", ">", "~what it is")
+    yield TextTable(columns, rows, "likelihoods", "Log-likelihoods of simpler models", WHOLE)
+    if distances := document.get("density_distances"):
+        yield Sentence(
+            "Densities made of moments, beside the exact density of the outcome: what they change "
+            "of the log-likelihood, and the earth mover's distance in standard deviations of the "
+            "outcome.",
+            depth=DETAILS,
+        )
+        columns = heads("moment density", ">log-likelihood", ">distance", "~note")
+        cells = [
+            (row["density"], f"{row['log_likelihood']:+.3f}", f"{row['mean']:.2g}",
+             f"no solution for {count(row['failed'], 'experiment')}" if row["failed"] else "")
+            for row in distances
+        ]  # fmt: skip
+        yield TextTable(
+            columns, cells, "densities", "Densities made of moments", DETAILS, folded=True
+        )
+
+
+def _other_likelihoods(document: Document) -> Iterator[tuple[str, str, str]]:
+    if nodes := document.get("quadrature"):
+        gap = NONE if nodes["gap"] is None else f"{nodes['gap']:+.3f}"
+        yield "more nodes", gap, "is what half as many nodes again change"
+    if best := document.get("best_possible"):
+        yield (
+            "best possible law",
+            to_three(best["log_likelihood"]),
+            f"of any family: {_gap(best)} by {best['replicates']:.0f} data sets (more by aleator "
+            "ceiling)",
+        )
+    baselines = document.get("baselines") or {}
+    if fit := baselines.get("least_squares"):
+        yield (
+            "least squares",
+            to_three(fit.get("log_likelihood")),
+            f"one value for all: {_values(fit.get('parameters', {}))}; rmse "
+            f"{number(fit.get('rmse'))}",
+        )
+    if linear := baselines.get("circe"):
+        yield (
+            "linear-Gaussian",
+            to_three(linear.get("log_likelihood")),
+            f"simulator linearized, law normal (the model of CIRCE): "
+            f"{_values(linear.get('alpha', {}))}. This is another model: do not compare its "
+            "log-likelihood with that of the answer",
+        )
+
+
+def _values(named: Mapping[str, float | None]) -> str:
+    return ", ".join(f"{name} {number(value)}" for name, value in named.items())
+
+
+# ------------------------------------------------------------------------------------ outcomes
+
+
+def _predicted(document: Document, drawn: Drawn | None) -> Iterator[Part]:
+    yield from _worst_observed(document) if is_individual(document) else _worst(document)
+    if drawn is None:
+        pit = [p for seen in measured(document) for p in seen.exact_probabilities]
+        given = "given the earlier observations of their experiments, "
+        if pit:
+            said = f"Outside their 95 %, {given if is_individual(document) else ''}{outside(pit)}"
+            yield Sentence(said, depth=WHOLE)
+        return
+    for seen, source in zip(drawn.measured, drawn.sources, strict=True):
+        if not seen.by_law:
+            yield missing(
+                f"Predictions of {seen.response} by the law are not in this document.",
+                "Identify again with this version: aleator identify writes them.",
+            )
+            continue
+        yield outcome_charts.predicted_chart(seen, source)
+
+
+def _worst(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
+    """The experiments that the law expects least, in the unit of the outcome."""
+
+    def surprise(entry: Document) -> tuple[bool, float, float]:
+        pit, log_density = entry.get("pit"), entry.get("log_density")
+        if entry.get("status") != "solved" or pit is None:
+            return False, 0.0, -math.inf if log_density is None else log_density
+        return True, min(pit, 1.0 - pit), -math.inf if log_density is None else log_density
+
+    log = document.get("transform") == "log"
+    rows = []
+    for entry in sorted(document["experiments"], key=surprise)[: amounts.worst]:
+        cells = _outcome(entry, log)
+        ends = f"{cells['95 % from']} .. {cells['to']}"
+        known = (cells[name] for name in ("measured", "predicted median"))
+        row = (*known, ends, cells["P(below)"], cells["density"])
+        rows.append((f"experiment {entry['id']}", *row))
+    unit = unit_of(document, str(document.get("outcome")))
+    columns: Sequence[Column] = (
+        ("least expected", "left"), (with_unit("outcome", unit), "right"), ("median", "right"),
+        ("95 % range", "right"), ("P(below)", "right"), ("density", "fold"),
+    )  # fmt: skip
+    yield TextTable(columns, rows, "worst", "Least expected", WHOLE)
+
+
+def _worst_observed(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
+    """The observations that lie farthest from what the individual law predicts, in scales."""
+    seen = [entry for entry in document["observations"] if entry["residual"] is not None]
+    worst = sorted(seen, key=lambda entry: -abs(entry["residual"]))[: amounts.worst]
+    responses = transforms(document)
+    logs = [name for name, transform in responses.items() if transform == "log"]
+    unit = unit_of(document, next(iter(responses))) if len(responses) == 1 and not logs else None
+    columns: Sequence[Column] = (
+        ("farthest from its prediction", "left"), (with_unit("measured", unit), "right"),
+        ("predicted", "right"), ("error scale", "right"), ("off by", "right"),
+    )  # fmt: skip
+    rows = [
+        (place(entry, len(responses) > 1), bounds(entry), number(entry["predicted"]),
+         number(entry["scale"], 3), f"{entry['residual']:+.2f}")
+        for entry in worst
+    ]  # fmt: skip
+    yield TextTable(columns, rows, "worst", "Farthest from their predictions", WHOLE)
+    if logs:
+        yield Sentence(f"Of {', '.join(logs)} the logarithms.", depth=WHOLE)
+
+
+def place(entry: Document, several: bool) -> str:
+    """An observation by its experiment, its response where there are several, its conditions.
+
+    >>> place({"id": "308", "response": "y", "conditions": {"days": 3.0}}, False)
+    'experiment 308, days 3'
+    """
+    parts = [f"experiment {entry['id']}", *([str(entry["response"])] if several else [])]
+    parts += [f"{name} {_cell(value)}" for name, value in entry["conditions"].items()]
+    return ", ".join(parts)
+
+
+def bounds(entry: Document) -> str:
+    """A value, or the bounds of one.
+
+    >>> bounds({"lower": 1.0, "upper": None}), bounds({"lower": 2.0, "upper": 2.0})
+    ('> 1', '2')
+    """
+    low, high = entry["lower"], entry["upper"]
+    if low == high:
+        return number(low)
+    if high is None:
+        return f"> {number(low)}"
+    return f"< {number(high)}" if low is None else f"{number(low)} .. {number(high)}"
+
+
+def _calibration(document: Document, drawn: Drawn | None) -> Iterator[Part]:
+    if drawn is not None:
+        pit, ids = outcome_charts.probabilities(drawn.measured)
+        if pit.size:
+            yield outcome_charts.histogram_chart(pit)
+            yield outcome_charts.cumulative_chart(pit, ids)
+        else:
+            yield missing("No probability is known.", "The warnings say why.")
+    tests = (document.get("consistency") or {}).get("tests") or ()
+    columns = heads("test", "of", ">z", ">p", ">of all", "~where")
+    rows = [
+        (row["kind"], row["of"], NONE if row["z"] is None else f"{row['z']:.1f}",
+         number(row["p"], 2), number(row["corrected"], 2), row["where"] or row["column"] or "")
+        for row in sorted(tests, key=lambda row: float(numbers([row["p"]])[0]))
+    ]  # fmt: skip
+    title = f"All {len(rows)} tests of consistency, the one that says most first"
+    yield TextTable(columns, rows, "tests", title, DETAILS, folded=True)
+
+
+def _series(drawn: Drawn | None, name: str | None) -> Iterator[Part]:
+    for place, seen in enumerate(drawn.measured if drawn and name else ()):
+        yield from outcome_charts.series_charts(seen, str(name), place)
+
+
+# ------------------------------------------------------------------------------------ individuals
+
+
+def _individuals(document: Document, drawn: Drawn | None) -> Iterator[Part]:
+    if not is_individual(document):
+        return
+    yield from shrinkage(document)
+    if drawn is not None and drawn.own is not None:
+        yield from outcome_charts.individual_charts(document, drawn.own)
+    relations = (document.get("consistency") or {}).get("relations")
+    if not relations:
+        return
+    yield Sentence(
+        "Individual means against the columns of the table and each other. p tells how often a "
+        "right model, shrinkage included, has a correlation as strong; one of many is small by "
+        "chance.",
+        depth=DETAILS,
+    )
+    columns = heads("individual", "against", ">correlation", ">p", ">shrinkage")
+    rows = [
+        (row["parameter"], row["other"], f"{row['correlation']:+.2f}", number(row["p"], 2),
+         percent(document["shrinkage"][row["parameter"]]))
+        for row in sorted(relations, key=lambda row: row["p"])
+    ]  # fmt: skip
+    yield TextTable(
+        columns, rows, "relations", "Individual means and columns", DETAILS, folded=True
+    )
+
+
+def shrinkage(document: Document) -> Iterator[Part]:
+    """How much the observations of single experiments say of their parameters, if any scatters."""
+    experiments = document["experiments"]
+    rows = []
+    for name, share in document["shrinkage"].items():
+        means, sds = (numbers(e[key].get(name) for e in experiments) for key in ("mean", "sd"))
+        means, sds = means[np.isfinite(means)], sds[np.isfinite(sds)]
+        if means.size and sds.size:
+            ends = f"{number(means.min())} .. {number(means.max())}"
+            scatter = number(means.std(), 3), number(sds.mean(), 3)
+            rows.append((label(document, name), percent(share), ends, *scatter))
+    if not rows:
+        return
+    yield Sentence(
+        "Parameters of the experiments. Shrinkage: 0 % where the observations of an experiment "
+        "alone say what its own parameter is, 100 % where only the law does.",
+        depth=WHOLE,
+    )
+    columns = heads(
+        "individual", ">shrinkage", ">means from .. to", ">sd of the means", ">their own sd"
+    )
+    yield TextTable(columns, rows, "shrinkage", "Parameters of the experiments", WHOLE)
+    every = [entry.get("components") or {} for entry in experiments]
+    for name in every[0]:
+        most = Counter(1 + max(range(len(p[name])), key=lambda c: p[name][c] or 0.0) for p in every)
+        said = ", ".join(f"{component} of {size}" for component, size in sorted(most.items()))
+        head = label(document, name)
+        yield Sentence(f"{head}: the most probable component is {said} experiments.", depth=WHOLE)
+
+
+# ------------------------------------------------------------------------------------ the simulator
+
+
+def _simulator(
+    document: Document, drawn: Drawn | None, amounts: Amounts = AMOUNTS
+) -> Iterator[Part]:
+    """What stood for it, over its parameters, and where its runs failed."""
+    simulator = document.get("simulator") or {}
+    for note in simulator.get("notes") or ():
+        yield Sentence(str(note), head=str(simulator.get("name", "simulator")), depth=WHOLE)
+    surface, experiments = document.get("surface"), len(document["experiments"])
+    if surface:
+        done = surface.get("converged") == surface.get("experiments", experiments)
+        depth = DETAILS if done else WHOLE
+        yield Sentence(_surfaces(surface, experiments), depth=depth)
+    elif drawn is not None:
+        collocated = str(document.get("propagation", "")).startswith("collocation")
+        yield Sentence(
+            "No surface stands for the simulator: it was run at the nodes of each law that was "
+            "tried."
+            if collocated
+            else "The simulator is fast: no surface stands for it.",
+            depth=PAGE,
+        )
+    if drawn is None:
+        return
+    for seen, source in zip(drawn.measured, drawn.sources, strict=True):
+        against = (surface or {}).get("against", SCATTER)
+        if surface and (chart := outcome_charts.roughness_chart(seen, source, against)):
+            yield chart
+    yield from law_charts.simulator_charts(document)
+    failures = document.get("failures")
+    if not failures:
+        yield Sentence("No run failed.", depth=PAGE)
+        return
+    ids = list(failures["experiments"])
+    more = f" and {len(ids) - amounts.failed:,} more" if len(ids) > amounts.failed else ""
+    yield Sentence(
+        f"{failures['runs']:,} of {failures['needed']:,} runs had no outcome, in the experiments "
+        f"{', '.join(ids[: amounts.failed])}{more}. The first one said: {failures['message']}",
+        depth=PAGE,
+    )
+    columns = heads("parameter", ">from", ">to")
+    rows = [(name, *map(number, ends)) for name, ends in failures["region"].items()]
+    yield TextTable(columns, rows, "failures", "Where runs failed", PAGE)
+
+
+def _surfaces(surface: Document, experiments: int) -> str:
+    converged, total = surface.get("converged"), surface.get("experiments", experiments)
+    parts = [] if converged is None else [f"{int(converged)} of {total} surfaces converged"]
+    parts += [
+        f"{key.replace('_', ' ')} {100 * surface[key]:.2g} %"
+        for key in ("median_error", "worst_error")
+        if surface.get(key) is not None
+    ]
+    against = surface.get("against", SCATTER)
+    return f"{', '.join(parts)} of {against}, {surface.get('where', 'on the box')}."
+
+
+def _effort(document: Document) -> Iterator[Part]:
+    """What the search met, and runs and seconds, stage by stage."""
+    search = document.get("search") or {}
+    optima = search.get("optima") or ()
+    if search:
+        method = f"{words(search['method'])}, " if search.get("method") else ""
+        values = [f"{to_three(one.get('log_likelihood'))} ({count(one.get('starts', 0), 'start')})"
+                  for one in optima[:4]]  # fmt: skip
+        distinct = search.get("distinct_optima", len(optima))
+        shown = f": {', '.join(values)}" if values else ""
+        evaluations = search.get("evaluations", NONE)
+        yield Sentence(
+            f"{method}{evaluations} evaluations, {distinct} distinct "
+            f"optim{'um' if distinct == 1 else 'a'}{shown}",
+            head="search", depth=WHOLE,
+        )  # fmt: skip
+    stages, seconds = document.get("runs_by_stage") or {}, document.get("seconds") or {}
+    if "runs" in document:
+        made = ", ".join(f"{stage} {runs:,}" for stage, runs in stages.items() if runs)
+        yield Sentence(f"{document['runs']:,}{made and f': {made}'}", head="runs", depth=WHOLE)
+    if seconds:
+        total = seconds.get("total", sum(seconds.values()))
+        yield Sentence(f"{total:.1f}", head="seconds", depth=WHOLE)
+    rows = [
+        (name, f"{stages.get(name, 0):,}", f"{seconds.get(name, 0.0):.1f}")
+        for name in dict.fromkeys([*stages, *seconds])
+        if name != "total"
+    ]
+    columns = heads("stage", ">runs", ">seconds")
+    yield TextTable(columns, rows, "runs", "Runs and seconds by stage", DETAILS, folded=True)
+    columns = heads("log-likelihood", ">starts", "~alpha")
+    cells = [(number(one.get("log_likelihood"), 7), str(one.get("starts", 0)),
+              _values(one.get("alpha") or {})) for one in optima]  # fmt: skip
+    yield TextTable(columns, cells, "optima", "Optima that the search met", DETAILS, folded=True)
+
+
+# ------------------------------------------------------------------------------------ experiments
+
+
+def _experiments(
+    document: Document, drawn: Drawn | None, amounts: Amounts = AMOUNTS
+) -> Iterator[Part]:
+    """A row for each experiment, with what was measured or what is known of it."""
+    if drawn is None:
+        return
+    entries = document["experiments"]
+    kept = list(range(len(entries)))
+    if len(entries) > amounts.experiments:
+        likely = numbers([entry.get("log_density") for entry in entries])
+        kept = sorted(np.argsort(likely, kind="stable")[: amounts.experiments].tolist())
+    conditions = list(conditions_of(document).items())[: amounts.conditions]
+    log = document.get("transform") == "log"
+    rows = []
+    for k in kept:
+        entry = entries[k]
+        own = _individual(entry) if is_individual(document) else _outcome(entry, log)
+        at = {name: _cell(column[k], 6) for name, column in conditions}
+        rows.append({"experiment": str(entry["id"])} | at | own)
+    names = list(rows[0]) if rows else ["experiment"]
+    columns: list[Column] = [
+        (_head(document, name), "left" if name in ("experiment", "density") else "right")
+        for name in names
+    ]
+    title = f"{len(entries):,} experiments"
+    if len(kept) < len(entries):
+        title += f", of which these {len(kept):,} are the least expected"
+    responses = [label(document, name) for name in transforms(document) if name]
+    yield Sentence(f"Measured: {', '.join(responses) or 'outcome'}.", depth=PAGE)
+    cells = [list(row.values()) for row in rows]
+    yield TextTable(columns, cells, "experiments", title, PAGE, folded=True)
+
+
+def _head(document: Document, name: str) -> str:
+    """The head of a column, with the unit of what stands there."""
+    if name in ("measured", "predicted median"):
+        return with_unit(name, unit_of(document, str(document.get("outcome"))))
+    of, comma, sd = name.partition(", ")
+    return label(document, of) + comma + sd
+
+
+def _outcome(entry: Document, log: bool) -> dict[str, str]:
+    """What is predicted of an experiment of one outcome, in the unit of that."""
+    quantiles = entry.get("quantiles") or {}
+
+    def shown(value: float | None) -> str:
+        return number(exponential(value) if log and value is not None else value)
+
+    return {
+        "measured": shown(entry["outcome"]),
+        "predicted median": shown(quantiles.get("0.5")),
+        "95 % from": shown(quantiles.get("0.025")),
+        "to": shown(quantiles.get("0.975")),
+        "P(below)": number(entry.get("pit"), 3),
+        "log-density": number(entry.get("log_density")),
+        "density": words(entry.get("status")),
+    }
+
+
+def _individual(entry: Document) -> dict[str, str]:
+    parameters = {
+        f"{name}{kind}": number(entry[key][name])
+        for name in entry["mean"]
+        for key, kind in (("mean", ""), ("sd", ", sd"))
+    }
+    components = {
+        f"{name}.{c} probability": number(share, 3)
+        for name, each in (entry.get("components") or {}).items()
+        for c, share in enumerate(each, start=1)
+    }
+    known = {
+        "observations": str(entry["observations"]),
+        "log-density": number(entry["log_density"]),
+    }
+    return known | parameters | components
+
+
+def exponential(value: float) -> float:
+    """The outcome whose logarithm is `value`; infinite where that is too large for a number."""
+    with np.errstate(over="ignore"):
+        return float(np.exp(value))
+
+
+def _cell(value: Any, digits: int = 4) -> str:
+    return number(value, digits) if isinstance(value, int | float) else str(value or NONE)
+
+
+# ------------------------------------------------------------------------------------ origin
+
+
+def _origin(document: Document, drawn: Drawn | None) -> Iterator[Part]:
+    """What another would need to compute the same."""
+    if drawn is None:
+        return
+    columns = heads("what", "~value")
+    rows = [(name, str(value)) for name, value in _facts(document) if value not in (None, "")]
+    yield TextTable(columns, rows, "origin", "What was computed with what", PAGE)
+    yield Sentence("The same again", "heading", depth=PAGE)
+    yield Sentence(_commands(document), "code", depth=PAGE)
+    yield Sentence("The study file", "heading", depth=PAGE)
+    file = study_entry(document).get("file")
+    if drawn.study is not None:
+        yield Sentence(drawn.study, "code", depth=PAGE)
+    elif file is None:
+        yield missing("There is none.", "The identification was made from Python.")
+    else:
+        yield missing(
+            f"{file} is not shown: it is not there, or it was changed since.",
+            "Its SHA-256 in the table above says which one it was.",
+        )
+
+
+def _facts(document: Document) -> Iterator[tuple[str, Any]]:
+    entry, simulator = study_entry(document), document.get("simulator") or {}
+    yield "study", entry.get("file")
+    yield "SHA-256 of the study file", entry.get("sha256")
+    yield "simulator", simulator.get("name")
+    yield "fingerprint of the simulator", simulator.get("fingerprint")
+    yield "outcome", document.get("outcome")
+    yield "transform", document.get("transform")
+    yield "likelihood", document.get("density")
+    yield "propagation", words(document.get("propagation"))
+    yield "why this propagation", document.get("propagation_reason")
+    yield "search", (document.get("search") or {}).get("method")
+    if nodes := document.get("quadrature"):
+        yield (
+            "nodes",
+            f"{nodes['nodes']:,.0f} of each experiment; more change the log-likelihood by "
+            f"{number(nodes['gap'], 2)}",
+        )
+    yield "seed", document.get("seed")
+    for name, version in (document.get("versions") or {}).items():
+        yield f"version of {name}", version
+
+
+def _commands(document: Document) -> str:
+    entry = study_entry(document)
+    version, seed = (document.get("versions") or {}).get("aleator"), document.get("seed", 0)
+    source = f"# by Aleator {version}; in the folder of its source: pip install '.[report]'\n"
+    install = source if version else ""
+    if "file" not in entry:
+        return f"{install}# from Python: aleator.identify(..., seed={seed})"
+    file = shlex.quote(str(entry["file"]))
+    again = f"aleator identify {file} --seed {seed} --output again"
+    return f"# in the folder of this report\n{install}{again}"

@@ -1,0 +1,308 @@
+"""Charts drawn with Bokeh, for a page that needs no network: they answer to the mouse."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping
+from importlib.resources import files
+from typing import Any
+
+import bokeh.models
+import bokeh.plotting
+import numpy as np
+from bokeh.document import Document
+
+from aleator.types import Array
+from aleator.views import chart as colors
+from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, looks, meaning
+
+# Bokeh's own types know fewer arguments than it takes.
+models: Any = bokeh.models
+plotting: Any = bokeh.plotting
+Sources = dict[int, Any]
+
+DECADES = tuple(float(f"{digit}e{power}") for power in range(-12, 13) for digit in (1, 2, 5))
+"""Ticks of a logarithmic axis: Bokeh's own are few within a decade."""
+MANY_DECADES = 5
+"""Decades that have no room for ticks within each."""
+IN_A_ROW = 4
+"""Entries of a legend that a narrow screen has room for."""
+PALETTE = "Cividis256"
+TOOLS = "pan,box_zoom,wheel_zoom,reset"
+TEX = re.compile(r'\[(?:\{start:"[^"]+",end:"[^"]+",inline:![01]\},?)+\]')
+"""The delimiters of TeX that Bokeh looks for in each title and label."""
+RENDERER = re.compile(r"https://cdn\.jsdelivr\.net/npm/mathjax[^\"]*")
+"""Where Bokeh would fetch what renders TeX."""
+ID = re.compile(r'"id":"(p[0-9]+)"')
+
+
+def drawable(charts: Iterable[Chart]) -> dict[str, Any]:
+    """What Bokeh's `embed_items` takes: one document of all charts, and where each goes.
+
+    Models are numbered from 1, so that the same charts give the same text.
+    """
+    sources: Sources = {}
+    plots = {chart.name: drawn(chart, sources) for chart in charts}
+    document = Document()
+    with document.models.freeze():  # else all models are walked again at each chart
+        for plot in plots.values():
+            document.add_root(plot)
+    text = json.dumps(document.to_json(deferred=False), separators=(",", ":"))
+    numbers = {name: f"m{k}" for k, name in enumerate(dict.fromkeys(ID.findall(text)), start=1)}
+    text = ID.sub(lambda match: f'"id":"{numbers[match[1]]}"', text)
+    places = {numbers[plot.id]: f"plot-{name}" for name, plot in plots.items()}
+    return {"documents": {"report": json.loads(text)}, "places": places}
+
+
+def bokeh_script() -> str:
+    """Bokeh's JavaScript, which its wheel carries: all that the charts need, without network.
+
+    It takes no text for TeX, for which it would fetch another script from a public address.
+    """
+    script = (files("bokeh") / "server/static/js/bokeh.min.js").read_text(encoding="utf-8")
+    return RENDERER.sub("data:,", TEX.sub("[]", script))
+
+
+# ------------------------------------------------------------------------------------ a chart
+
+
+def drawn(chart: Chart, sources: Sources) -> Any:
+    """The plot of a chart; `sources` are those of series that were drawn before, by their id."""
+    plot = axes(chart.x, chart.y, chart.height)
+    if chart.marked:
+        plot.title.text, plot.title.text_color = chart.marked, colors.TEXT
+    if chart.y.log:
+        fewer_ticks(plot, np.concatenate([_values(mark) for mark in chart.marks]))
+    for mark in chart.marks:
+        if mark.right:
+            _right(plot, mark, chart.right)
+        _SHAPES[mark.shape](plot, mark, _source(mark.series, sources))
+    for rule in chart.rules:
+        straight(plot, rule)
+    if chart.foot:
+        plot.y_range.start = 0.0
+    for mark in chart.marks:
+        if mark.marker in mark.series.columns:
+            for color, marker in looks(mark):
+                plot.scatter([np.nan], [np.nan], marker=marker, color=color, size=8.0,
+                             legend_label=meaning(color, marker))  # fmt: skip
+    if plot.legend:
+        _legend_below(plot)
+    # What is not marked stays as it is: a band is no less true for it.
+    for renderer in plot.renderers:
+        if hasattr(renderer, "nonselection_glyph"):
+            renderer.nonselection_glyph = None
+    return plot
+
+
+def axes(x: Axis, y: Axis, height: int = 320) -> Any:
+    """Empty axes with their labels."""
+    plot = plotting.figure(
+        height=height, sizing_mode="stretch_width", tools=TOOLS, active_drag=None,
+        active_scroll=None, toolbar_location="above", x_axis_label=x.title, y_axis_label=y.title,
+        y_axis_type="log" if y.log else "linear", background_fill_color=colors.PAPER,
+        border_fill_color=colors.PAPER, outline_line_color=None,
+    )  # fmt: skip
+    plot.min_border_right = 14  # half of the last number under the axis
+    plot.toolbar.logo = None
+    plot.toolbar.autohide = True
+    for axis in plot.axis:
+        _style(axis)
+    for grid in plot.grid:
+        grid.grid_line_color = colors.GRID
+    plot.yaxis.formatter = models.BasicTickFormatter(precision="auto", use_scientific=not y.log)
+    if y.share:
+        plot.yaxis.formatter = models.NumeralTickFormatter(format="0.[0000] %")
+    if y.log:
+        plot.yaxis.ticker = plot.ygrid.ticker = models.FixedTicker(ticks=list(DECADES))
+    return plot
+
+
+def fewer_ticks(plot: Any, values: Array) -> None:
+    """Whole decades, at most ten of them, on a logarithmic axis on which values span many."""
+    known = values[np.isfinite(values) & (values > 0.0)]
+    if not known.size:
+        return
+    low, high = (int(end) for end in np.floor(np.log10([known.min(), known.max()])))
+    if high - low > MANY_DECADES:
+        step = -(-(high - low) // 10)
+        ticks = [10.0**power for power in range(low, high + 2, step)]
+        plot.yaxis.ticker = plot.ygrid.ticker = models.FixedTicker(ticks=ticks)
+        plot.yaxis.formatter = models.LogTickFormatter()
+
+
+def straight(plot: Any, rule: GuideLine) -> None:
+    """A line across the plot, or up."""
+    plot.add_layout(
+        models.Span(
+            location=rule.at, dimension="width" if rule.across else "height",
+            line_color=rule.color, line_dash="dashed" if rule.color == colors.GRAY else "solid",
+        )
+    )  # fmt: skip
+
+
+def _style(axis: Any) -> None:
+    axis.axis_line_color = colors.LINE
+    axis.major_tick_line_color = colors.LINE
+    axis.minor_tick_line_color = None
+    axis.major_label_text_color = colors.TEXT
+    axis.axis_label_text_color = colors.TEXT
+    axis.axis_label_text_font_style = "normal"
+    axis.axis_label_text_font_size = "13px"
+    axis.major_label_text_font_size = "12px"
+
+
+def _source(series: Series, sources: Sources) -> Any:
+    """The data of a series, one model for all charts that share it."""
+    if id(series) not in sources:
+        each = [] if series.each is None else [series.each]
+        columns = {
+            name: column.tolist() if isinstance(column, np.ndarray) else list(column)
+            for name, column in series.columns.items()
+        }
+        sources[id(series)] = models.ColumnDataSource(columns, name=series.name, tags=each)
+    return sources[id(series)]
+
+
+def _values(mark: Mark) -> Array:
+    """The ordinates of a mark."""
+    column = mark.series.columns[mark.y]
+    flat = [v for row in column for v in row] if mark.shape == "lines" else column
+    return np.array([np.nan if v is None else v for v in flat], dtype=float)
+
+
+def _legend_below(plot: Any) -> None:
+    """The legend under the axes, where it hides no number."""
+    legend = plot.legend[0]
+    plot.add_layout(legend, "below")
+    legend.orientation = "horizontal"
+    legend.ncols = "auto" if len(legend.items) <= IN_A_ROW else 3
+    legend.border_line_color = None
+    legend.background_fill_color = None
+    legend.label_text_color = colors.TEXT
+    legend.label_text_font_size = "12px"
+    legend.padding, legend.margin, legend.spacing = 2, 0, 14
+
+
+# ------------------------------------------------------------------------------------ shapes
+
+
+def _line(plot: Any, mark: Mark, source: Any) -> None:
+    plot.line(mark.x, mark.y, source=source, line_width=mark.width, line_dash=mark.dash,
+              **_look(mark))  # fmt: skip
+
+
+def _lines(plot: Any, mark: Mark, source: Any) -> None:
+    look = {"legend_group": mark.legend_by} if mark.legend_by else {}
+    found = plot.multi_line(mark.x, mark.y, source=source, line_width=mark.width,
+                            line_dash=mark.dash, **_look(mark), **look)  # fmt: skip
+    if mark.legend_by:  # as rows follow, not as words do
+        plot.legend[0].items.sort(key=lambda item: item.index)
+    if mark.pick:
+        found.selection_glyph = found.glyph.clone(
+            line_color=colors.PICKED, line_width=3.5, line_alpha=1.0
+        )
+        _answers(plot, found, mark, snap=False)
+
+
+def _band(plot: Any, mark: Mark, source: Any) -> None:
+    plot.varea(mark.x, mark.y, mark.high, source=source, fill_alpha=mark.alpha,
+               **_look(mark, ("color", "legend_label")))  # fmt: skip
+
+
+def _spans(plot: Any, mark: Mark, source: Any) -> None:
+    on = {"y_range_name": "right"} if mark.right else {}
+    plot.segment(mark.x, mark.y, mark.x, mark.high, source=source, line_width=mark.width,
+                 **_look(mark), **on)  # fmt: skip
+
+
+def _bars(plot: Any, mark: Mark, source: Any) -> None:
+    plot.vbar(mark.x, mark.width, mark.y, source=source, **_look(mark))
+
+
+def _points(plot: Any, mark: Mark, source: Any) -> None:
+    stroked = mark.marker in ("dash", "tick", "cross", "x")
+    upright = {"angle": 0.5 * np.pi} if mark.marker == "tick" else {}
+    found = plot.scatter(
+        mark.x, mark.y, source=source, marker="dash" if mark.marker == "tick" else mark.marker,
+        size=mark.size, line_width=mark.width, **upright, **_look(mark),
+        **({} if stroked else {"line_color": None}),
+    )  # fmt: skip
+    if not stroked and mark.alpha < 1.0:
+        found.glyph.fill_alpha = mark.alpha
+    if mark.pick:
+        ring = {"line_color": colors.INK, "line_width": 1.5, "size": 13.0, "fill_alpha": 1.0}
+        if stroked:
+            ring = {"line_color": colors.PICKED, "line_width": 4.0, "size": 22.0}
+        found.selection_glyph = found.glyph.clone(fill_color=colors.PICKED, **ring)
+    if mark.hover:
+        _answers(plot, found, mark)
+
+
+def _cells(plot: Any, mark: Mark, source: Any) -> None:
+    mapper = models.LinearColorMapper(palette=PALETTE, nan_color="rgba(0, 0, 0, 0)")
+    look = {"line_color": None, "fill_color": {"field": "value", "transform": mapper}}
+    width, height = mark.step
+    found = plot.rect(mark.x, mark.y, width=width, height=height, source=source, **look)
+    bar = models.ColorBar(color_mapper=mapper, background_fill_color=None, width=12,
+                          major_label_text_color=colors.TEXT)  # fmt: skip
+    plot.add_layout(bar, "right")
+    plot.add_tools(models.HoverTool(renderers=[found], tooltips=_tooltips(mark)))
+
+
+def _contour(plot: Any, mark: Mark, _: Any) -> None:
+    if mark.grid is None:
+        return
+    x, y, height = mark.grid
+    tall = max(float(np.nanmax(height)), mark.levels[-1] + 1.0)
+    plot.contour(
+        x, y, height, [0.0, *mark.levels, tall], fill_color=list(colors.HEIGHTS),
+        line_color=mark.color, line_width=[0.0, *[1.0] * (len(mark.levels) - 1), 2.0, 0.0],
+    )  # fmt: skip
+
+
+_SHAPES = {
+    "line": _line, "lines": _lines, "band": _band, "spans": _spans, "bars": _bars,
+    "points": _points, "cells": _cells, "contour": _contour,
+}  # fmt: skip
+
+
+def _look(mark: Mark, of: tuple[str, ...] = ("color", "alpha", "legend_label")) -> dict[str, Any]:
+    known: Mapping[str, Any] = {
+        "color": mark.color,
+        "alpha": mark.alpha if mark.alpha < 1.0 else None,
+        "legend_label": mark.legend,
+    }
+    return {name: known[name] for name in of if known[name] not in ("", None)}
+
+
+def _answers(plot: Any, renderer: Any, mark: Mark, snap: bool = True) -> None:
+    """Hovering tells of a mark, and clicking marks its experiment in every chart."""
+    more = {"point_policy": "snap_to_data"} if snap else {}
+    plot.add_tools(models.HoverTool(renderers=[renderer], tooltips=_tooltips(mark), **more))
+    if not mark.pick:
+        return
+    tap = plot.select_one(models.TapTool)
+    if tap is None:
+        plot.add_tools(models.TapTool(renderers=[renderer]))
+    else:
+        tap.renderers = [*tap.renderers, renderer]
+
+
+def _tooltips(mark: Mark) -> list[tuple[str, str]]:
+    """What is told, in Bokeh's words: columns begin with @, shares have their form behind."""
+    return [
+        (title, words.replace("{", "@{").replace(":%}", "}{0.[0000] %}"))
+        for title, words in mark.hover
+    ]
+
+
+def _right(plot: Any, mark: Mark, axis: Axis | None) -> None:
+    """A scale of its own on the right for a mark that stands on zero."""
+    plot.y_range.renderers = list(plot.renderers)  # else the mark stretches the scale on the left
+    top = 1.15 * float(np.max(_values(Mark("line", mark.series, y=mark.high))))
+    plot.extra_y_ranges = {"right": models.Range1d(0.0, top)}
+    scale = models.LinearAxis(y_range_name="right", axis_label=axis.title if axis else "")
+    _style(scale)
+    plot.add_layout(scale, "right")

@@ -1,0 +1,292 @@
+"""Charts of the law, of the estimates of its hyperparameters, and of the simulator under it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import contourpy
+import numpy as np
+from scipy import stats
+
+from aleator.inference.profile_end import DROP
+from aleator.results.units import label, transforms
+from aleator.tasks.pictures.between import finer, profile_line
+from aleator.types import Array
+from aleator.views import chart
+from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, numbers
+from aleator.views.outcome_charts import Individuals
+
+Document = Mapping[str, Any]
+LEVELS = tuple(float(stats.chi2.ppf(share, 2)) / 2.0 for share in (0.5, 0.8, 0.95))
+"""How far the log-likelihood has dropped at the ends of 50, 80 and 95 % of two together."""
+DASHES = {"first": "dotted", "middle": "dashed", "last": "solid"}
+"""How lines of rows of a series are drawn, by their place in it."""
+WIDER = 1.15
+"""Size of a cell of a map over the step to the next: no seams."""
+
+# ------------------------------------------------------------------------------------ the law
+
+
+def law_curves(document: Document) -> Mapping[str, Document]:
+    """The density of each parameter's law, with its band where that is known."""
+    pictures = document.get("pictures") or {}
+    return pictures.get("laws") or document.get("law_curves") or {}
+
+
+def law_chart(
+    document: Document, name: str, own: Individuals | None = None, best: Document | None = None
+) -> Chart:
+    """The density of a law, the means of single experiments, the points of the `best` of all."""
+    curve, head = law_curves(document)[name], label(document, name)
+    source = Series(f"law-{name}", {key: numbers(curve[key]) for key in curve})
+    marks, columns = [], {"x": name, "density": "density"}
+    caption = "The line is the density at the estimate."
+    if "lower" in curve:
+        marks.append(Mark("band", source, y="lower", high="upper", color=chart.WIDE,
+                          legend="95 % band"))  # fmt: skip
+        columns |= {"lower": "density, lower", "upper": "density, upper"}
+        caption += " The band holds 95 % of the densities of plausible laws, at each value."
+    marks.append(Mark("line", source, y="density", width=2.0, legend="identified law"))
+    if own is not None and name in own.parameters:
+        mean = f"mean_{name}"
+        marks.append(Mark("points", own.series, mean, "foot", color=chart.INK, marker="tick",
+                          size=14.0, width=1.2, pick=True, legend="experiments",
+                          hover=[("experiment", "{id}"), (head, f"{{{mean}}}")]))  # fmt: skip
+        caption += " Ticks are the means of single experiments."
+    masses = [point for point in (best or {}).get("points", ()) if name in point]
+    if masses:
+        mass = {
+            "x": [point[name] for point in masses],
+            "foot": [0.0] * len(masses),
+            "mass": [point["probability"] for point in masses],
+        }
+        marks.append(Mark("spans", Series(f"mass-{name}", mass), y="foot", high="mass",
+                          color=chart.VERMILION, width=2.0, legend="best law",
+                          right=True))  # fmt: skip
+        caption += " Stems are the points of the best of all laws, with a scale on the right."
+    return Chart(
+        f"law-{name}", f"Law of {name}", caption, Axis(head), Axis("density"), marks, columns,
+        right=Axis("probability") if masses else None,
+    )  # fmt: skip
+
+
+def joint_chart(document: Document, pair: Document, own: Individuals | None) -> Chart:
+    """Curves within which lie half of the law of two parameters, and 95 % of it."""
+    first, second = pair["between"]
+    rows = [(share, *curve) for share, curve in pair["curves"].items()]
+    source = Series(
+        f"joint-{first}-{second}",
+        {
+            "mass": [f"{100 * float(share):g} %" for share, _, _ in rows],
+            "x": [numbers(x).tolist() for _, x, _ in rows],
+            "y": [numbers(y).tolist() for _, _, y in rows],
+            "width": [2.2 if share == "0.5" else 1.2 for share, _, _ in rows],
+        },
+    )
+    marks = [Mark("lines", source, width="width")]
+    caption = "Within the thick curve lies half of the law, within the thin one 95 %."
+    if own is not None and {first, second} <= {*own.parameters}:
+        x, y = f"mean_{first}", f"mean_{second}"
+        marks.append(Mark("points", own.series, x, y, color=chart.INK, pick=True,
+                          hover=[("experiment", "{id}"), (first, f"{{{x}}}"),
+                                 (second, f"{{{y}}}")]))  # fmt: skip
+        caption += " Dots are the means of single experiments."
+    return Chart(
+        source.name, f"{first} and {second}", caption, Axis(label(document, first)),
+        Axis(label(document, second)), marks, {"mass": "holds", "x": first, "y": second},
+    )  # fmt: skip
+
+
+# ------------------------------------------------------------------------------------ estimates
+
+
+def profile_chart(document: Document, name: str) -> Chart:
+    """The largest log-likelihood for each value of a hyperparameter, and its 95 % interval."""
+    curve = document["pictures"]["profiles"][name]
+    entry = (document.get("alpha") or {}).get(name, {})
+    at, below = numbers(curve["at"]), numbers(curve["below"])
+    x, y = profile_line(at, below)
+    source = Series(f"profile-{name}", {"at": at, "below": -below})
+    ends = [end for end in entry.get("interval") or () if end is not None]
+    best = [GuideLine(entry["estimate"], across=False, color=chart.INK)] if entry else []
+    return Chart(
+        source.name, f"Profile of {name}",
+        "The largest log-likelihood for each value. Dashed: the 95 % interval, where it has "
+        "dropped by 1.92, or a limit.",
+        Axis(label(document, name)), Axis("log-likelihood − maximum"),
+        [
+            Mark("line", Series(f"line-{name}", {"x": x, "y": y}), width=2.0),
+            Mark("points", source, "at", "below", color=chart.BLUE, size=4.0),
+        ],
+        {"at": name, "below": "log-likelihood minus its maximum"},
+        [GuideLine(-DROP), *(GuideLine(end, across=False) for end in ends), *best],
+        height=250, own=source,
+    )  # fmt: skip
+
+
+def surface_chart(document: Document) -> Chart | None:
+    """The likelihood over the two estimates that are told apart worst; None where none is known."""
+    surface = (document.get("pictures") or {}).get("surface")
+    if not surface:
+        return None
+    first, second = surface["between"]
+    x, y, below = (np.array([numbers(r) for r in surface[k]]) for k in ("first", "second", "below"))
+    known = np.isfinite(below)
+    if known.any(axis=0).sum() < 2 or known.any(axis=1).sum() < 2:
+        return None  # no more than a line of points
+    best = np.unravel_index(np.nanargmin(below), below.shape)
+    source = Series(
+        f"surface-{first}-{second}",
+        {key: side[known] for key, side in zip(("x", "y", "below"), (x, y, -below), strict=True)},
+    )
+    cross = Series("cross", {"x": [float(x[best])], "y": [float(y[best])]})
+    return Chart(
+        "surface", f"Likelihood over {first} and {second}",
+        "The two estimates that are told apart worst: their correlation is "
+        f"{round(surface['correlation'], 2) + 0.0:.2f}. Curves hold 50, 80 and 95 % (thick) of "
+        "both together; the cross is the largest value.",
+        Axis(label(document, first)), Axis(label(document, second)),
+        [
+            Mark("contour", source, grid=(finer(x), finer(y), finer(below)), levels=LEVELS),
+            Mark("points", cross, color=chart.INK, marker="cross", size=14.0, width=2.0),
+            Mark("points", source, alpha=0.0, size=12.0, pick=True,
+                 hover=[(first, "{x}"), (second, "{y}"), ("below", "{below}")]),
+        ],
+        {"x": first, "y": second, "below": "log-likelihood minus its maximum"}, height=380,
+    )  # fmt: skip
+
+
+# ------------------------------------------------------------------------------------ the simulator
+
+
+def simulator_charts(document: Document) -> Iterator[Chart]:
+    """What is known of the simulator over its parameters: curves, and a map of two."""
+    drawn = (document.get("pictures") or {}).get("response") or {}
+    for number, response in enumerate(responses_drawn(drawn)):
+        shown = [entry for entry in drawn["shown"] if entry["response"] == response]
+        for name in drawn.get("nodes") or drawn["over"]:
+            yield response_chart(document, name, response, number)
+        for place in dict.fromkeys(_place(entry) for entry in shown) if drawn.get("map") else ():
+            yield _map(document, response, drawn["map"], shown, place)
+
+
+def responses_drawn(drawn: Document) -> list[str]:
+    """The responses of which curves or values of the simulator are known."""
+    return list(dict.fromkeys(entry["response"] for entry in drawn.get("shown", ())))
+
+
+def response_chart(document: Document, name: str, response: str, number: int = 0) -> Chart:
+    """The simulator over a parameter: a line for each of some experiments, or marks at nodes."""
+    drawn = document["pictures"]["response"]
+    shown = [entry for entry in drawn["shown"] if entry["response"] == response]
+    log = transforms(document).get(response) == "log"
+    at_nodes = "nodes" in drawn
+    at = numbers(drawn["nodes" if at_nodes else "over"][name]).tolist()
+    values = [
+        numbers(entry["values"] if at_nodes else entry["curves"][name]).tolist() for entry in shown
+    ]
+    columns: dict[str, list[Any]] = {
+        "id": [entry["id"] for entry in shown],
+        "measured": [_measured(entry) for entry in shown],
+        "row": [f"{_place(entry)} row" for entry in shown],
+        "dash": [DASHES[_place(entry)] for entry in shown],
+    }
+    several = len(set(columns["row"])) > 1
+    heads = {"id": "id", **({"row": "row"} if several else {}), "x": name, "y": response}
+    if at_nodes:
+        columns = {key: [v for v in own for _ in at] for key, own in columns.items()}
+        source = Series(
+            f"over-{number}-{name}",
+            {**columns, "x": at * len(shown), "y": [v for own in values for v in own]},
+        )
+        hover = [("experiment", "{id}"), (name, "{x}"), (response, "{y}"),
+                 ("measured", "{measured}")]  # fmt: skip
+        mark = Mark("points", source, size=5.0, pick=True, hover=hover)
+        caption = (
+            "What the simulator returned at the nodes of the law, for some experiments. The other "
+            "parameters differ from mark to mark."
+        )
+    else:
+        source = Series(f"over-{number}-{name}", {**columns, "x": [at] * len(shown), "y": values})
+        hover = [("experiment", "{id}"), ("measured", "{measured}")]
+        hover[1:1] = [("", "{row}")] if several else []
+        mark = Mark("lines", source, dash="dash", hover=hover, pick=True,
+                    legend_by="row" if several else "")  # fmt: skip
+        caption = (
+            "What stands for the simulator, a line for each of some experiments, over the range of "
+            "the law; all other parameters are in their middle."
+        )
+        caption += " Of a series: its first, middle and last row." if several else ""
+    return Chart(
+        source.name, f"{response} over {name}", caption, Axis(label(document, name)),
+        Axis(label(document, response), log), [mark], heads | {"measured": "measured"},
+    )  # fmt: skip
+
+
+def _map(
+    document: Document,
+    response: str,
+    sides: Mapping[str, Sequence[float]],
+    entries: Sequence[Document],
+    place: str,
+) -> Chart:
+    """A response over two parameters in color, of rows that have this place in their series."""
+    shown = [entry for entry in entries if _place(entry) == place]
+    row = "" if len(shown) == len(entries) else f"-{place}"
+    (first, x), (second, y) = ((name, numbers(side)) for name, side in sides.items())
+    over = np.meshgrid(x, y, indexing="ij")
+    each = {
+        entry["id"]: {"value": [v for row in entry["map"] for v in numbers(row).tolist()]}
+        for entry in shown
+    }
+    levels = {entry["id"]: _level(x, y, entry) for entry in shown}
+    here = shown[len(shown) // 2]["id"]
+    columns = {"x": over[0].ravel().tolist(), "y": over[1].ravel().tolist(), **each[here]}
+    source = Series(f"map-{response}{row}", {"id": [here] * over[0].size, **columns}, each)
+    level = {"id": [here] * len(levels[here]["x"]), **levels[here]}
+    line = Series(f"level-{response}{row}", level, levels)
+    marks = [
+        Mark("cells", source, step=(WIDER * float(x[1] - x[0]), WIDER * float(y[1] - y[0])),
+             hover=[(first, "{x}"), (second, "{y}"), (response, "{value}")]),
+        Mark("lines", line, color=chart.PAPER, width=5.0),
+        Mark("lines", line, color=chart.INK, width=2.5),
+    ]  # fmt: skip
+    caption = (
+        f"Color: {label(document, response)} of the experiment that is marked, if it is one of "
+        f"{', '.join(each)}. On the line lies what was measured."
+    )
+    if points := (document.get("failures") or {}).get("points"):
+        failed = Series(f"failed-{response}{row}", points)
+        marks += [
+            Mark("points", failed, first, second, color=color, marker="x", size=9.0, width=width)
+            for color, width in ((chart.PAPER, 6.0), (chart.VERMILION, 2.5))
+        ]
+        caption += " Crosses: failed runs of all experiments."
+    return Chart(
+        source.name, f"{response} over {first} and {second}{row and f', {place} row'}", caption,
+        Axis(label(document, first)), Axis(label(document, second)), marks,
+        {"id": "id", "x": first, "y": second, "value": response}, marked=here,
+    )  # fmt: skip
+
+
+def _place(entry: Document) -> str:
+    """Where in its series an observation is; the last one in documents of earlier versions."""
+    return str(entry.get("place", "last"))
+
+
+def _measured(entry: Document) -> float | None:
+    """What was measured of an observation; of a bound, that."""
+    low, high = entry.get("lower"), entry.get("upper")
+    return high if low is None else low
+
+
+def _level(x: Array, y: Array, entry: Document) -> dict[str, list[list[float]]]:
+    """The curve of the map on which the measured value lies; none for a map without it."""
+    value = _measured(entry)
+    plane = np.ma.masked_invalid(np.array([numbers(row) for row in entry["map"]]).T)
+    lines: Any = () if value is None else contourpy.contour_generator(x, y, plane).lines(value)
+    return {
+        "x": [line[:, 0].tolist() for line in lines],
+        "y": [line[:, 1].tolist() for line in lines],
+    }

@@ -1,0 +1,254 @@
+"""What was measured beside what is predicted, as columns for charts, a row an observation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aleator.results.printed import AMOUNTS, Amounts
+from aleator.results.units import label, seen_label
+from aleator.types import Array
+from aleator.views.chart import GRAY, GREEN, INK, VERMILION, Series, evenly, numbers
+
+Bools = NDArray[np.bool_]
+Document = Mapping[str, Any]
+QUANTILES = ("0.025", "0.25", "0.5", "0.75", "0.975")
+SHAPES = {"at least": "triangle", "at most": "inverted_triangle", "between": "square"}
+"""Marks of values of which only bounds are known, by their kind."""
+NORMAL = 1.96
+"""Standard deviations of a normal law beyond which lie 5 %."""
+
+
+@dataclass(frozen=True)
+class AxisChoice:
+    """What can be chosen for x: a column, its title, and of texts what stands for 0, 1, 2 ...
+
+    `name` is that of a condition, without its unit.
+    """
+
+    key: str
+    title: str
+    labels: tuple[str, ...] | None = None
+    name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredValues:
+    """The observations of one response, a row each, in its own unit.
+
+    `columns` have M values each: `id`, `value` (of a bound, that), `kind` ("measured", "at least",
+    "at most", "between"), `low` and `high` ends of what is known, quantiles `q0.025` to `q0.975` of
+    the law's prediction, `own` (the individual prediction) with `own_low` and `own_high`, `pit`,
+    and a column for each condition. `log` tells that its axis is logarithmic, `label` is its
+    name with its unit.
+    """
+
+    response: str
+    log: bool
+    columns: Mapping[str, list[Any]]
+    choices: tuple[AxisChoice, ...]
+    label: str = ""
+
+    def __len__(self) -> int:
+        return len(self.columns["id"])
+
+    def array(self, key: str) -> Array:
+        """A column of numbers; NaN for none."""
+        return numbers(self.columns[key])
+
+    @property
+    def by_law(self) -> bool:
+        """Whether there are predictions by the law; if not, there are those of each experiment."""
+        return "q0.5" in self.columns
+
+    @property
+    def exact(self) -> Bools:
+        """Which values are measured exactly."""
+        return np.array([kind == "measured" for kind in self.columns["kind"]], dtype=bool)
+
+    @property
+    def outside(self) -> Bools:
+        """Which of the exact values lie outside the predicted 95 %."""
+        value, (low, high) = self.array("value"), (self.array(key) for key in self.ends)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.exact & ((value < low) | (value > high)))
+
+    @property
+    def exact_probabilities(self) -> list[float]:
+        """The known probabilities of smaller values of what was measured exactly."""
+        pit = self.array("pit")
+        return [float(p) for p in pit[self.exact & np.isfinite(pit)]]
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """The columns with the ends of the predicted 95 %."""
+        return ("q0.025", "q0.975") if self.by_law else ("own_low", "own_high")
+
+    def thinned(self, amounts: Amounts = AMOUNTS) -> MeasuredValues:
+        """At most so many rows: those farthest out, and others evenly chosen."""
+        if len(self) <= amounts.marks:
+            return self
+        away = np.abs(np.nan_to_num(self.array("pit"), nan=0.5) - 0.5)
+        out = np.argsort(-away, kind="stable")[: amounts.farthest].tolist()
+        rows = sorted({*out, *evenly(len(self), amounts.marks - amounts.farthest)})
+        part = {key: [column[k] for k in rows] for key, column in self.columns.items()}
+        return replace(self, columns=part)
+
+    def series(self, number: int = 0) -> Series:
+        """The rows as charts share them: x is chosen, and marks have their shape and color."""
+        exact, outside = self.exact, self.outside
+        known = np.isfinite([self.array(key) for key in self.ends]).all(axis=0)
+        inside = np.where(known, INK, GRAY)
+        marks = {
+            "x": list(self.columns["order"]),
+            "color": np.where(~exact, GREEN, np.where(outside, VERMILION, inside)).tolist(),
+            "marker": [
+                SHAPES.get(kind, "diamond" if out else "circle")
+                for kind, out in zip(self.columns["kind"], outside, strict=True)
+            ],
+            "size": np.where(outside | ~exact, 10.0, 6.0).tolist(),
+        }
+        return Series(f"measured-{number}", {**self.columns, **marks})
+
+
+def measured(document: Document, seen: bool = False) -> list[MeasuredValues]:
+    """What was measured, of each response; as the likelihood has `seen` it: maybe a logarithm."""
+    conditions = conditions_of(document)
+    if document.get("observations"):
+        return _observed(document, conditions, seen)
+    return [_outcomes(document, conditions, seen)]
+
+
+def varying(document: Document) -> str | None:
+    """The condition that varies within experiments, is a number, and has the most values.
+
+    >>> varying({"observations": [{"conditions": {"time": 1.0}}, {"conditions": {"time": 2.0}}]})
+    'time'
+    """
+    values: dict[str, set[float]] = {}
+    for entry in document.get("observations") or ():
+        for name, value in entry["conditions"].items():
+            if isinstance(value, int | float):
+                values.setdefault(name, set()).add(float(value))
+    return max(values, key=lambda name: len(values[name])) if values else None
+
+
+def conditions_of(document: Document) -> Mapping[str, Sequence[Any]]:
+    """Columns (N,) of what is the same in all rows of an experiment; none in old documents."""
+    found: Mapping[str, Sequence[Any]] = (document.get("pictures") or {}).get("conditions") or {}
+    count = len(document["experiments"])
+    return {name: column for name, column in found.items() if len(column) == count}
+
+
+def _outcomes(
+    document: Document, conditions: Mapping[str, Sequence[Any]], seen: bool
+) -> MeasuredValues:
+    entries = document["experiments"]
+    log = document.get("transform") == "log" and not seen
+    shown = np.exp if log else np.asarray
+    columns: dict[str, list[Any]] = {"id": [str(e["id"]) for e in entries]}
+    value = shown(numbers([e.get("outcome") for e in entries])).tolist()
+    columns |= {"value": value, "low": value, "high": value, "kind": ["measured"] * len(entries)}
+    for p in QUANTILES:
+        columns[f"q{p}"] = shown(
+            numbers([(e.get("quantiles") or {}).get(p) for e in entries])
+        ).tolist()
+    columns["pit"] = [e["pit"] for e in entries]
+    columns["error"] = [e.get("surface_error") for e in entries]
+    name = str(document.get("outcome") or "outcome")
+    return _finished(document, name, log, columns, conditions, seen)
+
+
+def _observed(
+    document: Document, conditions: Mapping[str, Sequence[Any]], as_seen: bool
+) -> list[MeasuredValues]:
+    seen = document["observations"]
+    place = {str(e["id"]): k for k, e in enumerate(document["experiments"])}
+    pictures = document.get("pictures") or {}
+    predicted, rough = pictures.get("predicted") or {}, pictures.get("roughness") or []
+    found = []
+    for name, transform in document["responses"].items():
+        which = [k for k, entry in enumerate(seen) if entry["response"] == name]
+        own = [seen[k] for k in which]
+        log = transform == "log" and not as_seen
+        shown = np.exp if log else np.asarray
+        low, high = numbers([e["lower"] for e in own]), numbers([e["upper"] for e in own])
+        middle, scale = numbers([e["predicted"] for e in own]), numbers([e["scale"] for e in own])
+        with np.errstate(over="ignore", invalid="ignore"):
+            columns: dict[str, list[Any]] = {
+                "id": [str(e["id"]) for e in own],
+                "row": [e["row"] for e in own],
+                "value": shown(np.where(np.isnan(low), high, low)).tolist(),
+                "low": shown(low).tolist(),
+                "high": shown(high).tolist(),
+                "kind": [_kind(*ends) for ends in zip(low, high, strict=True)],
+                "own": shown(middle).tolist(),
+                "own_low": shown(middle - NORMAL * scale).tolist(),
+                "own_high": shown(middle + NORMAL * scale).tolist(),
+                "pit": [e.get("pit") for e in own],
+            }
+            if len(rough) == len(seen):
+                columns["error"] = [rough[k] for k in which]
+            for p in QUANTILES:
+                if len(predicted.get(p, ())) == len(seen):
+                    quantile = numbers([predicted[p][k] for k in which])
+                    columns[f"q{p}"] = shown(quantile).tolist()
+        at = [place[str(e["id"])] for e in own]
+        beside = {c: [column[k] for k in at] for c, column in conditions.items()}
+        beside |= _varying(own)
+        found.append(_finished(document, name, log, columns, beside, as_seen))
+    return found
+
+
+def _varying(own: Sequence[Document]) -> dict[str, list[Any]]:
+    names = dict.fromkeys(name for entry in own for name in entry["conditions"])
+    return {name: [entry["conditions"].get(name) for entry in own] for name in names}
+
+
+def _kind(low: float, high: float) -> str:
+    if low == high:
+        return "measured"
+    if math.isnan(high):
+        return "at least"
+    return "at most" if math.isnan(low) else "between"
+
+
+def _finished(
+    document: Document,
+    response: str,
+    log: bool,
+    columns: dict[str, list[Any]],
+    conditions: Mapping[str, Sequence[Any]],
+    seen: bool,
+) -> MeasuredValues:
+    """With the orders and the conditions as axes."""
+    middle = numbers(columns["q0.5"]) if "q0.5" in columns else numbers(columns.get("own", []))
+    rank = np.empty(len(middle), dtype=int)
+    rank[np.lexsort((numbers(columns["value"]), np.nan_to_num(middle, nan=np.inf)))] = np.arange(
+        1, len(middle) + 1
+    )
+    columns["order"] = rank.tolist()
+    what = "predicted median" if "q0.5" in columns else "predicted value"
+    found = [AxisChoice("order", f"order of the {what}")]
+    if "q0.5" in columns:
+        found.append(AxisChoice("q0.5", f"{what} of {label(document, response)}"))
+    for k, (name, column) in enumerate(conditions.items()):
+        key = f"c{k}"
+        texts = sorted({v for v in column if isinstance(v, str)})
+        columns[f"{key}_shown"] = [v if isinstance(v, str) else _short(v) for v in column]
+        if texts:
+            columns[key] = [texts.index(v) if isinstance(v, str) else None for v in column]
+        else:
+            columns[key] = list(column)
+        found.append(AxisChoice(key, label(document, name), tuple(texts) or None, name))
+    named = seen_label(document, response) if seen else label(document, response)
+    return MeasuredValues(response, log, columns, tuple(found), named)
+
+
+def _short(value: Any) -> str:
+    return "" if value is None else f"{value:.6g}"

@@ -1,0 +1,323 @@
+"""Charts of what was measured: in its prediction, its probabilities, over time, its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from aleator.inference.calibration import counted, cumulated
+from aleator.results.printed import AMOUNTS, Amounts, outside, percent
+from aleator.results.units import label
+from aleator.types import Array
+from aleator.views import chart
+from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, evenly, numbers
+from aleator.views.measured import NORMAL, SHAPES, AxisChoice, MeasuredValues, conditions_of
+
+Document = Mapping[str, Any]
+IN_A_SERIES = (
+    "value", "own", "own_low", "own_high", "q0.025", "q0.5", "q0.975", "pit", "kind",
+)  # fmt: skip
+PROBABILITY = "probability of a smaller value"
+
+# ------------------------------------------------------------------------------------ predictions
+
+
+def predicted_chart(seen: MeasuredValues, source: Series) -> Chart:
+    """Each value in the distribution that is predicted for it, or beside its own prediction.
+
+    `source` has the rows that are drawn, which may be fewer than those of `seen`.
+    """
+    thick = float(np.clip(500.0 / max(len(seen), 1), 1.5, 12.0))
+    low, high = seen.ends
+    spans = [(low, high, chart.WIDE, "95 %")]
+    spans += [("q0.25", "q0.75", chart.NARROW, "50 %")] if seen.by_law else []
+    marks = [
+        Mark("spans", source, y=one, high=other, color=color, width=thick, legend=f"predicted {of}")
+        for one, other, color, of in spans
+    ]
+    columns = {"id": "id", "x": "x", "value": seen.response, "kind": "kind"}
+    if seen.by_law:
+        columns |= {f"q{p}": f"predicted {p}" for p in ("0.025", "0.25", "0.5", "0.75", "0.975")}
+    columns |= {"pit": "P(below)"}
+    return Chart(
+        source.name, seen.response, _outside(seen, source),
+        Axis(seen.choices[0].title), Axis(seen.label, seen.log),
+        [
+            *marks,
+            Mark("points", source, y="q0.5" if seen.by_law else "own", marker="dash",
+                 size=thick + 3.0, width=2.0, legend="median" if seen.by_law else "predicted"),
+            Mark("points", source, y="value", color="color", marker="marker", size="size",
+                 hover=hover(seen), pick=True),
+        ],
+        columns | {f"{one.key}_shown": one.title for one in seen.choices if one.name},
+        height=400, switched=True, wide=True,
+    )  # fmt: skip
+
+
+def hover(seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> list[tuple[str, str]]:
+    """What is told of a value under the mouse."""
+    lines = [("experiment", "{id}"), (seen.label, "{value} ({kind})")]
+    if seen.by_law:
+        lines += [("predicted median", "{q0.5}"), ("95 %", "{q0.025} .. {q0.975}")]
+    if "own" in seen.columns:
+        lines.append(("individual prediction", "{own}"))
+    lines.append(("P(below)", "{pit}"))
+    conditions = [one for one in seen.choices if one.name][: amounts.hovered]
+    return lines + [(one.title, f"{{{one.key}_shown}}") for one in conditions]
+
+
+def _outside(seen: MeasuredValues, source: Series) -> str:
+    known = seen.exact & np.isfinite([seen.array(key) for key in seen.ends]).all(axis=0)
+    beyond = int(np.sum(seen.outside))
+    words = f"Outside the predicted 95 % are {beyond} of {int(known.sum()):,} (diamonds). "
+    if pit := seen.exact_probabilities:
+        # each given the earlier ones: those of the diamonds are not independent
+        words += "Given the earlier observations of its experiment, " + outside(pit)
+    if not seen.exact.all():
+        words += " Triangles are bounds: the value lies above, or below."
+    drawn = len(source.columns["id"])
+    if drawn < len(seen):
+        words += f" {drawn} of {len(seen):,} are drawn, those farthest out among them."
+    return words
+
+
+# ------------------------------------------------------------------------------------ calibration
+
+
+def probabilities(all_measured: Sequence[MeasuredValues]) -> tuple[Array, list[str]]:
+    """The known probabilities of smaller values, in ascending order, and their experiments."""
+    pit = np.concatenate([seen.array("pit") for seen in all_measured])
+    ids = [one for seen in all_measured for one in seen.columns["id"]]
+    order = [k for k in np.argsort(pit, kind="stable").tolist() if np.isfinite(pit[k])]
+    return pit[order], [ids[k] for k in order]
+
+
+def histogram_chart(pit: Array) -> Chart:
+    """The counts of probabilities (N,) in bins, with the range of each of a uniform sample."""
+    bins = counted(pit)
+    left, right = bins.edges[:-1], bins.edges[1:]
+    source = Series(
+        "pit-histogram",
+        {"left": left, "right": right, "middle": 0.5 * (left + right), "count": bins.counts},
+    )
+    level = {"x": [0.0, 1.0], "low": [bins.low] * 2, "high": [bins.high] * 2}
+    return Chart(
+        source.name, "Each bin and its 95 % range",
+        "If the model is right the bars are level, and 95 % of them end within the gray band. A "
+        "hill: the law is too wide; a valley: too narrow; a slope: predictions are biased.",
+        Axis(PROBABILITY), Axis("count"),
+        [
+            Mark("band", Series("range", level), y="low", high="high", color=chart.BAND,
+                 legend="95 % of uniform samples"),
+            Mark("bars", source, "middle", "count", color=chart.NARROW,
+                 width=float(0.84 * bins.edges[1])),
+        ],
+        {"left": "from", "right": "to", "count": "count"}, [GuideLine(bins.expected)], foot=True,
+        own=source,
+    )  # fmt: skip
+
+
+def cumulative_chart(pit: Array, ids: Sequence[str] = (), amounts: Amounts = AMOUNTS) -> Chart:
+    """The cumulative share of ascending probabilities (N,) minus the uniform one, and its band.
+
+    With `ids` of their experiments each has a mark.
+    """
+    kept = evenly(pit.size, amounts.marks) if ids else []
+    share = (np.array(kept, dtype=float) + 0.5) / pit.size
+    source = Series(
+        "pit-cumulative",
+        {"id": [ids[k] for k in kept], "pit": pit[kept], "difference": share - pit[kept]},
+    )
+    dots = [Mark("points", source, "pit", "difference", color=chart.INK, size=4.0, pick=True,
+                 hover=[("experiment", "{id}"), (PROBABILITY, "{pit}")])]  # fmt: skip
+    return Chart(
+        source.name, "The whole curve and its 95 % band",
+        "If the model is right the whole curve stays within the gray band, in 95 % of all cases.",
+        Axis(PROBABILITY), Axis("cumulative share − uniform"),
+        [
+            *curve_and_band(pit),
+            *(dots if ids else ()),
+        ],
+        {"id": "id", "pit": PROBABILITY, "difference": "cumulative share - uniform"},
+        [GuideLine(0.0)], own=source,
+    )  # fmt: skip
+
+
+def curve_and_band(pit: Array) -> tuple[Mark, Mark]:
+    """Where the difference of 95 % of all uniform samples stays, and that of these."""
+    curve = cumulated(pit)
+    around = {"x": curve.band_x, "low": curve.band_low, "high": curve.band_high}
+    line = Series("pit", {"x": curve.x, "y": curve.difference})
+    return (
+        Mark("band", Series("band", around), y="low", high="high", color=chart.BAND,
+             legend="95 % of uniform samples"),
+        Mark("line", line, width=1.6),
+    )  # fmt: skip
+
+
+# ------------------------------------------------------------------------------------ over time
+
+
+def series_charts(
+    seen: MeasuredValues, name: str, number: int, amounts: Amounts = AMOUNTS
+) -> Iterator[Chart]:
+    """All series over the condition `name`, and the marked one with its predictions."""
+    choice = next((one for one in seen.choices if one.name == name), None)
+    if choice is None:
+        return
+    ids = list(dict.fromkeys(seen.columns["id"]))
+    most = max(1, min(amounts.series, amounts.observations * len(ids) // max(len(seen), 1)))
+    lines = lines_of(seen, choice, [ids[k] for k in evenly(len(ids), most)])
+    few = "" if len(lines) == len(ids) else f" {len(lines)} are drawn."
+    every = {
+        "id": list(lines),
+        "x": [line["x"] for line in lines.values()],
+        "y": [line["value"] for line in lines.values()],
+    }
+    yield Chart(
+        f"series-{number}", f"All series of {seen.response}",
+        f"A line for each experiment; click one to see it beside.{few}",
+        Axis(choice.title), Axis(seen.label, seen.log),
+        [Mark("lines", Series(f"series-{number}", every), color=chart.LINE, width=1.2, alpha=0.7,
+              hover=[("experiment", "{id}")], pick=True)],
+        {"id": "id", "x": choice.title, "y": seen.response}, height=360,
+    )  # fmt: skip
+    yield single_series_chart(seen, choice, number, lines, _least_probable(lines))
+
+
+def single_series_chart(
+    seen: MeasuredValues, choice: AxisChoice, number: int, lines: Mapping[str, Any], one: str
+) -> Chart:
+    """The observations of an experiment with its own prediction, and what the law expects."""
+    line = lines[one]
+    source = Series(f"marked-{number}", {"id": [one] * len(line["x"]), **line}, lines)
+    by_law = [Mark("band", source, y="q0.025", high="q0.975", color=chart.BAND, legend="law, 95 %")]
+    columns = {"id": "id", "x": choice.title, "value": seen.response, "own": "own prediction"}
+    return Chart(
+        source.name, "The marked experiment",
+        "Gray: where the law expects measurements of an experiment of which nothing is known. "
+        "Blue: the prediction with its own parameters, and the range of measurement errors.",
+        Axis(choice.title), Axis(seen.label, seen.log),
+        [
+            *(by_law if "q0.025" in line else ()),
+            Mark("band", source, y="own_low", high="own_high", color=chart.WIDE, alpha=0.7,
+                 legend="errors, 95 %"),
+            Mark("line", source, y="own", width=2.0, legend="its own"),
+            Mark("points", source, y="value", color=chart.INK, marker="shape",
+                 hover=hover(seen)[:4], pick=True),
+        ],
+        columns | {"q0.025": "law 0.025", "q0.5": "law 0.5", "q0.975": "law 0.975"},
+        height=360, marked=one,
+    )  # fmt: skip
+
+
+def lines_of(
+    seen: MeasuredValues, choice: AxisChoice, ids: Sequence[str]
+) -> dict[str, dict[str, list[Any]]]:
+    """Of each of these experiments its observations in the order of a condition."""
+    at, columns = seen.array(choice.key), seen.columns
+    rows: dict[str, list[int]] = {one: [] for one in ids}
+    for k, one in enumerate(columns["id"]):
+        if one in rows and np.isfinite(at[k]):
+            rows[one].append(k)
+    ordered = {one: sorted(own, key=lambda k: at[k]) for one, own in rows.items() if own}
+    return {
+        one: {"x": [at[k] for k in own]}
+        | {"shape": [SHAPES.get(columns["kind"][k], "circle") for k in own]}
+        | {name: [columns[name][k] for k in own] for name in IN_A_SERIES if name in columns}
+        for one, own in ordered.items()
+    }
+
+
+def _least_probable(lines: Mapping[str, Mapping[str, list[Any]]]) -> str:
+    """The experiment with the least probable observation: shown before one is marked."""
+
+    def far(one: str) -> float:
+        return float(np.nanmax(np.abs(numbers(lines[one].get("pit", [])) - 0.5), initial=0.0))
+
+    return max(lines, key=far)
+
+
+# ------------------------------------------------------------------------------------ individuals
+
+
+@dataclass(frozen=True, eq=False)
+class Individuals:
+    """The individual parameters of the experiments, in a series that charts share."""
+
+    parameters: tuple[str, ...]
+    series: Series
+    choices: tuple[AxisChoice, ...]
+    count: int
+
+
+def individuals_of(document: Document, amounts: Amounts = AMOUNTS) -> Individuals | None:
+    """Means and 95 % given the observations; None where experiments have no parameters of theirs.
+
+    A few hundred experiments are drawn of more.
+    """
+    entries = document["experiments"]
+    if not document.get("observations") or not entries:
+        return None
+    kept = evenly(len(entries), amounts.marks)
+    names = tuple(n for n in document.get("law_curves") or {} if n in entries[0]["mean"])
+    columns: dict[str, list[Any]] = {"id": [str(entries[k]["id"]) for k in kept]}
+    columns["foot"] = [0.0] * len(kept)
+    for name in names:
+        mean = numbers([entries[k]["mean"][name] for k in kept])
+        reach = NORMAL * numbers([entries[k]["sd"][name] for k in kept])
+        columns |= {f"mean_{name}": mean.tolist(), f"low_{name}": (mean - reach).tolist(),
+                    f"high_{name}": (mean + reach).tolist()}  # fmt: skip
+    columns["order"] = [k + 1 for k in kept]
+    choices = [AxisChoice("order", "order of the table")]
+    for k, (name, column) in enumerate(conditions_of(document).items()):
+        texts = sorted({v for v in column if isinstance(v, str)})
+        columns[f"c{k}"] = [texts.index(column[j]) if texts else column[j] for j in kept]
+        choices.append(AxisChoice(f"c{k}", label(document, name), tuple(texts) or None, name))
+    columns["x"] = list(columns["order"])
+    return Individuals(names, Series("individuals", columns), tuple(choices), len(entries))
+
+
+def individual_charts(document: Document, own: Individuals) -> Iterator[Chart]:
+    """Each parameter of the experiments over a condition."""
+    for name in own.parameters:
+        share = (document.get("shrinkage") or {}).get(name)
+        caption = (
+            "Mean and 95 % of each experiment's own law, given its observations. A trend over a "
+            "condition says that the law should follow it."
+        )
+        if share is not None:
+            caption += f" Shrinkage {percent(share)}: with much of it single means say little."
+        drawn = len(own.series.columns["id"])
+        if drawn < own.count:
+            caption += f" {drawn} of {own.count:,} experiments are drawn."
+        mean, low, high = f"mean_{name}", f"low_{name}", f"high_{name}"
+        head = label(document, name)
+        yield Chart(
+            f"individual-{name}", name, caption, Axis(own.choices[0].title), Axis(head),
+            [
+                Mark("spans", own.series, y=low, high=high, color=chart.WIDE, width=3.0),
+                Mark("points", own.series, y=mean, color=chart.INK, pick=True,
+                     hover=[("experiment", "{id}"), (head, f"{{{mean}}}")]),
+            ],
+            {"id": "id", "x": "x", mean: f"{name}, mean", low: f"{name}, lower",
+             high: f"{name}, upper"},
+            switched=True,
+        )  # fmt: skip
+
+
+def roughness_chart(seen: MeasuredValues, source: Series, against: str) -> Chart | None:
+    """The error of each surface over a condition; None where that is not known."""
+    if all(value is None for value in seen.columns.get("error", ())):
+        return None
+    return Chart(
+        f"rough-{source.name}", f"Where surfaces of {seen.response} are rough",
+        f"Root-mean-square error of each surface under the identified law, over {against}.",
+        Axis(seen.choices[0].title), Axis("error of the surface", share=True),
+        [Mark("points", source, y="error", color=chart.INK, pick=True,
+              hover=[*hover(seen), ("error", "{error:%}")])],
+        {"id": "id", "x": "x", "error": "error"}, switched=True, wide=True,
+    )  # fmt: skip

@@ -1,0 +1,249 @@
+"""report.html: a content as one file that needs no network, with charts that answer to the mouse.
+
+The page opens with the verdicts; sections follow, each with its sentences, tables and charts. A bar
+marks an experiment in every chart. The same content gives the same text.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from html import escape
+from importlib.resources import files
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from aleator.errors import AleatorError, installing
+from aleator.results import documents
+from aleator.results.printed import Chapter, Content, Part, Sentence, TextTable, cells, prose
+from aleator.views.chart import PAIRS, Chart
+from aleator.views.identification import identification
+from aleator.views.measured import AxisChoice
+
+TALL = 900
+"""Pixels of the frame in a notebook."""
+
+
+@dataclass(frozen=True)
+class HtmlReport:
+    """The text of a page that needs no network; a notebook shows it in a frame.
+
+    >>> HtmlReport("<p>Found</p>")
+    Report of 12 characters: save it, or show it in a notebook
+    """
+
+    text: str
+
+    def __repr__(self) -> str:
+        return f"Report of {len(self.text):,} characters: save it, or show it in a notebook"
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page. Raises AleatorError where that is not possible."""
+        documents.write_text(self.text, path)
+        return Path(path)
+
+    def _repr_html_(self) -> str:
+        """A frame of its own, so that the notebook's styles and scripts are not touched."""
+        return (
+            f'<iframe srcdoc="{escape(self.text)}" title="Report" '
+            f'style="width:100%;height:{TALL}px;border:1px solid #ccc"></iframe>'
+        )
+
+
+def report_of(document: Mapping[str, Any]) -> HtmlReport:
+    """The report of the content of identification.json.
+
+    Raises AleatorError where Bokeh is not installed.
+    """
+    return HtmlReport(page(documents.plain(document)))
+
+
+def page(
+    document: Mapping[str, Any], ceiling: Mapping[str, Any] | None = None, study: str | None = None
+) -> str:
+    """The text of report.html for an identification; the same documents give the same text.
+
+    `document` is the content of identification.json, `ceiling` that of ceiling.json, and `study`
+    the text of the study file, where they are known. Raises AleatorError where Bokeh is not
+    installed.
+    """
+    return written(*identification(document, ceiling, study))
+
+
+def written(content: Content, choices: Mapping[str, Sequence[AxisChoice]]) -> str:
+    """The text of a page; `choices` say by the name of a series what its x can be.
+
+    Raises AleatorError where Bokeh is not installed.
+    """
+    try:
+        from aleator.views.interactive import bokeh_script, drawable
+    except ModuleNotFoundError as error:
+        if error.name != "bokeh":
+            raise
+        raise AleatorError(
+            "a report needs bokeh, which is not installed", installing("report")
+        ) from None
+    warnings = content.warnings or [Sentence("There are no warnings.")]
+    whole = [Chapter("warnings", "Warnings and remedies", warnings), *content.sections]
+    sections = [section for section in whole if section.parts]
+    charts = [part for section in sections for part in section.parts if isinstance(part, Chart)]
+    facts = {
+        **drawable(charts),
+        "charts": {
+            chart.name: {
+                "source": chart.source.name,
+                "columns": {k: v for k, v in chart.columns.items() if k in chart.source.columns},
+                "switched": chart.switched,
+            }
+            for chart in charts
+        },
+        "axes": _choices(choices),
+        "colors": PAIRS,
+    }
+    links = "".join(f'<a href="#{s.name}">{escape(s.title)}</a>' for s in sections)
+    body = "".join(
+        f'<section id="{s.name}"><h2>{escape(s.title)}</h2>{_switch(s)}{_parts(s.parts)}</section>'
+        for s in sections
+    )
+    title = escape(content.title)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{title}</title><style>{_file('page.css')}</style></head><body>"
+        f"<header><h1>{title}</h1>{opening(content)}</header>"
+        f'<nav aria-label="Sections">{links}</nav>{_bar(charts)}<main>{body}</main>'
+        f'<script id="facts" type="application/json">{safe(facts)}</script>'
+        f"<script>{bokeh_script()}</script><script>{_file('page.js')}</script></body></html>\n"
+    )
+
+
+def opening(content: Content) -> str:
+    """Both verdicts, a sentence each, in a color that its words do not need, and what was done."""
+    verdicts = []
+    for verdict in content.verdicts:
+        head, colon, rest = verdict.text.partition(":")
+        words = f"<strong>{escape(head)}</strong>{colon}{prose(rest)}"
+        verdicts.append(f'<p class="verdict {verdict.kind}">{words}</p>')
+    return "".join(verdicts) + _parts(content.lead)
+
+
+def safe(value: Any) -> str:
+    """JSON that can stand in a script element.
+
+    >>> safe({"a": "</script>"})
+    '{"a":"\\\\u003c/script>"}'
+    """
+    return json.dumps(value, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
+
+
+# ------------------------------------------------------------------------------------ parts
+
+
+def _parts(parts: Sequence[Part]) -> str:
+    """Sentences, tables and charts in the order of reading; charts that follow share a row."""
+    text = ""
+    for beside, group in groupby(parts, lambda part: isinstance(part, Chart) and not part.wide):
+        each = "".join(map(_part, group))
+        text += f'<div class="row">{each}</div>' if beside else each
+    return text
+
+
+def _part(part: Part) -> str:
+    if isinstance(part, TextTable):
+        return _table(part)
+    if isinstance(part, Chart):
+        return _figure(part)
+    return _sentence(part) if isinstance(part, Sentence) else ""
+
+
+def _sentence(part: Sentence) -> str:
+    if part.kind == "heading":
+        return f"<h3>{escape(part.text)}</h3>"
+    if part.kind == "code":
+        return f'<pre tabindex="0">{escape(part.text)}</pre>'
+    head = f"<strong>{escape(part.head)}:</strong> " if part.head else ""
+    picks = "".join(
+        f' <button type="button" data-pick="{escape(id)}">Mark {escape(id)}</button>'
+        for id in part.ids
+    )
+    remedy = f'<span class="remedy">Remedy: {prose(part.remedy)}</span>' if part.remedy else ""
+    kind = "" if part.kind == "plain" else f' class="{part.kind}"'
+    return f"<p{kind}>{head}{prose(part.text)}{picks}{remedy}</p>"
+
+
+def _table(part: TextTable) -> str:
+    """A table with a button that copies it; what few look for is under a line that opens it."""
+    if not part.rows:
+        return ""
+    name, title = escape(part.name), escape(part.title)
+    made = (
+        f'<div class="table"><table id="table-{name}"><caption>{title} '
+        f'<button type="button" data-copy="table-{name}">Copy</button></caption>'
+        f"{cells(part)}</table></div>"
+    )
+    return f"<details><summary>{title}</summary>{made}</details>" if part.folded else made
+
+
+def _figure(chart: Chart) -> str:
+    """The place of a chart, with its title, how to read it, and what can be saved."""
+    name = escape(chart.name)
+    return (
+        f'<figure id="figure-{name}"><h3>{escape(chart.title)}</h3>'
+        f'<div class="plot" id="plot-{name}" role="img" aria-label="{escape(chart.spoken)}"></div>'
+        f'<div class="print" id="print-{name}" aria-hidden="true"></div>'
+        f"<figcaption>{escape(chart.caption)} "
+        f'<span class="saved"><button type="button" data-svg="{name}">SVG</button> '
+        f'<button type="button" data-csv="{name}">CSV</button></span></figcaption></figure>'
+    )
+
+
+# ------------------------------------------------------------------------------------ the frame
+
+
+def _choices(choices: Mapping[str, Sequence[AxisChoice]]) -> list[dict[str, Any]]:
+    """What can be chosen for x, by title: in each series the column that has it."""
+    titles: dict[str, dict[str, Any]] = {}
+    for series, own in choices.items():
+        for choice in own:
+            entry = titles.setdefault(choice.title, {"title": choice.title, "of": {}})
+            entry["of"][series] = {k: v for k, v in asdict(choice).items() if k != "title"}
+    return list(titles.values())
+
+
+def _switch(section: Chapter) -> str:
+    """A choice of x where a chart of the section has one; the page fills it."""
+    charts = [part for part in section.parts if isinstance(part, Chart) and part.switched]
+    if not charts:
+        return ""
+    series = " ".join(dict.fromkeys(chart.source.name for chart in charts))
+    return (
+        f'<p class="switch"><label>x axis <select data-axis="{escape(series)}"></select>'
+        "</label></p>"
+    )
+
+
+def _ids(charts: Iterable[Chart]) -> Iterator[str]:
+    for chart in charts:
+        if chart.name.startswith("measured"):
+            yield from chart.source.columns["id"]
+
+
+def _bar(charts: Iterable[Chart]) -> str:
+    """What marks an experiment, by keyboard too."""
+    listed = "".join(f"<option>{escape(one)}</option>" for one in dict.fromkeys(_ids(charts)))
+    return (
+        '<div class="bar" role="toolbar" aria-label="Marked experiment"><label>Experiment '
+        '<input id="marked" list="ids" autocomplete="off" placeholder="none marked"></label>'
+        f'<datalist id="ids">{listed}</datalist>'
+        '<button type="button" id="previous" aria-label="previous experiment">◀</button>'
+        '<button type="button" id="next" aria-label="next experiment">▶</button>'
+        '<button type="button" id="clear">Clear</button>'
+        '<button type="button" id="scheme">Light or dark</button>'
+        '<span id="told" role="status"></span></div>'
+    )
+
+
+def _file(name: str) -> str:
+    return (files("aleator.views") / name).read_text(encoding="utf-8")

@@ -1,0 +1,368 @@
+"""What is said before an identification and after it: first runs, box, sensitivity, next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from aleator.results.printed import (
+    AMOUNTS,
+    NONE,
+    THRESHOLDS,
+    Amounts,
+    Chapter,
+    Column,
+    Content,
+    Part,
+    Sentence,
+    TextTable,
+    Thresholds,
+    heads,
+    number,
+    percent,
+)
+from aleator.results.units import label
+from aleator.tasks.screen import CONFOUNDED, GOOD
+
+Document = Mapping[str, Any]
+
+# ------------------------------------------------------------------------------------ first runs
+
+
+def first_look(document: Document) -> Content:
+    """What was run, what each parameter does, what is out of reach, and what comes."""
+    seen, every = document["conditions"]["looked_at"], document["conditions"]["all"]
+    under = f"all {every} conditions" if seen == every else f"{seen} of {every} conditions"
+    took = number(document["seconds_a_run"], 2)
+    parts: list[Part] = [_parameters(document)]
+    idle = [row["name"] for row in document["parameters"] if not row["influence"]]
+    if idle:
+        parts.append(
+            Sentence(
+                f"{', '.join(idle)}. Leave it out, or make it a known constant; if it should "
+                "matter, see that the simulator uses it.",
+                "warning", "No influence on any outcome",
+            )
+        )  # fmt: skip
+    if document["failed"]:
+        parts.append(
+            Sentence(
+                f"{document['failed']:,} of {document['runs']:,} runs failed, the first because: "
+                f"{document['fault']}. `aleator box STUDY.toml` finds the box in which all work.",
+                "warning", "Failures",
+            )
+        )  # fmt: skip
+    return Content(
+        document.get("title") or "First look",
+        [Sentence(f"{document['runs']:,} runs under {under}; one takes {took} s.")],
+        [
+            Chapter("parameters", "Parameters", parts),
+            Chapter("reach", "Out of reach", [_out_of_reach(document)]),
+        ],
+        verdicts=[Sentence(_reach(document), "strong"), Sentence(_cost(document), "strong")],
+    )
+
+
+def duration(hours: float) -> str:
+    """A time in the unit that suits it.
+
+    >>> duration(0.0001), duration(0.2), duration(5.0), duration(100.0)
+    ('less than a second', '12 minutes', '5 hours', '4.2 days')
+    """
+    seconds = 3600.0 * hours
+    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds:.0f} seconds" if seconds >= 1.0 else "less than a second"
+
+
+def _parameters(document: Document) -> TextTable:
+    columns = heads("parameter", ">from", ">to", ">moves the outcome by", ">at most", "~note")
+    several = len(document["measured"]) > 1
+    rows = [
+        (
+            f"{label(document, row['name'])}{f', {response}' if several else ''}",
+            number(row["lower"]), number(row["upper"]), number(moves),
+            number(row["moves_at_most"][response]), "" if row["influence"] else "no influence",
+        )
+        for row in document["parameters"]
+        for response, moves in row["moves"].items()
+    ]  # fmt: skip
+    return TextTable(columns, rows, "parameters", "Parameters")
+
+
+def _out_of_reach(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
+    known = {row["id"]: row for row in document["observations"]}
+    columns = heads("out of reach", ">measured", ">reached from", ">to", ">beyond by")
+    rows = []
+    for name in document["out_of_reach"][: amounts.out_of_reach]:
+        row = known[name]
+        measured = row["lower"] if row["beyond"] > 0.0 else row["upper"]
+        rows.append((name, number(measured), *map(number, row["reached"]),
+                     number(row["beyond"], 2)))  # fmt: skip
+    return TextTable(columns, rows, "reach", "Out of reach")
+
+
+def _reach(document: Document, amounts: Amounts = AMOUNTS) -> str:
+    size, of = len(document["out_of_reach"]), len(document["observations"])
+    if not size:
+        return f"All {of} measured values lie within what the simulator reaches in this region."
+    more = (
+        f" ({size - amounts.out_of_reach} more are in check.json)"
+        if size > amounts.out_of_reach
+        else ""
+    )
+    noisy = any(row["margin"] for row in document["observations"])
+    by = ", within three standard deviations of the noise, known or in the middle of its limits"
+
+    def share(row: Document) -> float:
+        widths = {name: ends[1] - ends[0] for name, ends in document["measured"].items()}
+        return max(float(m / max(widths[name], 1e-300)) for name, m in row["moves"].items())
+
+    strongest = max(document["parameters"], key=share)["name"]
+    return (
+        f"{size} of {of} measured values are out of reach{more}: no point that was tried comes "
+        f"to them{by if noisy else ''}. Widen the limits of {strongest}, which moves the outcome "
+        "most; check these rows of the table; or give [noise] an sd that covers the gap."
+    )
+
+
+def _cost(document: Document) -> str:
+    cost = document["cost"]
+    if cost is None:
+        return "Collocation runs the simulator for every alpha: its cost is not known beforehand."
+    if cost["direct"]:
+        return (
+            "The simulator takes arrays: an identification runs it at every node, "
+            f"{cost['least_runs']:,} times or more, and these runs are not kept. If it is slow, "
+            'take [propagation] surfaces = "own".'
+        )
+    low, high = (duration(hours) for hours in cost["hours"])
+    by = f"with {cost['workers']} workers" if cost["workers"] > 1 else "with one worker"
+    return (
+        f"An identification takes some {cost['least_runs']:,} to {cost['most_runs']:,} runs: "
+        f"{low if low == high else f'{low} to {high}'} {by}."
+    )
+
+
+# ------------------------------------------------------------------------------------ the box
+
+
+def box(document: Document, thresholds: Thresholds = THRESHOLDS) -> Content:
+    """A row for each side of a box document, and the lines that go into the study."""
+    columns = heads("parameter", "side", ">value", "~limited by")
+    rows = []
+    for side in document["sides"]:
+        limited = "the study's limits"
+        if at := side["failed_at"]:
+            where = ", ".join(f"{name}={value:.4g}" for name, value in at.items())
+            limited = f"experiment {side['experiment']}, which fails at {where}"
+        name = label(document, side["parameter"])
+        rows.append((name, side["side"], f"{side['value']:.6g}", limited))
+    sure = " The last rounds still met failures: shrink the box a little."
+    parts: list[Part] = [
+        TextTable(columns, rows, "sides", "Sides of the box"),
+        Sentence(
+            f"The box holds {document['share']:.1%} of the limits' volume. None of "
+            f"{document['tested']:,} points inside fails under any experiment. This took "
+            f"{document['runs']:,} runs.{'' if document['confirmed'] else sure}"
+        ),
+    ]
+    name, share = max(document["without"].items(), key=lambda one: one[1], default=("", 0.0))
+    if share >= thresholds.gain * document["share"]:
+        parts.append(
+            Sentence(
+                f"Without experiment {name} the box would hold about {share:.0%} of the limits' "
+                "volume: check its row, or leave it out and look again."
+            )
+        )
+    moved = {side["parameter"] for side in document["sides"] if side["experiment"] is not None}
+    lines = [
+        f"{name}: box = [{low:.6g}, {high:.6g}]"
+        for name, (low, high) in document["box"].items()
+        if name in moved
+    ]
+    said = Sentence("; ".join(lines), "strong", "For the study")
+    if not lines:
+        said = Sentence("The study's limits are feasible as they are.", "strong")
+    return Content("The feasible box", sections=[Chapter("box", "Box", parts)], verdicts=[said])
+
+
+# ------------------------------------------------------------------------------------ sensitivity
+
+
+def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
+    """Shares of the variance by parameter, pairs that act alike, and what to make of it."""
+    expansion, outcome = document["expansion"], document["study"]["outcome"]
+    missed = expansion["unexplained"]
+    lead = (
+        f"Shares of the variance of {outcome} over {len(document['experiments'])} experiments, "
+        f"from expansions of degree {expansion['degree']} with {expansion['terms']} terms and "
+        f"{expansion['runs']} runs an experiment. They miss {percent(missed['median'], 1)} of the "
+        f"variance in the median, {percent(missed['largest'], 1)} at most (leave-one-out)."
+    )
+    columns = heads("parameter", ">alone", ">with others", ">at most", ">linear effect", "~varied")
+    rows = [
+        (row["parameter"], percent(row["mean_first"], 1), percent(row["mean_total"], 1),
+         percent(row["max_total"], 1), number(row["effect"], 3),
+         f"{row['spread']}; most in {row['experiment']}")
+        for row in document["parameters"]
+    ]  # fmt: skip
+    parts: list[Part] = [TextTable(columns, rows, "parameters", "Parameters")]
+    if document["pairs"]:
+        pairing = heads("pair", ">explains", ">alignment", "~")
+        pairs = [
+            (f"{row['first']}, {row['second']}", percent(row["explained"], 1),
+             NONE if row["alignment"] is None else f"{row['alignment']:+.3f}",
+             "hard to tell apart" if row["confounded"] else "")
+            for row in document["pairs"][:amounts.pairs]
+        ]  # fmt: skip
+        parts += [
+            TextTable(pairing, pairs, "pairs", "Pairs"),
+            Sentence(
+                "Shares are means over the experiments: of a parameter alone (first-order Sobol' "
+                "index) and with its interactions (total), at most in the experiment named. The "
+                "linear effect is the straight part of what one standard deviation does, in the "
+                "outcome's unit; what bends, as x^2 about zero, is seen in the shares only. "
+                "Alignment is the cosine between the linear effects of two parameters over the "
+                f"experiments: beyond {CONFOUNDED:g} the experiments hardly tell them apart."
+            ),
+        ]
+    rough = ""
+    if not expansion["converged"]:
+        rough = "; the expansions are rough"
+        parts.append(
+            Sentence(
+                f"more than one in ten misses over {GOOD:.0%} of the variance. Shares smaller than "
+                f"that mean little; allow more runs (--runs {4 * expansion['runs']}).",
+                "warning", "The expansions are rough",
+            )
+        )  # fmt: skip
+    first = [f"{row['parameter']} {percent(row['mean_total'], 1)}"
+             for row in document["parameters"][:3]]  # fmt: skip
+    verdict = f"Shares of the variance of {outcome}: {', '.join(first)}{rough}."
+    return Content.of(document.get("title") or "Sensitivity", lead, parts, verdict)
+
+
+# ------------------------------------------------------------------------------------ next
+
+BESIDE = ("id", "standard_error", "chosen", "ties")
+"""Columns of a candidate that are no condition."""
+
+
+def next_experiments(document: Document) -> Content:
+    """What it is about, the best candidates, the best set, and what it does to each."""
+    laws = "" if document["laws"] == 1 else f", in the mean over {document['laws']} possible laws"
+    lead = (
+        f"About {document['about']}{laws}: {_error(document)} now {_value(document['now'])}. "
+        f"{document['runs']:,} runs of the simulator for {len(document['candidates'])} candidates."
+    )
+    columns = heads("alpha", ">std. error now", ">after")
+    rows = [
+        (label(document, row["id"]), _value(row["now"]), _value(row["after"]))
+        for row in document["hyperparameters"]
+    ]
+    sections = {
+        "After one such experiment:": _candidates(document),
+        "The best set, the most useful first:": _chosen(document),
+        "What the set does to each:": TextTable(columns, rows, "after", "Standard errors"),
+    }
+    notes = [Sentence(note, "warning", head) for head, note in _notes(document)]
+    return Content(
+        document.get("title") or "The next experiment", [Sentence(lead), *notes],
+        [Chapter(part.name, head, [Sentence(head, "strong"), part])
+         for head, part in sections.items()],
+        verdicts=[Sentence(_gain(document), "strong")],
+    )  # fmt: skip
+
+
+def _gain(document: Document) -> str:
+    """What the set does, and what repeating all experiments would take for it."""
+    chosen = document["chosen"]
+    begin = (
+        f"{len(chosen)} experiments: {_error(document)} {_value(document['now'])} -> "
+        f"{_value(chosen[-1]['standard_error'])}"
+    )
+    if document["repetitions"] is None:
+        return f"{begin}. Repeating the experiments that were made does not reach that."
+    whole = document["repetitions"] * document["made"]
+    return (
+        f"{begin}. Repeating the {document['made']} that were made takes {whole:.0f} for the same."
+    )
+
+
+def _error(document: Document) -> str:
+    relative = document["relative"]
+    return "standard errors over those now, in the mean," if relative else "standard error"
+
+
+def _notes(document: Document, amounts: Amounts = AMOUNTS) -> list[tuple[str, str]]:
+    """What a reader must know of the plan: in a few words, and in a sentence."""
+    notes = [
+        (f"{name} ended on its limit", f"no experiment tells anything of it there. Planned for "
+         f"{number(value)}, the end of its interval.")
+        for name, value in document["planned_for"].items()
+    ]  # fmt: skip
+    if not document["sound"]:
+        notes.append(("The identification is not sound", "mend that first, the plan rests on it."))
+    if document["consistent"] is False:
+        notes.append(
+            ("The model is not consistent with the experiments", "the plan is one for this model.")
+        )
+    lost = [row["id"] for row in document["candidates"] if row["standard_error"] is None]
+    if document["now"] is None:
+        so = f" So does each of {len(lost)} candidates by itself." if lost else ""
+        notes.append(("Open", f"the experiments that were made leave it open.{so}"))
+    elif lost:
+        notes.append(("Cannot be simulated", f"{', '.join(lost[: amounts.candidates])}."))
+    largest = max(document["uncertain"].values(), default=0.0) or 0.0
+    if largest > 0.0:
+        known = f"errors of candidates are known to {number(largest, 2)}."
+        notes.append(("By virtual data sets", known))
+    return notes
+
+
+def _candidates(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
+    rows = document["candidates"][: amounts.candidates]
+    names = [name for name in rows[0] if name not in BESIDE]
+    columns: list[Column] = [
+        ("id", "left"), *((label(document, name), "right") for name in names),
+        ("std. error", "right"), ("in the set", "right"),
+    ]  # fmt: skip
+    cells = [
+        (
+            row["id"], *(_cell(row[name]) for name in names), _value(row["standard_error"]),
+            f"{row['chosen']} times" if row["chosen"] > 1 else "yes" if row["chosen"] else "",
+        )
+        for row in rows
+    ]  # fmt: skip
+    return TextTable(columns, cells, "candidates", "Candidates")
+
+
+def _chosen(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
+    rows = document["chosen"][: amounts.chosen]
+    names = [name for name in rows[0] if name not in BESIDE]
+    columns: list[Column] = [
+        ("", "right"), ("id", "left"), *((label(document, name), "right") for name in names),
+        ("std. error", "right"), ("", "fold"),
+    ]  # fmt: skip
+    cells = [
+        (
+            str(k), row["id"], *(_cell(row[name]) for name in names),
+            _value(row["standard_error"]),
+            f"{row['ties']} others as good" if row["ties"] else "",
+        )
+        for k, row in enumerate(rows, start=1)
+    ]  # fmt: skip
+    left = len(document["chosen"]) - len(rows)
+    if left:
+        cells.append(("", f"... {left} more", *("" for _ in names), "", ""))
+    return TextTable(columns, cells, "chosen", "The best set")
+
+
+def _cell(value: Any) -> str:
+    return number(value) if isinstance(value, int | float) else str(value)
+
+
+def _value(value: float | None) -> str:
+    return "open" if value is None else number(value, 3)

@@ -1,0 +1,173 @@
+"""Progress as it is seen: a line that moves, on a terminal or in a notebook, or lines elsewhere."""
+
+from __future__ import annotations
+
+import time
+from datetime import timedelta
+from html import escape
+from importlib import import_module
+from types import TracebackType
+from typing import Any, Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
+from rich.text import Text
+
+PLAIN_INTERVAL = 5.0
+"""Seconds until the first plain line about a stage that takes long."""
+EVERY = 0.25
+"""Seconds between two changes of the line: a notebook keeps each in its file while it runs."""
+
+
+class Lines:
+    """Progress as plain lines: one for each stage, and more, ever rarer, of a long stage."""
+
+    def __init__(self, console: Console, interval: float = PLAIN_INTERVAL) -> None:
+        self._console = console
+        self._interval = interval
+        self._stage = ""
+        self._next = 0.0
+        self._began = 0.0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing is left open."""
+
+    def stage(self, name: str) -> None:
+        """Begin a stage with a line."""
+        self._stage, self._began = name, time.monotonic()
+        self._next = self._began + self._interval
+        self._say(f"{name} ...")
+
+    def update(self, text: str, done: float | None = None, total: float | None = None) -> None:  # noqa: ARG002
+        """Say the text if some time has passed since the last line; it tells the share itself."""
+        now = time.monotonic()
+        if now >= self._next:
+            self._next = now + max(self._interval, 0.5 * (now - self._began))
+            self._say(f"{self._stage}: {text}")
+
+    def _say(self, text: str) -> None:
+        line = f"{time.strftime('%H:%M:%S')} {text}"
+        self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+class _Elapsed(ProgressColumn):
+    """The seconds since the first stage began."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._began = time.monotonic()
+
+    def render(self, _: Task) -> Text:
+        """As hours, minutes and seconds."""
+        return Text(str(timedelta(seconds=int(time.monotonic() - self._began))))
+
+
+class Bars:
+    """Progress as one moving line: the stage, a bar where its share is known, and all seconds."""
+
+    def __init__(self, console: Console) -> None:
+        self._progress = Progress(
+            SpinnerColumn(finished_text="-"),
+            TextColumn("{task.description}", markup=False),
+            BarColumn(bar_width=16),
+            TextColumn("{task.fields[text]}", markup=False),
+            _Elapsed(),
+            console=console,
+        )
+        self._task = self._progress.add_task("", total=None, text="")
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self._progress.update(self._task, total=1, completed=1, text="")
+        self._progress.stop()
+
+    def stage(self, name: str) -> None:
+        """Go on with a stage: what was told of the one before is over."""
+        self._progress.refresh()
+        self._progress.remove_task(self._task)
+        self._task = self._progress.add_task(name, total=None, text="")
+
+    def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
+        """Move the bar and change the text of the stage."""
+        self._progress.update(self._task, completed=done, total=total, text=text)
+
+
+def shown_on(console: Console) -> Bars | Lines:
+    """What suits a console: bars that move on a terminal, lines elsewhere."""
+    return Bars(console) if console.is_terminal else Lines(console)
+
+
+class ProgressLine:
+    """Says where a long call is: `identify(..., progress=ProgressLine())`.
+
+    In a notebook it is one line under the cell, which is written anew and in the end tells the
+    seconds of the last stage; in a script it is a line for each stage on the standard error, and
+    more of a stage that takes long. It needs no widgets.
+
+    >>> from aleator import ProgressLine
+    >>> line = ProgressLine()
+    >>> line.stage("search")
+    >>> line.update("start 3 of 10", done=3, total=10)
+    """
+
+    def __init__(self) -> None:
+        self._handle = _notebook()
+        self._lines = Lines(Console(stderr=True))
+        self._stage, self._began, self._last = "", time.monotonic(), 0.0
+
+    def stage(self, name: str) -> None:
+        """Begin a stage; the one before is over."""
+        if self._handle is None:
+            self._lines.stage(name)
+            return
+        self._stage = name
+        self._show("")
+
+    def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
+        """Say something of the stage, at most four times a second."""
+        if self._handle is None:
+            self._lines.update(text, done, total)
+        elif time.monotonic() - self._last >= EVERY:
+            share = f" {done / total:.0%}" if done is not None and total else ""
+            self._show(f"{share}  {text}")
+
+    def _show(self, text: str) -> None:
+        self._last = time.monotonic()
+        elapsed = f"{self._last - self._began:.0f} s"
+        self._handle.update(_Line(f"aleator: {elapsed}  {self._stage}{text}"))
+
+
+class _Line:
+    """A line of text as a notebook shows it."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __repr__(self) -> str:
+        return self.text
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.text)}</pre>"
+
+
+def _notebook() -> Any:
+    """Where a notebook shows a line that changes; None outside of one."""
+    try:
+        shell = import_module("IPython").get_ipython()
+        if shell is None or not hasattr(shell, "kernel"):
+            return None
+        return import_module("IPython.display").display(_Line("aleator"), display_id=True)
+    except ImportError:
+        return None
